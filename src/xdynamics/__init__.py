@@ -1,0 +1,1 @@
+"""Numerical dynamics as self-describing xarray datasets."""

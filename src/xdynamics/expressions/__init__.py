@@ -1,0 +1,29 @@
+"""Expressions: text to checked syntax tree; dimensions, derivatives, printing.
+
+Nothing in a text is ever executed. The tree is walked; that is all that happens to it.
+"""
+
+from xdynamics.expressions.calculus import derivative, expand
+from xdynamics.expressions.dimensions import dimension_of
+from xdynamics.expressions.latex import latex
+from xdynamics.expressions.parser import parse
+from xdynamics.expressions.tree import (
+    FUNCTIONS,
+    Binary,
+    Call,
+    Compare,
+    Name,
+    Negative,
+    Node,
+    Number,
+    digest,
+    exponent_of,
+    free_names,
+    size,
+    text_of,
+)
+
+__all__ = [
+    "FUNCTIONS", "Binary", "Call", "Compare", "Name", "Negative", "Node", "Number", "derivative", "digest",
+    "dimension_of", "expand", "exponent_of", "free_names", "latex", "parse", "size", "text_of",
+]  # fmt: skip

@@ -1,0 +1,109 @@
+"""The dimension of an expression, from the dimensions of its names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, exponent_of, text_of
+from xdynamics.faults import InputError
+from xdynamics.units import NONE, Dimension
+
+_KEEPS = ("abs", "min", "max", "hypot")  # of the same dimension as their arguments
+
+
+def dimension_of(node: Node, names: Mapping[str, Dimension]) -> Dimension:
+    """Work out an expression's dimension, checking every part of it.
+
+    Parameters
+    ----------
+    node : Node
+    names : mapping of str to Dimension
+        Every name that the expression may use.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, or terms that are added or compared differ, or a function needs a pure number;
+        with the column and both units.
+    """
+    found = _dimension(node, names)
+    return NONE if found is None else found
+
+
+def _dimension(node: Node, names: Mapping[str, Dimension]) -> Dimension | None:
+    """Return the dimension; None is a literal zero, which has every unit."""
+    match node:
+        case Number():
+            return None if node.value == 0 else NONE
+        case Name():
+            if node.name not in names:
+                raise InputError(f"name '{node.name}' (column {node.column}) is not declared{_near(node.name, names)}")
+            return names[node.name]
+        case Negative():
+            return _dimension(node.operand, names)
+        case Binary():
+            return _binary(node, names)
+        case Compare():
+            _agreed((node.left, node.right), names, f"'{node.operator}'")
+            return NONE
+        case Call():
+            return _call(node, names)
+
+
+def _binary(node: Binary, names: Mapping[str, Dimension]) -> Dimension | None:
+    if node.operator in "+-":
+        return _agreed((node.left, node.right), names, f"'{node.operator}'")
+    left = _dimension(node.left, names)
+    if node.operator == "**":
+        return None if left is None else left ** (exponent_of(node.right) or 0)
+    right = _dimension(node.right, names)
+    if left is None:
+        return None
+    if right is None:
+        return None if node.operator == "*" else left
+    return left * right if node.operator == "*" else left / right
+
+
+def _call(node: Call, names: Mapping[str, Dimension]) -> Dimension | None:
+    label = f"'{node.function}'"
+    if node.function == "where":
+        _dimension(node.arguments[0], names)
+        return _agreed(node.arguments[1:], names, label)
+    if node.function in _KEEPS:
+        return _agreed(node.arguments, names, label)
+    if node.function == "atan2":
+        _agreed(node.arguments, names, label)
+        return NONE
+    inner = _dimension(node.arguments[0], names)
+    if node.function == "sign":
+        return NONE
+    if node.function == "sqrt":
+        return None if inner is None else inner ** (exponent_of(Number(0.5)) or 0)
+    if inner not in (None, NONE):
+        raise InputError(
+            f"{label} needs a pure number, got '{text_of(node.arguments[0])}' in '{inner}' (column {node.column})"
+        )
+    return NONE
+
+
+def _agreed(nodes: tuple[Node, ...], names: Mapping[str, Dimension], label: str) -> Dimension | None:
+    """Return the one dimension that all of `nodes` have."""
+    agreed: Dimension | None = None
+    first = nodes[0]
+    for node in nodes:
+        found = _dimension(node, names)
+        if agreed is None:
+            agreed, first = found, node
+        elif found is not None and found != agreed:
+            raise InputError(
+                f"{label} joins '{text_of(first)}' in '{agreed}' with '{text_of(node)}' in '{found}'"
+                f" (column {node.column})"
+            )
+    return agreed
+
+
+def _near(name: str, names: Mapping[str, Dimension]) -> str:
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, names, n=1)
+    return f"; did you mean '{near[0]}'?" if near else ""

@@ -1,0 +1,64 @@
+"""Expressions as LaTeX, for figures."""
+
+from __future__ import annotations
+
+from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, text_of
+
+_GREEK = {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi",
+          "pi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega"}  # fmt: skip
+_PLAIN = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "min", "max"}
+_SIGNS = {"<=": r"\leq", ">=": r"\geq", "==": "=", "!=": r"\neq"}
+
+
+def latex(node: Node) -> str:
+    r"""Return an expression as LaTeX math (without dollar signs), in matplotlib's subset.
+
+    Examples
+    --------
+    >>> from xdynamics.expressions import parse
+    >>> latex(parse("-c*v_y*abs(v_y)"))
+    '-c\\,v_{y}\\,\\left|v_{y}\\right|'
+    """
+    match node:
+        case Number():
+            return text_of(node)
+        case Name():
+            return _symbol(node.name)
+        case Negative():
+            return f"-{_wrapped(node.operand)}"
+        case Compare():
+            return f"{latex(node.left)} {_SIGNS.get(node.operator, node.operator)} {latex(node.right)}"
+        case Binary(operator="/"):
+            return rf"\frac{{{latex(node.left)}}}{{{latex(node.right)}}}"
+        case Binary(operator="**"):
+            base = latex(node.left) if isinstance(node.left, Name | Number) else rf"\left({latex(node.left)}\right)"
+            return f"{{{base}}}^{{{latex(node.right)}}}"
+        case Binary(operator="*"):
+            left = latex(node.left) if isinstance(node.left, Negative) else _wrapped(node.left)
+            return rf"{left}\,{_wrapped(node.right)}"
+        case Binary():
+            right = _wrapped(node.right) if node.operator == "-" else latex(node.right)
+            return f"{latex(node.left)} {node.operator} {right}"
+        case Call():
+            return _call(node)
+
+
+def _call(node: Call) -> str:
+    inner = [latex(one) for one in node.arguments]
+    if node.function == "abs":
+        return rf"\left|{inner[0]}\right|"
+    if node.function == "sqrt":
+        return rf"\sqrt{{{inner[0]}}}"
+    name = rf"\{node.function}" if node.function in _PLAIN else rf"\mathrm{{{node.function}}}"
+    return rf"{name}\left({', '.join(inner)}\right)"
+
+
+def _symbol(name: str) -> str:
+    head, *rest = name.split("_")
+    shown = rf"\{head}" if head in _GREEK else head if len(head) == 1 else rf"\mathrm{{{head}}}"
+    return shown + (rf"_{{{','.join(_symbol(part) for part in rest if part)}}}" if any(rest) else "")
+
+
+def _wrapped(node: Node) -> str:
+    loose = isinstance(node, Negative) or (isinstance(node, Binary) and node.operator in "+-")
+    return rf"\left({latex(node)}\right)" if loose else latex(node)

@@ -1,0 +1,70 @@
+"""What a wrong input raises: one error that names every fault found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class InputError(ValueError):
+    """Something handed over is wrong; nothing was computed or written.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, its value, what was needed and the remedy.
+    faults : tuple of str
+        The single faults, when several were found in one input.
+    """
+
+    def __init__(self, message: str, faults: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.faults = faults or (message,)
+
+
+class ModelError(InputError):
+    """A model statement cannot be marched as it stands."""
+
+
+class ArchiveError(InputError):
+    """A file is damaged, is no run archive, or cannot be written."""
+
+
+class Ledger:
+    """Gathers the faults of one input, to raise them together.
+
+    Examples
+    --------
+    >>> ledger = Ledger("model 'ball'", ModelError)
+    >>> with ledger.entry("parameter 'm'"):
+    ...     raise InputError("value 'x' is no number")
+    >>> ledger.settle()
+    Traceback (most recent call last):
+    xdynamics.faults.ModelError: model 'ball': parameter 'm': value 'x' is no number
+    """
+
+    def __init__(self, subject: str, error: type[InputError] = InputError) -> None:
+        self.subject = subject
+        self.error = error
+        self.faults: list[str] = []
+
+    def note(self, fault: str) -> None:
+        """Write down one fault."""
+        self.faults.append(fault)
+
+    @contextmanager
+    def entry(self, what: str) -> Iterator[None]:
+        """Turn an `InputError` raised inside into faults of `what`."""
+        try:
+            yield
+        except InputError as error:
+            self.faults.extend(f"{what}: {fault}" for fault in error.faults)
+
+    def settle(self) -> None:
+        """Raise what was gathered, if anything was."""
+        if not self.faults:
+            return
+        if len(self.faults) == 1:
+            raise self.error(f"{self.subject}: {self.faults[0]}", tuple(self.faults))
+        lines = "".join(f"\n  {n}. {fault}" for n, fault in enumerate(self.faults, 1))
+        raise self.error(f"{self.subject} has {len(self.faults)} faults:{lines}", tuple(self.faults))

@@ -1,0 +1,39 @@
+"""Joining the march's loop with the functions generated for one model and one method."""
+
+from __future__ import annotations
+
+from types import FunctionType, ModuleType
+from typing import Any
+
+from xdynamics.kernels.compiling import compiled
+from xdynamics.march import events, log, loop
+
+ROOMS: tuple[ModuleType, ...] = (log, events, loop)
+
+
+def bind(name: str, generated: dict[str, Any]) -> Any:
+    """Return a function of the march that calls the generated functions, compiled.
+
+    Every plain function of the march's modules is made anew with the generated names as its globals: the code is the
+    one that can be read there, and calls what stands in `generated`.
+
+    Parameters
+    ----------
+    name : str
+        The function to return, of `xdynamics.march.loop`.
+    generated : dict
+        The namespace of the generated module.
+    """
+    joined: dict[str, Any] = {}
+    for room in ROOMS:
+        joined |= {key: value for key, value in vars(room).items() if not key.startswith("__")}
+    joined |= {key: value for key, value in generated.items() if not key.startswith("__")}
+    for room in ROOMS:
+        for key, function in _functions_of(room):
+            joined[key] = compiled(FunctionType(function.__code__, joined, key, function.__defaults__))
+    return joined[name]
+
+
+def _functions_of(room: ModuleType) -> list[tuple[str, FunctionType]]:
+    mine = [(key, one) for key, one in vars(room).items() if isinstance(one, FunctionType)]
+    return [(key, one) for key, one in mine if one.__module__ == room.__name__ and not one.__code__.co_flags & 0x20]

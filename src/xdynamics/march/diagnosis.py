@@ -1,0 +1,91 @@
+"""What went wrong in the step that ended a run: the first thing that was not finite, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from xdynamics.march.outcomes import (
+    NONFINITE,
+    NONFINITE_EVENT,
+    NONFINITE_FORCE,
+    OUTCOMES,
+    OUTSIDE_TABLE,
+    Outcome,
+)
+from xdynamics.units import TIME
+
+if TYPE_CHECKING:
+    from xdynamics.march.log import Log, Tally
+    from xdynamics.march.runner import March
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A bad outcome with its cause."""
+
+    outcome: Outcome
+    cause: str
+
+
+def diagnose(march: March, log: Log, base: Tally) -> Failure:
+    """Name what ended a run.
+
+    The samples of the step that failed still stand in the log behind the counted ones; the first that is not finite
+    tells. Without samples the state that was proposed has to do.
+    """
+    memory = march.memory
+    if memory.status == NONFINITE_EVENT:
+        names = ", ".join(f"'{name}'" for name in march.model.events)
+        return Failure(OUTCOMES[NONFINITE_EVENT], f"an event function ({names}) is not finite")
+    if memory.status != NONFINITE:
+        return Failure(OUTCOMES[memory.status], "")
+    started = memory.tally.rows == 1 and memory.h == 0.0
+    first = 0 if started else memory.tally.samples - base.samples
+    for at in range(first, first + (1 if started else march.plan.sampled)):
+        column = dict(zip(march.layout.sample, log.samples[:, at].tolist(), strict=True))
+        if failure := _in_sample(march, column):
+            return failure
+    return _in_state(march, dict(zip(march.layout.state, memory.trial, strict=True)))
+
+
+def _in_sample(march: March, column: dict[str, float]) -> Failure | None:
+    """Judge one force evaluation: the state it used, the drives, the force terms."""
+    layout = march.layout
+    when = f"in the evaluation at t = {column['time'] * march.settings.scales.of(TIME):.15g} s"
+    for name in layout.used:
+        if not isfinite(column[name]):
+            return Failure(OUTCOMES[NONFINITE], f"{name} is {column[name]} {when}")
+    for name in layout.drives:
+        if not isfinite(column[name]):
+            return Failure(OUTSIDE_TABLE, _outside(march, name, column))
+    for name in layout.forces:
+        if not isfinite(column[name]):
+            return Failure(NONFINITE_FORCE, f"{name} is {column[name]} {when}")
+    return None
+
+
+def _outside(march: March, name: str, column: dict[str, float]) -> str:
+    drive = march.model.drives[name]
+    dimension = march.model.dimensions[drive.argument]
+    asked = column["time" if drive.argument == "t" else drive.argument] * march.settings.scales.of(dimension)
+    low, high = drive.table.argument[0], drive.table.argument[-1]
+    return (
+        f"drive '{name}' was asked at {drive.argument} = {asked:.9g}, and its table '{drive.table.name}' reaches from"
+        f" {low:.9g} to {high:.9g} (SI units); set outside = \"zero\" or \"hold\", or stay inside"
+    )
+
+
+def _in_state(march: March, state: dict[str, float]) -> Failure:
+    """Judge a proposed state: forces before accelerations before what follows from them."""
+    layout = march.layout
+    for name in (*layout.forces, *layout.used):
+        if not isfinite(state[name]):
+            outcome = NONFINITE_FORCE if name in layout.forces else OUTCOMES[NONFINITE]
+            return Failure(outcome, f"{name} is {state[name]}")
+    for name in layout.rates:
+        if not isfinite(state[name]):
+            return Failure(NONFINITE_FORCE, f"{name} is {state[name]}")
+    bad = [name for name in layout.accelerations if not isfinite(state[name])]
+    return Failure(NONFINITE_FORCE, f"{', '.join(bad)} is not finite with finite forces: the mass is not positive definite")

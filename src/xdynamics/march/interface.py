@@ -1,0 +1,50 @@
+"""The six functions that a model and a method give to the march.
+
+The loop is written against these names. Before it is compiled, the functions that were generated for one model and one
+method take their places (`kernels.cache.bind`); called as they stand here, they only say so.
+
+In all of them, ``state`` is a tuple in the order of `kernels.layout.Layout.state`, ``p`` the parameters, ``tables`` the
+measured tables, ``pieces`` the piece of every drive of time, ``log`` the log with ``at`` the next free force sample.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+
+State = tuple[float, ...]
+
+
+def begin(t: float, state: State, p: Any, tables: Any, pieces: Any, log: Any, at: int, step: int) -> tuple[State, int]:
+    """Evaluate the forces at a state: at the start, and behind a node of a drive."""
+    _unbound()
+
+
+def propose(
+    t: float, t1: float, h: float, state: State, p: Any, tables: Any, pieces: Any, log: Any, at: int, step: int
+) -> tuple[State, int]:
+    """Make one step of the method, from a state that stays as it is."""
+    _unbound()
+
+
+def detect(t: float, state: State, p: Any, tables: Any, pieces: Any) -> tuple[float, ...]:
+    """Evaluate every event function."""
+    _unbound()
+
+
+def slopes(t: float, state: State, p: Any, tables: Any, pieces: Any) -> tuple[float, ...]:
+    """Evaluate the time derivative of every event function."""
+    _unbound()
+
+
+def note(log: Any, row: int, t: float, h: float, kind: int, state: State, p: Any, tables: Any, pieces: Any) -> None:
+    """Write one row of the log."""
+    _unbound()
+
+
+def pieces_at(t: float, tables: Any) -> tuple[int, ...]:
+    """Find the piece of every drive of time that a step from t goes through."""
+    _unbound()
+
+
+def _unbound() -> NoReturn:
+    raise NotImplementedError("the march is not bound to a model")

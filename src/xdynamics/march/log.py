@@ -1,0 +1,96 @@
+"""The log of a march: blocks of rows, filled by compiled code, read as columns."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels import Layout
+
+Floats = NDArray[np.float64]
+Words = NDArray[np.int8]
+
+MOST_SUBSTEPS = 200  # of one event's bracket; halving alone needs 60
+
+
+class Plan(NamedTuple):
+    """What a march does not change."""
+
+    start: float
+    step_size: float
+    nodes: Floats  # times to land on; the end is the last
+    snap: float  # a grid time this close to a node is that node
+    directions: tuple[int, ...]
+    tolerances: tuple[float, ...]
+    stops: tuple[bool, ...]
+    parameters: tuple[float, ...]
+    tables: tuple[tuple[Floats, Floats], ...]
+    sampled: int  # force samples that a step logs; 0 where they are off
+
+
+class Tally(NamedTuple):
+    """How many rows of each kind there are since the run began."""
+
+    rows: int
+    trials: int
+    events: int
+    samples: int
+
+
+class Memory(NamedTuple):
+    """All that a march knows between two blocks; it goes on from this to the same bits."""
+
+    status: int
+    t: float
+    h: float  # the step last tried
+    grid: int  # grid times passed
+    node: int  # nodes passed
+    on_grid: bool  # whether t is a grid time
+    state: tuple[float, ...]
+    trial: tuple[float, ...]  # the state last proposed
+    values: tuple[float, ...]  # of the event functions at t
+    pieces: tuple[int, ...]  # of the drives of time
+    tally: Tally
+
+
+class Log(NamedTuple):
+    """Blocks of a log; one row of a table is one column here, so that a variable is contiguous.
+
+    Whole numbers stand among the floats, which hold them exactly; the record gives them their own type.
+    """
+
+    rows: Floats  # `Layout.row`: time, step_size, the state, energies, observables
+    row_flags: Words  # kind, regime
+    samples: Floats  # `Layout.sample`: time, step, stage, what was used, what was found
+    trials: Floats  # time, step_size, error_norm, step, reason
+    events: Floats  # time, left, right, residual, slope, row before, row after, detector, kind, direction
+    lows: Floats  # scratch: left end of each event's bracket, as a step
+
+
+def note_trial(log: Log, at: int, memory: Memory, h: float, reason: int) -> None:
+    """Write one rejected trial."""
+    log.trials[0, at] = memory.t
+    log.trials[1, at] = h
+    log.trials[2, at] = np.nan
+    log.trials[3, at] = memory.tally.rows - 1
+    log.trials[4, at] = reason
+
+
+def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
+    """Return an empty log for `rows` rows, with `sampled` force samples a step."""
+    events = max(1, len(layout.model.events))
+    # an odd stride: columns a power of two apart would share one cache set
+    rows = (rows + 4) | 1
+    samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 1
+    trials = min(rows, 20_000) + events * MOST_SUBSTEPS
+    event_rows = min(rows, 4_000) + events
+    return Log(
+        np.empty((len(layout.row), rows)),
+        np.empty((2, rows), np.int8),
+        np.empty((len(layout.sample), samples)),
+        np.empty((5, trials)),
+        np.empty((10, event_rows)),
+        np.zeros(events),
+    )

@@ -1,0 +1,255 @@
+"""Driving a compiled march from Python: settings, blocks, interruption, outcome. Python sees blocks, never steps."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from types import FrameType
+
+import numpy as np
+
+from xdynamics.faults import InputError
+from xdynamics.kernels import Layout, Problem, compile_march, pose, source_digest, write_source
+from xdynamics.kernels.cache import missing_functions
+from xdynamics.march.diagnosis import Failure, diagnose
+from xdynamics.march.log import Log, Memory, Plan, Tally, allocate
+from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES, RUNNING, STOPPED, Outcome
+from xdynamics.methods import Method
+from xdynamics.model import Model
+from xdynamics.units import TIME, Scales
+
+PAUSE_ROWS = 250_000  # between two looks at the clock and the keyboard
+LARGEST_BLOCK = 1 << 24
+_DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
+
+Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What was asked of a march, checked.
+
+    Attributes
+    ----------
+    method : Method
+    step : float
+        Step of the fixed grid t0 + n h, s.
+    until : float
+        End, s.
+    samples : bool
+        Whether every force evaluation of an accepted step is logged.
+    scales : Scales
+        Scales of the nondimensional variables marched in.
+    """
+
+    method: Method
+    step: float
+    until: float
+    samples: bool = True
+    scales: Scales = Scales()
+
+    def check(self, model: Model) -> None:
+        """Refuse a step or an end that no march could use.
+
+        Raises
+        ------
+        InputError
+            Naming the value and what was needed.
+        """
+        start = model.initial["t"].si
+        if not isfinite(self.step) or self.step <= 0:
+            raise InputError(f"step is {self.step!r} s, needs a positive time")
+        if not isfinite(self.until) or self.until <= start:
+            raise InputError(f"until is {self.until!r} s, needs a time after the start at t = {start!r} s")
+        if self.scales != Scales() and model.python_forces:
+            raise InputError("scales do not go with forces in Python, which are written in SI units")
+        if (self.until - start) / self.step > 2**53:
+            raise InputError(f"step {self.step!r} s makes over 2**53 steps to {self.until!r} s; take a longer one")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A filled part of the log; `rows`, `trials`, `events`, `samples` are how much of it."""
+
+    log: Log
+    rows: int
+    trials: int
+    events: int
+    samples: int
+
+
+class March:
+    """One march of a model by a method.
+
+    Parameters
+    ----------
+    model : Model
+    settings : Settings
+    progress : callable, optional
+        Called between parts of a block with the fraction done, the time in s and the rows so far.
+
+    Raises
+    ------
+    InputError
+        If the settings cannot be used or a Python force is not at hand or cannot be compiled.
+    """
+
+    def __init__(self, model: Model, settings: Settings, progress: Progress | None = None) -> None:
+        settings.check(model)
+        missing_functions([one.name for one in model.python_forces], model.functions)
+        self.model = model
+        self.settings = settings
+        self.progress = progress
+        self.layout = Layout(model)
+        self.problem: Problem = pose(model, settings.scales)
+        self.memory = self._before()
+        self.interrupted = False
+        self._failure: Failure | None = None
+
+    @cached_property
+    def source(self) -> str:
+        """Source text of the compiled march."""
+        return write_source(self.model, self.settings.method, samples=self.settings.samples)
+
+    @property
+    def force_digest(self) -> str:
+        """sha256 of the source and of every Python force."""
+        functions = "".join(one.digest for one in self.model.python_forces)
+        return source_digest(self.source + functions)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """What the march does not change, in internal units."""
+        scale = self.settings.scales.of(TIME)
+        start, end = self.problem.start, self.settings.until / scale
+        inner = self.problem.nodes[(self.problem.nodes > start) & (self.problem.nodes < end)]
+        snap = 4.0 * np.finfo(float).eps * max(abs(start), abs(end))
+        events = self.model.events.values()
+        return Plan(
+            start,
+            self.settings.step / scale,
+            np.append(inner, end),
+            float(snap),
+            tuple(_DIRECTIONS[one.direction] for one in events) or (0,),
+            tuple(one.time_tolerance.si / scale for one in events) or (1.0,),
+            tuple(one.action == "stop" for one in events) or (False,),
+            self.problem.parameters,
+            self.problem.tables,
+            self.settings.method.evaluations if self.settings.samples else 0,
+        )
+
+    @property
+    def expected_rows(self) -> int:
+        """Rows of a run without events."""
+        return int((self.plan.nodes[-1] - self.plan.start) / self.plan.step_size) + len(self.plan.nodes) + 3
+
+    def blocks(self, rows: int | None = None) -> Iterator[Block]:
+        """March to the end, handing over one block after the other.
+
+        Parameters
+        ----------
+        rows : int, optional
+            Rows a block holds. Two logs are filled in turn, so a block may be used until the next but one is asked
+            for. Without it every block is new, and one holds the run if it can.
+        """
+        run = self._compiled()
+        size = rows or min(self.expected_rows, LARGEST_BLOCK)
+        kept: list[Log] = []
+        with self._watching_keyboard():
+            while not self._is_over():
+                if rows is None or len(kept) < 2:
+                    log = allocate(self.layout, size, sampled=self.plan.sampled)
+                    kept = [*kept, log] if rows else []
+                else:
+                    kept.reverse()
+                    log = kept[0]
+                base = self.memory.tally
+                self._fill(run, log, base)
+                now = self.memory.tally
+                yield Block(log, *(int(a) - int(b) for a, b in zip(now, base, strict=True)))
+                size = rows or min(size, 1 << 20)
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the run ended."""
+        if self._failure:
+            return self._failure.outcome
+        return OUTCOMES[INTERRUPTED if self.memory.status == RUNNING else self.memory.status]
+
+    @property
+    def outcome_text(self) -> str:
+        """The outcome as a sentence, with t, h and the cause."""
+        scale = self.settings.scales.of(TIME)
+        cause = self._failure.cause if self._failure else self.stopping_event
+        t, h = self.memory.t * scale, self.memory.h * scale
+        return self.outcome.sentence.format(t=f"{t:.15g}", h=f"{h:.6g}", cause=cause)
+
+    stopping_event = ""
+
+    def _fill(self, run: Callable[..., Memory], log: Log, base: Tally) -> None:
+        """Fill one log, looking up now and then."""
+        before = None
+        while before != self.memory.tally and not self._is_over():
+            before = self.memory.tally
+            self.memory = run(self.plan, self.memory, log, base, PAUSE_ROWS)
+            if self.progress:
+                done = (self.memory.t - self.plan.start) / (self.plan.nodes[-1] - self.plan.start)
+                self.progress(done, self.memory.t * self.settings.scales.of(TIME), self.memory.tally.rows)
+        if self.memory.status == STOPPED:
+            names = list(self.model.events)
+            events = log.events[:, : self.memory.tally.events - base.events]
+            detectors = events[7, events[0] == self.memory.t].astype(int)
+            self.stopping_event = " and ".join(f"'{names[i]}'" for i in detectors if self.plan.stops[i])
+        elif self.memory.status != RUNNING and not OUTCOMES[self.memory.status].good:
+            self._failure = diagnose(self, log, base)
+
+    def _is_over(self) -> bool:
+        return self.memory.status != RUNNING or self.interrupted
+
+    def _before(self) -> Memory:
+        """Return the memory of a march that has not begun."""
+        n = len(self.layout.state)
+        state = self.problem.initial + (0.0,) * (n - len(self.problem.initial))
+        values = (0.0,) * max(1, len(self.model.events))
+        pieces = (0,) * len(self.layout.time_drives)
+        return Memory(RUNNING, self.problem.start, 0.0, 0, 0, True, state, state, values, pieces, Tally(0, 0, 0, 0))
+
+    def _compiled(self) -> Callable[..., Memory]:
+        from numba.core.errors import NumbaError
+
+        run = compile_march(self.source, self.model.functions)
+        if not self.model.functions:
+            return run
+
+        def guarded(*arguments: object) -> Memory:
+            try:
+                return run(*arguments)  # type: ignore[no-any-return]
+            except NumbaError as error:
+                names = ", ".join(self.model.functions)
+                raise InputError(f"the Python forces {names} cannot be compiled by numba: {error}") from None
+
+        return guarded
+
+    @contextmanager
+    def _watching_keyboard(self) -> Iterator[None]:
+        """Let the first Ctrl-C end the run as an outcome; a second one raises as always."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def interrupt(_signal: int, _frame: FrameType | None) -> None:
+            self.interrupted = True
+            signal.signal(signal.SIGINT, previous)
+
+        previous = signal.signal(signal.SIGINT, interrupt)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, previous)
+
+

@@ -1,0 +1,187 @@
+"""Names and dimensions of a model: checked before the first update, all faults at once."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, free_names, text_of
+from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.parts import Function
+from xdynamics.schema import record_names
+from xdynamics.units import CONSTANTS, NONE, TIME, Dimension, constant, spell
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
+RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS}
+
+
+def check(parts: Mapping[str, Any]) -> dict[str, Dimension]:
+    """Check names, initial values and the dimension of every term.
+
+    Returns
+    -------
+    dict of str to Dimension
+        The dimension of every name an expression of the model may use.
+
+    Raises
+    ------
+    ModelError
+        With every fault.
+    """
+    ledger = Ledger(f"model '{parts['name']}'", ModelError)
+    _check_names(parts, ledger)
+    ledger.settle()
+    known = _declared(parts)
+    _define(parts, known, ledger)
+    ledger.settle()
+    _check_initial(parts, known, ledger)
+    _check_motion(parts, known, ledger)
+    for name, state in parts["states"].items():
+        _needs(ledger, f"rate of state '{name}'", state.rate, known, known[name] / TIME)
+    for name, drive in parts["drives"].items():
+        _check_drive(name, drive, parts, known, ledger)
+    for name, event in parts["events"].items():
+        with ledger.entry(f"event '{name}'"):
+            dimension_of(event.function, known)
+    accelerations = {f"a_{name}": known[name] / TIME**2 for name in parts["coordinates"]}
+    for name, observable in parts["observables"].items():
+        with ledger.entry(f"observable '{name}'"):
+            spell(dimension_of(observable, known | accelerations))
+    ledger.settle()
+    return known
+
+
+def _check_names(parts: Mapping[str, Any], ledger: Ledger) -> None:
+    if not parts["coordinates"] and not parts["states"]:
+        ledger.note("has neither coordinates nor states: there is nothing to march")
+    used: dict[str, str] = {}
+    sections = ("coordinates", "parameters", "definitions", "drives", "states", "forces", "events", "observables")
+    for section in sections:
+        for name in parts[section]:
+            what = f"{section.removesuffix('s')} '{name}'"
+            if not _NAME.fullmatch(name) or keyword.iskeyword(name):
+                ledger.note(f"{what}: a name is a letter, then letters, digits and underscores, 40 at most")
+            elif name in RESERVED and section not in ("forces", "events"):
+                ledger.note(f"{what}: the name '{name}' is a word of the expression language")
+    for name, owner in record_names(parts):
+        if name in used:
+            ledger.note(f"{owner} and {used[name]} both claim the name '{name}'; rename one")
+        used.setdefault(name, owner)
+
+
+def _declared(parts: Mapping[str, Any]) -> dict[str, Dimension]:
+    known = {"t": TIME, "pi": NONE} | {name: constant(name).dimension for name in CONSTANTS}
+    known |= {name: one.quantity.unit.dimension for name, one in parts["parameters"].items()}
+    known |= {name: one.unit.dimension for name, one in parts["states"].items()}
+    known |= {name: one.table.value_unit.dimension for name, one in parts["drives"].items()}
+    for name, one in parts["coordinates"].items():
+        known |= {name: one.unit.dimension, f"v_{name}": one.unit.dimension / TIME}
+    return known
+
+
+def _define(parts: Mapping[str, Any], known: dict[str, Dimension], ledger: Ledger) -> None:
+    """Add the definitions' dimensions, each after the ones that it uses."""
+    waiting: dict[str, Node] = dict(parts["definitions"])
+    while waiting:
+        ready = [name for name, node in waiting.items() if not free_names(node) & set(waiting)]
+        if not ready:
+            ledger.note(f"definitions {', '.join(waiting)} are defined by one another")
+            return
+        for name in ready:
+            node = waiting.pop(name)
+            known[name] = NONE
+            with ledger.entry(f"definition '{name}'"):
+                known[name] = dimension_of(node, known)
+
+
+def _check_initial(parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger) -> None:
+    coordinates = [name for one in parts["coordinates"] for name in (one, f"v_{one}")]
+    needed = ["t", *coordinates, *parts["states"]]
+    for name in needed:
+        if name not in parts["initial"]:
+            ledger.note(f"initial value of '{name}' is missing, in '{known[name]}'")
+        elif parts["initial"][name].unit.dimension != known[name]:
+            given = parts["initial"][name]
+            ledger.note(f"initial value '{name} = {given}' has units '{given.unit.dimension}', needs '{known[name]}'")
+    for name in parts["initial"]:
+        if name not in needed:
+            ledger.note(f"initial value of '{name}', which is no coordinate, velocity or state")
+
+
+def _check_motion(parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Check that every entry of M a = F has the unit its row needs."""
+    coordinates = list(parts["coordinates"])
+    needed: dict[str, Dimension] = {}
+    for i, name in enumerate(coordinates):
+        with ledger.entry(f"mass of '{name}'"):
+            needed[name] = dimension_of(parts["mass"][i][i], known) * known[name] / TIME**2
+    if len(needed) < len(coordinates):
+        return
+    for i, row in enumerate(coordinates):
+        for j, column in enumerate(coordinates):
+            if i != j and parts["mass"][i][j] != Number(0.0):
+                label, unit = f"mass entry ({i + 1}, {j + 1})", needed[row] / known[column] * TIME**2
+                _needs(ledger, label, parts["mass"][i][j], known, unit)
+    for term, force in parts["forces"].items():
+        if force.potential is not None:
+            _check_potential(term, force.potential, parts, known, needed, ledger)
+        for name, node in force.components.items():
+            if name not in needed:
+                ledger.note(f"force '{term}' acts on '{name}', which is no coordinate; there are {', '.join(coordinates)}")
+            elif isinstance(node, Function):
+                _check_function(term, node, known, ledger)
+            else:
+                _needs(ledger, f"force '{term}' of '{name}'", node, known, needed[name])
+
+
+def _check_potential(
+    term: str,
+    potential: Node,
+    parts: Mapping[str, Any],
+    known: Mapping[str, Dimension],
+    needed: Mapping[str, Dimension],
+    ledger: Ledger,
+) -> None:
+    for drive in free_names(potential) & set(parts["drives"]):
+        if parts["drives"][drive].argument != "t":
+            ledger.note(f"potential of '{term}' uses the drive '{drive}' of '{parts['drives'][drive].argument}'; write a component")
+    if any(name.startswith("v_") and name[2:] in needed for name in free_names(potential)):
+        ledger.note(f"potential of '{term}' depends on a velocity; write a component")
+    for name in free_names(potential) & set(needed):
+        _needs(ledger, f"potential of '{term}'", potential, known, needed[name] * known[name])
+        return
+    with ledger.entry(f"potential of '{term}'"):
+        dimension_of(potential, known)
+
+
+def _check_function(term: str, function: Function, known: Mapping[str, Dimension], ledger: Ledger) -> None:
+    for name in function.arguments:
+        if name not in known:
+            ledger.note(f"force '{term}': function '{function.name}' asks for '{name}', which is not declared")
+
+
+def _check_drive(
+    name: str, drive: Any, parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger
+) -> None:
+    arguments = ["t", *(one for q in parts["coordinates"] for one in (q, f"v_{q}"))]
+    if drive.argument not in arguments:
+        ledger.note(f"drive '{name}' has the argument '{drive.argument}'; it may be one of {', '.join(arguments)}")
+    elif drive.table.argument_unit.dimension != known[drive.argument]:
+        ledger.note(
+            f"drive '{name}': the first column of '{drive.table.name}' is in '{drive.table.argument_unit.text}',"
+            f" its argument '{drive.argument}' in '{known[drive.argument]}'"
+        )
+
+
+def _needs(ledger: Ledger, what: str, node: Node, known: Mapping[str, Dimension], needed: Dimension) -> None:
+    """Check one expression against the unit that its place needs."""
+    try:
+        found = dimension_of(node, known)
+    except InputError as error:
+        ledger.note(f"{what}: {error}")
+        return
+    if found != needed and node != Number(0.0):
+        column = getattr(node, "column", 1) or 1
+        ledger.note(f"{what} has units '{found}', needs '{needed}' (column {column}: {text_of(node)})")

@@ -1,0 +1,156 @@
+"""Measured tables: CSV text with units in its header, and the piecewise polynomial through it."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError, Ledger
+from xdynamics.units import Unit, parse_unit
+
+INTERPOLATIONS = ("previous", "linear", "pchip", "cubic")
+OUTSIDE = ("error", "zero", "hold")
+LARGEST_TABLE = 10_000_000
+
+_HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]\s*")
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A measured table of two columns, kept with its whole text.
+
+    Attributes
+    ----------
+    name : str
+        The file it came from.
+    text : str
+        The CSV text: ``#`` lines, a header ``time [s],thrust [N]``, rows. Line ends are ``\\n``.
+    argument_unit, value_unit : Unit
+    argument, value : ndarray, shape (n,), SI
+        `argument` strictly increases.
+    """
+
+    name: str
+    text: str
+    argument_unit: Unit = field(compare=False)
+    value_unit: Unit = field(compare=False)
+    argument: Floats = field(compare=False, repr=False)
+    value: Floats = field(compare=False, repr=False)
+
+    @classmethod
+    def read(cls, path: Path) -> Table:
+        """Read a CSV file.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, or is faulty; every fault with its line number.
+        """
+        try:
+            if path.stat().st_size > LARGEST_TABLE:
+                raise InputError(f"table '{path}' has over {LARGEST_TABLE} bytes")
+            text = path.read_text(encoding="utf-8-sig")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"table '{path}' cannot be read: {error}") from None
+        return cls.parse(path.name, text)
+
+    @classmethod
+    def parse(cls, name: str, text: str) -> Table:
+        """Read CSV text; see `read`."""
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+        lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.strip() and not line.startswith("#")]
+        if not lines:
+            raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
+        units = _header(name, *lines[0])
+        rows = _rows(name, lines[1:])
+        argument = np.array([units[0].to_si(row[0]) for row in rows])
+        value = np.array([units[1].to_si(row[1]) for row in rows])
+        return cls(name, text, units[0], units[1], argument, value)
+
+
+def coefficients(argument: Floats, value: Floats, interpolation: str, outside: str) -> tuple[Floats, Floats]:
+    """Build the piecewise polynomial of a table, with one more piece beyond either end.
+
+    Parameters
+    ----------
+    argument, value : ndarray, shape (n,)
+    interpolation : {"previous", "linear", "pchip", "cubic"}
+        Piecewise constant; straight; monotone cubic Hermite (Fritsch and Butland 1984, SIAM J. Sci. Stat.
+        Comput. 5, 300); cubic spline with not-a-knot ends (de Boor 1978).
+    outside : {"error", "zero", "hold"}
+        The value beyond the table: nan (which ends a run), 0, or the last value.
+
+    Returns
+    -------
+    origin : ndarray, shape (n + 1,)
+        Piece k holds from ``origin[k]`` to ``origin[k + 1]``; piece 0 lies before the table, piece n after it.
+    powers : ndarray, shape (4, n + 1)
+        Coefficients of (x - origin[k])**3 … **0.
+    """
+    pieces = _pieces(argument, value, interpolation)
+    inner = np.vstack([np.zeros((4 - len(pieces), pieces.shape[1])), pieces])
+    ends = {"error": (np.nan, np.nan), "zero": (0.0, 0.0), "hold": (value[0], value[-1])}[outside]
+    before, after = (np.array([[0.0], [0.0], [0.0], [end]]) for end in ends)
+    origin = np.concatenate([argument[:1], argument])
+    return origin, np.ascontiguousarray(np.hstack([before, inner, after]))
+
+
+def _pieces(argument: Floats, value: Floats, interpolation: str) -> Floats:
+    if interpolation == "previous":
+        return value[None, :-1]
+    if interpolation == "linear":
+        return np.vstack([np.diff(value) / np.diff(argument), value[:-1]])
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
+    rule: Any = PchipInterpolator if interpolation == "pchip" else CubicSpline
+    return np.asarray(rule(argument, value).c, dtype=np.float64)
+
+
+def _header(name: str, number: int, line: str) -> tuple[Unit, Unit]:
+    cells = next(csv.reader([line]))
+    found = [_HEADER.fullmatch(cell) for cell in cells]
+    if len(cells) != 2 or not all(found):
+        raise InputError(
+            f"table '{name}', line {number}: header {line[:60]!r} needs two columns with units, like 'time [s],thrust [N]'"
+        )
+    ledger = Ledger(f"table '{name}', line {number}")
+    units = []
+    for one in found:
+        assert one is not None  # noqa: S101
+        with ledger.entry(f"column '{one['name']}'"):
+            units.append(parse_unit(one["unit"]))
+    ledger.settle()
+    return units[0], units[1]
+
+
+def _rows(name: str, lines: list[tuple[int, str]]) -> list[tuple[float, float]]:
+    """Read the numbers, gathering faults by line."""
+    ledger = Ledger(f"table '{name}'")
+    rows: list[tuple[float, float]] = []
+    for number, line in lines:
+        try:
+            first, second = (float(cell) for cell in line.split(","))
+        except ValueError:
+            ledger.note(f"line {number}: {line[:60]!r} is no pair of numbers")
+            continue
+        if not (isfinite(first) and isfinite(second)):
+            ledger.note(f"line {number}: {line[:60]!r} is not finite")
+        elif rows and first <= rows[-1][0]:
+            ledger.note(f"line {number}: argument {first!r} does not increase after {rows[-1][0]!r}")
+        else:
+            rows.append((first, second))
+        if len(ledger.faults) >= 20:
+            break
+    if len(rows) < 2 and not ledger.faults:
+        ledger.note(f"has {len(rows)} rows, needs 2 or more")
+    ledger.settle()
+    return rows

@@ -1,0 +1,215 @@
+"""The model: one statement, as a Python object and as a TOML file."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from xdynamics.expressions import Name, Node, Number, derivative, expand, free_names
+from xdynamics.expressions.calculus import multiply, negative
+from xdynamics.faults import ModelError
+from xdynamics.model import toml
+from xdynamics.model.checking import check
+from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Parameter, State
+from xdynamics.model.reading import read
+from xdynamics.units import Dimension, Quantity
+
+LARGEST_FILE = 20_000_000
+
+
+class Model:
+    """A mechanical initial-value problem with units: M(q, t) a = sum of forces, and first-order states.
+
+    Parameters
+    ----------
+    **statement
+        The sections of a model file by name (`name`, `description`, `coordinates`, `parameters`, `mass`,
+        `definitions`, `forces`, `drives`, `states`, `initial`, `events`, `observables`, `run`), each a
+        mapping in the file's own words. A force component may also be a numba-compilable Python function
+        whose arguments are declared names; it gets and returns SI floats.
+
+    Raises
+    ------
+    ModelError
+        With every fault of the statement at once.
+
+    Notes
+    -----
+    The mass matrix multiplies the acceleration and nothing else: terms that come from its own change, like the
+    centrifugal terms of a double pendulum, are forces and are written as such.
+
+    Examples
+    --------
+    >>> model = Model(
+    ...     name="spring", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "k": "4 N m-1"},
+    ...     mass={"x": "m"}, forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
+    ... )
+    >>> Model.from_text(model.to_toml()) == model
+    True
+    """
+
+    name: str
+    description: str
+    coordinates: dict[str, Coordinate]
+    parameters: dict[str, Parameter]
+    mass: tuple[tuple[Node, ...], ...]
+    definitions: dict[str, Node]
+    forces: dict[str, Force]
+    drives: dict[str, Drive]
+    states: dict[str, State]
+    initial: dict[str, Quantity]
+    events: dict[str, Event]
+    observables: dict[str, Node]
+    run: dict[str, Any]
+    dimensions: dict[str, Dimension]
+
+    def __init__(self, **statement: Any) -> None:
+        self._fill(statement, Path(), {})
+
+    @classmethod
+    def from_toml(cls, path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
+        """Read a model file; drive tables are looked for next to it.
+
+        Parameters
+        ----------
+        path : str or Path
+        functions : mapping of str to callable, optional
+            The Python functions that the file's forces name.
+
+        Raises
+        ------
+        ModelError
+            If the file cannot be read, or with every fault of its statement.
+        """
+        path = Path(path)
+        try:
+            if path.stat().st_size > LARGEST_FILE:
+                raise ModelError(f"model file '{path}' has over {LARGEST_FILE} bytes")
+            text = path.read_text(encoding="utf-8")
+        except IsADirectoryError:
+            raise ModelError(f"model file '{path}' is a directory; name the .toml file in it") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise ModelError(f"model file '{path}' cannot be read: {error}") from None
+        return cls._parsed(text, path, functions)
+
+    @classmethod
+    def from_text(cls, text: str, *, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
+        """Read a model from TOML text, like the `model_toml` of an archive; see `from_toml`."""
+        return cls._parsed(text, Path("model.toml"), functions)
+
+    def to_toml(self) -> str:
+        """Return the whole model as TOML, measured tables included."""
+        return toml.write(self)
+
+    def replace(self, **sections: Mapping[str, Any]) -> Model:
+        """Return a model with some entries of some sections replaced.
+
+        A bare number takes the unit the entry has: ``model.replace(parameters={"c": 2e-3})``.
+
+        Raises
+        ------
+        ModelError
+            If an entry does not exist or the new model is faulty.
+        """
+        statement = tomllib.loads(self.to_toml())
+        for section, entries in sections.items():
+            for key, value in entries.items():
+                if section not in statement or key not in statement[section]:
+                    known = ", ".join(statement.get(section, {})) or "none"
+                    raise ModelError(f"{section} has no entry '{key}'; there are: {known}")
+                statement[section][key] = _replaced(statement[section][key], value)
+        model = object.__new__(Model)
+        model._fill(statement, Path(), self.functions)  # noqa: SLF001
+        return model
+
+    @property
+    def functions(self) -> dict[str, Callable[..., float]]:
+        """The Python functions that are at hand, by name."""
+        return {one.name: one.callable for one in self.python_forces if one.callable is not None}
+
+    @property
+    def python_forces(self) -> list[Function]:
+        """Every force component that is written in Python."""
+        parts = [one for force in self.forces.values() for one in force.components.values()]
+        return list({one.name: one for one in parts if isinstance(one, Function)}.values())
+
+    @cached_property
+    def digest(self) -> str:
+        """sha256 of the model as TOML."""
+        return hashlib.sha256(self.to_toml().encode()).hexdigest()
+
+    @cached_property
+    def force_components(self) -> dict[str, dict[str, Node | Function]]:
+        """Every force term's components; those of a potential are derived: -dV/dq."""
+        return {term: self._components(force) for term, force in self.forces.items()}
+
+    @property
+    def mass_is_full(self) -> bool:
+        """Whether an entry off the diagonal is not a literal zero."""
+        return any(entry != Number(0.0) for i, row in enumerate(self.mass) for j, entry in enumerate(row) if i != j)
+
+    def expanded(self, node: Node) -> Node:
+        """Return an expression with every definition put in its place."""
+        return expand(node, self.definitions)
+
+    def reads(self, node: Node | Function) -> set[str]:
+        """Return the names an expression depends on, through definitions and drives."""
+        names = set(node.arguments) if isinstance(node, Function) else free_names(self.expanded(node))
+        through = {self.drives[name].argument for name in names if name in self.drives}
+        inner = {name for one in names if one in self.definitions for name in self.reads(Name(one))}
+        return names | through | inner
+
+    def rate_of(self, node: Node) -> Node:
+        """Return an expression's time derivative along the motion, with `a_q`, `rate_x` and `slope_d` as names."""
+        rates: dict[str, Node] = {"t": Number(1.0)}
+        for name in self.coordinates:
+            rates |= {name: Name(f"v_{name}"), f"v_{name}": Name(f"a_{name}")}
+        rates |= {name: Name(f"rate_{name}") for name in self.states}
+        for name, drive in self.drives.items():
+            rates[name] = multiply(Name(f"slope_{name}"), rates[drive.argument])
+        return derivative(self.expanded(node), rates)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Model) and self.to_toml() == other.to_toml()
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        parts = ", ".join([*self.coordinates, *self.states])
+        return f"<xdynamics.Model {self.name!r}: {parts}; forces {', '.join(self.forces) or 'none'}>"
+
+    @classmethod
+    def _parsed(cls, text: str, path: Path, functions: Mapping[str, Callable[..., float]] | None) -> Model:
+        try:
+            statement = tomllib.loads(text)
+        except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+            raise ModelError(f"model file '{path}' is no TOML: {error}") from None
+        model = object.__new__(cls)
+        model._fill(statement, path, functions or {})
+        return model
+
+    def _fill(self, statement: Mapping[str, Any], path: Path, functions: Mapping[str, Callable[..., float]]) -> None:
+        parts = read(statement, path, functions)
+        self.__dict__.update(parts, dimensions=check(parts))
+
+    def _components(self, force: Force) -> dict[str, Node | Function]:
+        if force.potential is None:
+            return dict(force.components)
+        potential = self.expanded(force.potential)
+        derived = {name: negative(derivative(potential, {name: Number(1.0)})) for name in self.coordinates}
+        return {name: node for name, node in derived.items() if node != Number(0.0)}
+
+
+def _replaced(old: Any, value: Any) -> Any:
+    """Put a value in an entry's place; a bare number keeps the entry's unit."""
+    if isinstance(old, Mapping):
+        return {**old, "value": value} if "value" in old else value
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if is_number and isinstance(old, str) and " " in old:
+        return f"{value!r} {old.split(' ', 1)[1]}"
+    return value

@@ -1,0 +1,114 @@
+"""The parts of a model, each a frozen record of what the file says."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import textwrap
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from xdynamics.expressions import Node
+from xdynamics.faults import InputError
+from xdynamics.model.drives import Table
+from xdynamics.units import TIME, Quantity, Unit
+
+DIRECTIONS = ("rising", "falling", "either")
+ACTIONS = ("record", "stop")
+LATER_ACTIONS = ("impact", "switch", "reset")
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A coordinate of the motion; its shape is () until block coordinates come."""
+
+    unit: Unit
+    description: str = ""
+    shape: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A constant of the model with its standard uncertainty, in the same unit, where one is known."""
+
+    quantity: Quantity
+    uncertainty: Quantity | None = None
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class State:
+    """A first-order companion of the motion."""
+
+    unit: Unit
+    rate: Node
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Function:
+    """A force component written in Python: a numba-compilable function of declared names, SI in and out.
+
+    The source is evidence. It is never run: to march a model that was read from a file, the function itself
+    is handed over, and its digest is compared first.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    source: str
+    digest: str
+    callable: Callable[..., float] | None = field(default=None, compare=False)
+
+    @classmethod
+    def of(cls, function: Callable[..., float]) -> Function:
+        """Describe a Python function.
+
+        Raises
+        ------
+        InputError
+            If its source cannot be found or it does not take plain positional arguments.
+        """
+        name = getattr(function, "__name__", repr(function))
+        plain: Any = getattr(function, "py_func", function)
+        try:
+            source = textwrap.dedent(inspect.getsource(plain))
+            parameters = inspect.signature(plain).parameters
+        except (OSError, TypeError):
+            raise InputError(f"function {name!r} has no source that can be kept; define it in a file") from None
+        if any(one.kind is not one.POSITIONAL_OR_KEYWORD for one in parameters.values()):
+            raise InputError(f"function {name!r} must take plain arguments named like the model's quantities")
+        if not name.isidentifier():
+            raise InputError(f"function {name!r} needs a name; a lambda has none")
+        return cls(name, tuple(parameters), source, hashlib.sha256(source.encode()).hexdigest(), function)
+
+
+@dataclass(frozen=True)
+class Force:
+    """A force term: a potential, or a component per coordinate."""
+
+    potential: Node | None = None
+    components: Mapping[str, Node | Function] = field(default_factory=dict)
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Measured data that the forces read, as a function of time, a coordinate or a velocity."""
+
+    table: Table
+    argument: str = "t"
+    interpolation: str = "linear"
+    outside: str = "error"
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A scalar function of the state whose zero is located."""
+
+    function: Node
+    direction: str = "either"
+    action: str = "record"
+    time_tolerance: Quantity = field(default_factory=lambda: Quantity(1e-12, Unit("s", TIME)))
+    description: str = ""

@@ -1,0 +1,230 @@
+"""From the words of a model file to the parts of a model, gathering every fault on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from xdynamics.expressions import Node, Number, parse
+from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.drives import INTERPOLATIONS, OUTSIDE, Table
+from xdynamics.model.parts import (
+    ACTIONS,
+    DIRECTIONS,
+    LATER_ACTIONS,
+    Coordinate,
+    Drive,
+    Event,
+    Force,
+    Function,
+    Parameter,
+    State,
+)
+from xdynamics.units import TIME, Quantity, Unit, parse_quantity, parse_unit
+
+SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
+            "initial", "events", "observables", "run")  # fmt: skip
+LATER_SECTIONS = ("contacts", "regimes")
+RUN_KEYS = ("method", "step", "until", "force_samples", "scales")
+
+Functions = Mapping[str, Callable[..., float]]
+
+
+def read(statement: Mapping[str, Any], path: Path, functions: Functions) -> dict[str, Any]:
+    """Read every section of a statement.
+
+    Raises
+    ------
+    ModelError
+        With every entry that cannot be read.
+    """
+    name = statement.get("name")
+    ledger = Ledger(f"model '{name or path}'", ModelError)
+    if not isinstance(name, str) or not name.strip():
+        ledger.note('name is missing; write name = "…" first')
+    for key in statement:
+        if key in LATER_SECTIONS:
+            ledger.note(f"[{key}] is not available in this version")
+        elif key not in SECTIONS:
+            ledger.note(f"[{key}] is no section{_near(key, SECTIONS)}")
+    sections = {key: _table(statement, key, ledger) for key in SECTIONS[2:]}
+    parts: dict[str, Any] = {"name": name, "description": str(statement.get("description", "")).strip()}
+
+    def entries(key: str, what: str, reader: Callable[[Any], Any]) -> dict[str, Any]:
+        found = {}
+        for one, given in sections[key].items():
+            with ledger.entry(f"{what} '{one}'"):
+                found[one] = reader(given)
+        return found
+
+    parts["coordinates"] = entries("coordinates", "coordinate", _coordinate)
+    parts["parameters"] = entries("parameters", "parameter", _parameter)
+    parts["definitions"] = entries("definitions", "definition", parse)
+    parts["drives"] = entries("drives", "drive", lambda given: _drive(given, path))
+    parts["states"] = entries("states", "state", _state)
+    parts["forces"] = entries("forces", "force", lambda given: _force(given, functions))
+    parts["events"] = entries("events", "event", _event)
+    parts["observables"] = entries("observables", "observable", parse)
+    parts["initial"] = {"t": Quantity(0.0, Unit("s", TIME)), **entries("initial", "initial value", parse_quantity)}
+    parts["run"] = _run(sections["run"], ledger)
+    with ledger.entry("mass"):
+        parts["mass"] = _mass(sections["mass"], list(parts["coordinates"]))
+    ledger.settle()
+    return parts
+
+
+def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[str, Any]:
+    section = statement.get(key, {})
+    if isinstance(section, Mapping):
+        return section
+    ledger.note(f"[{key}] must be a table of names, got {section!r}")
+    return {}
+
+
+def _coordinate(given: Any) -> Coordinate:
+    given = {"unit": given} if isinstance(given, str) else given
+    _keys(given, ("unit", "description"), needed=("unit",))
+    return Coordinate(parse_unit(given["unit"]), _text(given))
+
+
+def _parameter(given: Any) -> Parameter:
+    if not isinstance(given, Mapping):
+        return Parameter(parse_quantity(given))
+    _keys(given, ("value", "unit", "uncertainty", "description"), needed=("value",))
+    quantity = _in_unit(given["value"], given.get("unit"))
+    uncertainty = None
+    if "uncertainty" in given:
+        uncertainty = _in_unit(given["uncertainty"], quantity.unit.text)
+        if uncertainty.value < 0:
+            raise InputError(f"uncertainty {given['uncertainty']!r} must be non-negative")
+        if uncertainty.unit.dimension != quantity.unit.dimension:
+            raise InputError(f"uncertainty is in '{uncertainty.unit.dimension}', the value in '{quantity.unit.dimension}'")
+    return Parameter(quantity, uncertainty, _text(given))
+
+
+def _state(given: Any) -> State:
+    _keys(given, ("unit", "rate", "description"), needed=("unit", "rate"))
+    return State(parse_unit(given["unit"]), parse(given["rate"]), _text(given))
+
+
+def _force(given: Any, functions: Functions) -> Force:
+    if not isinstance(given, Mapping) or not given:
+        raise InputError(f"{given!r} needs a potential or a component per coordinate")
+    components = {key: value for key, value in given.items() if key not in ("potential", "description")}
+    if "potential" in given:
+        if components:
+            raise InputError(f"has a potential and the components {', '.join(components)}; write two forces")
+        return Force(parse(given["potential"]), {}, _text(given))
+    read: dict[str, Node | Function] = {}
+    for coordinate, value in components.items():
+        if callable(value):
+            read[coordinate] = Function.of(value)
+        elif isinstance(value, Mapping):
+            read[coordinate] = _function(value, functions)
+        else:
+            read[coordinate] = parse(value)
+    return Force(None, read, _text(given))
+
+
+def _function(given: Mapping[str, Any], functions: Functions) -> Function:
+    _keys(given, ("function", "arguments", "digest", "source"), needed=("function", "digest"))
+    name = given["function"]
+    kept = Function(name, tuple(given.get("arguments", ())), given.get("source", ""), given["digest"])
+    if name not in functions:
+        return kept
+    handed = Function.of(functions[name])
+    if handed.digest != kept.digest:
+        raise InputError(
+            f"function '{name}' handed over has digest {handed.digest[:12]}…, the model was made with {kept.digest[:12]}…"
+        )
+    return handed
+
+
+def _drive(given: Any, path: Path) -> Drive:
+    _keys(given, ("table", "csv", "argument", "interpolation", "outside", "description"), needed=("table",))
+    name = given["table"]
+    if not isinstance(name, str):
+        raise InputError(f"table {name!r} must be the name of a CSV file")
+    table = Table.parse(Path(name).name, given["csv"]) if "csv" in given else Table.read(path.parent / name)
+    return Drive(
+        table,
+        str(given.get("argument", "t")),
+        _choice(given, "interpolation", INTERPOLATIONS, "linear"),
+        _choice(given, "outside", OUTSIDE, "error"),
+        _text(given),
+    )
+
+
+def _event(given: Any) -> Event:
+    _keys(given, ("function", "direction", "action", "time_tolerance", "description"), needed=("function",))
+    action = given.get("action", "record")
+    if action in LATER_ACTIONS:
+        raise InputError(f"action '{action}' is not available in this version; there are {', '.join(ACTIONS)}")
+    tolerance = parse_quantity(given.get("time_tolerance", "1e-12 s"))
+    if tolerance.unit.dimension != TIME or tolerance.value <= 0:
+        raise InputError(f"time_tolerance is '{tolerance}', needs a positive time")
+    return Event(
+        parse(given["function"]),
+        _choice(given, "direction", DIRECTIONS, "either"),
+        _choice(given, "action", ACTIONS, "record"),
+        tolerance,
+        _text(given),
+    )
+
+
+def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node, ...], ...]:
+    """Read the mass matrix as rows, whether written by coordinate or as a matrix."""
+    if "matrix" in given and "matrix" not in coordinates:
+        rows = given["matrix"]
+        n = len(coordinates)
+        if len(given) > 1 or not isinstance(rows, list) or [len(row) for row in rows] != [n] * n:
+            raise InputError(f"matrix needs {n} rows of {n} entries, one for each of {', '.join(coordinates)}, and no other key")
+        return tuple(tuple(parse(str(entry)) for entry in row) for row in rows)
+    missing = [name for name in coordinates if name not in given]
+    unknown = [name for name in given if name not in coordinates]
+    if missing or unknown:
+        faults = [f"of coordinate '{name}' is missing" for name in missing]
+        raise InputError("; ".join(faults + [f"of '{name}', which is no coordinate" for name in unknown]))
+    zero = Number(0.0)
+    diagonal = [parse(str(given[name])) for name in coordinates]
+    return tuple(tuple(one if i == j else zero for j in range(len(diagonal))) for i, one in enumerate(diagonal))
+
+
+def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
+    for key in given:
+        if key not in RUN_KEYS:
+            ledger.note(f"[run] has no setting '{key}'{_near(key, RUN_KEYS)}")
+    return dict(given)
+
+
+def _in_unit(value: Any, unit: str | None) -> Quantity:
+    if isinstance(value, str) or unit is None:
+        return parse_quantity(value)
+    return parse_quantity(f"{parse_quantity(value).value!r} {unit}")
+
+
+def _keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
+    if not isinstance(given, Mapping):
+        raise InputError(f"{given!r} must be a table with {', '.join(needed)}")
+    faults = [f"key '{key}' is not known{_near(key, known)}" for key in given if key not in known]
+    faults += [f"key '{key}' is missing" for key in needed if key not in given]
+    if faults:
+        raise InputError("; ".join(faults))
+
+
+def _choice(given: Mapping[str, Any], key: str, known: tuple[str, ...], default: str) -> str:
+    value = given.get(key, default)
+    if value not in known:
+        raise InputError(f"{key} {value!r} is not known; there are {', '.join(known)}")
+    return str(value)
+
+
+def _text(given: Mapping[str, Any]) -> str:
+    return str(given.get("description", "")).strip()
+
+
+def _near(name: str, known: tuple[str, ...]) -> str:
+    near = get_close_matches(name, known, n=1)
+    return f"; did you mean '{near[0]}'?" if near else f"; there are {', '.join(known)}"

@@ -1,0 +1,95 @@
+"""A model as TOML text: everything it says, measured tables included."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from xdynamics.expressions import text_of
+from xdynamics.model.parts import Function
+from xdynamics.units import Quantity
+
+if TYPE_CHECKING:
+    from xdynamics.model.model import Model
+
+
+def write(model: Model) -> str:
+    """Return TOML from which the same model is read again."""
+    lines = [f"name = {_value(model.name)}"]
+    if model.description:
+        lines.append(f"description = {_value(model.description)}")
+    _section(lines, "coordinates", {name: _described({"unit": one.unit.text}, one) for name, one in model.coordinates.items()})
+    _section(lines, "parameters", {name: _parameter(one) for name, one in model.parameters.items()})
+    _section(lines, "mass", _mass(model))
+    _section(lines, "definitions", {name: text_of(node) for name, node in model.definitions.items()})
+    for name, force in model.forces.items():
+        body: dict[str, Any] = {} if force.potential is None else {"potential": text_of(force.potential)}
+        body |= {key: _component(one) for key, one in force.components.items()}
+        _section(lines, f"forces.{name}", _described(body, force))
+    for name, drive in model.drives.items():
+        body = {"table": drive.table.name, "argument": drive.argument, "interpolation": drive.interpolation}
+        body |= {"outside": drive.outside, "csv": drive.table.text}
+        _section(lines, f"drives.{name}", _described(body, drive))
+    for name, state in model.states.items():
+        _section(lines, f"states.{name}", _described({"unit": state.unit.text, "rate": text_of(state.rate)}, state))
+    _section(lines, "initial", {name: str(quantity) for name, quantity in model.initial.items()})
+    for name, event in model.events.items():
+        body = {"function": text_of(event.function), "direction": event.direction, "action": event.action}
+        _section(lines, f"events.{name}", _described(body | {"time_tolerance": str(event.time_tolerance)}, event))
+    _section(lines, "observables", {name: text_of(node) for name, node in model.observables.items()})
+    _section(lines, "run", model.run)
+    return "\n".join(lines) + "\n"
+
+
+def _section(lines: list[str], title: str, body: dict[str, Any]) -> None:
+    if body:
+        lines += ["", f"[{title}]", *(f"{key} = {_value(value)}" for key, value in body.items())]
+
+
+def _described(body: dict[str, Any], part: Any) -> dict[str, Any]:
+    return body | ({"description": part.description} if part.description else {})
+
+
+def _parameter(part: Any) -> str | dict[str, Any]:
+    if part.uncertainty is None and not part.description:
+        return str(part.quantity)
+    body: dict[str, Any] = {"value": part.quantity.value, "unit": part.quantity.unit.text}
+    if part.uncertainty is not None:
+        same = part.uncertainty.unit.text == part.quantity.unit.text
+        body["uncertainty"] = part.uncertainty.value if same else str(part.uncertainty)
+    return _described(body, part)
+
+
+def _mass(model: Model) -> dict[str, Any]:
+    if model.mass_is_full:
+        return {"matrix": [[text_of(entry) for entry in row] for row in model.mass]}
+    return {name: text_of(model.mass[i][i]) for i, name in enumerate(model.coordinates)}
+
+
+def _component(component: Any) -> Any:
+    if not isinstance(component, Function):
+        return text_of(component)
+    return {
+        "function": component.name,
+        "arguments": list(component.arguments),
+        "digest": component.digest,
+        "source": component.source,
+    }
+
+
+def _value(value: Any) -> str:
+    """Print one TOML value; a text of several lines stands as it is, in a literal block."""
+    if isinstance(value, str):
+        printable = all(" " <= one != "\x7f" or one in "\n\t" for one in value)
+        if "\n" in value and "'''" not in value and not value.endswith("'") and printable:
+            return f"'''\n{value}'''"
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, Quantity):
+        return _value(str(value))
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_value(one) for one in value)}]"
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_value(one)}' for key, one in value.items())} }}"
+    return repr(value)

@@ -1,0 +1,56 @@
+"""What a model has that a method may refuse, each with the term that has it."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from xdynamics.model.model import Model
+
+
+class Trait(StrEnum):
+    """A property of the right-hand side; the value is the phrase for messages and tables."""
+
+    VELOCITY_DEPENDENT = "velocity-dependent forces"
+    COUPLED_MASS = "a non-diagonal mass matrix that depends on coordinates"
+    COUPLED_STATES = "first-order states coupled to the motion"
+    NO_COORDINATES = "models without coordinates"
+
+
+def traits_of(model: Model) -> dict[Trait, str]:
+    """Return the traits a model has, each with the sentence that says where."""
+    found: dict[Trait, str] = {}
+    if not model.coordinates:
+        found[Trait.NO_COORDINATES] = "the model has first-order states only"
+    velocities = {f"v_{name}" for name in model.coordinates}
+    motion = velocities | set(model.coordinates)
+    for label, used in _right_hand_side(model):
+        if fault := used & velocities:
+            found.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_listed(fault)}")
+        if fault := used & set(model.states):
+            found.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_listed(fault)}")
+    if model.mass_is_full:
+        for i, row in enumerate(model.mass):
+            for j, entry in enumerate(row):
+                if fault := model.reads(entry) & set(model.coordinates):
+                    found.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_listed(fault)}")
+    for name, state in model.states.items():
+        if fault := model.reads(state.rate) & (motion | set(model.states)):
+            found.setdefault(Trait.COUPLED_STATES, f"the rate of '{name}' depends on {_listed(fault)}")
+    return found
+
+
+def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
+    """Every force component and mass entry, with the names that it reads."""
+    forces = [
+        (f"force '{term}' of '{coordinate}'", model.reads(expression))
+        for term, components in model.force_components.items()
+        for coordinate, expression in components.items()
+    ]
+    masses = [("the mass", model.reads(entry)) for row in model.mass for entry in row]
+    return forces + masses
+
+
+def _listed(names: set[str]) -> str:
+    return ", ".join(sorted(names))

@@ -1,0 +1,211 @@
+"""The words of the record: dimensions, variables, flags, attributes. They are written here and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+SCHEMA_VERSION = "1"
+CONVENTIONS = "CF-1.11 ACDD-1.3 xdynamics-1"
+
+STEPS, TRIALS, EVENTS, SAMPLES, BOUNDS = "step", "trial", "event", "sample", "bound"
+DIMENSIONS = {
+    STEPS: "accepted states, the initial one first",
+    TRIALS: "rejected trials",
+    EVENTS: "located events, in order",
+    SAMPLES: "force evaluations of the accepted steps",
+    BOUNDS: "left and right end of a bracket",
+}
+
+ROW_KINDS = ("initial", "step", "node", "event_before", "event_after")
+INITIAL, STEP, NODE, EVENT_BEFORE, EVENT_AFTER = range(5)
+TRIAL_REASONS = ("error_test", "nonfinite_force", "domain", "contact_solve", "event_substep")
+REASON_NONFINITE, REASON_EVENT = 1, 4
+EVENT_KINDS = ("crossing", "touch", "jump", "impact", "regime_switch")
+CROSSING = 0
+EVENT_DIRECTIONS = {-1: "falling", 1: "rising"}
+ONLY_REGIME = "motion"
+
+ENERGIES = {
+    "kinetic_energy": "kinetic energy v.M.v/2",
+    "potential_energy": "potential energy of the forces that have one",
+    "total_energy": "kinetic and potential energy",
+}
+
+# facts about when and where a run was made: in the archive, out of every digest but the one of their own
+VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba_version", "llvmlite_version",
+            "xarray_version", "cpu_name", "cpu_features", "wall_time", "xdynamics_version", "volatile_digest")  # fmt: skip
+REQUIRED_ATTRIBUTES = (
+    "Conventions", "title", "summary", "source", "history", "date_created", "xdynamics_version", "schema_version",
+    "solver_method", "solver_order", "solver_update_equations", "solver_update_order", "solver_interpolation",
+    "solver_event_root_method", "precision", "math_functions", "run_outcome", "run_outcome_text", "model_digest",
+    "force_digest",
+)  # fmt: skip
+DIGEST, ROOT_DIGEST, VOLATILE_DIGEST = "sha256", "content_digest", "volatile_digest"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of a record.
+
+    Attributes
+    ----------
+    name : str
+    dims : tuple of str
+    dtype : str
+        numpy's short name: ``f8``, ``i1``, ``i8``, ``U`` for text.
+    units : str
+        UDUNITS spelling.
+    long_name : str
+    role : str
+        What it is to the model: ``coordinate``, ``velocity``, ``force`` …
+    more : dict
+        Further attributes.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    dtype: str
+    units: str
+    long_name: str
+    role: str
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """The variable's attributes in a record; a text has no units."""
+        units = {} if self.dtype == "U" else {"units": self.units}
+        return units | {"long_name": self.long_name, "role": self.role} | dict(self.more)
+
+
+def flags(words: Mapping[int, str]) -> dict[str, Any]:
+    """Return the CF attributes of a flag variable."""
+    import numpy as np
+
+    return {"flag_values": np.array(list(words), np.int8), "flag_meanings": " ".join(words.values())}
+
+
+def velocity(name: str) -> str:
+    """Name the velocity of a coordinate."""
+    return f"v_{name}"
+
+
+def acceleration(name: str) -> str:
+    """Name the acceleration of a coordinate."""
+    return f"a_{name}"
+
+
+def force(term: str, coordinate: str) -> str:
+    """Name a force term's component."""
+    return f"force_{term}_{coordinate}"
+
+
+def rate(name: str) -> str:
+    """Name the rate of a first-order state."""
+    return f"rate_{name}"
+
+
+def sampled(name: str) -> str:
+    """Name what a force evaluation used or gave."""
+    return f"sample_{name}"
+
+
+FIXED_STEPS = (
+    Variable("time", (STEPS,), "f8", "s", "time of the accepted state", "time"),
+    Variable("step_size", (STEPS,), "f8", "s", "step used to reach the state; 0 for the initial one and after an event", "step_size"),
+    Variable("row_kind", (STEPS,), "i1", "1", "how the state was reached", "flag", flags(dict(enumerate(ROW_KINDS)))),
+)  # fmt: skip
+FIXED_TRIALS = (
+    Variable("trial_time", (TRIALS,), "f8", "s", "time that the rejected trial started from", "trial"),
+    Variable("trial_step", (TRIALS,), "i8", "1", "row of `step` that the rejected trial started from", "trial"),
+    Variable("trial_step_size", (TRIALS,), "f8", "s", "step of the rejected trial", "trial"),
+    Variable("trial_error_norm", (TRIALS,), "f8", "1", "scaled local error norm of the rejected trial; nan where the method makes no estimate", "trial"),
+    Variable("trial_reason", (TRIALS,), "i1", "1", "why the trial was rejected", "flag", flags(dict(enumerate(TRIAL_REASONS)))),
+)  # fmt: skip
+FIXED_EVENTS = (
+    Variable("event_time", (EVENTS,), "f8", "s", "accepted time of the event", "event", {"bounds": "event_time_bounds"}),
+    Variable("event_time_bounds", (EVENTS, BOUNDS), "f8", "s", "final bracket of the event time", "event"),
+    Variable("event_time_uncertainty", (EVENTS,), "f8", "s", "bracket width, residual over time derivative, and interpolation part (0: substeps are re-integrated)", "event"),
+    Variable("event_row_before", (EVENTS,), "i8", "1", "row of `step` with the state before the event", "event"),
+    Variable("event_row_after", (EVENTS,), "i8", "1", "row of `step` with the state after the event", "event"),
+    Variable("event_kind", (EVENTS,), "i1", "1", "kind of the event", "flag", flags(dict(enumerate(EVENT_KINDS)))),
+    Variable("event_direction", (EVENTS,), "i1", "1", "direction in which the event function passed zero", "flag", flags(EVENT_DIRECTIONS)),
+)  # fmt: skip
+FIXED_SAMPLES = (
+    Variable("sample_time", (SAMPLES,), "f8", "s", "time at which the force was evaluated", "sample"),
+    Variable("sample_step", (SAMPLES,), "i8", "1", "row of `step` that the evaluation led to", "sample"),
+    Variable("sample_stage", (SAMPLES,), "i1", "1", "evaluation within the step, from 1; 0 at the start and behind a node of a drive", "sample"),
+)  # fmt: skip
+TEXTS = (
+    Variable("model_toml", (), "U", "", "the whole model as TOML", "model"),
+    Variable("force_source", (), "U", "", "generated source of the compiled march, and the source of Python forces", "model"),
+)  # fmt: skip
+FIXED = (*FIXED_STEPS, *FIXED_TRIALS, *FIXED_EVENTS, *FIXED_SAMPLES, *TEXTS)
+OTHER_NAMES = ("regime", "event_detector", "event_residual", "error_norm", *ENERGIES, *DIMENSIONS)
+
+
+def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield every name that the record of a model uses, each with what claims it."""
+    for variable in FIXED:
+        yield variable.name, "the record"
+    for name in OTHER_NAMES:
+        yield name, "the record"
+    for name in parts["parameters"]:
+        yield name, f"parameter '{name}'"
+    for name in parts["definitions"]:
+        yield name, f"definition '{name}'"
+    for name in parts["observables"]:
+        yield name, f"observable '{name}'"
+    for name in parts["drives"]:
+        yield name, f"drive '{name}'"
+        yield sampled(name), f"drive '{name}'"
+    for name in parts["coordinates"]:
+        owner = f"coordinate '{name}'"
+        for one in (name, velocity(name), sampled(name), sampled(velocity(name)), f"error_{name}", f"error_v_{name}",
+                    acceleration(name), f"event_impulse_{name}", f"event_offset_{name}"):  # fmt: skip
+            yield one, owner
+    for name in parts["states"]:
+        for one in (name, rate(name), sampled(name), f"error_{name}"):
+            yield one, f"state '{name}'"
+    for term, one_force in parts["forces"].items():
+        for name in one_force.components or parts["coordinates"]:
+            yield force(term, name), f"force '{term}'"
+            yield sampled(force(term, name)), f"force '{term}'"
+
+
+def faults_of(dataset: Any) -> list[str]:
+    """List how a Dataset departs from the schema; an empty list is a valid record."""
+    faults = [f"attribute '{name}' is missing" for name in REQUIRED_ATTRIBUTES if name not in dataset.attrs]
+    named = {variable.name: variable for variable in FIXED}
+    for variable in FIXED:
+        if variable.dims == (SAMPLES,) and SAMPLES not in dataset.dims:
+            continue
+        if variable.name not in dataset.variables:
+            faults.append(f"variable '{variable.name}' is missing")
+    for name, found in dataset.variables.items():
+        expected = named.get(name)
+        if expected and tuple(found.dims) != expected.dims:
+            faults.append(f"variable '{name}' has dims {tuple(found.dims)}, needs {expected.dims}")
+        for attribute in ("units", "long_name", "role"):
+            is_text = found.dtype.kind in "UOT"
+            if attribute not in found.attrs and not (attribute == "units" and is_text):
+                faults.append(f"variable '{name}' has no attribute '{attribute}'")
+        if expected and "units" in found.attrs and found.attrs["units"] != expected.units:
+            faults.append(f"variable '{name}' has units '{found.attrs['units']}', needs '{expected.units}'")
+    return faults + _time_faults(dataset)
+
+
+def _time_faults(dataset: Any) -> list[str]:
+    """Check that time never decreases, and repeats only at an event's pair."""
+    if "time" not in dataset.variables or "row_kind" not in dataset.variables:
+        return []
+    import numpy as np
+
+    time, kind = np.asarray(dataset["time"]), np.asarray(dataset["row_kind"])
+    gaps = np.diff(time)
+    wrong = np.flatnonzero((gaps < 0) | ((gaps == 0) & (kind[1:] != EVENT_AFTER)) | np.isnan(gaps))
+    if not wrong.size:
+        return []
+    row = int(wrong[0]) + 1
+    return [f"variable 'time' goes from {time[row - 1]!r} to {time[row]!r} at row {row}: it must increase, but at an event's pair"]

@@ -1,0 +1,323 @@
+"""Units: UDUNITS spelling in and out, dimensions, exact conversion to SI, scales.
+
+pint is the dictionary of unit names and nothing else: text is taken apart here, under limits, and pint is
+only ever asked for a single name. Conversion factors are exact fractions, so that ``"1 ms"``, ``"1e-3 s"``
+and ``0.001`` seconds are the same float.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from math import isfinite
+from typing import Any
+
+from xdynamics.faults import InputError
+
+BASE = ("kg", "m", "s", "A", "K", "mol", "cd")
+LONGEST_TEXT = 200
+LARGEST_EXPONENT = 16
+
+# pint's name of a unit -> how UDUNITS spells it, where both mean the same size (a year and an electronvolt
+# differ); a unit outside this table has no place in a record
+SPELLING = {
+    "meter": "m", "gram": "g", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd",
+    "radian": "rad", "degree": "degree", "newton": "N", "joule": "J", "watt": "W", "pascal": "Pa", "hertz": "Hz",
+    "volt": "V", "coulomb": "C", "ohm": "ohm", "farad": "F", "tesla": "T", "weber": "Wb", "henry": "H",
+    "siemens": "S", "minute": "min", "hour": "h", "day": "d", "liter": "L", "bar": "bar",
+    "astronomical_unit": "astronomical_unit", "inch": "inch", "foot": "foot", "mile": "mile",
+    "pound": "lb", "force_pound": "lbf", "percent": "percent", "metric_ton": "tonne",
+}  # fmt: skip
+PREFIX = {"": "", "kilo": "k", "milli": "m", "micro": "u", "nano": "n", "pico": "p", "centi": "c", "deci": "d",
+          "hecto": "h", "mega": "M", "giga": "G", "tera": "T", "femto": "f"}  # fmt: skip
+# unit names that are constants of the expression language: no number there is without a unit
+CONSTANTS = ("metre", "meter", "second", "kilogram", "gram", "ampere", "kelvin", "mole", "candela", "radian",
+             "degree", "newton", "joule", "watt", "pascal", "hertz", "volt", "coulomb", "ohm", "farad", "tesla",
+             "minute", "hour", "day")  # fmt: skip
+
+_FACTOR = re.compile(r"(?P<name>[A-Za-z_]+|1)(?:(?:\^|\*\*)?(?P<exponent>[+-]?\d{1,3}))?")
+_BETWEEN = re.compile(r"\s*(?P<by>/|\*(?!\*)|\.|\s)\s*")
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,4})?")
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """Powers of the SI base units, in the order of `BASE`; an angle has none."""
+
+    powers: tuple[Fraction, ...] = (Fraction(0),) * len(BASE)
+
+    def __mul__(self, other: Dimension) -> Dimension:
+        return Dimension(tuple(a + b for a, b in zip(self.powers, other.powers, strict=True)))
+
+    def __truediv__(self, other: Dimension) -> Dimension:
+        return Dimension(tuple(a - b for a, b in zip(self.powers, other.powers, strict=True)))
+
+    def __pow__(self, exponent: Fraction | int) -> Dimension:
+        return Dimension(tuple(power * exponent for power in self.powers))
+
+    def __str__(self) -> str:
+        """In base units, with the derived unit's name where there is one: ``kg m s-2 (N)``."""
+        parts = [base + ("" if power == 1 else str(power)) for base, power in zip(BASE, self.powers, strict=True) if power]
+        name = _DERIVED.get(self)
+        return (" ".join(parts) or "1") + (f" ({name})" if name else "")
+
+
+NONE = Dimension()
+
+
+def _base(**powers: int) -> Dimension:
+    return Dimension(tuple(Fraction(powers.get(base, 0)) for base in BASE))
+
+
+TIME = _base(s=1)
+ENERGY = _base(kg=1, m=2, s=-2)
+_DERIVED: dict[Dimension, str] = {
+    _base(kg=1, m=1, s=-2): "N", ENERGY: "J", _base(kg=1, m=2, s=-3): "W", _base(kg=1, m=-1, s=-2): "Pa",
+    _base(A=1, s=1): "C", _base(kg=1, m=2, s=-3, A=-1): "V",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit in UDUNITS spelling.
+
+    Attributes
+    ----------
+    text : str
+        The spelling a record carries: ``kg m-1``.
+    dimension : Dimension
+    factor : Fraction
+        SI units in one of these, exact (pi to 50 digits for a degree).
+    """
+
+    text: str
+    dimension: Dimension
+    factor: Fraction = Fraction(1)
+
+    def per_second(self, times: int = 1) -> Unit:
+        """Return the unit of this quantity's rate: ``m`` gives ``m s-1``, ``m s-2``."""
+        text = f"s-{times}" if self.text == "1" else f"{self.text} s-{times}"
+        return Unit(text, self.dimension / TIME**times, self.factor)
+
+    def to_si(self, value: float) -> float:
+        """Convert a number of these units to SI, correctly rounded."""
+        return value if self.factor == 1 else float(Fraction(repr(float(value))) * self.factor)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A finite number with its unit, as it was written."""
+
+    value: float
+    unit: Unit
+
+    @property
+    def si(self) -> float:
+        """The value in SI units, correctly rounded."""
+        return self.unit.to_si(self.value)
+
+    def __str__(self) -> str:
+        return f"{self.value!r} {self.unit.text}"
+
+
+def spell(dimension: Dimension, *, angle: bool = False) -> Unit:
+    """Return the SI unit of a dimension, spelled for a record; a torque (`angle`) is ``N m``.
+
+    Raises
+    ------
+    InputError
+        If a power is no whole number, which UDUNITS cannot spell.
+    """
+    if any(power.denominator != 1 for power in dimension.powers):
+        raise InputError(f"units '{dimension}' have a fractional power, which a record cannot spell")
+    if angle and dimension == ENERGY:
+        return Unit("N m", dimension)
+    base = str(dimension).split(" (")[0]
+    return Unit(_DERIVED.get(dimension, base), dimension)
+
+
+def parse_unit(text: str) -> Unit:
+    """Read a unit: factors with whole powers, ``kg m-1``, ``m s^-2``, ``N*s/m``, ``1``.
+
+    Raises
+    ------
+    InputError
+        If the text is too long, has characters or powers that units do not have, or names an unknown unit.
+
+    Examples
+    --------
+    >>> parse_unit("N s/m").dimension == parse_unit("kg s-1").dimension
+    True
+    >>> parse_unit("m/s**2").text
+    'm s-2'
+    """
+    if not isinstance(text, str):
+        raise InputError(f"unit {text!r} is no text; write it like 'm s-1'")
+    shown = repr(text if len(text) <= 40 else text[:40] + "…")
+    if len(text) > LONGEST_TEXT:
+        raise InputError(f"unit {shown} has {len(text)} characters, {LONGEST_TEXT} at most")
+    dimension, factor, position, sign = NONE, Fraction(1), 0, 1
+    powers: dict[str, int] = {}
+    stripped = text.strip()
+    if not stripped:
+        raise InputError("unit is empty; a pure number has the unit '1'")
+    while True:
+        found = _FACTOR.match(stripped, position)
+        if not found:
+            raise InputError(
+                f"unit {shown} cannot be read at column {position + 1}; write factors with whole powers, like 'kg m-1'"
+            )
+        exponent = sign * int(found["exponent"] or 1)
+        if not 0 < abs(exponent) <= LARGEST_EXPONENT:
+            raise InputError(f"unit {shown} has the power {exponent}, needs 1 to {LARGEST_EXPONENT} in size")
+        if found["name"] != "1":
+            spelling, one_dimension, one_factor = _named(found["name"])
+            powers[spelling] = powers.get(spelling, 0) + exponent
+            dimension, factor = dimension * one_dimension**exponent, factor * one_factor**exponent
+        position = found.end()
+        if position == len(stripped):
+            break
+        between = _BETWEEN.match(stripped, position)
+        if not between:
+            raise InputError(f"unit {shown} cannot be read at column {position + 1}, near {stripped[position]!r}")
+        sign = -1 if between["by"] == "/" else 1
+        position = between.end()
+    parts = [name + ("" if power == 1 else str(power)) for name, power in powers.items() if power]
+    return Unit(" ".join(parts) or "1", dimension, factor)
+
+
+def parse_quantity(given: Any) -> Quantity:
+    """Read ``"0.145 kg"``, a bare number (unit ``1``) or a pint quantity.
+
+    Raises
+    ------
+    InputError
+        If the number is missing or not finite, or the unit cannot be read.
+
+    Examples
+    --------
+    >>> parse_quantity("10.8 g").si
+    0.0108
+    """
+    if hasattr(given, "magnitude") and hasattr(given, "unit_items"):
+        text = " ".join(f"{name}{power}" for name, power in given.unit_items()) or "1"
+        return _quantity(float(given.magnitude), text, repr(str(given)))
+    if isinstance(given, bool) or not isinstance(given, str | int | float):
+        raise InputError(f"quantity {given!r} is no number with a unit; write it like '0.145 kg'")
+    if not isinstance(given, str):
+        return _quantity(float(given), "1", repr(given))
+    text = given.strip()
+    shown = repr(text if len(text) <= 40 else text[:40] + "…")
+    if len(text) > LONGEST_TEXT:
+        raise InputError(f"quantity {shown} has {len(text)} characters, {LONGEST_TEXT} at most")
+    found = _NUMBER.match(text)
+    if not found:
+        raise InputError(f"quantity {shown} does not start with a finite number; write it like '0.145 kg'")
+    return _quantity(float(found[0]), text[found.end():] or "1", shown)
+
+
+def parse_time(given: Any, what: str) -> float:
+    """Read a time and return seconds; a bare number is seconds.
+
+    Raises
+    ------
+    InputError
+        If `given` is no finite time; the message names `what`.
+    """
+    try:
+        quantity = parse_quantity(given)
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from None
+    bare = isinstance(given, int | float)
+    if not bare and quantity.unit.dimension != TIME:
+        raise InputError(f"{what} {given!r} has units '{quantity.unit.dimension}', needs 's'")
+    return quantity.si
+
+
+def constant(name: str) -> Unit:
+    """Return the unit that a unit constant of the expression language stands for."""
+    spelling, dimension, factor = _named(name)
+    return Unit(spelling, dimension, factor)
+
+
+def _quantity(value: float, unit: str, shown: str) -> Quantity:
+    if not isfinite(value):
+        raise InputError(f"quantity {shown} is not finite")
+    return Quantity(value, parse_unit(unit))
+
+
+@lru_cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Fraction)
+
+
+@lru_cache(maxsize=512)
+def _named(name: str) -> tuple[str, Dimension, Fraction]:
+    """Look one unit name up: its spelling, dimension and exact SI factor."""
+    if name == "kg":  # the one base unit with a prefix, and the most common name of all
+        return "kg", _base(kg=1), Fraction(1)
+    if name in BASE:
+        return name, _base(**{name: 1}), Fraction(1)
+    if name == "rad":
+        return "rad", NONE, Fraction(1)
+    if len(name) > 40:
+        raise InputError(f"unit '{name[:40]}…' is not known")
+    registry = _registry()
+    readings = registry.parse_unit_name(name)
+    prefix, unit, _ = readings[0] if readings else ("", "", "")
+    if unit not in SPELLING or prefix not in PREFIX:
+        raise InputError(f"unit '{name}' is not known; use SI names and symbols, like 'm', 'kg', 'degree'")
+    factor, _ = registry.get_base_units(prefix + unit)
+    powers = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[temperature]": "K",
+              "[substance]": "mol", "[luminosity]": "cd"}  # fmt: skip
+    base = {powers[key]: int(power) for key, power in registry.get_dimensionality(prefix + unit).items()}
+    return PREFIX[prefix] + SPELLING[unit], _base(**base), Fraction(factor)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Length, time and mass that count as one inside a march in nondimensional variables, in SI units."""
+
+    length: float = 1.0
+    time: float = 1.0
+    mass: float = 1.0
+
+    @classmethod
+    def parse(cls, given: dict[str, Any] | None) -> Scales:
+        """Read ``{"length": "1 astronomical_unit", …}``; scales not given are one SI unit.
+
+        Raises
+        ------
+        InputError
+            If a scale is unknown, has the wrong dimension or is not positive.
+        """
+        needed = {"length": _base(m=1), "time": TIME, "mass": _base(kg=1)}
+        values = {}
+        for name, text in (given or {}).items():
+            if name not in needed:
+                raise InputError(f"scale {name!r} is not known; there are length, time and mass")
+            quantity = parse_quantity(text)
+            if quantity.unit.dimension != needed[name] or quantity.si <= 0:
+                raise InputError(f"{name} scale is {text!r}, needs a positive quantity in '{needed[name]}'")
+            values[name] = quantity.si
+        return cls(**values)
+
+    def of(self, dimension: Dimension) -> float:
+        """SI units in one nondimensional unit of a dimension, by multiplication and square roots only."""
+        kilogram, metre, second = dimension.powers[:3]
+        return _power(self.mass, kilogram) * _power(self.length, metre) * _power(self.time, second)
+
+
+def _power(base: float, exponent: Fraction) -> float:
+    if base == 1.0 or exponent == 0:
+        return 1.0
+    if exponent.denominator == 2:
+        return float(_power(base, Fraction(exponent.numerator)) ** 0.5)
+    result = 1.0
+    for _ in range(abs(int(exponent))):
+        result *= base
+    return result if exponent > 0 else 1.0 / result
