@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from llvmlite import ir
 from numba import njit
+from numba.extending import intrinsic
 
 # fastmath stays off and "numpy" makes 1/0 an infinity instead of an exception: the march judges it
 OPTIONS = {"error_model": "numpy", "fastmath": False, "nogil": True}
 
 # called from compiled code only: without a way in from Python it compiles twice as fast
-compiled = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)
+compiled = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)
 entry = njit(cache=True, **OPTIONS)
 entry_in_memory = njit(**OPTIONS)
+
+
+@intrinsic
+def borrowed(_typing: Any, array: Any) -> Any:
+    """Return an array without its reference count, for loops that would count it up and down at every step.
+
+    The caller of the compiled code holds the array; nothing inside keeps it.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        view = context.make_array(signature.return_type)(context, builder, arguments[0])
+        for counted in ("meminfo", "parent"):
+            setattr(view, counted, ir.Constant(getattr(view, counted).type, None))
+        return view._getvalue()  # noqa: SLF001 - how numba's own intrinsics end
+
+    return array(array), generate

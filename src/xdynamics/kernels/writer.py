@@ -17,10 +17,10 @@ _HEADER = '''"""{title}
 Written by xdynamics from the model and the method; not meant to be edited.
 """
 
-from xdynamics.kernels.compiling import compiled, {entry}
+from xdynamics.kernels.compiling import borrowed, compiled, {entry}
 from xdynamics.kernels.elementary import *
 from xdynamics.kernels.tables import find_piece, piece_after, slope_at, value_at
-from xdynamics.march.binding import bind
+from xdynamics.march.binding import bind, lend_log, lend_plan
 
 '''
 _ENTRY = '''
@@ -30,7 +30,8 @@ march = bind("march", globals())
 @{entry}
 def run(_plan, _memory, _log, _base, _pause):
     """March until the log is full, a pause is due or the run ends."""
-    return march(_plan, _memory, _log, _base, _pause)
+    _tables = {tables}
+    return march(lend_plan(_plan, _tables), _memory, lend_log(_log), _base, _pause)
 '''
 
 
@@ -58,7 +59,7 @@ def write_source(model: Model, method: Method, *, samples: bool) -> str:
         write.event_functions("slopes", {name: model.rate_of(one.function) for name, one in model.events.items()}),
         write.note(),
         write.pieces(),
-        _ENTRY.format(entry="entry" if disk else "entry_in_memory"),
+        _ENTRY.format(entry="entry" if disk else "entry_in_memory", tables=write.tables()),
     ]  # fmt: skip
     return "\n".join(parts)
 
@@ -169,6 +170,11 @@ class _Writer:
         drives = self.layout.drives
         found = [f"piece_after(t, _tables[{drives.index(name)}])" for name in self.layout.time_drives]
         return _function("pieces_at(t, _tables)", "The piece of every drive of time, from t on.", [f"return {_tuple(found)}"])
+
+    def tables(self) -> str:
+        """Borrow the arrays of the measured tables."""
+        pairs = [f"_plan.tables[{i}]" for i in range(len(self.layout.drives))]
+        return _tuple(f"(borrowed({pair}[0]), borrowed({pair}[1]))" for pair in pairs)
 
     def _accelerations(self, arithmetic: Arithmetic, masses: list[list[Node]]) -> None:
         """Solve M a = F: by division where M is diagonal, else by its factors L D L^T, written out."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import FunctionType, ModuleType
 from typing import Any
 
-from xdynamics.kernels.compiling import compiled
+from xdynamics.kernels.compiling import borrowed, compiled
 from xdynamics.march import events, log, loop
 
 ROOMS: tuple[ModuleType, ...] = (log, events, loop)
@@ -37,3 +37,17 @@ def bind(name: str, generated: dict[str, Any]) -> Any:
 def _functions_of(room: ModuleType) -> list[tuple[str, FunctionType]]:
     mine = [(key, one) for key, one in vars(room).items() if isinstance(one, FunctionType)]
     return [(key, one) for key, one in mine if one.__module__ == room.__name__ and not one.__code__.co_flags & 0x20]
+
+
+@compiled
+def lend_plan(plan: log.Plan, tables: Any) -> log.Plan:
+    """Return the plan with arrays that are not counted."""
+    return log.Plan(plan.start, plan.step_size, borrowed(plan.nodes), plan.snap, plan.directions, plan.tolerances,
+                    plan.stops, plan.parameters, tables, plan.sampled)  # fmt: skip
+
+
+@compiled
+def lend_log(blocks: log.Log) -> log.Log:
+    """Return the log with arrays that are not counted."""
+    return log.Log(borrowed(blocks.rows), borrowed(blocks.row_flags), borrowed(blocks.samples),
+                   borrowed(blocks.trials), borrowed(blocks.events), borrowed(blocks.lows))  # fmt: skip
