@@ -1,1 +1,47 @@
-"""Numerical dynamics as self-describing xarray datasets."""
+"""Numerical dynamics as self-describing xarray datasets.
+
+>>> import xdynamics as xd
+>>> model = xd.Model.from_toml("data/models/ball_drag.toml")
+>>> run = xd.simulate(model, until="1 s")
+>>> run.attrs["run_outcome"]
+'completed'
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from xdynamics.archive import content_digest, open_run, save, verify
+    from xdynamics.comparison import compare
+    from xdynamics.faults import ArchiveError, InputError, ModelError
+    from xdynamics.figures import plot
+    from xdynamics.methods import METHODS
+    from xdynamics.model import Model
+    from xdynamics.record import check
+    from xdynamics.simulation import reproduce, simulate
+
+# public name -> the room it lives in, entered when the name is first used
+_ROOMS = {
+    "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults",
+    "check": "record", "compare": "comparison", "content_digest": "archive", "open_run": "archive", "plot": "figures",
+    "reproduce": "simulation", "save": "archive", "simulate": "simulation", "verify": "archive",
+}  # fmt: skip
+
+__all__ = [
+    "METHODS", "ArchiveError", "InputError", "Model", "ModelError", "check", "compare", "content_digest", "open_run",
+    "plot", "reproduce", "save", "simulate", "verify",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ROOMS:
+        raise AttributeError(f"module 'xdynamics' has no attribute {name!r}")
+    value = getattr(import_module(f"xdynamics.{_ROOMS[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

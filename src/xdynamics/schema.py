@@ -74,9 +74,8 @@ class Variable:
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """The variable's attributes in a record; a text has no units."""
-        units = {} if self.dtype == "U" else {"units": self.units}
-        return units | {"long_name": self.long_name, "role": self.role} | dict(self.more)
+        """The variable's attributes in a record."""
+        return {"units": self.units, "long_name": self.long_name, "role": self.role} | dict(self.more)
 
 
 def flags(words: Mapping[int, str]) -> dict[str, Any]:
@@ -124,7 +123,7 @@ FIXED_TRIALS = (
     Variable("trial_reason", (TRIALS,), "i1", "1", "why the trial was rejected", "flag", flags(dict(enumerate(TRIAL_REASONS)))),
 )  # fmt: skip
 FIXED_EVENTS = (
-    Variable("event_time", (EVENTS,), "f8", "s", "accepted time of the event", "event", {"bounds": "event_time_bounds"}),
+    Variable("event_time", (EVENTS,), "f8", "s", "accepted time of the event: the right end of its bracket", "event", {"ancillary_variables": "event_time_uncertainty"}),
     Variable("event_time_bounds", (EVENTS, BOUNDS), "f8", "s", "final bracket of the event time", "event"),
     Variable("event_time_uncertainty", (EVENTS,), "f8", "s", "bracket width, residual over time derivative, and interpolation part (0: substeps are re-integrated)", "event"),
     Variable("event_row_before", (EVENTS,), "i8", "1", "row of `step` with the state before the event", "event"),
@@ -138,8 +137,8 @@ FIXED_SAMPLES = (
     Variable("sample_stage", (SAMPLES,), "i1", "1", "evaluation within the step, from 1; 0 at the start and behind a node of a drive", "sample"),
 )  # fmt: skip
 TEXTS = (
-    Variable("model_toml", (), "U", "", "the whole model as TOML", "model"),
-    Variable("force_source", (), "U", "", "generated source of the compiled march, and the source of Python forces", "model"),
+    Variable("model_toml", (), "U", "1", "the whole model as TOML", "model"),
+    Variable("force_source", (), "U", "1", "generated source of the compiled march, and the source of Python forces", "model"),
 )  # fmt: skip
 FIXED = (*FIXED_STEPS, *FIXED_TRIALS, *FIXED_EVENTS, *FIXED_SAMPLES, *TEXTS)
 OTHER_NAMES = ("regime", "event_detector", "event_residual", "error_norm", *ENERGIES, *DIMENSIONS)
@@ -188,8 +187,7 @@ def faults_of(dataset: Any) -> list[str]:
         if expected and tuple(found.dims) != expected.dims:
             faults.append(f"variable '{name}' has dims {tuple(found.dims)}, needs {expected.dims}")
         for attribute in ("units", "long_name", "role"):
-            is_text = found.dtype.kind in "UOT"
-            if attribute not in found.attrs and not (attribute == "units" and is_text):
+            if attribute not in found.attrs:
                 faults.append(f"variable '{name}' has no attribute '{attribute}'")
         if expected and "units" in found.attrs and found.attrs["units"] != expected.units:
             faults.append(f"variable '{name}' has units '{found.attrs['units']}', needs '{expected.units}'")

@@ -1,0 +1,405 @@
+"""Runs in files: written whole or not at all, with a digest for everything, checked on opening."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from math import prod
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import record
+from xdynamics.faults import ArchiveError
+from xdynamics.march import Block, March
+from xdynamics.record import own_attributes, plain
+from xdynamics.schema import BOUNDS, DIGEST, EVENTS, ROOT_DIGEST, SAMPLES, STEPS, TRIALS, VOLATILE, VOLATILE_DIGEST
+
+if TYPE_CHECKING:
+    import netCDF4
+    import xarray as xr
+
+Array = NDArray[Any]
+
+# rows of one stored chunk: a megabyte of floats for what grows by steps, little for what is rare
+CHUNKS = {STEPS: 131_072, SAMPLES: 131_072, TRIALS: 4_096, EVENTS: 512, BOUNDS: 2}
+BLOCK_ROWS = 131_072
+READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
+
+
+def save(run: xr.Dataset, path: str | Path) -> Path:
+    """Write a run to a netCDF4 file.
+
+    The file is written under a temporary name in the same folder, closed, opened again and checked, and takes its
+    name last: under the final name there is the old file or the new one, never something between.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run record; checked against the schema first.
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        If the Dataset is no run record.
+    ArchiveError
+        If the file cannot be written; the final name is untouched.
+    """
+    record.check(run)
+    with _new_file(Path(path)) as writer:
+        for name, variable in run.variables.items():
+            sizes = {} if any(n == 0 for n in variable.shape) else dict(zip(variable.dims, variable.shape, strict=True))
+            coordinates = "time" if STEPS in variable.dims and name != "time" else None
+            writer.define(str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), coordinates, sizes)
+        for name, variable in run.variables.items():
+            for part in _slabs(variable):
+                writer.append(str(name), part)
+        writer.finish(dict(run.attrs))
+    return Path(path)
+
+
+def stream(march: March, path: str | Path) -> Path:
+    """March straight into a file, in bounded memory; one block is written while the next is marched.
+
+    Raises
+    ------
+    ArchiveError
+        If the file cannot be written; the final name is untouched.
+    """
+    spec = record.columns(march)
+    with _new_file(Path(path)) as writer, ThreadPoolExecutor(1) as pool:
+        for column in spec:
+            one = column.variable
+            coordinates = "time" if STEPS in one.dims and one.name != "time" else None
+            writer.define(one.name, one.dims, np.dtype(one.dtype), one.attributes, coordinates, {})
+        pending: Future[None] | None = None
+        for block in march.blocks(BLOCK_ROWS):
+            parts = _taken(spec, block)
+            if pending:
+                pending.result()
+            pending = pool.submit(writer.write, parts)
+            writer.hash(parts)
+        if pending:
+            pending.result()
+        for one, value in record.constants(march):
+            dtype = np.dtype(object) if one.dtype == "U" else np.dtype(one.dtype)
+            writer.define(one.name, (), dtype, one.attributes, None, {})
+            writer.append(one.name, np.asarray(value, dtype=dtype))
+        writer.finish(record.attributes(march))
+    return Path(path)
+
+
+def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
+    """Open an archived run, verified; variables are read when they are used.
+
+    Parameters
+    ----------
+    path : str or Path
+    check : bool
+        Whether to compare every digest first, which reads the whole file once.
+
+    Raises
+    ------
+    ArchiveError
+        If the file is damaged or no run archive; names what differs.
+    """
+    import xarray as xr
+
+    path = Path(path)
+    if check:
+        verify(path)
+    try:
+        return xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
+    except (OSError, ValueError, RuntimeError) as error:
+        raise ArchiveError(f"'{path}' cannot be opened as a run archive: {error}") from None
+
+
+def verify(path: str | Path) -> str:
+    """Compare every digest of an archive with its data and attributes.
+
+    Returns
+    -------
+    str
+        The content digest.
+
+    Raises
+    ------
+    ArchiveError
+        Naming every variable that differs from its digest.
+    """
+    path = Path(path)
+    with _opened(path) as file:
+        faults = [f"attribute '{name}' is missing" for name in (ROOT_DIGEST, VOLATILE_DIGEST) if name not in file.ncattrs()]
+        found = {}
+        for name, variable in file.variables.items():
+            attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
+            stored = attributes.pop(DIGEST, None)
+            try:
+                found[name] = _digest_of(variable)
+            except (OSError, RuntimeError, ValueError) as error:
+                faults.append(f"variable '{name}' cannot be read: {error}")
+                continue
+            if stored != found[name]:
+                faults.append(f"variable '{name}' differs from its digest")
+        attributes = {key: file.getncattr(key) for key in file.ncattrs()}
+        root = _root_digest(found, {name: _attributes_of(one) for name, one in file.variables.items()}, attributes)
+        if not faults and attributes[ROOT_DIGEST] != root:
+            faults.append("the attributes differ from the content digest")
+        if not faults and attributes[VOLATILE_DIGEST] != _volatile_digest(attributes):
+            faults.append("the attributes on date, versions and machine differ from their digest")
+    if faults:
+        lines = "".join(f"\n  {n}. {fault}" for n, fault in enumerate(faults, 1))
+        raise ArchiveError(f"'{path}' is damaged or no run archive:{lines}", tuple(faults))
+    return root
+
+
+def content_digest(run: xr.Dataset) -> str:
+    """Return the content digest that an archive of a Dataset would have."""
+    found = {}
+    for name, variable in run.variables.items():
+        seal = _Seal(str(name), tuple(map(str, variable.dims)), variable.dtype)
+        for part in _slabs(variable):
+            seal.update(part)
+        found[str(name)] = seal.hexdigest()
+    attributes = {str(name): own_attributes(one.attrs) for name, one in run.variables.items()}
+    return _root_digest(found, attributes, run.attrs)
+
+
+class _Seal:
+    """The digest of one variable: name, dims, type, bytes in order, shape."""
+
+    def __init__(self, name: str, dims: tuple[str, ...], dtype: np.dtype[Any]) -> None:
+        self.is_text = dtype.kind in "UOT" or dtype is str
+        self.dtype = dtype if self.is_text else np.dtype(dtype).newbyteorder("<")
+        label = "text" if self.is_text else self.dtype.str.replace("|", "<")
+        self._sha = hashlib.sha256(json.dumps([name, list(dims), label]).encode())
+        self._rows = 0
+        self._inner: tuple[int, ...] | None = () if not dims else None
+
+    def update(self, values: Array) -> None:
+        if self.is_text:
+            self._sha.update(_letters(values).tobytes())
+            return
+        if values.ndim:
+            self._rows += values.shape[0]
+            self._inner = values.shape[1:]
+        self._sha.update(np.ascontiguousarray(values, dtype=self.dtype).data)
+
+    def hexdigest(self) -> str:
+        sealed = self._sha.copy()
+        sealed.update(json.dumps([self._rows, *(self._inner or ())]).encode())
+        return sealed.hexdigest()
+
+
+class _Writer:
+    """Fills one netCDF file: variables are defined, appended to, then sealed."""
+
+    def __init__(self, file: netCDF4.Dataset) -> None:
+        self._file = file
+        self._seals: dict[str, _Seal] = {}
+        self._attributes: dict[str, dict[str, Any]] = {}
+        self._coordinates: dict[str, str] = {}
+        self._filled: dict[str, int] = {}
+
+    def define(
+        self,
+        name: str,
+        dims: tuple[str, ...],
+        dtype: np.dtype[Any],
+        attributes: Mapping[str, Any],
+        coordinates: str | None,
+        sizes: Mapping[str, int],
+    ) -> None:
+        """Create a variable; a dimension without a size may grow."""
+        for dim in dims:
+            if dim not in self._file.dimensions:
+                self._file.createDimension(dim, 2 if dim == BOUNDS else sizes.get(dim))
+        seal = _Seal(name, dims, dtype)
+        self._seals[name] = seal
+        self._attributes[name] = own_attributes(attributes)
+        self._filled[name] = 0
+        if coordinates:
+            self._coordinates[name] = coordinates
+        if seal.is_text:
+            return  # created when its length is known
+        chunks = [min(CHUNKS[dim], max(1, sizes.get(dim, CHUNKS[dim]))) for dim in dims] if dims else None
+        variable = self._file.createVariable(name, seal.dtype, dims, chunksizes=chunks, fill_value=False, endian="little")
+        if chunks:
+            # room for the one chunk that is being filled: the library's 16 MiB each would not be bounded memory
+            variable.set_var_chunk_cache(size=2 * prod(chunks) * seal.dtype.itemsize)
+
+    def append(self, name: str, values: Array) -> None:
+        """Write and hash the next values of a variable."""
+        self.write([(name, values)])
+        self.hash([(name, values)])
+
+    def write(self, parts: list[tuple[str, Array]]) -> None:
+        """Write the next values of variables."""
+        for name, values in parts:
+            if self._seals[name].is_text:
+                self._write_text(name, _letters(values))
+            elif values.ndim == 0:
+                self._file.variables[name][...] = values
+            elif values.shape[0]:
+                start = self._filled[name]
+                self._file.variables[name][start : start + values.shape[0]] = values
+                self._filled[name] = start + values.shape[0]
+
+    def _write_text(self, name: str, letters: Array) -> None:
+        """Write a text as characters: variable-length strings crash the library when a file is open twice."""
+        dim = f"{name}_characters"
+        self._file.createDimension(dim, len(letters))
+        variable = self._file.createVariable(name, "S1", (dim,), fill_value=False)
+        variable.set_auto_chartostring(False)
+        variable[:] = letters
+        variable.setncattr("_Encoding", "utf-8")
+
+    def hash(self, parts: list[tuple[str, Array]]) -> None:
+        """Add the next values of variables to their digests."""
+        for name, values in parts:
+            self._seals[name].update(values)
+
+    def finish(self, attributes: Mapping[str, Any]) -> None:
+        """Write every attribute and digest."""
+        kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST)}
+        digests = {name: seal.hexdigest() for name, seal in self._seals.items()}
+        for name, own in self._attributes.items():
+            if name in self._coordinates:
+                own = own | {"coordinates": self._coordinates[name]}
+            self._file.variables[name].setncatts(own | {DIGEST: digests[name]})
+        self._file.setncatts(kept)
+        self._file.setncattr(ROOT_DIGEST, _root_digest(digests, self._attributes, kept))
+        self._file.setncattr(VOLATILE_DIGEST, _volatile_digest(kept))
+
+
+@contextmanager
+def _new_file(path: Path) -> Iterator[_Writer]:
+    """Write a file under a temporary name, check it, and give it its name."""
+    import netCDF4
+
+    if path.is_dir():
+        raise ArchiveError(f"'{path}' is a directory; name a file in it, like '{path / 'run.nc'}'")
+    if not path.parent.is_dir():
+        raise ArchiveError(f"'{path}' cannot be written: the folder '{path.parent}' does not exist")
+    temporary = None
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        os.close(handle)
+        temporary = Path(name)
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        with netCDF4.Dataset(temporary, "w", format="NETCDF4") as file:
+            file.set_fill_off()
+            yield _Writer(file)
+        if temporary.stat().st_size <= READ_BACK:
+            verify(temporary)
+        else:
+            with _opened(temporary):
+                pass
+        _sync(temporary)
+        temporary.replace(path)
+        _sync(path.parent)
+    except (OSError, RuntimeError) as error:
+        raise ArchiveError(f"'{path}' cannot be written: {_cause(path.parent, error)}; nothing is changed there") from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def _cause(folder: Path, error: Exception) -> str:
+    """Say why a write failed; the netCDF library itself only says that it did."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    try:
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(b"\0" * 1_000_000)
+            probe.flush()
+    except OSError as why:
+        return why.strerror or str(why)
+    return f"{error} (disk full, file-size limit or lost device)"
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[netCDF4.Dataset]:
+    import netCDF4
+
+    if path.is_dir():
+        raise ArchiveError(f"'{path}' is a directory; name a file in it")
+    if not path.exists():
+        raise ArchiveError(f"'{path}' does not exist")
+    try:
+        with netCDF4.Dataset(path, "r") as file:
+            file.set_auto_maskandscale(False)
+            yield file
+    except (OSError, RuntimeError, UnicodeDecodeError) as error:
+        raise ArchiveError(f"'{path}' is damaged or no run archive: {error}") from None
+
+
+def _taken(spec: Iterable[record.Column], block: Block) -> list[tuple[str, Array]]:
+    return [(column.variable.name, column.take(block)) for column in spec]
+
+
+def _slabs(variable: Any) -> Iterator[Array]:
+    """Yield a variable's values along its first dimension, a chunk at a time; one is computed at a time."""
+    if not variable.dims:
+        yield np.asarray(variable.values)
+        return
+    rows = CHUNKS.get(variable.dims[0], 4096) * 8
+    for start in range(0, max(1, variable.shape[0]), rows):
+        yield np.asarray(variable[start : start + rows].values)
+
+
+def _letters(text: Array) -> Array:
+    """Return a text, as it is in memory or in a file, as single bytes of UTF-8."""
+    if text.dtype == "S1" and text.ndim == 1:
+        return text
+    return np.frombuffer(str(text[()]).encode(), dtype="S1")
+
+
+def _digest_of(variable: Any) -> str:
+    is_text = variable.dtype == "S1"
+    seal = _Seal(variable.name, () if is_text else variable.dimensions, np.dtype(object) if is_text else variable.dtype)
+    if is_text or not variable.dimensions:
+        variable.set_auto_chartostring(False)
+        seal.update(np.asarray(variable[...]))
+    else:
+        rows = CHUNKS.get(variable.dimensions[0], 4096) * 8
+        for start in range(0, max(1, variable.shape[0]), rows):
+            seal.update(np.asarray(variable[start : start + rows]))
+    return seal.hexdigest()
+
+
+def _attributes_of(variable: Any) -> dict[str, Any]:
+    return own_attributes({key: variable.getncattr(key) for key in variable.ncattrs()})
+
+
+def _root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]) -> str:
+    outside = {*VOLATILE, ROOT_DIGEST}
+    content = {
+        "variables": {name: [digests[name], plain(attributes[name])] for name in sorted(digests)},
+        "attributes": plain({key: value for key, value in run.items() if key not in outside}),
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _volatile_digest(run: Mapping[Any, Any]) -> str:
+    content = plain({key: value for key, value in run.items() if key in VOLATILE and key != VOLATILE_DIGEST})
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+

@@ -1,0 +1,172 @@
+"""Two runs side by side: settings, bits, and states at the times that both have."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError
+from xdynamics.record import own_attributes, plain
+from xdynamics.schema import EVENT_AFTER, ROOT_DIGEST, STEPS, VOLATILE
+
+SLAB = 1_000_000
+
+
+def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
+    """Compare every variable and attribute of two runs bit for bit.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `variable`: `name`, `same` (1 or 0), `first_row` (the first row that differs, -1 where none does).
+        Attributes: `identical`, `first_difference` (a sentence, the earliest row of `step` first), `settings`
+        (attributes that differ, a line each).
+    """
+    names = [str(name) for name in first.variables]
+    names += [str(name) for name in second.variables if name not in first.variables]
+    rows = [_first_row(first, second, name) for name in names]
+    settings = settings_apart(first, second)
+    table = xr.Dataset(
+        {
+            "name": ("variable", np.array(names), {"long_name": "variable of the runs"}),
+            "same": ("variable", np.array([row is None for row in rows], np.int8), {"long_name": "1 where every bit agrees", "units": "1"}),
+            "first_row": ("variable", np.array([-1 if row is None else row for row in rows]), {"long_name": "first row that differs, -1 for none", "units": "1"}),
+        }
+    )  # fmt: skip
+    identical = all(row is None for row in rows) and not settings
+    return table.assign_attrs(
+        identical=int(identical),
+        first_difference="" if identical else _earliest(first, second, names, rows, settings),
+        settings="\n".join(settings),
+    )
+
+
+def compare(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
+    """Compare two runs: bits, settings, and the states at the times that both have.
+
+    Times are common where they are the same float, which the grid t0 + n h makes so for refined steps; nothing is
+    interpolated. At an event the state after it counts.
+
+    Parameters
+    ----------
+    first, second : xarray.Dataset
+        Run records.
+
+    Returns
+    -------
+    xarray.Dataset
+        What `bitwise` gives, and along `common`: `common_time` and, for every coordinate, velocity, state and energy of
+        both, `difference_…` (second minus first, in the units of the first).
+
+    Raises
+    ------
+    InputError
+        If a Dataset is no run record, or a quantity of both has two units.
+    """
+    for one in (first, second):
+        if "time" not in one.variables or "row_kind" not in one.variables:
+            raise InputError("compare needs two run records; one has no 'time' along 'step'")
+    times, here, there = _common(first, second)
+    result = bitwise(first, second)
+    result["common_time"] = ("common", times, {"units": "s", "long_name": "time that both runs have"})
+    roles = ("coordinate", "velocity", "state", "energy")
+    for name in _shared(first, second):
+        if first[name].attrs.get("role") not in roles:
+            continue
+        units = first[name].attrs["units"]
+        if second[name].attrs["units"] != units:
+            raise InputError(f"'{name}' is in '{units}' in one run and '{second[name].attrs['units']}' in the other")
+        difference = second[name].data[there] - first[name].data[here]
+        attributes = {"units": units, "long_name": f"{name}, second run minus first", "role": "difference"}
+        result[f"difference_{name}"] = ("common", difference, attributes)
+    return result
+
+
+def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
+    """List the attributes that two runs do not share; dates, versions and machine do not count."""
+    outside = {*VOLATILE, ROOT_DIGEST}
+    names = [name for name in {**first.attrs, **second.attrs} if name not in outside]
+    found = []
+    for name in names:
+        one, other = first.attrs.get(name, "absent"), second.attrs.get(name, "absent")
+        if one != other:
+            found.append(f"{name}: {_short(one)} | {_short(other)}")
+    return found
+
+
+def _first_row(first: xr.Dataset, second: xr.Dataset, name: str) -> int | None:
+    """Return the first row in which a variable differs; None where every bit agrees."""
+    if name not in first.variables or name not in second.variables:
+        return 0
+    one, other = first.variables[name], second.variables[name]
+    if one.dims != other.dims or plain(own_attributes(one.attrs)) != plain(own_attributes(other.attrs)):
+        return 0
+    if not one.dims:
+        return None if _bits(one.values) == _bits(other.values) else 0
+    shared = min(one.shape[0], other.shape[0])
+    for start in range(0, shared, SLAB):
+        part = slice(start, min(start + SLAB, shared))
+        left, right = np.asarray(one[part].values), np.asarray(other[part].values)
+        if _bits(left) != _bits(right):
+            differs = _as_words(left) != _as_words(right)
+            return start + int(np.flatnonzero(differs.reshape(len(differs), -1).any(axis=1))[0])
+    return None if one.shape == other.shape else shared
+
+
+def _earliest(
+    first: xr.Dataset, second: xr.Dataset, names: list[str], rows: list[int | None], settings: list[str]
+) -> str:
+    """Name the first difference: along the march where there is one, else any, else a setting."""
+    apart = [(row, name) for row, name in zip(rows, names, strict=True) if row is not None]
+    along = [(row, name) for row, name in apart if name in first and STEPS in first[name].dims]
+    if not apart:
+        return f"attribute {settings[0]}"
+    row, name = min(along or apart, key=lambda pair: pair[0])
+    values = [_value(run, name, row) for run in (first, second)]
+    where = f", row {row}" if first.variables.get(name, second.variables.get(name)).dims else ""  # type: ignore[union-attr]
+    return f"variable '{name}'{where}: {values[0]} | {values[1]}"
+
+
+def _value(run: xr.Dataset, name: str, row: int) -> str:
+    if name not in run.variables:
+        return "absent"
+    variable = run.variables[name]
+    if not variable.dims:
+        return _short(variable.values)
+    if row >= variable.shape[0]:
+        return f"no such row ({variable.shape[0]} rows)"
+    return _short(variable[row].values.tolist())
+
+
+def _common(first: xr.Dataset, second: xr.Dataset) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return the times both runs have and their rows; of an event's pair the later row."""
+    kept = [_last_of_pairs(run) for run in (first, second)]
+    times = [np.asarray(run["time"].values)[rows] for run, rows in zip((first, second), kept, strict=True)]
+    common, here, there = np.intersect1d(*times, assume_unique=True, return_indices=True)
+    return common, kept[0][here], kept[1][there]
+
+
+def _last_of_pairs(run: xr.Dataset) -> NDArray[Any]:
+    after = np.asarray(run["row_kind"].values) == EVENT_AFTER
+    return np.flatnonzero(~np.append(after[1:], False))
+
+
+def _shared(first: xr.Dataset, second: xr.Dataset) -> list[Hashable]:
+    return [name for name in first.data_vars if name in second.data_vars and first[name].dims == (STEPS,)]
+
+
+def _bits(values: NDArray[Any]) -> bytes:
+    return str(values[()]).encode() if values.dtype.kind in "UOT" else np.ascontiguousarray(values).tobytes()
+
+
+def _as_words(values: NDArray[Any]) -> NDArray[Any]:
+    return np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
+
+
+def _short(value: Any) -> str:
+    text = repr(value.tolist() if hasattr(value, "tolist") else value)
+    return text if len(text) <= 80 else text[:77] + "…"

@@ -1,0 +1,358 @@
+"""From the log of a march to one Dataset: every column with its name, unit and meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.expressions import dimension_of
+from xdynamics.faults import InputError
+from xdynamics.kernels.elementary import MATH_FUNCTIONS
+from xdynamics.march import Block, March
+from xdynamics.march.events import ROOT_METHOD
+from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
+from xdynamics.units import NONE, TIME, Dimension, Unit, spell
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A variable of the record and how its values are taken from a block of the log."""
+
+    variable: Variable
+    take: Callable[[Block], Array]
+
+
+def columns(march: March) -> list[Column]:
+    """Return every variable with a dimension, in the order of the record."""
+    return [*_steps(march), *_trials(march), *_events(march), *(_samples(march) if march.settings.samples else [])]
+
+
+def constants(march: March) -> list[tuple[Variable, Any]]:
+    """Return every variable without a dimension with its value: parameters, the model, the source."""
+    found: list[tuple[Variable, Any]] = []
+    for name, one in march.model.parameters.items():
+        more: dict[str, Any] = {}
+        if one.uncertainty is not None:
+            factor = one.uncertainty.unit.factor / one.quantity.unit.factor
+            more["uncertainty"] = float(factor) * one.uncertainty.value if factor != 1 else one.uncertainty.value
+        long_name = one.description or f"parameter {name}"
+        found.append((Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", more), one.quantity.value))
+    functions = "".join(f"\n\n# Python force {one.name}, sha256 {one.digest}\n{one.source}" for one in march.model.python_forces)
+    texts = {"model_toml": march.model.to_toml(), "force_source": march.source + functions}
+    return found + [(variable, texts[variable.name]) for variable in schema.TEXTS]
+
+
+def attributes(march: March) -> dict[str, Any]:
+    """Return the global attributes: what was used, how it ended, on what it ran."""
+    model, settings, method = march.model, march.settings, march.settings.method
+    used: dict[str, Any] = {
+        "Conventions": schema.CONVENTIONS,
+        "title": f"{model.name}, by {method.name}",
+        "summary": model.description or f"Numerical trajectory of {model.name}",
+        "source": f"numerical integration by xdynamics, method {method.name}",
+        "schema_version": schema.SCHEMA_VERSION,
+        "solver_method": method.name,
+        "solver_order": method.order,
+        "solver_update_equations": method.equations(model),
+        "solver_update_order": method.words,
+        "solver_reference": method.reference,
+        "solver_step": settings.step,
+        "solver_step_units": "s",
+        "solver_grid": "t0 + n*h; steps are cut at nodes, events and the end",
+        "solver_until": settings.until,
+        "solver_until_units": "s",
+        "solver_last_step": _last_step(march),
+        "solver_interpolation": method.interpolation,
+        "solver_event_root_method": ROOT_METHOD,
+        "solver_force_samples": "all" if settings.samples else "none",
+        "precision": "float64, IEEE 754 binary64, round to nearest",
+        "math_functions": MATH_FUNCTIONS,
+        "run_outcome": march.outcome.word,
+        "run_outcome_text": march.outcome_text,
+        "model_digest": model.digest,
+        "force_digest": march.force_digest,
+    }
+    if march.settings.scales != type(settings.scales)():
+        scales = settings.scales
+        used |= {"solver_length_scale": scales.length, "solver_length_scale_units": "m",
+                 "solver_time_scale": scales.time, "solver_time_scale_units": "s",
+                 "solver_mass_scale": scales.mass, "solver_mass_scale_units": "kg"}  # fmt: skip
+    return used | _circumstances()
+
+
+def dataset(march: March, blocks: Iterable[Block]) -> xr.Dataset:
+    """March and return the whole run in memory.
+
+    Parameters
+    ----------
+    march : March
+    blocks : iterable of Block
+        Blocks that are not filled again, as `March.blocks` gives them without a size.
+    """
+    import xarray as xr
+
+    spec = columns(march)
+    parts: list[list[Array]] = [[] for _ in spec]
+    for block in blocks:
+        for column, part in zip(spec, parts, strict=True):
+            part.append(column.take(block))
+    variables = {
+        column.variable.name: (column.variable.dims, _joined(part), column.variable.attributes)
+        for column, part in zip(spec, parts, strict=True)
+    }
+    variables |= {one.name: ((), value, one.attributes) for one, value in constants(march)}
+    return xr.Dataset(variables, attrs=attributes(march)).set_coords("time")
+
+
+def check(run: xr.Dataset) -> None:
+    """Check that a Dataset is a run record.
+
+    Raises
+    ------
+    InputError
+        With every fault.
+    """
+    faults = schema.faults_of(run)
+    if faults:
+        lines = "".join(f"\n  {n}. {fault}" for n, fault in enumerate(faults, 1))
+        raise InputError(f"this is no run record:{lines}", tuple(faults))
+
+
+def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the attributes that belong to a variable itself, not to the way it is kept."""
+    return {str(key): value for key, value in attributes.items() if key not in (schema.DIGEST, "coordinates", "_FillValue", "_Encoding")}
+
+
+def plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Attributes as plain values, the same in memory and from a file, where an array of one is a number."""
+    return {str(key): _plain(value) for key, value in attributes.items()}
+
+
+def _plain(value: Any) -> Any:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return value[0] if isinstance(value, list) and len(value) == 1 else value
+
+
+def _joined(parts: list[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _row(index: int, factor: float) -> Callable[[Block], Array]:
+    return lambda block: _times(block.log.rows[index, : block.rows], factor)
+
+
+def _sample(index: int, factor: float) -> Callable[[Block], Array]:
+    return lambda block: _times(block.log.samples[index, : block.samples], factor)
+
+
+def _trial(index: int, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:
+    return lambda block: _times(block.log.trials[index, : block.trials], factor).astype(dtype)
+
+
+def _event(index: int, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:
+    return lambda block: _times(block.log.events[index, : block.events], factor).astype(dtype)
+
+
+def _times(values: Array, factor: float) -> Array:
+    return values if factor == 1.0 else values * factor
+
+
+class _Units:
+    """The unit that each quantity of a model is reported in, and the factor from internal numbers to it."""
+
+    def __init__(self, march: March) -> None:
+        self.march = march
+        self.scales = march.settings.scales
+        self.time = self.scales.of(TIME)
+        self.known: dict[str, Unit] = {}
+        model = march.model
+        for name, one in model.coordinates.items():
+            known = model.dimensions
+            self.known |= {name: one.unit, f"v_{name}": one.unit.per_second(), f"a_{name}": one.unit.per_second(2)}
+            i = march.layout.coordinates.index(name)
+            mass = dimension_of(model.mass[i][i], known)
+            needed = spell(mass * known[name] / TIME**2, angle=known[name] == NONE)
+            for term, parts in model.force_components.items():
+                if name in parts:
+                    self.known[schema.force(term, name)] = needed
+        for name, state in model.states.items():
+            self.known |= {name: state.unit, schema.rate(name): state.unit.per_second()}
+        self.known |= {name: drive.table.value_unit for name, drive in model.drives.items()}
+
+    def factor(self, unit: Unit) -> float:
+        return self.scales.of(unit.dimension) / float(unit.factor)
+
+    def derived(self, name: str) -> Unit:
+        layout = self.march.layout
+        if name in schema.ENERGIES:
+            return spell(layout.energy_dimension or NONE)
+        known = self.march.model.dimensions
+        accelerations = {f"a_{one}": known[one] / TIME**2 for one in layout.coordinates}
+        return spell(dimension_of(self.march.model.observables[name], known | accelerations))
+
+
+def _steps(march: March) -> list[Column]:
+    units, layout, model = _Units(march), march.layout, march.model
+    order = {name: index for index, name in enumerate(layout.row)}
+    found = [Column(one, _row(order[one.name], units.time)) for one in schema.FIXED_STEPS[:2]]
+    found.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.row_flags[0, : block.rows]))
+    regime = Variable("regime", (STEPS,), "i1", "1", "regime of the force law", "flag", schema.flags({0: schema.ONLY_REGIME}))
+    found.append(Column(regime, lambda block: block.log.row_flags[1, : block.rows]))
+
+    def add(name: str, long_name: str, role: str, unit: Unit) -> None:
+        variable = Variable(name, (STEPS,), "f8", unit.text, long_name, role)
+        found.append(Column(variable, _row(order[name], units.factor(unit))))
+
+    for name, coordinate in model.coordinates.items():
+        add(name, coordinate.description or f"coordinate {name}", "coordinate", units.known[name])
+        add(schema.velocity(name), f"velocity of {name}", "velocity", units.known[schema.velocity(name)])
+        add(schema.acceleration(name), f"acceleration of {name}", "acceleration", units.known[schema.acceleration(name)])
+    for name, state in model.states.items():
+        add(name, state.description or f"state {name}", "state", units.known[name])
+        add(schema.rate(name), f"rate of {name}", "rate", units.known[schema.rate(name)])
+    for term, parts in model.force_components.items():
+        about = model.forces[term].description or term
+        for name in parts:
+            force = schema.force(term, name)
+            add(force, f"component of force {about} along {name}", "force", units.known[force])
+    for name in layout.derived:
+        role = "energy" if name in schema.ENERGIES else "observable"
+        add(name, schema.ENERGIES.get(name, f"observable {name}"), role, units.derived(name))
+    return found
+
+
+def _trials(march: March) -> list[Column]:
+    time = _Units(march).time
+    takes = (_trial(0, "f8", time), _trial(3, "i8"), _trial(1, "f8", time), _trial(2, "f8"), _trial(4, "i1"))
+    return [Column(variable, take) for variable, take in zip(schema.FIXED_TRIALS, takes, strict=True)]
+
+
+def _events(march: March) -> list[Column]:
+    units, model = _Units(march), march.model
+    time = units.time
+
+    def bounds(block: Block) -> Array:
+        return _times(block.log.events[1:3, : block.events].T, time)
+
+    def uncertainty(block: Block) -> Array:
+        _, left, right, residual, slope = block.log.events[:5, : block.events]
+        # a vanishing slope makes the residual part infinite, which is what a tangent crossing is worth
+        with np.errstate(divide="ignore", invalid="ignore"):
+            part = np.where(residual == 0.0, 0.0, np.abs(residual / slope))
+        return _times((right - left) + part, time)
+
+    takes = (_event(0, "f8", time), bounds, uncertainty, _event(5, "i8"), _event(6, "i8"), _event(8, "i1"), _event(9, "i1"))
+    found = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
+    names = dict(enumerate(model.events)) or {0: "none"}
+    detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", schema.flags(names))
+    found.append(Column(detector, _event(7, "i1")))
+    found.append(_residual(march))
+    for name in model.coordinates:
+        impulse = _impulse_unit(march, name)
+        found += [
+            Column(Variable(f"event_impulse_{name}", (EVENTS,), "f8", impulse.text, f"contact impulse along {name}", "event"), _nothing),
+            Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"offset put on {name} at the event", "event"), _nothing),
+        ]  # fmt: skip
+    return found
+
+
+def _residual(march: March) -> Column:
+    """Values of the event functions at the accepted states; several units are said in words."""
+    model, scales = march.model, march.settings.scales
+    dimensions = [dimension_of(one.function, model.dimensions) for one in model.events.values()]
+    texts = [_unit_text(dimension) for dimension in dimensions]
+    shared = set(texts)
+    more: dict[str, Any] = {}
+    if len(shared) > 1:
+        more["comment"] = "SI unit by event: " + ", ".join(f"{name} {text}" for name, text in zip(model.events, texts, strict=True))
+    factors = np.array([scales.of(dimension) for dimension in dimensions] or [1.0])
+    variable = Variable("event_residual", (EVENTS,), "f8", shared.pop() if len(shared) == 1 else "1",
+                        "event function at the accepted state", "event", more)  # fmt: skip
+
+    def take(block: Block) -> Array:
+        events = block.log.events[:, : block.events]
+        return events[3] * factors[events[7].astype(np.int64)]
+
+    return Column(variable, take)
+
+
+def _unit_text(dimension: Dimension) -> str:
+    try:
+        return spell(dimension).text
+    except InputError:
+        return "1"
+
+
+def _impulse_unit(march: March, name: str) -> Unit:
+    i = march.layout.coordinates.index(name)
+    known = march.model.dimensions
+    return spell(dimension_of(march.model.mass[i][i], known) * known[schema.velocity(name)])
+
+
+def _nothing(block: Block) -> Array:
+    return np.zeros(block.events)
+
+
+def _samples(march: March) -> list[Column]:
+    units, layout = _Units(march), march.layout
+    order = {name: index for index, name in enumerate(layout.sample)}
+    time, step, stage = schema.FIXED_SAMPLES
+    found = [
+        Column(time, _sample(0, units.time)),
+        Column(step, lambda block: block.log.samples[1, : block.samples].astype("i8")),
+        Column(stage, lambda block: block.log.samples[2, : block.samples].astype("i1")),
+    ]
+    for name in (*layout.used, *layout.forces, *layout.drives):
+        unit = units.known[name]
+        what = "given by" if name in layout.forces else "looked up in" if name in layout.drives else "used in"
+        variable = Variable(schema.sampled(name), (SAMPLES,), "f8", unit.text, f"{name} {what} the force evaluation", "sample")
+        found.append(Column(variable, _sample(order[name], units.factor(unit))))
+    return found
+
+
+def _last_step(march: March) -> str:
+    """Say whether the end lay on the grid."""
+    plan = march.plan
+    steps = (plan.nodes[-1] - plan.start) / plan.step_size
+    partial = abs(steps - round(steps)) * plan.step_size > plan.snap
+    whole = int(steps)
+    rest = (float(plan.nodes[-1]) - (plan.start + whole * plan.step_size)) * march.settings.scales.of(TIME)
+    return f"partial, {rest:.9g} s: the span is no multiple of the step" if partial else "whole"
+
+
+@lru_cache
+def _machine() -> dict[str, str]:
+    """Versions and processor: volatile, and in no digest but their own."""
+    import platform
+    from importlib.metadata import version
+
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features()
+    versions = {f"{name}_version": version(name) for name in ("numpy", "numba", "llvmlite", "xarray", "xdynamics")}
+    return versions | {
+        "python_version": platform.python_version(),
+        "cpu_name": binding.get_host_cpu_name(),
+        "cpu_features": " ".join(sorted(name for name, there in features.items() if there)),
+    }
+
+
+def _circumstances() -> dict[str, Any]:
+    from datetime import UTC, datetime
+
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    machine = _machine()
+    history = f"{now} simulated by xdynamics {machine['xdynamics_version']}"
+    return {"date_created": now, "history": history} | machine
+
