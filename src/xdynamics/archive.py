@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.faults import ArchiveError
+from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import Block, March
 from xdynamics.record import own_attributes, plain
 from xdynamics.schema import BOUNDS, DIGEST, EVENTS, ROOT_DIGEST, SAMPLES, STEPS, TRIALS, VOLATILE, VOLATILE_DIGEST
@@ -280,15 +280,26 @@ class _Writer:
         self._file.setncattr(VOLATILE_DIGEST, _volatile_digest(kept))
 
 
+def check_target(path: Path) -> None:
+    """Refuse a path that no file can be written to.
+
+    Raises
+    ------
+    InputError
+        If it is a directory or its folder does not exist.
+    """
+    if path.is_dir():
+        raise InputError(f"'{path}' is a directory; name a file in it, like '{path / 'run.nc'}'")
+    if not path.parent.is_dir():
+        raise InputError(f"'{path}' cannot be written: the folder '{path.parent}' does not exist")
+
+
 @contextmanager
 def _new_file(path: Path) -> Iterator[_Writer]:
     """Write a file under a temporary name, check it, and give it its name."""
     import netCDF4
 
-    if path.is_dir():
-        raise ArchiveError(f"'{path}' is a directory; name a file in it, like '{path / 'run.nc'}'")
-    if not path.parent.is_dir():
-        raise ArchiveError(f"'{path}' cannot be written: the folder '{path.parent}' does not exist")
+    check_target(path)
     temporary = None
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
@@ -341,9 +352,9 @@ def _opened(path: Path) -> Iterator[netCDF4.Dataset]:
     import netCDF4
 
     if path.is_dir():
-        raise ArchiveError(f"'{path}' is a directory; name a file in it")
+        raise InputError(f"'{path}' is a directory; name a file in it")
     if not path.exists():
-        raise ArchiveError(f"'{path}' does not exist")
+        raise InputError(f"'{path}' does not exist")
     try:
         with netCDF4.Dataset(path, "r") as file:
             file.set_auto_maskandscale(False)

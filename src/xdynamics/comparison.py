@@ -170,3 +170,19 @@ def _as_words(values: NDArray[Any]) -> NDArray[Any]:
 def _short(value: Any) -> str:
     text = repr(value.tolist() if hasattr(value, "tolist") else value)
     return text if len(text) <= 80 else text[:77] + "…"
+
+
+def lines_of(table: xr.Dataset) -> list[str]:
+    """Say what `compare` found, in lines."""
+    if table.attrs["identical"]:
+        return [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
+    apart = int((table["same"] == 0).sum())
+    lines = [f"{apart} of {table.sizes['variable']} variables differ; first: {table.attrs['first_difference']}"]
+    lines += [f"setting   {line}" for line in table.attrs["settings"].splitlines()]
+    lines.append(f"common    {table.sizes['common']} times that both runs have")
+    for name, one in table.data_vars.items():
+        if one.attrs.get("role") == "difference" and one.size:
+            worst = int(np.argmax(np.abs(one.values)))
+            time = float(table["common_time"][worst])
+            lines.append(f"largest   {name} = {float(one[worst]):.6g} {one.attrs['units']} at t = {time:.9g} s")
+    return lines

@@ -1,0 +1,236 @@
+"""The command `xdynamics`: arguments in, a few lines out. Exit codes: 0 done, 1 ended badly, 2 wrong input."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+IN_MEMORY = 2_000_000  # rows up to which a run is marched in memory and saved; longer ones are streamed
+DONE, BADLY, WRONG_INPUT = 0, 1, 2
+
+
+class _Command(click.Group):
+    """Turns wrong input into one line and exit code 2, damage found into exit code 1."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        from xdynamics.faults import ArchiveError, InputError
+
+        try:
+            return super().invoke(ctx)
+        except ArchiveError as error:
+            _complain(error)
+            ctx.exit(BADLY)
+        except InputError as error:
+            _complain(error)
+            ctx.exit(WRONG_INPUT)
+
+
+def _complain(error: Exception) -> None:
+    click.echo(f"xdynamics: {error}", err=True)
+
+
+def _say(lines: Iterable[str]) -> None:
+    for line in lines:
+        click.echo(line)
+
+
+@click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="xdynamics", message="%(prog)s %(version)s")
+def main() -> None:
+    """Numerical dynamics as self-describing xarray datasets."""
+
+
+@main.command()
+@click.argument("model_file", metavar="MODEL.toml")
+@click.option("-o", "--output", required=True, metavar="RUN.nc", help="The archive to write.")
+@click.option("--method", help="Name of a method; see `xdynamics methods`.")
+@click.option("--step", help="Step of the time grid, like '1 ms'.")
+@click.option("--until", help="End, like '5 s', unless an event stops the run before.")
+@click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value; a bare number keeps its unit.")
+@click.option("--force-samples", type=click.Choice(["all", "none"]), help="Record every force evaluation (default), or none.")
+@click.option("--scale", "scales", multiple=True, metavar="NAME=VALUE", help="March with a length, time or mass scale, like length='0.4 m'.")
+def run(
+    model_file: str,
+    output: str,
+    method: str | None,
+    step: str | None,
+    until: str | None,
+    changes: tuple[str, ...],
+    force_samples: str | None,
+    scales: tuple[str, ...],
+) -> None:
+    """March a model file and archive the run."""
+    from xdynamics.model import Model
+
+    model = Model.from_toml(model_file)
+    if changes:
+        model = model.replace(**_changed(model, _pairs(changes, "--set")))
+    asked = {"method": method, "step": step, "until": until, "force_samples": force_samples}
+    finished = _marched(model, output, asked | {"scales": _pairs(scales, "--scale") or None})
+    from xdynamics.summary import summary
+
+    _say([*summary(finished), f"archive   {output}"])
+    sys.exit(DONE if finished.attrs["run_outcome"] in _good_words() else BADLY)
+
+
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+def show(archive: str) -> None:
+    """Print what an archive holds: outcome, events, parameters, settings, digests."""
+    from xdynamics.archive import open_run
+    from xdynamics.summary import details
+
+    _say(details(open_run(archive)))
+
+
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+@click.option("-o", "--output", required=True, metavar="FIGURE", help="The figure to write: PNG, SVG or PDF by its ending.")
+def plot(archive: str, output: str) -> None:
+    """Draw trajectory, velocity, energy error, phase portrait and step size."""
+    from xdynamics.archive import open_run
+    from xdynamics.figures import plot as draw
+
+    draw(open_run(archive), output)
+    click.echo(f"figure    {output}")
+
+
+@main.command()
+def methods() -> None:
+    """Print the table of methods."""
+    from xdynamics.methods import METHODS
+
+    for one in METHODS.values():
+        kind = "symplectic" if one.symplectic else "not symplectic"
+        click.echo(f"{one.name}: order {one.order}, {kind}, {one.evaluations} force evaluations a step")
+        click.echo(f"    update    {one.equations()}")
+        click.echo(f"    in words  {one.words}")
+        click.echo(f"    refuses   {'; '.join(one.refuses) or 'nothing'}")
+        click.echo(f"    also      {', '.join(one.synonyms)}")
+        click.echo(f"    source    {one.reference}")
+
+
+@main.command()
+@click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
+def verify(archives: tuple[str, ...]) -> None:
+    """Compare every digest of archives with their data."""
+    from xdynamics.archive import verify as verified
+    from xdynamics.faults import ArchiveError
+
+    damaged = False
+    for archive in archives:
+        try:
+            click.echo(f"verified  {archive}  {verified(archive)}")
+        except ArchiveError as error:
+            _complain(error)
+            damaged = True
+    sys.exit(BADLY if damaged else DONE)
+
+
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+def reproduce(archive: str) -> None:
+    """March an archive's model again and compare every bit."""
+    from xdynamics.simulation import reproduce as again
+
+    table = again(archive)
+    if table.attrs["identical"]:
+        click.echo(f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same")
+        return
+    click.echo(f"not the same: {table.attrs['first_difference']}")
+    _say(f"  {line}" for line in table.attrs["settings"].splitlines())
+    sys.exit(BADLY)
+
+
+@main.command()
+@click.argument("first", metavar="FIRST.nc")
+@click.argument("second", metavar="SECOND.nc")
+def compare(first: str, second: str) -> None:
+    """Compare two runs: settings, bits, states at common times."""
+    from xdynamics.archive import open_run
+    from xdynamics.comparison import compare as compared
+    from xdynamics.comparison import lines_of
+
+    table = compared(open_run(first), open_run(second))
+    _say(lines_of(table))
+    sys.exit(DONE if table.attrs["identical"] else BADLY)
+
+
+def _marched(model: Any, output: str, asked: dict[str, Any]) -> xr.Dataset:
+    """March in memory and save, or straight to disk where the run is long; show progress on what lasts."""
+    from xdynamics import archive
+    from xdynamics.simulation import settings_for, simulate
+
+    archive.check_target(Path(output))
+    settings = settings_for(model, **asked)
+    rows = (settings.until - model.initial["t"].si) / settings.step
+    with _progress() as told:
+        if rows > IN_MEMORY:
+            return simulate(model, **asked, path=output, progress=told)
+        finished = simulate(model, **asked, progress=told)
+    archive.save(finished, output)
+    return finished
+
+
+class _progress:  # noqa: N801 - used as a statement
+    """A line on the terminal that counts, from the second second on."""
+
+    def __enter__(self) -> Callable[[float, float, int], None]:
+        self.started = self.last = time.monotonic()
+        return self.tell
+
+    def __exit__(self, *_: object) -> None:
+        if self.last > self.started and sys.stderr.isatty():
+            click.echo("\r\033[K", nl=False, err=True)
+
+    def tell(self, done: float, at: float, rows: int) -> None:
+        """Say how far the march is, once a second."""
+        now = time.monotonic()
+        if now - self.last >= 1.0 and sys.stderr.isatty():
+            self.last = now
+            click.echo(f"\r\033[K{done:4.0%}  t = {at:.6g} s, {rows} rows", nl=False, err=True)
+
+
+def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
+    from xdynamics.faults import InputError
+
+    pairs: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip() or not value.strip():
+            raise InputError(f"{option} {text!r} needs NAME=VALUE")
+        if name.strip() in pairs:
+            raise InputError(f"{option} sets {name.strip()!r} twice")
+        pairs[name.strip()] = value.strip()
+    return pairs
+
+
+def _changed(model: Any, pairs: dict[str, str]) -> dict[str, dict[str, Any]]:
+    """Sort changes into sections; a bare number goes as a number, so that it keeps the unit there."""
+    from xdynamics.faults import InputError
+
+    sections: dict[str, dict[str, Any]] = {}
+    for name, text in pairs.items():
+        section = "parameters" if name in model.parameters else "initial" if name in model.initial else None
+        if section is None:
+            raise InputError(f"--set {name}: no such parameter or initial value; there are {', '.join([*model.parameters, *model.initial])}")
+        try:
+            value: Any = float(text)
+        except ValueError:
+            value = text
+        sections.setdefault(section, {})[name] = value
+    return sections
+
+
+def _good_words() -> set[str]:
+    from xdynamics.march.outcomes import WORDS
+
+    return {word for word, outcome in WORDS.items() if outcome.good}

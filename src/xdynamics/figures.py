@@ -1,0 +1,186 @@
+"""Figures of runs: drawn from the record alone, against recorded times, with units and events."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError
+from xdynamics.schema import STEPS, velocity
+from xdynamics.summary import event_names
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg", ".pdf")
+DRAWN = 4000  # points of a line; what is longer is thinned
+MOST_LABELLED = 12
+
+Rows = NDArray[np.int64]
+_COLOURS = ("#1f5a96", "#c8501e", "#3a8f5c", "#7a4fa0", "#8c6d1f", "#4c4c4c")
+
+
+def plot(run: xr.Dataset, path: str | Path | None = None) -> Figure:
+    """Draw trajectory, velocity, phase portrait, energy error and step size of a run.
+
+    Lines of more than 4,000 points are thinned for drawing by keeping the least and the greatest value of each stretch;
+    the record keeps every row.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run record.
+    path : str or Path, optional
+        Where to write the figure: PNG, SVG or PDF by its ending.
+
+    Raises
+    ------
+    InputError
+        If the Dataset has no recorded times, or the ending is another, or the folder does not exist.
+    """
+    from matplotlib.figure import Figure
+
+    if path is not None:
+        _check_path(Path(path))
+    if "time" not in run.variables or run.sizes.get(STEPS, 0) == 0:
+        raise InputError("plot needs a run record with 'time' along 'step'")
+    panels = list(_panels(run))
+    rows = (len(panels) + 1) // 2
+    figure = Figure(figsize=(11, 2.9 * rows + 0.7), layout="constrained")
+    grid = figure.subplots(rows, 2, squeeze=False)
+    for axes in grid.flat[len(panels):]:
+        axes.set_visible(False)
+    for axes, draw in zip(grid.flat, panels, strict=False):
+        draw(axes)
+        axes.grid(color="#e3e3e3", linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+    attributes = run.attrs
+    figure.suptitle(attributes.get("title", "run"), x=0.01, ha="left", fontsize=13)
+    outcome = f"{attributes.get('run_outcome', '')}: {attributes.get('run_outcome_text', '')}"
+    figure.supxlabel(outcome[:180], fontsize=8, color="#555555", x=0.01, ha="left")
+    if path is not None:
+        figure.savefig(path, dpi=130, metadata={"Date": None} if Path(path).suffix == ".svg" else None)
+    return figure
+
+
+def thinned(values: NDArray[Any], most: int = DRAWN) -> Rows:
+    """Return rows to draw: all, or the least and the greatest of each stretch, in order, with both ends."""
+    n = len(values)
+    if n <= most:
+        return np.arange(n)
+    edges = np.linspace(0, n, most // 2 + 1).astype(np.int64)
+    kept = [np.array([0, n - 1])]
+    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        part = values[begin:end]
+        kept.append(begin + np.array([np.argmin(part), np.argmax(part)]))
+    return np.unique(np.concatenate(kept))
+
+
+def _panels(run: xr.Dataset) -> Iterator[Callable[[Axes], None]]:
+    """Yield what draws each panel, in reading order."""
+    coordinates = _with_role(run, "coordinate")
+    for names in _by_unit(run, coordinates):
+        yield lambda axes, names=names: _against_time(run, names, "trajectory", axes)
+    for names in _by_unit(run, [velocity(name) for name in coordinates]):
+        yield lambda axes, names=names: _against_time(run, names, "velocity", axes)
+    for names in _by_unit(run, _with_role(run, "state")):
+        yield lambda axes, names=names: _against_time(run, names, "first-order state", axes)
+    for names in _by_unit(run, coordinates):
+        yield lambda axes, names=names: _phase(run, names, axes)
+    if "total_energy" in run:
+        yield lambda axes: _energy(run, axes)
+    yield lambda axes: _steps(run, axes)
+
+
+def _against_time(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
+    time = run["time"].values
+    for colour, name in zip(_cycled(names), names, strict=True):
+        values = run[name].values
+        rows = thinned(values)
+        axes.plot(time[rows], values[rows], color=colour, linewidth=1.2, label=name)
+    axes.set(xlabel="time (s)", ylabel=f"{_joined(names)} ({run[names[0]].attrs['units']})")
+    axes.set_title(what, loc="left", fontsize=10)
+    _mark_events(run, names, axes)
+    if len(names) > 1:
+        axes.legend(fontsize=8, frameon=False)
+
+
+def _mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
+    """Mark every event on the first line, and name each kind once."""
+    if not run.sizes.get("event", 0):
+        return
+    detectors = event_names(run)
+    rows = run["event_row_before"].values
+    time, values = run["time"].values[rows], run[names[0]].values[rows]
+    for n, detector in enumerate(dict.fromkeys(detectors)):
+        chosen = np.array([one == detector for one in detectors])
+        marker = "ovsD^P*X"[n % 8]
+        axes.plot(time[chosen], values[chosen], marker, color="black", markersize=4.5, markerfacecolor="white", zorder=3)
+        if n < MOST_LABELLED:
+            axes.annotate(detector, (time[chosen][0], values[chosen][0]), textcoords="offset points", xytext=(5, 5), fontsize=7.5)
+
+
+def _phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
+    for colour, name in zip(_cycled(names), names, strict=True):
+        position, speed = run[name].values, run[velocity(name)].values
+        rows = np.union1d(thinned(position), thinned(speed))
+        axes.plot(position[rows], speed[rows], color=colour, linewidth=1.0, label=name)
+        axes.plot(position[:1], speed[:1], "o", color=colour, markersize=4)
+    units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]
+    axes.set(xlabel=f"{_joined(names)} ({units})", ylabel=f"{_joined([velocity(name) for name in names])} ({per_second})")
+    axes.set_title("phase portrait (dot: start)", loc="left", fontsize=10)
+    if len(names) > 1:
+        axes.legend(fontsize=8, frameon=False)
+
+
+def _energy(run: xr.Dataset, axes: Axes) -> None:
+    energy = run["total_energy"]
+    values = energy.values - energy.values[0]
+    rows = thinned(values)
+    axes.plot(run["time"].values[rows], values[rows], color=_COLOURS[1], linewidth=1.0)
+    axes.set(xlabel="time (s)", ylabel=f"E - E(0) ({energy.attrs['units']})")
+    axes.set_title(f"total energy less its start, {float(energy[0]):.6g} {energy.attrs['units']}", loc="left", fontsize=10)
+
+
+def _steps(run: xr.Dataset, axes: Axes) -> None:
+    """Draw the steps on a logarithmic scale; an event's second row has none."""
+    size, time = run["step_size"].values, run["time"].values
+    taken = np.flatnonzero(size > 0)
+    rows = taken[thinned(size[taken])] if len(taken) else taken
+    axes.plot(time[rows], size[rows], ".", color=_COLOURS[5], markersize=2.5)
+    if len(rows):
+        axes.set_yscale("log")
+    axes.set(xlabel="time (s)", ylabel="step size (s)")
+    axes.set_title("step used to reach each state", loc="left", fontsize=10)
+
+
+def _with_role(run: xr.Dataset, role: str) -> list[str]:
+    return [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") == role]
+
+
+def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(run[name].attrs["units"], []).append(name)
+    return list(groups.values())
+
+
+def _cycled(names: list[str]) -> list[str]:
+    return [_COLOURS[i % len(_COLOURS)] for i in range(len(names))]
+
+
+def _joined(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 4 else f"{names[0]} … {names[-1]}"
+
+
+def _check_path(path: Path) -> None:
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"figure '{path}' has the ending '{path.suffix}'; there are {', '.join(FORMATS)}")
+    if path.is_dir() or not path.parent.is_dir():
+        raise InputError(f"figure '{path}' cannot be written: that is a directory, or its folder does not exist")

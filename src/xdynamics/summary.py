@@ -1,0 +1,74 @@
+"""What a person wants to know first of a run, in lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
+
+MOST_EVENTS = 20
+
+
+def summary(run: xr.Dataset) -> list[str]:
+    """Describe a run in lines: outcome, method, counts, end state, energy band, events."""
+    used = run.attrs
+    lines = [
+        used["title"],
+        f"outcome   {used['run_outcome']}: {used['run_outcome_text']}",
+        f"method    {used['solver_method']} (order {used['solver_order']}), step {used['solver_step']!r} s",
+        f"log       {_counts(run)}",
+        f"end       {', '.join(_end(run))}",
+    ]
+    if "total_energy" in run:
+        low, high = float(run["total_energy"].min()), float(run["total_energy"].max())
+        units = run["total_energy"].attrs["units"]
+        start, end = (float(run["total_energy"][row]) for row in (0, -1))
+        lines.append(f"energy    {start:.9g} {units} at the start, band {high - low:.3g} {units}, end minus start {end - start:.3g} {units}")
+    return lines + list(_events(run))
+
+
+def details(run: xr.Dataset) -> list[str]:
+    """Describe a run whole: its summary, parameters, settings and digests."""
+    lines = [*summary(run), "parameters"]
+    for name, one in run.data_vars.items():
+        if one.attrs.get("role") == "parameter":
+            uncertainty = f" ± {one.attrs['uncertainty']:g}" if "uncertainty" in one.attrs else ""
+            lines.append(f"  {name} = {float(one):.12g}{uncertainty} {one.attrs['units']}   {one.attrs['long_name']}")
+    lines.append("settings and evidence")
+    keys = [key for key in run.attrs if key.startswith(("solver_", "precision", "math_", "model_d", "force_d", "content_d"))]
+    keys += [key for key in ("date_created", "xdynamics_version", "python_version", "numba_version") if key in run.attrs]
+    return lines + [f"  {key} = {run.attrs[key]}" for key in keys]
+
+
+def _counts(run: xr.Dataset) -> str:
+    words = {STEPS: "rows", TRIALS: "rejected trials", EVENTS: "events", SAMPLES: "force samples"}
+    return ", ".join(f"{run.sizes.get(dim, 0)} {word}" for dim, word in words.items())
+
+
+def _end(run: xr.Dataset) -> Iterator[str]:
+    yield f"t = {float(run['time'][-1]):.12g} s"
+    for name, one in run.data_vars.items():
+        if one.dims == (STEPS,) and one.attrs.get("role") in ("coordinate", "velocity", "state"):
+            yield f"{name} = {float(one[-1]):.9g} {one.attrs['units']}"
+
+
+def _events(run: xr.Dataset) -> Iterator[str]:
+    names = event_names(run)
+    rows = np.asarray(run["event_row_before"])
+    coordinates = [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in ("coordinate", "velocity")]
+    for i, row in enumerate(rows[:MOST_EVENTS]):
+        time, doubt = float(run["event_time"][i]), float(run["event_time_uncertainty"][i])
+        state = ", ".join(f"{name} = {float(run[name][row]):.9g} {run[name].attrs['units']}" for name in coordinates)
+        yield f"event     {names[i]} at t = {time:.15g} s (± {doubt:.2g} s): {state}"
+    if len(rows) > MOST_EVENTS:
+        yield f"event     … and {len(rows) - MOST_EVENTS} more"
+
+
+def event_names(run: xr.Dataset) -> list[str]:
+    """Return the name of the detector of every event."""
+    detector = run["event_detector"]
+    words = str(detector.attrs["flag_meanings"]).split()
+    return [words[int(one)] for one in np.asarray(detector)]
