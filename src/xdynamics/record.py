@@ -107,11 +107,10 @@ def dataset(march: March, blocks: Iterable[Block]) -> xr.Dataset:
     for block in blocks:
         for column, part in zip(spec, parts, strict=True):
             part.append(column.take(block))
-    variables = {
-        column.variable.name: (column.variable.dims, _joined(part), column.variable.attributes)
-        for column, part in zip(spec, parts, strict=True)
-    }
-    variables |= {one.name: ((), value, one.attributes) for one, value in constants(march)}
+    filled = [(column.variable, _joined(part)) for column, part in zip(spec, parts, strict=True)]
+    filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
+    # fastpath: xarray would import dask to find out that a numpy array is none of its own
+    variables = {one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True) for one, data in filled}
     return xr.Dataset(variables, attrs=attributes(march)).set_coords("time")
 
 

@@ -73,10 +73,21 @@ def _base(**powers: int) -> Dimension:
 
 TIME = _base(s=1)
 ENERGY = _base(kg=1, m=2, s=-2)
-_DERIVED: dict[Dimension, str] = {
-    _base(kg=1, m=1, s=-2): "N", ENERGY: "J", _base(kg=1, m=2, s=-3): "W", _base(kg=1, m=-1, s=-2): "Pa",
-    _base(A=1, s=1): "C", _base(kg=1, m=2, s=-3, A=-1): "V",
+_COHERENT = {
+    **{base: _base(**{base: 1}) for base in BASE}, "rad": NONE, "N": _base(kg=1, m=1, s=-2), "J": ENERGY,
+    "W": _base(kg=1, m=2, s=-3), "Pa": _base(kg=1, m=-1, s=-2), "Hz": _base(s=-1), "C": _base(A=1, s=1),
+    "V": _base(kg=1, m=2, s=-3, A=-1), "ohm": _base(kg=1, m=2, s=-3, A=-2), "F": _base(kg=-1, m=-2, s=4, A=2),
+    "T": _base(kg=1, s=-2, A=-1),
 }  # fmt: skip
+_DERIVED: dict[Dimension, str] = {_COHERENT[name]: name for name in ("N", "J", "W", "Pa", "C", "V")}
+_PI = Fraction("3.1415926535897932384626433832795028841971693993751")
+# spelling of each unit constant, and what is not coherent with its factor: known here, so that a model in SI units
+# does not wait for pint's dictionary
+_SPELLED = dict(zip(CONSTANTS, ("m", "m", "s", "kg", "g", "A", "K", "mol", "cd", "rad", "degree", "N", "J", "W", "Pa", "Hz",
+                                "V", "C", "ohm", "F", "T", "min", "h", "d"), strict=True))  # fmt: skip
+_FACTORS = {"g": (_base(kg=1), Fraction(1, 1000)), "degree": (NONE, _PI / 180), "min": (TIME, Fraction(60)),
+            "h": (TIME, Fraction(3600)), "d": (TIME, Fraction(86400)), "mm": (_base(m=1), Fraction(1, 1000)),
+            "ms": (TIME, Fraction(1, 1000)), "cm": (_base(m=1), Fraction(1, 100)), "km": (_base(m=1), Fraction(1000))}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -258,12 +269,11 @@ def _registry() -> Any:
 @lru_cache(maxsize=512)
 def _named(name: str) -> tuple[str, Dimension, Fraction]:
     """Look one unit name up: its spelling, dimension and exact SI factor."""
-    if name == "kg":  # the one base unit with a prefix, and the most common name of all
-        return "kg", _base(kg=1), Fraction(1)
-    if name in BASE:
-        return name, _base(**{name: 1}), Fraction(1)
-    if name == "rad":
-        return "rad", NONE, Fraction(1)
+    spelling = _SPELLED.get(name, name)
+    if spelling in _COHERENT:
+        return spelling, _COHERENT[spelling], Fraction(1)
+    if spelling in _FACTORS:
+        return spelling, *_FACTORS[spelling]
     if len(name) > 40:
         raise InputError(f"unit '{name[:40]}…' is not known")
     registry = _registry()
