@@ -18,15 +18,14 @@ def summary(run: xr.Dataset) -> list[str]:
     lines = [
         used["title"],
         f"outcome   {used['run_outcome']}: {used['run_outcome_text']}",
-        f"method    {used['solver_method']} (order {used['solver_order']}), step {used['solver_step']!r} s",
+        f"method    {used['solver_method']} (order {used['solver_order']}), step {float(used['solver_step'])!r} s",
         f"log       {_counts(run)}",
         f"end       {', '.join(_end(run))}",
     ]
     if "total_energy" in run:
-        low, high = float(run["total_energy"].min()), float(run["total_energy"].max())
-        units = run["total_energy"].attrs["units"]
-        start, end = (float(run["total_energy"][row]) for row in (0, -1))
-        lines.append(f"energy    {start:.9g} {units} at the start, band {high - low:.3g} {units}, end minus start {end - start:.3g} {units}")
+        energy, units = run["total_energy"].values, run["total_energy"].attrs["units"]
+        band, change = energy.max() - energy.min(), energy[-1] - energy[0]
+        lines.append(f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}, end minus start {change:.3g} {units}")
     return lines + list(_events(run))
 
 

@@ -57,11 +57,8 @@ def _binary(node: Binary, names: Mapping[str, Dimension]) -> Dimension | None:
     if node.operator == "**":
         return None if left is None else left ** (exponent_of(node.right) or 0)
     right = _dimension(node.right, names)
-    if left is None:
-        return None
-    if right is None:
-        return None if node.operator == "*" else left
-    return left * right if node.operator == "*" else left / right
+    pair = left or NONE, right or NONE  # a zero that is multiplied is a number like others
+    return pair[0] * pair[1] if node.operator == "*" else pair[0] / pair[1]
 
 
 def _call(node: Call, names: Mapping[str, Dimension]) -> Dimension | None:
