@@ -226,7 +226,7 @@ def parse_quantity(given: Any) -> Quantity:
     found = _NUMBER.match(text)
     if not found:
         raise InputError(f"quantity {shown} does not start with a finite number; write it like '0.145 kg'")
-    return _quantity(float(found[0]), text[found.end():] or "1", shown)
+    return _quantity(float(found[0]), text[found.end():].strip() or "1", shown)
 
 
 def parse_time(given: Any, what: str) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from numba import njit
+from numba import config, njit
 from numba.extending import intrinsic
 
 # fastmath stays off and "numpy" makes 1/0 an infinity instead of an exception: the march judges it
@@ -17,8 +17,7 @@ entry = njit(cache=True, **OPTIONS)
 entry_in_memory = njit(**OPTIONS)
 
 
-@intrinsic
-def borrowed(_typing: Any, array: Any) -> Any:
+def _borrowed(_typing: Any, array: Any) -> Any:
     """Return an array without its reference count, for loops that would count it up and down at every step.
 
     The caller of the compiled code holds the array; nothing inside keeps it.
@@ -31,3 +30,11 @@ def borrowed(_typing: Any, array: Any) -> Any:
         return view._getvalue()  # noqa: SLF001 - how numba's own intrinsics end
 
     return array(array), generate
+
+
+def _itself(array: Any) -> Any:
+    return array
+
+
+# without numba's compiler, as NUMBA_DISABLE_JIT asks for, a march is plain Python and an array is an array
+borrowed = _itself if config.DISABLE_JIT else intrinsic(_borrowed)

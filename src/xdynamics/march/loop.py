@@ -182,12 +182,12 @@ def _cross_node(plan: Plan, memory: Memory, log: Log, base: Tally) -> Memory:
     at = memory.tally.samples - base.samples
     p, row = plan.parameters, memory.tally.rows - 1
     state, at = begin(memory.t, memory.state, p, plan.tables, pieces, log, at, row)
-    was, tally = memory.tally, memory.tally
+    if not all_finite(state):
+        return _ended(memory, NONFINITE, memory.h, state)
+    was = memory.tally
     tally = Tally(was.rows, was.trials, was.events, at + base.samples)
-    status = RUNNING if all_finite(state) else NONFINITE
-    kept = state if status == RUNNING else memory.state
     return Memory(
-        status, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, kept, state, memory.values, pieces, tally
+        RUNNING, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, state, state, memory.values, pieces, tally
     )
 
 

@@ -149,11 +149,11 @@ def _check_potential(
             ledger.note(f"potential of '{term}' uses the drive '{drive}' of '{parts['drives'][drive].argument}'; write a component")
     if any(name.startswith("v_") and name[2:] in needed for name in free_names(potential)):
         ledger.note(f"potential of '{term}' depends on a velocity; write a component")
-    for name in free_names(potential) & set(needed):
-        _needs(ledger, f"potential of '{term}'", potential, known, needed[name] * known[name])
+    if not needed:
+        ledger.note(f"potential of '{term}' has no coordinate to act on")
         return
-    with ledger.entry(f"potential of '{term}'"):
-        dimension_of(potential, known)
+    name = next(iter(needed))  # force times coordinate is an energy, the same for each of them
+    _needs(ledger, f"potential of '{term}'", potential, known, needed[name] * known[name])
 
 
 def _check_function(term: str, function: Function, known: Mapping[str, Dimension], ledger: Ledger) -> None:

@@ -1,0 +1,281 @@
+"""The march: time grid, nodes, events, outcomes, memory between blocks."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from problems import EPS, free, oscillator, particle, pushed
+
+import xdynamics as xd
+from xdynamics.march import March, Settings
+from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_EVENT
+
+MIDPOINT = xd.METHODS["midpoint"]
+
+
+def timed(function: str, **event: str) -> xd.Model:
+    """A free particle with one event."""
+    return particle(events={"mark": {"function": function} | event})
+
+
+def test_grid_is_never_a_sum() -> None:
+    """Assert that times are t0 + n h to the bit, so that refined runs share them."""
+    coarse = xd.simulate(free().model, method="midpoint", step=0.1, until=3.0, force_samples="none")
+    fine = xd.simulate(free().model, method="midpoint", step=0.05, until=3.0, force_samples="none")
+    assert (coarse.time.values[:-1] == 0.1 * np.arange(30)).all()
+    assert (fine.time.values[::2] == coarse.time.values).all()
+    assert coarse.time.values[-1] == 3.0
+
+
+def test_last_step_is_partial_and_said_so() -> None:
+    """Assert that a step that does not divide the span ends in a shorter one."""
+    run = xd.simulate(free().model, method="midpoint", step=0.3, until=1.0, force_samples="none")
+    assert run.time.values.tolist() == [0.0, 0.3, 0.6, 3 * 0.3, 1.0]
+    assert run.step_size.values[-1] == 1.0 - 3 * 0.3
+    assert run.attrs["solver_last_step"].startswith("partial, 0.1 s")
+
+
+def test_step_longer_than_the_span() -> None:
+    """Assert that one partial step is made."""
+    run = xd.simulate(free().model, method="midpoint", step=5.0, until=1.0, force_samples="none")
+    assert run.time.values.tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"step": 0}, "step is 0.0 s, needs a positive time"),
+        ({"step": "-1 ms"}, "step is -0.001 s, needs a positive time"),
+        ({"step": "nan s"}, "step: quantity 'nan s'"),
+        ({"step": "1 kg"}, "step '1 kg' has units 'kg', needs 's'"),
+        ({"until": 0}, "until is 0.0 s, needs a time after the start"),
+        ({"step": 1e-300}, "makes over 2"),
+        ({"force_samples": "some"}, "force_samples is 'some'"),
+    ],
+)
+def test_wrong_setting(asked: dict[str, object], message: str) -> None:
+    """Assert that a setting no march could use is refused before anything runs."""
+    with pytest.raises(xd.InputError, match=message):
+        xd.simulate(free().model, **({"method": "midpoint", "step": 0.1, "until": 1.0} | asked))
+
+
+def test_missing_setting() -> None:
+    """Assert that a setting that stands nowhere is asked for."""
+    with pytest.raises(xd.InputError, match=r"has no step in its \[run\]; give step="):
+        xd.simulate(free().model, method="midpoint", until=1.0)
+
+
+TABLE = "time [s],force [N]\n0,0\n0.25,4\n0.7,1\n1,1\n"
+
+
+def driven(rule: str, outside: str = "error") -> xd.Model:
+    """A particle under a measured force."""
+    drive = {"table": "f.csv", "csv": TABLE, "interpolation": rule, "outside": outside}
+    return particle("pull", v="0 m s-1", drives={"pull": drive})
+
+
+def test_march_lands_on_nodes() -> None:
+    """Assert that breakpoints of a drive are rows, between the grid times that stay where they are."""
+    run = xd.simulate(driven("linear"), method="midpoint", step=0.2, until=1.0)
+    assert run.time.values.tolist() == [0.0, 0.2, 0.25, 0.4, 3 * 0.2, 0.7, 0.8, 1.0]
+    assert run.time.values[run.row_kind == NODE].tolist() == [0.25, 0.7]
+
+
+def test_linear_drive_gives_its_exact_impulse() -> None:
+    """Assert that midpoint integrates a piecewise linear force exactly, whatever the step."""
+    run = xd.simulate(driven("linear"), method="midpoint", step=0.2, until=1.0)
+    impulse = 0.25 * 2 + 0.45 * 2.5 + 0.3
+    assert abs(run.v_x.values[-1] - impulse / 2) < 8 * EPS
+
+
+def test_jump_of_a_drive_falls_between_steps() -> None:
+    """Assert that a force that jumps at a node is taken from its own side in every stage, also by Verlet."""
+    for method in ("velocity_verlet", "midpoint", "forward_euler"):
+        run = xd.simulate(driven("previous"), method=method, step=0.2, until=1.0)
+        assert abs(run.v_x.values[-1] - (0.45 * 4 + 0.3 * 1) / 2) < 8 * EPS, method
+
+
+def test_outside_its_table_a_drive_ends_the_run() -> None:
+    """Assert that the outcome names drive, argument and table, and keeps the rows up to there."""
+    run = xd.simulate(driven("linear"), method="midpoint", step=0.2, until=2.0)
+    assert run.attrs["run_outcome"] == "outside_drive_table"
+    assert "drive 'pull' was asked at t = 1, and its table 'f.csv' reaches from 0 to 1" in run.attrs["run_outcome_text"]
+    assert run.time.values[-1] == 1.0
+    held = xd.simulate(driven("linear", "hold"), method="midpoint", step=0.2, until=2.0)
+    assert held.attrs["run_outcome"] == "completed"
+    assert held.force_push_x.values[-1] == 1.0
+
+
+def test_event_brackets_its_root() -> None:
+    """Assert bracket, both rows, direction, residual and uncertainty of a passage at t = 1/3 s."""
+    run = xd.simulate(timed("x - 2*metre"), method="midpoint", step=0.1, until=1.0)
+    low, high = run.event_time_bounds.values[0]
+    assert low < 1 / 3 <= high + EPS
+    assert 0 < high - low <= 1e-12
+    assert run.event_time.values[0] == high
+    before, after = int(run.event_row_before[0]), int(run.event_row_after[0])
+    assert after == before + 1
+    assert run.row_kind.values[[before, after]].tolist() == [EVENT_BEFORE, EVENT_AFTER]
+    assert run.time.values[before] == run.time.values[after] == high
+    assert run.event_direction.values.tolist() == [1]
+    assert high - low <= float(run.event_time_uncertainty[0]) < 2e-12
+    # the grid goes on where it was
+    assert run.time.values[after + 1] == 4 * 0.1
+
+
+def test_event_substeps_are_rejected_trials() -> None:
+    """Assert that every trial of the bracket is kept, from one unchanged row."""
+    run = xd.simulate(timed("x - 2*metre"), method="midpoint", step=0.1, until=1.0)
+    assert (run.trial_reason == REASON_EVENT).all()
+    assert set(run.trial_step.values.tolist()) == {3}
+    assert run.trial_step_size.values[0] == 0.1
+
+
+@pytest.mark.parametrize(("direction", "count"), [("rising", 3), ("falling", 3), ("either", 6)])
+def test_event_direction(direction: str, count: int) -> None:
+    """Assert that passages are counted in the direction asked: x = cos 2t crosses zero six times before 9.5 s."""
+    model = xd.Model.from_text(oscillator().model.to_toml() + f'\n[events.passage]\nfunction = "x"\ndirection = "{direction}"\n')
+    run = xd.simulate(model, method="velocity_verlet", step=0.01, until=9.5)
+    assert run.sizes["event"] == count
+    expected = np.pi / 4 + np.pi / 2 * np.arange(6)
+    chosen = {"falling": expected[::2], "rising": expected[1::2], "either": expected}[direction]
+    assert np.abs(run.event_time.values - chosen).max() < 2e-4  # the method's own error at this step
+
+
+def test_stop_ends_the_run_at_the_event() -> None:
+    """Assert that a stopping event is the last row, and its name in the outcome."""
+    run = xd.simulate(timed("x - 2*metre", action="stop"), method="midpoint", step=0.1, until=1.0)
+    assert run.attrs["run_outcome"] == "stopped_by_event"
+    assert "'mark'" in run.attrs["run_outcome_text"]
+    assert run.time.values[-1] == run.event_time.values[0]
+
+
+def test_two_events_in_one_step_come_in_order() -> None:
+    """Assert that the earlier of two crossings in a step is found first, whatever their order in the file."""
+    events = {"late": {"function": "x - 1.2*metre"}, "early": {"function": "x - 1.1*metre"}}
+    run = xd.simulate(particle(events=events), method="midpoint", step=0.1, until=1.0)
+    assert np.abs(run.event_time.values - np.array([0.1, 0.2]) / 3).max() < 2e-12
+    assert run.event_detector.values.tolist() == [1, 0]
+
+
+def test_two_events_at_one_time_share_a_pair() -> None:
+    """Assert that simultaneous events are both recorded."""
+    events = {"one": {"function": "x - 1.3*metre"}, "same": {"function": "2*x - 2.6*metre"}}
+    run = xd.simulate(particle(events=events), method="midpoint", step=0.25, until=1.0)
+    assert run.event_detector.values.tolist() == [0, 1]
+    assert abs(float(np.diff(run.event_time.values)[0])) < 2e-12
+
+
+def test_event_on_a_grid_time_is_found_once() -> None:
+    """Assert that a root exactly at the end of a step is one event."""
+    run = xd.simulate(timed("t - 0.5*second", direction="rising"), method="midpoint", step=0.25, until=1.0)
+    assert run.event_time.values.tolist() == [0.5]
+    assert run.time.values.tolist() == [0.0, 0.25, 0.5, 0.5, 0.75, 1.0]
+
+
+def test_event_function_that_starts_at_zero_is_no_event() -> None:
+    """Assert that leaving a surface is not crossing it."""
+    run = xd.simulate(timed("x - 1*metre"), method="midpoint", step=0.25, until=1.0)
+    assert run.sizes["event"] == 0
+
+
+def blow(expression: str) -> xd.Model:
+    """A state that grows as it says, alone."""
+    return xd.Model(
+        name="blow", states={"y": {"unit": "1", "rate": expression}}, initial={"y": "1"}, parameters={"k": "1 s-1"}
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "method", "step", "until", "word", "text"),
+    [
+        (lambda: blow("k*y**2"), "midpoint", 0.01, 2.0, "nonfinite_force", "rate_y is inf"),
+        (lambda: particle("where(t > 1*second, F*sqrt(-1), F)"), "midpoint", 0.125, 2.0, "nonfinite_force", "force_push_x is nan in the evaluation at t = 1.0625 s"),
+        (lambda: particle("F/where(t > 1*second, 0, 1)"), "forward_euler", 0.125, 2.0, "nonfinite_force", "force_push_x is inf in the evaluation at t = 1.125 s"),
+        (lambda: particle(mass={"x": "m*(1 - t/second)"}), "forward_euler", 0.25, 2.0, "nonfinite_force", "mass is not positive definite"),
+        (lambda: timed("log(1.5 - t/second)*metre"), "forward_euler", 0.25, 2.0, "nonfinite_event", "'mark'"),
+        (lambda: particle(initial={"t": "1e9 s", "x": "1 m", "v_x": "1 m s-1"}), "midpoint", 1e-8, 1e9 + 1, "step_below_spacing", "t = 1000000000 s, h = 1e-08 s"),
+    ],
+)  # fmt: skip
+def test_bad_end_is_a_named_outcome(model, method, step, until, word, text) -> None:  # noqa: ANN001
+    """Assert that a run that ends badly says how, with t, h and component, and keeps finite rows only."""
+    run = xd.simulate(model(), method=method, step=step, until=until)
+    assert run.attrs["run_outcome"] == word
+    assert text in run.attrs["run_outcome_text"]
+    assert "h = " in run.attrs["run_outcome_text"]
+    for name in run.data_vars:
+        if run[name].dims == ("step",) and run[name].dtype.kind == "f":
+            assert np.isfinite(run[name]).all(), name
+
+
+def test_blocks_go_on_to_the_same_bits() -> None:
+    """Assert that small blocks, events at their borders included, hold what one block holds."""
+    model = xd.Model.from_text(oscillator().model.to_toml() + '\n[events.passage]\nfunction = "x"\n')
+    settings = Settings(xd.METHODS["velocity_verlet"], 0.05, 40.0)
+    whole, parts = copied(March(model, settings), None), copied(March(model, settings), 7)
+    assert len(parts) > 50
+    for at, table in enumerate(("rows", "samples", "events")):
+        one, other = (np.concatenate([part[at] for part in cut], axis=1) for cut in (whole, parts))
+        assert (one == other).all(), table
+
+
+def copied(march: March, rows: int | None) -> list[tuple[np.ndarray, ...]]:
+    """March in blocks and keep their tables."""
+    return [
+        (one.log.rows[:, : one.rows].copy(), one.log.samples[:, : one.samples].copy(), one.log.events[:, : one.events].copy())
+        for one in march.blocks(rows)
+    ]
+
+
+def test_keyboard_interrupt_is_an_outcome() -> None:
+    """Assert that Ctrl-C ends a long run with the rows up to there."""
+    timer = threading.Timer(1.5, signal.raise_signal, (signal.SIGINT,))
+    timer.start()
+    try:
+        run = xd.simulate(free().model, method="midpoint", step=1e-7, until=3.0, force_samples="none")
+    finally:
+        timer.cancel()
+    assert run.attrs["run_outcome"] == "interrupted"
+    assert 0 < run.time.values[-1] < 3.0
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+PLAIN = """
+import numpy as np, sys
+import xdynamics as xd
+np.seterr(all="ignore")
+model = xd.Model.from_toml(sys.argv[1])
+run = xd.simulate(model, step=float(sys.argv[2]), until=float(sys.argv[3]))
+print(xd.content_digest(run))
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "until"), [("double_pendulum", 0.01, 0.5), ("rocket_c6", 0.01, 2.5), ("cart_spring", 0.01, 1.0)]
+)
+def test_compiled_equals_plain_python(name: str, step: float, until: float) -> None:
+    """Assert that the same code without numba gives the same bits, to the last event and sample."""
+    from problems import MODELS
+
+    command = [sys.executable, "-c", PLAIN, str(MODELS / f"{name}.toml"), str(step), str(until)]
+    import os
+
+    plain = subprocess.run(command, env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=True)
+    run = xd.simulate(xd.Model.from_toml(MODELS / f"{name}.toml"), step=step, until=until)
+    assert plain.stdout.strip() == xd.content_digest(run)
+
+
+def test_progress_is_told() -> None:
+    """Assert that a march tells how far it is."""
+    told: list[float] = []
+    xd.simulate(pushed().model, method="midpoint", step=1e-6, until=1.0, force_samples="none",
+                progress=lambda done, _t, _rows: told.append(done))  # fmt: skip
+    assert told[-1] == 1.0
+    assert told == sorted(told)
+    assert time.monotonic() > 0

@@ -1,0 +1,189 @@
+"""Models: TOML without loss, faults gathered, drives, Python forces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from problems import MODELS, particle
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+import xdynamics as xd
+from xdynamics.model import Table, Trait, traits_of
+from xdynamics.model.drives import coefficients
+
+FILES = sorted(MODELS.glob("*.toml"))
+GOOD = (MODELS / "ball_drag.toml").read_text()
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda one: one.stem)
+def test_toml_round_trip_loses_nothing(path: Path) -> None:
+    """Assert that a model written and read again says the same, tables included."""
+    model = xd.Model.from_toml(path)
+    again = xd.Model.from_text(model.to_toml())
+    assert again == model
+    assert again.digest == model.digest
+    assert all(again.drives[name].table.text == one.table.text for name, one in model.drives.items())
+
+
+def test_python_statement_equals_file() -> None:
+    """Assert that the same sections in Python give the same model."""
+    import tomllib
+
+    assert xd.Model(**tomllib.loads(GOOD)) == xd.Model.from_text(GOOD)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"-c*v_y*abs(v_y)"', '"-c*v_y"', r"force 'drag' of 'y' has units 'kg s-1', needs 'kg m s-2 \(N\)' \(column 1: -c\*v_y\)"),
+        ('unit = "m s-1", uncertainty', 'unit = "m # s", uncertainty', "parameter 'vt': unit 'm # s' cannot be read"),
+        ('value = 0.145', "value = nan", "parameter 'm': quantity nan is not finite"),
+        ('"-c*v_y*abs(v_y)"', '"-c*v_z*abs(v_y)"', "name 'v_z' .* is not declared; did you mean 'v_y'"),
+        ('direction = "falling"\naction = "record"', 'direction = "down"', "direction 'down' is not known; there are rising, falling"),
+        ('v_y = "20 m s-1"', "", "initial value of 'v_y' is missing, in 'm s-1'"),
+        ('v_y = "20 m s-1"', 'v_y = "20 m"', "initial value 'v_y = 20.0 m' has units 'm', needs 'm s-1'"),
+        ('action = "stop"', 'action = "impact"', "action 'impact' is not available in this version"),
+        ('[mass]\ny = "m"', "[mass]", "mass: of coordinate 'y' is missing"),
+        ('time_tolerance = "1e-12 s"', 'time_tolerance = "-1 s"', "time_tolerance is '-1.0 s', needs a positive time"),
+        ('[run]', '[contacts.floor]\ngap = "y"\n[run]', r"\[contacts\] is not available"),
+        ('[run]', '[forcess.x]\ny = "0"\n[run]', r"\[forcess\] is no section; did you mean 'forces'"),
+        ('c = "m*g/vt**2"', 'c = "m*g/vt**2"\nspeed = "v_y*other"\nother = "speed"', "definitions speed, other are defined by one another"),
+        ('potential = "m*g*y"', 'potential = "m*g*y*v_y"', "potential of 'gravity' depends on a velocity"),
+        ('step = "1 ms"', 'stepp = "1 ms"', r"\[run\] has no setting 'stepp'; did you mean 'step'"),
+        ('g = {', "time = {", "parameter 'time' and the record both claim the name 'time'"),
+        ('g = {', "second = {", "the name 'second' is a word of the expression language"),
+        ('uncertainty = 1,', "uncertainty = -1,", "must be non-negative"),
+    ],
+)  # fmt: skip
+def test_fault_is_named(old: str, new: str, message: str) -> None:
+    """Assert that a fault is named with its value and what was needed."""
+    assert old in GOOD
+    with pytest.raises(xd.ModelError, match=message):
+        xd.Model.from_text(GOOD.replace(old, new, 1))
+
+
+def test_duplicate_key_is_refused() -> None:
+    """Assert that TOML's refusal of duplicate keys is ours, with the line."""
+    with pytest.raises(xd.ModelError, match="no TOML"):
+        xd.Model.from_text(GOOD.replace("[mass]\n", '[mass]\ny = "m"\n'))
+
+
+def test_all_faults_come_at_once() -> None:
+    """Assert that the faults of one file are one error."""
+    broken = GOOD.replace('"m*g*y"', '"m*g"').replace("-c*v_y", "-c").replace('y = "0 m"', 'y = "0 s"')
+    with pytest.raises(xd.ModelError) as caught:
+        xd.Model.from_text(broken)
+    assert len(caught.value.faults) == 3
+
+
+@pytest.mark.parametrize("path", [Path("nowhere.toml"), MODELS])
+def test_unreadable_file(path: Path) -> None:
+    """Assert that a missing file and a directory are named."""
+    with pytest.raises(xd.ModelError, match="cannot be read|is a directory"):
+        xd.Model.from_toml(path)
+
+
+def test_replace_keeps_the_unit_of_a_bare_number() -> None:
+    """Assert that parameters and initial values can be changed, and nothing unknown."""
+    model = xd.Model.from_text(GOOD).replace(parameters={"m": 0.2, "vt": "100 km/h"}, initial={"v_y": 10})
+    assert str(model.parameters["m"].quantity) == "0.2 kg"
+    assert model.parameters["vt"].quantity.si == pytest.approx(27.7777777777777)
+    assert model.initial["v_y"].si == 10.0
+    with pytest.raises(xd.ModelError, match="parameters has no entry 'mass'; there are: m, g, vt"):
+        model.replace(parameters={"mass": 1})
+
+
+def test_traits_name_the_culprit() -> None:
+    """Assert that a drive of a coordinate counts as that coordinate."""
+    assert Trait.VELOCITY_DEPENDENT not in traits_of(xd.Model.from_toml(MODELS / "cart_spring.toml"))
+    assert traits_of(xd.Model.from_text(GOOD)) == {Trait.VELOCITY_DEPENDENT: "force 'drag' of 'y' depends on v_y"}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("time [s],thrust [N]\n", "has 0 rows, needs 2"),
+        ("time,thrust\n0,1\n1,2", "line 1: header 'time,thrust' needs two columns with units"),
+        ("time [s],thrust [N]\n0,1\n0,2", "line 3: argument 0.0 does not increase after 0.0"),
+        ("# a note\ntime [s],thrust [N]\n0,1\n1,nan", "line 4: '1,nan' is not finite"),
+        ("time [s],thrust [N]\n0,1\n1;2", "line 3: '1;2' is no pair of numbers"),
+        ("time [s],thrust [bananas]\n0,1\n1,2", "unit 'bananas' is not known"),
+        ("time [s],thrust [N],more [1]\n0,1,2\n1,2,3", "needs two columns"),
+    ],
+)
+def test_faulty_table_is_refused_by_line(text: str, message: str) -> None:
+    """Assert that a table's fault is named with its line."""
+    with pytest.raises(xd.InputError, match=message):
+        Table.parse("thrust.csv", text)
+
+
+ARGUMENT, VALUE = np.array([0.0, 1.0, 2.5, 3.0, 4.0]), np.array([1.0, 3.0, 2.0, 2.0, 5.0])
+
+
+@pytest.mark.parametrize(
+    ("rule", "reference"),
+    [
+        ("linear", lambda x: np.interp(x, ARGUMENT, VALUE)),
+        ("pchip", PchipInterpolator(ARGUMENT, VALUE)),
+        ("cubic", CubicSpline(ARGUMENT, VALUE)),
+        ("previous", lambda x: VALUE[np.searchsorted(ARGUMENT, x, side="right") - 1]),
+    ],
+)
+def test_compiled_table_agrees_with_scipy(rule: str, reference: object) -> None:
+    """Assert that the pieces, as compiled code evaluates them, are scipy's interpolant."""
+    from xdynamics.kernels import tables
+
+    table = coefficients(ARGUMENT, VALUE, rule, "zero")
+    points = np.linspace(0.0, 3.999, 97)
+    pieces = [tables.find_piece.py_func(x, table) for x in points]
+    mine = [tables.value_at.py_func(x, table, piece) for x, piece in zip(points, pieces, strict=True)]
+    assert np.allclose(mine, reference(points), rtol=1e-14, atol=1e-14)
+    assert tables.find_piece.py_func(-0.1, table) == 0
+    assert tables.find_piece.py_func(4.1, table) == 5
+    assert tables.find_piece.py_func(4.0, table) == 4
+    assert tables.value_at.py_func(-0.1, table, 0) == tables.value_at.py_func(9.0, table, 5) == 0.0
+
+
+def test_drive_of_the_wrong_argument_unit() -> None:
+    """Assert that a table in seconds cannot be a drive of a position."""
+    table = {"table": "r.csv", "csv": "time [s],force [N]\n0,1\n1,2\n", "argument": "x"}
+    with pytest.raises(xd.ModelError, match="first column of 'r.csv' is in 's', its argument 'x' in 'm'"):
+        particle("pull", drives={"pull": table})
+
+
+def stiff_push(x: float, F: float) -> float:  # noqa: N803
+    """A force in Python: SI in, SI out."""
+    return F - 40.0 * x * x * x
+
+
+def other_push(x: float, F: float) -> float:  # noqa: N803, ARG001
+    """Another force under the same arguments."""
+    return F
+
+
+def test_python_force_is_recorded_and_compared() -> None:
+    """Assert that a Python force runs like its expression, keeps its source, and comes back only with its digest."""
+    by_function = particle(stiff_push)
+    by_text = particle("F - 40*newton/metre**3*x*x*x")
+    runs = [xd.simulate(one, method="velocity_verlet", step=0.01, until=1.0) for one in (by_function, by_text)]
+    assert (runs[0].x.values == runs[1].x.values).all()
+    assert "return F - 40.0 * x * x * x" in str(runs[0].force_source.values)
+    text = by_function.to_toml()
+    assert xd.Model.from_text(text, functions={"stiff_push": stiff_push}) == by_function
+    with pytest.raises(xd.ModelError, match="hand them over"):
+        xd.simulate(xd.Model.from_text(text), method="velocity_verlet", step=0.01, until=1.0)
+    with pytest.raises(xd.ModelError, match="has digest"):
+        xd.Model.from_text(text, functions={"stiff_push": other_push})
+
+
+def test_python_force_that_asks_for_the_unknown() -> None:
+    """Assert that an undeclared argument is named."""
+
+    def pull(z: float) -> float:
+        return z
+
+    with pytest.raises(xd.ModelError, match="function 'pull' asks for 'z', which is not declared"):
+        particle(pull)
