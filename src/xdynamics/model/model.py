@@ -11,12 +11,12 @@ from typing import Any
 
 from xdynamics.expressions import Name, Node, Number, derivative, expand, free_names
 from xdynamics.expressions.calculus import multiply, negative
-from xdynamics.faults import ModelError
+from xdynamics.faults import InputError, ModelError
 from xdynamics.model import toml
 from xdynamics.model.checking import check
 from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Parameter, State
 from xdynamics.model.reading import read
-from xdynamics.units import Dimension, Quantity
+from xdynamics.units import Dimension, Quantity, parse_quantity, parse_unit
 
 LARGEST_FILE = 20_000_000
 
@@ -121,7 +121,7 @@ class Model:
                 if section not in statement or key not in statement[section]:
                     known = ", ".join(statement.get(section, {})) or "none"
                     raise ModelError(f"{section} has no entry '{key}'; there are: {known}")
-                statement[section][key] = _replaced(statement[section][key], value)
+                statement[section][key] = _replaced(key, statement[section][key], value)
         model = object.__new__(Model)
         model._fill(statement, Path(), self.functions)  # noqa: SLF001
         return model
@@ -205,11 +205,18 @@ class Model:
         return {name: node for name, node in derived.items() if node != Number(0.0)}
 
 
-def _replaced(old: Any, value: Any) -> Any:
-    """Put a value in an entry's place; a bare number keeps the entry's unit."""
-    if isinstance(old, Mapping):
-        return {**old, "value": value} if "value" in old else value
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and isinstance(old, str) and " " in old:
-        return f"{value!r} {old.split(' ', 1)[1]}"
-    return value
+def _replaced(entry: str, old: Any, value: Any) -> Any:
+    """Put a value in an entry's place; a bare number keeps the entry's unit, a quantity must be of its kind."""
+    text = old.get("value") if isinstance(old, Mapping) else old
+    if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
+        return value
+    try:
+        unit = parse_unit(old["unit"]) if isinstance(old, Mapping) and "unit" in old else parse_quantity(text).unit
+    except InputError:
+        return value  # an expression, not a quantity
+    if isinstance(value, str):
+        given = parse_quantity(value)
+        if given.unit.dimension != unit.dimension:
+            raise ModelError(f"{entry} = {value!r} has units '{given.unit.dimension}', needs '{unit.dimension}'")
+    written = value if isinstance(value, str) else f"{value!r} {unit.text}"
+    return {**{key: one for key, one in old.items() if key != "unit"}, "value": written} if isinstance(old, Mapping) else written

@@ -1,0 +1,159 @@
+"""The command line: lines a person reads, exit codes a script reads."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from problems import MODELS, ROOT
+
+import xdynamics as xd
+from xdynamics.cli import main
+
+BALL = str(MODELS / "ball_drag.toml")
+
+
+def call(*arguments: object) -> Result:
+    """Run a command in this process."""
+    return CliRunner().invoke(main, [str(one) for one in arguments])
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An archived throw."""
+    path = tmp_path_factory.mktemp("cli") / "ball.nc"
+    assert call("run", BALL, "-o", path, "--step", "5 ms").exit_code == 0
+    return path
+
+
+def test_run_says_what_a_person_wants_first(tmp_path: Path) -> None:
+    """Assert outcome, events, energy and the file, in that order."""
+    done = call("run", BALL, "-o", tmp_path / "ball.nc", "--step", "5 ms")
+    assert done.exit_code == 0
+    words = [line.split()[0] for line in done.output.splitlines()]
+    assert words == ["Ball", "outcome", "method", "log", "end", "energy", "event", "event", "archive"]
+    assert "stopped_by_event: event 'ground'" in done.output
+
+
+def test_settings_reach_the_record(tmp_path: Path) -> None:
+    """Assert that method, step, end, changes and samples are what is recorded."""
+    path = tmp_path / "ball.nc"
+    done = call("run", BALL, "-o", path, "--method", "forward_euler", "--step", "0.01 s", "--until", "1 s", "--set", "vt=25",
+                "--set", "v_y=15 m s-1", "--force-samples", "none", "--scale", "length=2 m")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    run = xd.open_run(path)
+    assert run.attrs["solver_method"] == "forward_euler"
+    assert (run.attrs["solver_step"], run.attrs["solver_until"], run.attrs["solver_length_scale"]) == (0.01, 1.0, 2.0)
+    assert (float(run.vt), float(run.v_y[0])) == (25.0, 15.0)
+    assert "sample" not in run.sizes
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "nowhere.toml", "-o", "x.nc"], "cannot be read"),
+        (["run", BALL, "-o", "."], "is a directory"),
+        (["run", BALL, "-o", "x.nc", "--method", "velocity_verlet"], "these fit"),
+        (["run", BALL, "-o", "x.nc", "--step", "1 m"], "needs 's'"),
+        (["run", BALL, "-o", "x.nc", "--step", "-1 ms"], "needs a positive time"),
+        (["run", BALL, "-o", "x.nc", "--set", "mass=3"], "no such parameter"),
+        (["run", BALL, "-o", "x.nc", "--set", "m"], "needs NAME=VALUE"),
+        (["run", BALL, "-o", "x.nc", "--set", "m=1 s"], "has units"),
+        (["run", BALL, "-o", "x.nc", "--set", "m=nan"], "not finite"),
+        (["run", BALL, "-o", "x.nc", "--set", "m=1", "--set", "m=2"], "twice"),
+        (["run", BALL, "-o", "x.nc", "--scale", "width=1 m"], "scale 'width' is not known"),
+        (["show", "nowhere.nc"], "does not exist"),
+        (["run", BALL], "Missing option"),
+    ],
+)
+def test_wrong_input_is_one_line_and_two(arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert exit code 2, one message, no traceback, nothing written."""
+    monkeypatch.chdir(tmp_path)
+    done = call(*arguments)
+    assert done.exit_code == 2, done.output
+    assert message in done.output
+    assert "Traceback" not in done.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bad_end_is_one(tmp_path: Path) -> None:
+    """Assert that a run that ended badly is archived and exits with 1."""
+    done = call("run", MODELS / "cart_spring.toml", "-o", tmp_path / "far.nc", "--set", "x=19 cm", "--set", "v_x=3 m s-1")
+    assert done.exit_code == 1
+    assert "outside_drive_table" in done.output
+    xd.verify(tmp_path / "far.nc")
+
+
+def test_show_names_everything(ball: Path) -> None:
+    """Assert parameters with uncertainty, settings and digests."""
+    shown = call("show", ball).output
+    for part in ("vt = 30 ± 1 m s-1   terminal speed", "solver_update_equations = qm = q", "content_digest = ", "math_functions = libm"):
+        assert part in shown
+
+
+def test_verify_reproduce_compare(ball: Path, tmp_path: Path) -> None:
+    """Assert exit codes of the checks: 0 for what holds, 1 for what does not."""
+    other = tmp_path / "other.nc"
+    assert call("run", BALL, "-o", other, "--step", "10 ms").exit_code == 0
+    assert call("verify", ball, other).exit_code == 0
+    assert "every bit the same" in call("reproduce", ball).output
+    assert call("compare", ball, ball).exit_code == 0
+    apart = call("compare", ball, other)
+    assert apart.exit_code == 1
+    assert "setting   solver_step: 0.005 | 0.01" in apart.output
+    other.write_bytes(other.read_bytes()[:-5000])
+    assert call("verify", ball, other).exit_code == 1
+
+
+def test_plot_writes_a_figure(ball: Path, tmp_path: Path) -> None:
+    """Assert that the figure is there, and another ending refused."""
+    assert call("plot", ball, "-o", tmp_path / "ball.png").exit_code == 0
+    assert (tmp_path / "ball.png").stat().st_size > 20_000
+    assert call("plot", ball, "-o", tmp_path / "ball.gif").exit_code == 2
+
+
+def test_methods_prints_the_table() -> None:
+    """Assert that every method is there with order, update and what it refuses."""
+    table = call("methods").output
+    for one in xd.METHODS.values():
+        assert f"{one.name}: order {one.order}" in table
+        assert one.equations() in table
+
+
+def test_start_imports_little() -> None:
+    """Assert that the root, the help and a plain run do not import what they do not need."""
+    heavy = {"numpy", "xarray", "numba", "pint", "dask", "matplotlib", "sympy", "pandas", "scipy"}
+    script = "import sys; import xdynamics; from click.testing import CliRunner; from xdynamics.cli import main; print({0}); print(*sys.modules)"
+    for command, absent in (("0", heavy), ("CliRunner().invoke(main, ['--help']).exit_code", heavy)):
+        loaded = subprocess.run([sys.executable, "-c", script.format(command)], capture_output=True, text=True, check=True).stdout
+        assert not absent & set(loaded.split()), command
+
+
+def test_plain_run_imports_no_dask_matplotlib_sympy(tmp_path: Path) -> None:
+    """Assert that a run needs none of the dear libraries."""
+    script = ("import sys; from click.testing import CliRunner; from xdynamics.cli import main; "
+              "print(CliRunner().invoke(main, sys.argv[1:]).exit_code); print(*sys.modules)")  # fmt: skip
+    command = [sys.executable, "-c", script, "run", BALL, "-o", str(tmp_path / "ball.nc"), "--step", "5 ms"]
+    loaded = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout.split()
+    assert loaded[0] == "0"
+    assert not {"dask", "matplotlib", "sympy", "cf_xarray", "pint"} & set(loaded)
+
+
+def test_second_process_compiles_nothing(tmp_path: Path) -> None:
+    """Assert that a second process takes the machine code from the cache."""
+    script = (
+        "import sys\nfrom numba.core import event\nseen = event.RecordingListener()\n"
+        "from click.testing import CliRunner\nfrom xdynamics.cli import main\n"
+        "with event.install_listener('numba:compile', seen):\n    CliRunner().invoke(main, sys.argv[1:])\n"
+        "print(len(seen.buffer))"
+    )
+    import os
+
+    command = [sys.executable, "-c", script, "run", BALL, "-o", str(tmp_path / "ball.nc"), "--step", "5 ms"]
+    environment = os.environ | {"XDYNAMICS_CACHE": str(tmp_path / "cache")}
+    counts = [int(subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout) for _ in range(2)]
+    assert counts[0] > 20
+    assert counts[1] == 0

@@ -1,0 +1,49 @@
+"""Two runs side by side."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from problems import oscillator
+
+import xdynamics as xd
+from xdynamics.comparison import lines_of
+
+
+def made(step: float, **changes: float) -> xr.Dataset:
+    """An oscillator run."""
+    model = oscillator().model.replace(parameters=changes) if changes else oscillator().model
+    return xd.simulate(model, step=step, until=1.0, force_samples="none")
+
+
+def test_same_runs_are_the_same() -> None:
+    """Assert that two marches of one input agree to the bit."""
+    table = xd.compare(made(0.01), made(0.01))
+    assert table.attrs["identical"] == 1
+    assert (table.same == 1).all()
+    assert lines_of(table) == [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
+
+
+def test_refined_runs_meet_at_common_times() -> None:
+    """Assert that all coarse times are common, and the difference is the refinement's, in its units."""
+    table = xd.compare(made(0.01), made(0.005))
+    assert table.sizes["common"] == 101
+    assert table.difference_x.attrs["units"] == "m"
+    assert np.abs(table.difference_x).max() == pytest.approx(0.75 * (0.02**2 / 24) * np.sin(2.0) * 2, rel=0.05)
+    assert table.attrs["settings"] == "solver_step: 0.01 | 0.005"
+    assert table.attrs["first_difference"].startswith("variable 'time', row 1")
+
+
+def test_a_parameter_apart_is_named() -> None:
+    """Assert that another spring constant shows in the model's digest and in the first row where states part."""
+    table = xd.compare(made(0.01), made(0.01, k=4.1))
+    assert "model_digest" in table.attrs["settings"]
+    assert table.attrs["first_difference"].startswith("variable 'a_x', row 0")
+    assert any(line.startswith("largest   difference_x") for line in lines_of(table))
+
+
+def test_what_is_no_run_is_refused() -> None:
+    """Assert that compare asks for records."""
+    with pytest.raises(xd.InputError, match="compare needs two run records"):
+        xd.compare(made(0.01), xr.Dataset())

@@ -1,0 +1,79 @@
+"""Figures: what is drawn is what is recorded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from problems import MODELS, oscillator
+
+import xdynamics as xd
+from xdynamics.figures import thinned
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_every_format_is_written(tmp_path: Path, ending: str) -> None:
+    """Assert that a figure of each format begins as such a file does."""
+    run = xd.simulate(oscillator().model, step=0.01, until=5.0)
+    path = tmp_path / f"run.{ending}"
+    xd.plot(run, path)
+    start = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending]
+    assert path.read_bytes().startswith(start)
+
+
+def test_axes_have_units_and_recorded_times() -> None:
+    """Assert labels, and that the trajectory is drawn against recorded time."""
+    run = xd.simulate(oscillator().model, step=0.01, until=5.0)
+    axes = [one for one in xd.plot(run).axes if one.get_visible()]
+    assert [one.get_title(loc="left").split(" (")[0].split(",")[0] for one in axes] == [
+        "trajectory", "velocity", "phase portrait", "total energy less its start", "step used to reach each state",
+    ]  # fmt: skip
+    assert axes[0].get_ylabel() == "x (m)"
+    assert axes[0].get_xlabel() == "time (s)"
+    assert (axes[0].lines[0].get_xdata() == run.time.values).all()
+
+
+def test_events_are_marked_by_name() -> None:
+    """Assert that each kind of event is named on the trajectory."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"), step="5 ms")
+    assert [text.get_text() for text in xd.plot(run).axes[0].texts] == ["apex", "ground"]
+
+
+def test_units_are_not_mixed_on_one_axis() -> None:
+    """Assert that an angle and a length have panels of their own."""
+    model = xd.Model(
+        name="mixed", coordinates={"x": "m", "theta": "rad"}, parameters={"m": "1 kg", "J": "1 kg m2"}, mass={"x": "m", "theta": "J"},
+        initial={"x": "0 m", "v_x": "1 m s-1", "theta": "0 rad", "v_theta": "1 rad s-1"},
+    )  # fmt: skip
+    labels = [one.get_ylabel() for one in xd.plot(xd.simulate(model, method="midpoint", step=0.1, until=1.0)).axes]
+    assert labels[:4] == ["x (m)", "theta (rad)", "v_x (m s-1)", "v_theta (rad s-1)"]
+
+
+@given(arrays(float, st.integers(5000, 30_000), elements=st.floats(-1e6, 1e6), fill=st.just(0.0)))
+def test_thinning_keeps_least_and_greatest(values: np.ndarray) -> None:
+    """Assert that thinning keeps the extremes, the ends and the order, and at most 4,002 rows."""
+    rows = thinned(values)
+    assert len(rows) <= 4002
+    assert (np.diff(rows) > 0).all()
+    assert rows[0] == 0
+    assert rows[-1] == len(values) - 1
+    assert values[rows].min() == values.min()
+    assert values[rows].max() == values.max()
+
+
+@pytest.mark.parametrize("name", ["run.gif", "run", "nowhere/run.png"])
+def test_wrong_target(tmp_path: Path, name: str) -> None:
+    """Assert that another ending and a missing folder are refused before anything is drawn."""
+    with pytest.raises(xd.InputError, match="figure"):
+        xd.plot(xr.Dataset(), tmp_path / name)
+
+
+def test_what_is_no_run_is_not_drawn() -> None:
+    """Assert that a figure needs recorded times."""
+    with pytest.raises(xd.InputError, match="plot needs a run record"):
+        xd.plot(xr.Dataset())
