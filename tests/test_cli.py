@@ -62,7 +62,7 @@ def test_settings_reach_the_record(tmp_path: Path) -> None:
         (["run", BALL, "-o", "x.nc", "--set", "mass=3"], "no such parameter"),
         (["run", BALL, "-o", "x.nc", "--set", "m"], "needs NAME=VALUE"),
         (["run", BALL, "-o", "x.nc", "--set", "m=1 s"], "has units"),
-        (["run", BALL, "-o", "x.nc", "--set", "m=nan"], "not finite"),
+        (["run", BALL, "-o", "x.nc", "--set", "m=nan"], "does not start with a finite number"),
         (["run", BALL, "-o", "x.nc", "--set", "m=1", "--set", "m=2"], "twice"),
         (["run", BALL, "-o", "x.nc", "--scale", "width=1 m"], "scale 'width' is not known"),
         (["show", "nowhere.nc"], "does not exist"),

@@ -166,8 +166,8 @@ class March:
                     log = allocate(self.layout, size, sampled=self.plan.sampled)
                     kept = [*kept, log] if rows else []
                 else:
+                    log = kept[0]  # the one filled longer ago
                     kept.reverse()
-                    log = kept[0]
                 base = self.memory.tally
                 self._fill(run, log, base)
                 now = self.memory.tally
