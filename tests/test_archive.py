@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from problems import MODELS, free, oscillator
 
 import xdynamics as xd
+from problems import MODELS, free, oscillator
 
 
 def short(step: float = 0.01, until: float = 2.0) -> xr.Dataset:
@@ -254,7 +254,9 @@ def test_a_python_force_is_handed_over_to_reproduce(tmp_path: Path) -> None:
 
 def test_bad_end_is_archived_too(tmp_path: Path) -> None:
     """Assert that a run that ended badly is a valid archive that reproduces."""
-    model = xd.Model(name="blow", states={"y": {"unit": "1", "rate": "k*y**2"}}, initial={"y": "1"}, parameters={"k": "1 s-1"})
+    model = xd.Model(
+        name="blow", states={"y": {"unit": "1", "rate": "k*y**2"}}, initial={"y": "1"}, parameters={"k": "1 s-1"}
+    )
     run = xd.simulate(model, method="midpoint", step=0.01, until=2.0)
     xd.save(run, tmp_path / "blow.nc")
     assert xd.reproduce(tmp_path / "blow.nc").attrs["identical"] == 1

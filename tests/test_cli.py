@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from problems import MODELS, ROOT
 
 import xdynamics as xd
+from problems import MODELS, ROOT
 from xdynamics.cli import main
 
 BALL = str(MODELS / "ball_drag.toml")
@@ -69,7 +69,9 @@ def test_settings_reach_the_record(tmp_path: Path) -> None:
         (["run", BALL], "Missing option"),
     ],
 )
-def test_wrong_input_is_one_line_and_two(arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_input_is_one_line_and_two(
+    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Assert exit code 2, one message, no traceback, nothing written."""
     monkeypatch.chdir(tmp_path)
     done = call(*arguments)
@@ -81,7 +83,9 @@ def test_wrong_input_is_one_line_and_two(arguments: list[str], message: str, tmp
 
 def test_bad_end_is_one(tmp_path: Path) -> None:
     """Assert that a run that ended badly is archived and exits with 1."""
-    done = call("run", MODELS / "cart_spring.toml", "-o", tmp_path / "far.nc", "--set", "x=19 cm", "--set", "v_x=3 m s-1")
+    done = call(
+        "run", MODELS / "cart_spring.toml", "-o", tmp_path / "far.nc", "--set", "x=19 cm", "--set", "v_x=3 m s-1"
+    )
     assert done.exit_code == 1
     assert "outside_drive_table" in done.output
     xd.verify(tmp_path / "far.nc")
@@ -90,7 +94,12 @@ def test_bad_end_is_one(tmp_path: Path) -> None:
 def test_show_names_everything(ball: Path) -> None:
     """Assert parameters with uncertainty, settings and digests."""
     shown = call("show", ball).output
-    for part in ("vt = 30 ± 1 m s-1   terminal speed", "solver_update_equations = qm = q", "content_digest = ", "math_functions = libm"):
+    for part in (
+        "vt = 30 ± 1 m s-1   terminal speed",
+        "solver_update_equations = qm = q",
+        "content_digest = ",
+        "math_functions = libm",
+    ):
         assert part in shown
 
 
@@ -128,7 +137,9 @@ def test_start_imports_little() -> None:
     heavy = {"numpy", "xarray", "numba", "pint", "dask", "matplotlib", "sympy", "pandas", "scipy"}
     script = "import sys; import xdynamics; from click.testing import CliRunner; from xdynamics.cli import main; print({0}); print(*sys.modules)"
     for command, absent in (("0", heavy), ("CliRunner().invoke(main, ['--help']).exit_code", heavy)):
-        loaded = subprocess.run([sys.executable, "-c", script.format(command)], capture_output=True, text=True, check=True).stdout
+        loaded = subprocess.run(
+            [sys.executable, "-c", script.format(command)], capture_output=True, text=True, check=True
+        ).stdout
         assert not absent & set(loaded.split()), command
 
 
@@ -154,6 +165,9 @@ def test_second_process_compiles_nothing(tmp_path: Path) -> None:
 
     command = [sys.executable, "-c", script, "run", BALL, "-o", str(tmp_path / "ball.nc"), "--step", "5 ms"]
     environment = os.environ | {"XDYNAMICS_CACHE": str(tmp_path / "cache")}
-    counts = [int(subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout) for _ in range(2)]
+    counts = [
+        int(subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout)
+        for _ in range(2)
+    ]
     assert counts[0] > 20
     assert counts[1] == 0

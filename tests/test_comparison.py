@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
-from problems import oscillator
 
 import xdynamics as xd
+from problems import oscillator
 from xdynamics.comparison import lines_of
 
 

@@ -41,7 +41,9 @@ def grown(inner: st.SearchStrategy[Node]) -> st.SearchStrategy[Node]:
     return st.one_of(
         inner.map(Negative),
         st.tuples(st.sampled_from("+-*/"), inner, inner).map(lambda one: Binary(*one)),
-        st.tuples(inner, st.sampled_from(["2", "3", "-1", "0.5", "3/2", "-2"])).map(lambda one: Binary("**", one[0], parse(one[1]))),
+        st.tuples(inner, st.sampled_from(["2", "3", "-1", "0.5", "3/2", "-2"])).map(
+            lambda one: Binary("**", one[0], parse(one[1]))
+        ),
         st.tuples(st.sampled_from(["sin", "sqrt", "abs", "exp"]), inner).map(lambda one: Call(one[0], (one[1],))),
         st.tuples(st.sampled_from(["min", "atan2", "hypot"]), inner, inner).map(lambda one: Call(one[0], one[1:])),
         st.tuples(st.sampled_from(["<", ">=", "!="]), inner, inner, inner, inner).map(
@@ -116,7 +118,9 @@ def to_sympy(node: Node) -> sympy.Expr:
             return -to_sympy(node.operand)
         case Binary():
             left, right = to_sympy(node.left), to_sympy(node.right)
-            return {"+": left + right, "-": left - right, "*": left * right, "/": left / right, "**": left**right}[node.operator]
+            return {"+": left + right, "-": left - right, "*": left * right, "/": left / right, "**": left**right}[
+                node.operator
+            ]
         case Call(function="abs"):
             return sympy.Abs(to_sympy(node.arguments[0]))
         case Call(function="hypot"):

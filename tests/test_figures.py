@@ -10,9 +10,9 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from problems import MODELS, oscillator
 
 import xdynamics as xd
+from problems import MODELS, oscillator
 from xdynamics.figures import thinned
 
 

@@ -10,9 +10,9 @@ import time
 
 import numpy as np
 import pytest
-from problems import EPS, free, oscillator, particle, pushed
 
 import xdynamics as xd
+from problems import EPS, free, oscillator, particle, pushed
 from xdynamics.march import March, Settings
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_EVENT
 
@@ -140,7 +140,9 @@ def test_event_substeps_are_rejected_trials() -> None:
 @pytest.mark.parametrize(("direction", "count"), [("rising", 3), ("falling", 3), ("either", 6)])
 def test_event_direction(direction: str, count: int) -> None:
     """Assert that passages are counted in the direction asked: x = cos 2t crosses zero six times before 9.5 s."""
-    model = xd.Model.from_text(oscillator().model.to_toml() + f'\n[events.passage]\nfunction = "x"\ndirection = "{direction}"\n')
+    model = xd.Model.from_text(
+        oscillator().model.to_toml() + f'\n[events.passage]\nfunction = "x"\ndirection = "{direction}"\n'
+    )
     run = xd.simulate(model, method="velocity_verlet", step=0.01, until=9.5)
     assert run.sizes["event"] == count
     expected = np.pi / 4 + np.pi / 2 * np.arange(6)
@@ -203,7 +205,7 @@ def blow(expression: str) -> xd.Model:
         (lambda: particle(initial={"t": "1e9 s", "x": "1 m", "v_x": "1 m s-1"}), "midpoint", 1e-8, 1e9 + 1, "step_below_spacing", "t = 1000000000 s, h = 1e-08 s"),
     ],
 )  # fmt: skip
-def test_bad_end_is_a_named_outcome(model, method, step, until, word, text) -> None:  # noqa: ANN001
+def test_bad_end_is_a_named_outcome(model, method, step, until, word, text) -> None:
     """Assert that a run that ends badly says how, with t, h and component, and keeps finite rows only."""
     run = xd.simulate(model(), method=method, step=step, until=until)
     assert run.attrs["run_outcome"] == word
@@ -228,7 +230,11 @@ def test_blocks_go_on_to_the_same_bits() -> None:
 def copied(march: March, rows: int | None) -> list[tuple[np.ndarray, ...]]:
     """March in blocks and keep their tables."""
     return [
-        (one.log.rows[:, : one.rows].copy(), one.log.samples[:, : one.samples].copy(), one.log.events[:, : one.events].copy())
+        (
+            one.log.rows[:, : one.rows].copy(),
+            one.log.samples[:, : one.samples].copy(),
+            one.log.events[:, : one.events].copy(),
+        )
         for one in march.blocks(rows)
     ]
 
@@ -266,7 +272,9 @@ def test_compiled_equals_plain_python(name: str, step: float, until: float) -> N
     command = [sys.executable, "-c", PLAIN, str(MODELS / f"{name}.toml"), str(step), str(until)]
     import os
 
-    plain = subprocess.run(command, env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=True)
+    plain = subprocess.run(
+        command, env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=True
+    )
     run = xd.simulate(xd.Model.from_toml(MODELS / f"{name}.toml"), step=step, until=until)
     assert plain.stdout.strip() == xd.content_digest(run)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from problems import EPS, MODELS, SMOOTH, Problem, free, oscillator, pushed
 
 import xdynamics as xd
+from problems import EPS, MODELS, SMOOTH, Problem, free, oscillator, pushed
 
 METHODS = list(xd.METHODS.values())
 W, H = 2.0, 0.01  # of the oscillator, 1/s and s
@@ -102,9 +102,7 @@ def largest_error(problem: Problem, method: object, step: float) -> float:
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
 def test_zero_coupling_is_two_separate_runs(method: object) -> None:
     """Assert that uncoupled masses move bit for bit as each does alone."""
-    coupled = xd.Model.from_toml(MODELS / "coupled_masses.toml").replace(
-        parameters={"kc": 0.0}, initial={"x2": 0.5}
-    )
+    coupled = xd.Model.from_toml(MODELS / "coupled_masses.toml").replace(parameters={"kc": 0.0}, initial={"x2": 0.5})
     both = xd.simulate(coupled, method=method.name, step=H, until=5.0)
     alone = xd.simulate(oscillator().model, method=method.name, step=H, until=5.0)
     assert (both.x1.values == alone.x.values).all()
@@ -135,7 +133,9 @@ def test_samples_hold_time_and_state_of_every_stage() -> None:
 
 def test_verlet_refuses_drag_and_names_what_fits() -> None:
     """Assert that a velocity-dependent force is refused with the term and the methods that fit."""
-    with pytest.raises(xd.InputError, match=r"velocity-dependent forces \(force 'drag' of 'y' depends on v_y\); these fit: .*midpoint"):
+    with pytest.raises(
+        xd.InputError, match=r"velocity-dependent forces \(force 'drag' of 'y' depends on v_y\); these fit: .*midpoint"
+    ):
         xd.simulate(SMOOTH["linear_drag"]().model, method="velocity_verlet")
 
 

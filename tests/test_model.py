@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import MODELS, particle
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 import xdynamics as xd
+from problems import MODELS, particle
 from xdynamics.model import Table, Trait, traits_of
 from xdynamics.model.drives import coefficients
 
@@ -154,12 +154,12 @@ def test_drive_of_the_wrong_argument_unit() -> None:
         particle("pull", drives={"pull": table})
 
 
-def stiff_push(x: float, F: float) -> float:  # noqa: N803
+def stiff_push(x: float, F: float) -> float:
     """A force in Python: SI in, SI out."""
     return F - 40.0 * x * x * x
 
 
-def other_push(x: float, F: float) -> float:  # noqa: N803, ARG001
+def other_push(x: float, F: float) -> float:  # noqa: ARG001
     """Another force under the same arguments."""
     return F
 

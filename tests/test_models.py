@@ -6,15 +6,16 @@ import shutil
 import subprocess
 import sys
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import MODELS
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import PchipInterpolator
 
 import xdynamics as xd
+from problems import MODELS
 
 NAMES = sorted(path.stem for path in MODELS.glob("*.toml"))
 
@@ -91,7 +92,11 @@ def double_pendulum_rates(_t: float, s: np.ndarray) -> list[float]:
     a, b, u, w = s
     d = a - b
     e = 2 * m1 + m2 - m2 * np.cos(2 * d)
-    du = (-g * (2 * m1 + m2) * np.sin(a) - m2 * g * np.sin(a - 2 * b) - 2 * np.sin(d) * m2 * (w * w * l2 + u * u * l1 * np.cos(d))) / (l1 * e)
+    du = (
+        -g * (2 * m1 + m2) * np.sin(a)
+        - m2 * g * np.sin(a - 2 * b)
+        - 2 * np.sin(d) * m2 * (w * w * l2 + u * u * l1 * np.cos(d))
+    ) / (l1 * e)
     dw = 2 * np.sin(d) * (u * u * l1 * (m1 + m2) + g * (m1 + m2) * np.cos(a) + w * w * l2 * m2 * np.cos(d)) / (l2 * e)
     return [u, w, du, dw]
 
@@ -100,7 +105,10 @@ def test_double_pendulum_agrees_with_another_form() -> None:
     """Assert the angles at 2 s against the textbook's solved accelerations, by extrapolation, and the energy."""
     start = np.deg2rad([120.0, -10.0, 0, 0])
     reference = solve_ivp(double_pendulum_rates, (0, 2), start, method="DOP853", rtol=1e-13, atol=1e-13).y[:2, -1]
-    ends = [np.array([float(one.th1[-1]), float(one.th2[-1])]) for one in (xd.simulate(model("double_pendulum"), step=2e-4), run("double_pendulum"))]
+    ends = [
+        np.array([float(one.th1[-1]), float(one.th2[-1])])
+        for one in (xd.simulate(model("double_pendulum"), step=2e-4), run("double_pendulum"))
+    ]
     assert ends[1] + (ends[1] - ends[0]) / 3 == pytest.approx(reference, abs=2e-9)
     bands = [np.ptp(xd.simulate(model("double_pendulum"), step=step).total_energy.values) for step in (4e-4, 2e-4)]
     assert 3.8 < bands[0] / bands[1] < 4.2
@@ -108,7 +116,11 @@ def test_double_pendulum_agrees_with_another_form() -> None:
 
 @pytest.mark.parametrize(
     ("method", "error", "digits"),
-    [("euler_cromer", -1.29733374e-3, 5e-12), ("velocity_verlet", 3.211299e-6, 5e-13), ("forward_euler", 0.125015534, 5e-10)],
+    [
+        ("euler_cromer", -1.29733374e-3, 5e-12),
+        ("velocity_verlet", 3.211299e-6, 5e-13),
+        ("forward_euler", 0.125015534, 5e-10),
+    ],
 )
 def test_kepler_energy_error(method: str, error: float, digits: float) -> None:
     """Assert the energy error at t = 50 to the last digit given, and that angular momentum is kept by the symplectic two."""
@@ -130,7 +142,7 @@ def test_cart_period_by_quadrature() -> None:
         return amplitude * np.cos(angle) / np.sqrt(2 * (work(x) - work(amplitude)) / mass)
 
     borders = [0.0, *knots, np.pi / 2]
-    quarter = sum(quad(slowness, a, b, epsabs=1e-13, epsrel=1e-13, limit=200)[0] for a, b in zip(borders[:-1], borders[1:], strict=True))
+    quarter = sum(quad(slowness, a, b, epsabs=1e-13, epsrel=1e-13, limit=200)[0] for a, b in pairwise(borders))
     assert extrapolated("cart_spring", "turning_point")[0] == pytest.approx(4 * quarter, rel=1e-9)
 
 
@@ -159,8 +171,16 @@ def rocket_oracle() -> dict[str, float]:
     lift = (0.0690 * g) / (0.946 / 0.031)  # near enough: the segment is cut there, the physics is in `rates`
     marks = sorted({*marks, lift})
     state, found = np.array([0.0, 0.0, 0.0108]), {}
-    for begin, end in zip(marks[:-1], marks[1:], strict=True):
-        leg = solve_ivp(rates, (begin, end), state, method="DOP853", rtol=1e-12, atol=1e-14, events=(apogee, landing) if begin >= 1.86 else None)
+    for begin, end in pairwise(marks):
+        leg = solve_ivp(
+            rates,
+            (begin, end),
+            state,
+            method="DOP853",
+            rtol=1e-12,
+            atol=1e-14,
+            events=(apogee, landing) if begin >= 1.86 else None,
+        )
         state = leg.y[:, -1]
         if end == 1.86:
             found["burnout_height"], found["burnout_speed"] = state[0], state[1]
@@ -207,7 +227,9 @@ def test_archive_reproduces_and_passes_cf(name: str, tmp_path: Path) -> None:
     assert xd.reproduce(path).attrs["identical"] == 1
     checker = Path(sys.executable).with_name("compliance-checker")
     if checker.exists():
-        report = subprocess.run([checker, "-t", "cf:1.11", "-c", "strict", path], capture_output=True, text=True, check=False)
+        report = subprocess.run(
+            [checker, "-t", "cf:1.11", "-c", "strict", path], capture_output=True, text=True, check=False
+        )
         assert "All tests passed!" in report.stdout, report.stdout
     if shutil.which("ncdump"):
         assert subprocess.run(["ncdump", "-h", path], capture_output=True, check=True).stdout

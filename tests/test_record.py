@@ -6,9 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from problems import MODELS, free
 
 import xdynamics as xd
+from problems import MODELS, free
 from xdynamics.schema import REQUIRED_ATTRIBUTES, ROW_KINDS
 
 
@@ -107,7 +107,12 @@ def test_check_gathers_all_faults() -> None:
     with pytest.raises(xd.InputError) as caught:
         xd.check(broken)
     text = str(caught.value)
-    for part in ("'solver_method' is missing", "'trial_step' is missing", "'extra' has no attribute 'units'", "'time' goes from 0.0 to -1.0 at row 1"):
+    for part in (
+        "'solver_method' is missing",
+        "'trial_step' is missing",
+        "'extra' has no attribute 'units'",
+        "'time' goes from 0.0 to -1.0 at row 1",
+    ):
         assert part.replace("0.0", "np.float64(0.0)").replace("-1.0", "np.float64(-1.0)") in text or part in text
 
 

@@ -65,7 +65,9 @@ def test_conversion_is_correctly_rounded(text: str, si: float) -> None:
     assert parse_quantity(text).si == si
 
 
-@pytest.mark.parametrize("text", ["nan s", "inf m", "1e400 m", "m", "", None, True, [1], "1 2 m", "0x10 m", float("nan")])
+@pytest.mark.parametrize(
+    "text", ["nan s", "inf m", "1e400 m", "m", "", None, True, [1], "1 2 m", "0x10 m", float("nan")]
+)
 def test_no_quantity(text: object) -> None:
     """Assert that what is no finite number with a unit is refused."""
     with pytest.raises(InputError, match="quantity|unit"):
@@ -89,7 +91,11 @@ def test_unit_constants_agree_with_pint(name: str) -> None:
 @given(st.integers(-3, 3), st.integers(-3, 3), st.integers(-3, 3))
 def test_spelled_dimension_reads_back(kilogram: int, metre: int, second: int) -> None:
     """Assert that any dimension is spelled so that it reads as itself."""
-    dimension = parse_unit("kg").dimension ** kilogram * parse_unit("m").dimension ** metre * parse_unit("s").dimension ** second
+    dimension = (
+        parse_unit("kg").dimension ** kilogram
+        * parse_unit("m").dimension ** metre
+        * parse_unit("s").dimension ** second
+    )
     assert parse_unit(spell(dimension).text).dimension == dimension
 
 

@@ -56,9 +56,11 @@ def save(run: xr.Dataset, path: str | Path) -> Path:
     record.check(run)
     with _new_file(Path(path)) as writer:
         for name, variable in run.variables.items():
-            sizes = {} if any(n == 0 for n in variable.shape) else dict(zip(variable.dims, variable.shape, strict=True))
+            sizes = {str(dim): n for dim, n in zip(variable.dims, variable.shape, strict=True) if n}
             coordinates = "time" if STEPS in variable.dims and name != "time" else None
-            writer.define(str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), coordinates, sizes)
+            writer.define(
+                str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), coordinates, sizes
+            )
         for name, variable in run.variables.items():
             for part in _slabs(variable):
                 writer.append(str(name), part)
@@ -137,7 +139,9 @@ def verify(path: str | Path) -> str:
     """
     path = Path(path)
     with _opened(path) as file:
-        faults = [f"attribute '{name}' is missing" for name in (ROOT_DIGEST, VOLATILE_DIGEST) if name not in file.ncattrs()]
+        faults = [
+            f"attribute '{name}' is missing" for name in (ROOT_DIGEST, VOLATILE_DIGEST) if name not in file.ncattrs()
+        ]
         found = {}
         for name, variable in file.variables.items():
             attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
@@ -177,7 +181,7 @@ class _Seal:
     """The digest of one variable: name, dims, type, bytes in order, shape."""
 
     def __init__(self, name: str, dims: tuple[str, ...], dtype: np.dtype[Any]) -> None:
-        self.is_text = dtype.kind in "UOT" or dtype is str
+        self.is_text = dtype.kind in "UOT"
         self.dtype = dtype if self.is_text else np.dtype(dtype).newbyteorder("<")
         label = "text" if self.is_text else self.dtype.str.replace("|", "<")
         self._sha = hashlib.sha256(json.dumps([name, list(dims), label]).encode())
@@ -231,7 +235,9 @@ class _Writer:
         if seal.is_text:
             return  # created when its length is known
         chunks = [min(CHUNKS[dim], max(1, sizes.get(dim, CHUNKS[dim]))) for dim in dims] if dims else None
-        variable = self._file.createVariable(name, seal.dtype, dims, chunksizes=chunks, fill_value=False, endian="little")
+        variable = self._file.createVariable(
+            name, seal.dtype, dims, chunksizes=chunks, fill_value=False, endian="little"
+        )
         if chunks:
             # room for the one chunk that is being filled: the library's 16 MiB each would not be bounded memory
             variable.set_var_chunk_cache(size=2 * prod(chunks) * seal.dtype.itemsize)
@@ -272,9 +278,8 @@ class _Writer:
         kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST)}
         digests = {name: seal.hexdigest() for name, seal in self._seals.items()}
         for name, own in self._attributes.items():
-            if name in self._coordinates:
-                own = own | {"coordinates": self._coordinates[name]}
-            self._file.variables[name].setncatts(own | {DIGEST: digests[name]})
+            kept_as = {"coordinates": self._coordinates[name]} if name in self._coordinates else {}
+            self._file.variables[name].setncatts(own | kept_as | {DIGEST: digests[name]})
         self._file.setncatts(kept)
         self._file.setncattr(ROOT_DIGEST, _root_digest(digests, self._attributes, kept))
         self._file.setncattr(VOLATILE_DIGEST, _volatile_digest(kept))
@@ -320,7 +325,9 @@ def _new_file(path: Path) -> Iterator[_Writer]:
         temporary.replace(path)
         _sync(path.parent)
     except (OSError, RuntimeError) as error:
-        raise ArchiveError(f"'{path}' cannot be written: {_cause(path.parent, error)}; nothing is changed there") from error
+        raise ArchiveError(
+            f"'{path}' cannot be written: {_cause(path.parent, error)}; nothing is changed there"
+        ) from error
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
@@ -401,7 +408,9 @@ def _attributes_of(variable: Any) -> dict[str, Any]:
     return own_attributes({key: variable.getncattr(key) for key in variable.ncattrs()})
 
 
-def _root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]) -> str:
+def _root_digest(
+    digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]
+) -> str:
     outside = {*VOLATILE, ROOT_DIGEST}
     content = {
         "variables": {name: [digests[name], plain(attributes[name])] for name in sorted(digests)},
@@ -413,4 +422,3 @@ def _root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[st
 def _volatile_digest(run: Mapping[Any, Any]) -> str:
     content = plain({key: value for key, value in run.items() if key in VOLATILE and key != VOLATILE_DIGEST})
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-

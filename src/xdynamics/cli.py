@@ -54,9 +54,23 @@ def main() -> None:
 @click.option("--method", help="Name of a method; see `xdynamics methods`.")
 @click.option("--step", help="Step of the time grid, like '1 ms'.")
 @click.option("--until", help="End, like '5 s', unless an event stops the run before.")
-@click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value; a bare number keeps its unit.")
-@click.option("--force-samples", type=click.Choice(["all", "none"]), help="Record every force evaluation (default), or none.")
-@click.option("--scale", "scales", multiple=True, metavar="NAME=VALUE", help="March with a length, time or mass scale, like length='0.4 m'.")
+@click.option(
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Change a parameter or initial value; a bare number keeps its unit.",
+)
+@click.option(
+    "--force-samples", type=click.Choice(["all", "none"]), help="Record every force evaluation (default), or none."
+)
+@click.option(
+    "--scale",
+    "scales",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="March with a length, time or mass scale, like length='0.4 m'.",
+)
 def run(
     model_file: str,
     output: str,
@@ -93,7 +107,9 @@ def show(archive: str) -> None:
 
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
-@click.option("-o", "--output", required=True, metavar="FIGURE", help="The figure to write: PNG, SVG or PDF by its ending.")
+@click.option(
+    "-o", "--output", required=True, metavar="FIGURE", help="The figure to write: PNG, SVG or PDF by its ending."
+)
 def plot(archive: str, output: str) -> None:
     """Draw trajectory, velocity, energy error, phase portrait and step size."""
     from xdynamics.archive import open_run
@@ -221,7 +237,9 @@ def _changed(model: Any, pairs: dict[str, str]) -> dict[str, dict[str, Any]]:
     for name, text in pairs.items():
         section = "parameters" if name in model.parameters else "initial" if name in model.initial else None
         if section is None:
-            raise InputError(f"--set {name}: no such parameter or initial value; there are {', '.join([*model.parameters, *model.initial])}")
+            raise InputError(
+                f"--set {name}: no such parameter or initial value; there are {', '.join([*model.parameters, *model.initial])}"
+            )
         try:
             value: Any = float(text)
         except ValueError:

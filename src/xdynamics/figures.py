@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +56,7 @@ def plot(run: xr.Dataset, path: str | Path | None = None) -> Figure:
     rows = (len(panels) + 1) // 2
     figure = Figure(figsize=(11, 2.9 * rows + 0.7), layout="constrained")
     grid = figure.subplots(rows, 2, squeeze=False)
-    for axes in grid.flat[len(panels):]:
+    for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     for axes, draw in zip(grid.flat, panels, strict=False):
         draw(axes)
@@ -76,7 +78,7 @@ def thinned(values: NDArray[Any], most: int = DRAWN) -> Rows:
         return np.arange(n)
     edges = np.linspace(0, n, most // 2 + 1).astype(np.int64)
     kept = [np.array([0, n - 1])]
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges):
         part = values[begin:end]
         kept.append(begin + np.array([np.argmin(part), np.argmax(part)]))
     return np.unique(np.concatenate(kept))
@@ -86,16 +88,16 @@ def _panels(run: xr.Dataset) -> Iterator[Callable[[Axes], None]]:
     """Yield what draws each panel, in reading order."""
     coordinates = _with_role(run, "coordinate")
     for names in _by_unit(run, coordinates):
-        yield lambda axes, names=names: _against_time(run, names, "trajectory", axes)
+        yield partial(_against_time, run, names, "trajectory")
     for names in _by_unit(run, [velocity(name) for name in coordinates]):
-        yield lambda axes, names=names: _against_time(run, names, "velocity", axes)
+        yield partial(_against_time, run, names, "velocity")
     for names in _by_unit(run, _with_role(run, "state")):
-        yield lambda axes, names=names: _against_time(run, names, "first-order state", axes)
+        yield partial(_against_time, run, names, "first-order state")
     for names in _by_unit(run, coordinates):
-        yield lambda axes, names=names: _phase(run, names, axes)
+        yield partial(_phase, run, names)
     if "total_energy" in run:
-        yield lambda axes: _energy(run, axes)
-    yield lambda axes: _steps(run, axes)
+        yield partial(_energy, run)
+    yield partial(_steps, run)
 
 
 def _against_time(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
@@ -121,9 +123,13 @@ def _mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     for n, detector in enumerate(dict.fromkeys(detectors)):
         chosen = np.array([one == detector for one in detectors])
         marker = "ovsD^P*X"[n % 8]
-        axes.plot(time[chosen], values[chosen], marker, color="black", markersize=4.5, markerfacecolor="white", zorder=3)
+        axes.plot(
+            time[chosen], values[chosen], marker, color="black", markersize=4.5, markerfacecolor="white", zorder=3
+        )
         if n < MOST_LABELLED:
-            axes.annotate(detector, (time[chosen][0], values[chosen][0]), textcoords="offset points", xytext=(5, 5), fontsize=7.5)
+            axes.annotate(
+                detector, (time[chosen][0], values[chosen][0]), textcoords="offset points", xytext=(5, 5), fontsize=7.5
+            )
 
 
 def _phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
@@ -133,7 +139,9 @@ def _phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
         axes.plot(position[rows], speed[rows], color=colour, linewidth=1.0, label=name)
         axes.plot(position[:1], speed[:1], "o", color=colour, markersize=4)
     units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]
-    axes.set(xlabel=f"{_joined(names)} ({units})", ylabel=f"{_joined([velocity(name) for name in names])} ({per_second})")
+    axes.set(
+        xlabel=f"{_joined(names)} ({units})", ylabel=f"{_joined([velocity(name) for name in names])} ({per_second})"
+    )
     axes.set_title("phase portrait (dot: start)", loc="left", fontsize=10)
     if len(names) > 1:
         axes.legend(fontsize=8, frameon=False)
@@ -145,7 +153,9 @@ def _energy(run: xr.Dataset, axes: Axes) -> None:
     rows = thinned(values)
     axes.plot(run["time"].values[rows], values[rows], color=_COLOURS[1], linewidth=1.0)
     axes.set(xlabel="time (s)", ylabel=f"E - E(0) ({energy.attrs['units']})")
-    axes.set_title(f"total energy less its start, {float(energy[0]):.6g} {energy.attrs['units']}", loc="left", fontsize=10)
+    axes.set_title(
+        f"total energy less its start, {float(energy[0]):.6g} {energy.attrs['units']}", loc="left", fontsize=10
+    )
 
 
 def _steps(run: xr.Dataset, axes: Axes) -> None:

@@ -16,6 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.elementary import MATH_FUNCTIONS
 from xdynamics.march import Block, March
 from xdynamics.march.events import ROOT_METHOD
+from xdynamics.march.runner import UNSCALED
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
 from xdynamics.units import NONE, TIME, Dimension, Unit, spell
 
@@ -47,8 +48,12 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
             factor = one.uncertainty.unit.factor / one.quantity.unit.factor
             more["uncertainty"] = float(factor) * one.uncertainty.value if factor != 1 else one.uncertainty.value
         long_name = one.description or f"parameter {name}"
-        found.append((Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", more), one.quantity.value))
-    functions = "".join(f"\n\n# Python force {one.name}, sha256 {one.digest}\n{one.source}" for one in march.model.python_forces)
+        found.append(
+            (Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", more), one.quantity.value)
+        )
+    functions = "".join(
+        f"\n\n# Python force {one.name}, sha256 {one.digest}\n{one.source}" for one in march.model.python_forces
+    )
     texts = {"model_toml": march.model.to_toml(), "force_source": march.source + functions}
     return found + [(variable, texts[variable.name]) for variable in schema.TEXTS]
 
@@ -83,7 +88,7 @@ def attributes(march: March) -> dict[str, Any]:
         "model_digest": model.digest,
         "force_digest": march.force_digest,
     }
-    if march.settings.scales != type(settings.scales)():
+    if march.settings.scales != UNSCALED:
         scales = settings.scales
         used |= {"solver_length_scale": scales.length, "solver_length_scale_units": "m",
                  "solver_time_scale": scales.time, "solver_time_scale_units": "s",
@@ -130,7 +135,11 @@ def check(run: xr.Dataset) -> None:
 
 def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
     """Return the attributes that belong to a variable itself, not to the way it is kept."""
-    return {str(key): value for key, value in attributes.items() if key not in (schema.DIGEST, "coordinates", "_FillValue", "_Encoding")}
+    return {
+        str(key): value
+        for key, value in attributes.items()
+        if key not in (schema.DIGEST, "coordinates", "_FillValue", "_Encoding")
+    }
 
 
 def plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
@@ -164,7 +173,10 @@ def _event(index: int, dtype: str, factor: float = 1.0) -> Callable[[Block], Arr
 
 
 def _times(values: Array, factor: float) -> Array:
-    return values if factor == 1.0 else values * factor
+    if factor == 1.0:
+        return values
+    scaled: Array = values * factor
+    return scaled
 
 
 class _Units:
@@ -206,7 +218,9 @@ def _steps(march: March) -> list[Column]:
     order = {name: index for index, name in enumerate(layout.row)}
     found = [Column(one, _row(order[one.name], units.time)) for one in schema.FIXED_STEPS[:2]]
     found.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.row_flags[0, : block.rows]))
-    regime = Variable("regime", (STEPS,), "i1", "1", "regime of the force law", "flag", schema.flags({0: schema.ONLY_REGIME}))
+    regime = Variable(
+        "regime", (STEPS,), "i1", "1", "regime of the force law", "flag", schema.flags({0: schema.ONLY_REGIME})
+    )
     found.append(Column(regime, lambda block: block.log.row_flags[1, : block.rows]))
 
     def add(name: str, long_name: str, role: str, unit: Unit) -> None:
@@ -216,7 +230,9 @@ def _steps(march: March) -> list[Column]:
     for name, coordinate in model.coordinates.items():
         add(name, coordinate.description or f"coordinate {name}", "coordinate", units.known[name])
         add(schema.velocity(name), f"velocity of {name}", "velocity", units.known[schema.velocity(name)])
-        add(schema.acceleration(name), f"acceleration of {name}", "acceleration", units.known[schema.acceleration(name)])
+        add(
+            schema.acceleration(name), f"acceleration of {name}", "acceleration", units.known[schema.acceleration(name)]
+        )
     for name, state in model.states.items():
         add(name, state.description or f"state {name}", "state", units.known[name])
         add(schema.rate(name), f"rate of {name}", "rate", units.known[schema.rate(name)])
@@ -251,10 +267,20 @@ def _events(march: March) -> list[Column]:
             part = np.where(residual == 0.0, 0.0, np.abs(residual / slope))
         return _times((right - left) + part, time)
 
-    takes = (_event(0, "f8", time), bounds, uncertainty, _event(5, "i8"), _event(6, "i8"), _event(8, "i1"), _event(9, "i1"))
+    takes = (
+        _event(0, "f8", time),
+        bounds,
+        uncertainty,
+        _event(5, "i8"),
+        _event(6, "i8"),
+        _event(8, "i1"),
+        _event(9, "i1"),
+    )
     found = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
     names = dict(enumerate(model.events)) or {0: "none"}
-    detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", schema.flags(names))
+    detector = Variable(
+        "event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", schema.flags(names)
+    )
     found.append(Column(detector, _event(7, "i1")))
     found.append(_residual(march))
     for name in model.coordinates:
@@ -274,7 +300,9 @@ def _residual(march: March) -> Column:
     shared = set(texts)
     more: dict[str, Any] = {}
     if len(shared) > 1:
-        more["comment"] = "SI unit by event: " + ", ".join(f"{name} {text}" for name, text in zip(model.events, texts, strict=True))
+        more["comment"] = "SI unit by event: " + ", ".join(
+            f"{name} {text}" for name, text in zip(model.events, texts, strict=True)
+        )
     factors = np.array([scales.of(dimension) for dimension in dimensions] or [1.0])
     variable = Variable("event_residual", (EVENTS,), "f8", shared.pop() if len(shared) == 1 else "1",
                         "event function at the accepted state", "event", more)  # fmt: skip
@@ -315,7 +343,9 @@ def _samples(march: March) -> list[Column]:
     for name in (*layout.used, *layout.forces, *layout.drives):
         unit = units.known[name]
         what = "given by" if name in layout.forces else "looked up in" if name in layout.drives else "used in"
-        variable = Variable(schema.sampled(name), (SAMPLES,), "f8", unit.text, f"{name} {what} the force evaluation", "sample")
+        variable = Variable(
+            schema.sampled(name), (SAMPLES,), "f8", unit.text, f"{name} {what} the force evaluation", "sample"
+        )
         found.append(Column(variable, _sample(order[name], units.factor(unit))))
     return found
 
@@ -354,4 +384,3 @@ def _circumstances() -> dict[str, Any]:
     machine = _machine()
     history = f"{now} simulated by xdynamics {machine['xdynamics_version']}"
     return {"date_created": now, "history": history} | machine
-

@@ -186,9 +186,8 @@ def faults_of(dataset: Any) -> list[str]:
         expected = named.get(name)
         if expected and tuple(found.dims) != expected.dims:
             faults.append(f"variable '{name}' has dims {tuple(found.dims)}, needs {expected.dims}")
-        for attribute in ("units", "long_name", "role"):
-            if attribute not in found.attrs:
-                faults.append(f"variable '{name}' has no attribute '{attribute}'")
+        missing = [word for word in ("units", "long_name", "role") if word not in found.attrs]
+        faults += [f"variable '{name}' has no attribute '{word}'" for word in missing]
         if expected and "units" in found.attrs and found.attrs["units"] != expected.units:
             faults.append(f"variable '{name}' has units '{found.attrs['units']}', needs '{expected.units}'")
     return faults + _time_faults(dataset)
@@ -206,4 +205,6 @@ def _time_faults(dataset: Any) -> list[str]:
     if not wrong.size:
         return []
     row = int(wrong[0]) + 1
-    return [f"variable 'time' goes from {time[row - 1]!r} to {time[row]!r} at row {row}: it must increase, but at an event's pair"]
+    return [
+        f"variable 'time' goes from {time[row - 1]!r} to {time[row]!r} at row {row}: it must increase, but at an event's pair"
+    ]

@@ -140,7 +140,11 @@ def _again(kept: xr.Dataset, functions: Mapping[str, Callable[..., float]] | Non
     used = kept.attrs
     model = Model.from_text(str(kept["model_toml"].values), functions=functions)
     units = {"length": "m", "time": "s", "mass": "kg"}
-    scales = {name: f"{float(used[f'solver_{name}_scale'])!r} {unit}" for name, unit in units.items() if f"solver_{name}_scale" in used}
+    scales = {
+        name: f"{float(used[f'solver_{name}_scale'])!r} {unit}"
+        for name, unit in units.items()
+        if f"solver_{name}_scale" in used
+    }
     return simulate(
         model,
         method=used["solver_method"],

@@ -25,7 +25,9 @@ def summary(run: xr.Dataset) -> list[str]:
     if "total_energy" in run:
         energy, units = run["total_energy"].values, run["total_energy"].attrs["units"]
         band, change = energy.max() - energy.min(), energy[-1] - energy[0]
-        lines.append(f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}, end minus start {change:.3g} {units}")
+        lines.append(
+            f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}, end minus start {change:.3g} {units}"
+        )
     return lines + list(_events(run))
 
 
@@ -37,8 +39,12 @@ def details(run: xr.Dataset) -> list[str]:
             uncertainty = f" ± {one.attrs['uncertainty']:g}" if "uncertainty" in one.attrs else ""
             lines.append(f"  {name} = {float(one):.12g}{uncertainty} {one.attrs['units']}   {one.attrs['long_name']}")
     lines.append("settings and evidence")
-    keys = [key for key in run.attrs if key.startswith(("solver_", "precision", "math_", "model_d", "force_d", "content_d"))]
-    keys += [key for key in ("date_created", "xdynamics_version", "python_version", "numba_version") if key in run.attrs]
+    keys = [
+        key for key in run.attrs if key.startswith(("solver_", "precision", "math_", "model_d", "force_d", "content_d"))
+    ]
+    keys += [
+        key for key in ("date_created", "xdynamics_version", "python_version", "numba_version") if key in run.attrs
+    ]
     return lines + [f"  {key} = {run.attrs[key]}" for key in keys]
 
 
@@ -57,7 +63,9 @@ def _end(run: xr.Dataset) -> Iterator[str]:
 def _events(run: xr.Dataset) -> Iterator[str]:
     names = event_names(run)
     rows = np.asarray(run["event_row_before"])
-    coordinates = [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in ("coordinate", "velocity")]
+    coordinates = [
+        str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in ("coordinate", "velocity")
+    ]
     for i, row in enumerate(rows[:MOST_EVENTS]):
         time, doubt = float(run["event_time"][i]), float(run["event_time_uncertainty"][i])
         state = ", ".join(f"{name} = {float(run[name][row]):.9g} {run[name].attrs['units']}" for name in coordinates)

@@ -59,7 +59,9 @@ class Dimension:
 
     def __str__(self) -> str:
         """In base units, with the derived unit's name where there is one: ``kg m s-2 (N)``."""
-        parts = [base + ("" if power == 1 else str(power)) for base, power in zip(BASE, self.powers, strict=True) if power]
+        parts = [
+            base + ("" if power == 1 else str(power)) for base, power in zip(BASE, self.powers, strict=True) if power
+        ]
         name = _DERIVED.get(self)
         return (" ".join(parts) or "1") + (f" ({name})" if name else "")
 
@@ -226,7 +228,7 @@ def parse_quantity(given: Any) -> Quantity:
     found = _NUMBER.match(text)
     if not found:
         raise InputError(f"quantity {shown} does not start with a finite number; write it like '0.145 kg'")
-    return _quantity(float(found[0]), text[found.end():].strip() or "1", shown)
+    return _quantity(float(found[0]), text[found.end() :].strip() or "1", shown)
 
 
 def parse_time(given: Any, what: str) -> float:

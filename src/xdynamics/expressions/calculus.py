@@ -6,7 +6,7 @@ rules keep the order in which the expression was written, whatever is installed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from xdynamics.expressions.tree import (
     Binary,
@@ -89,7 +89,9 @@ def _expand(node: Node, definitions: Mapping[str, Node]) -> Node:
         case Binary():
             return Binary(node.operator, _expand(node.left, definitions), _expand(node.right, definitions), node.column)
         case Compare():
-            return Compare(node.operator, _expand(node.left, definitions), _expand(node.right, definitions), node.column)
+            return Compare(
+                node.operator, _expand(node.left, definitions), _expand(node.right, definitions), node.column
+            )
         case Call():
             return Call(node.function, tuple(_expand(one, definitions) for one in node.arguments), node.column)
     return node
@@ -171,7 +173,7 @@ def _of_call(node: Call, rates: Mapping[str, Node]) -> Node:
     if node.function == "hypot":
         terms = [multiply(one, rate) for one, rate in zip(node.arguments, inner_rates, strict=True)]
         return divide(add(*terms), node)
-    return _by_outer_rule(node, inner_rates[0])
+    return _OUTER[node.function](node.arguments[0], node, inner_rates[0])
 
 
 def _of_choice(node: Call, rates: Mapping[str, Node]) -> Node:
@@ -188,35 +190,20 @@ def _of_choice(node: Call, rates: Mapping[str, Node]) -> Node:
     return result
 
 
-def _by_outer_rule(node: Call, rate: Node) -> Node:
-    """f(u)' of the functions of one argument."""
-    (u,) = node.arguments
-    squared = Binary("**", u, TWO)
-    match node.function:
-        case "abs":
-            return multiply(Call("sign", (u,)), rate)
-        case "sqrt":
-            return divide(rate, Binary("*", TWO, node))
-        case "exp":
-            return multiply(node, rate)
-        case "log":
-            return divide(rate, u)
-        case "sin":
-            return multiply(Call("cos", (u,)), rate)
-        case "cos":
-            return multiply(negative(Call("sin", (u,))), rate)
-        case "tan":
-            return divide(rate, Binary("**", Call("cos", (u,)), TWO))
-        case "asin":
-            return divide(rate, Call("sqrt", (Binary("-", ONE, squared),)))
-        case "acos":
-            return negative(divide(rate, Call("sqrt", (Binary("-", ONE, squared),))))
-        case "atan":
-            return divide(rate, Binary("+", ONE, squared))
-        case "sinh":
-            return multiply(Call("cosh", (u,)), rate)
-        case "cosh":
-            return multiply(Call("sinh", (u,)), rate)
-        case "tanh":
-            return divide(rate, Binary("**", Call("cosh", (u,)), TWO))
-    return ZERO
+# f(u)' by function, from u, f(u) itself and u'
+_OUTER: dict[str, Callable[[Node, Node, Node], Node]] = {
+    "abs": lambda u, _, rate: multiply(Call("sign", (u,)), rate),
+    "sign": lambda _u, _f, _rate: ZERO,
+    "sqrt": lambda _, f, rate: divide(rate, Binary("*", TWO, f)),
+    "exp": lambda _, f, rate: multiply(f, rate),
+    "log": lambda u, _, rate: divide(rate, u),
+    "sin": lambda u, _, rate: multiply(Call("cos", (u,)), rate),
+    "cos": lambda u, _, rate: negative(multiply(Call("sin", (u,)), rate)),
+    "tan": lambda u, _, rate: divide(rate, Binary("**", Call("cos", (u,)), TWO)),
+    "asin": lambda u, _, rate: divide(rate, Call("sqrt", (Binary("-", ONE, Binary("**", u, TWO)),))),
+    "acos": lambda u, _, rate: negative(divide(rate, Call("sqrt", (Binary("-", ONE, Binary("**", u, TWO)),)))),
+    "atan": lambda u, _, rate: divide(rate, Binary("+", ONE, Binary("**", u, TWO))),
+    "sinh": lambda u, _, rate: multiply(Call("cosh", (u,)), rate),
+    "cosh": lambda u, _, rate: multiply(Call("sinh", (u,)), rate),
+    "tanh": lambda u, _, rate: divide(rate, Binary("**", Call("cosh", (u,)), TWO)),
+}

@@ -9,12 +9,13 @@ from numba import config, njit
 from numba.extending import intrinsic
 
 # fastmath stays off and "numpy" makes 1/0 an infinity instead of an exception: the march judges it
-OPTIONS = {"error_model": "numpy", "fastmath": False, "nogil": True}
+OPTIONS: Any = {"error_model": "numpy", "fastmath": False, "nogil": True}
 
 # called from compiled code only: without a way in from Python it compiles twice as fast
-compiled = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)
-entry = njit(cache=True, **OPTIONS)
-entry_in_memory = njit(**OPTIONS)
+_INNER: Any = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+compiled: Any = njit(**_INNER, **OPTIONS)
+entry: Any = njit(cache=True, **OPTIONS)
+entry_in_memory: Any = njit(**OPTIONS)
 
 
 def _borrowed(_typing: Any, array: Any) -> Any:
@@ -37,4 +38,4 @@ def _itself(array: Any) -> Any:
 
 
 # without numba's compiler, as NUMBA_DISABLE_JIT asks for, a march is plain Python and an array is an array
-borrowed = _itself if config.DISABLE_JIT else intrinsic(_borrowed)
+borrowed: Any = _itself if config.DISABLE_JIT else intrinsic(_borrowed)  # type: ignore[attr-defined]

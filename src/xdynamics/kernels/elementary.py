@@ -112,16 +112,16 @@ def sign(x: float) -> float:
 @compiled
 def least(x: float, y: float) -> float:
     """Return the smaller; nan if either is."""
-    return x if x < y or x != x else y  # noqa: PLR0124
+    return x if x < y or x != x else y
 
 
 @compiled
 def greatest(x: float, y: float) -> float:
     """Return the larger; nan if either is."""
-    return x if x > y or x != x else y  # noqa: PLR0124
+    return x if x > y or x != x else y
 
 
 @compiled
 def positive(x: float) -> float:
-    """x where it is positive, else nan: a mass that is none ends the run."""
+    """X where it is positive, else nan: a mass that is none ends the run."""
     return x if x > 0.0 else math.nan

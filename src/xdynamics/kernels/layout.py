@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -98,7 +99,8 @@ class Layout:
 
         known = self.model.dimensions
         found = {
-            dimension_of(self.model.mass[i][i], known) * known[f"v_{name}"] ** 2 for i, name in enumerate(self.coordinates)
+            dimension_of(self.model.mass[i][i], known) * known[f"v_{name}"] ** 2
+            for i, name in enumerate(self.coordinates)
         }
         return found.pop() if len(found) == 1 else None
 
@@ -107,13 +109,19 @@ class Layout:
         if self.energy_dimension is None:
             return {}
         half_square = [
-            Binary("*", Binary("/", self.model.expanded(entry), Number(2.0)), Binary("*", Name(self.velocities[i]), Name(self.velocities[j])))
+            Binary(
+                "*",
+                Binary("/", self.model.expanded(entry), Number(2.0)),
+                Binary("*", Name(self.velocities[i]), Name(self.velocities[j])),
+            )
             for i, row in enumerate(self.model.mass)
             for j, entry in enumerate(row)
             if entry != Number(0.0)
         ]
         kinetic = _sum(half_square)
-        terms = [self.model.expanded(force.potential) for force in self.model.forces.values() if force.potential is not None]
+        terms = [
+            self.model.expanded(force.potential) for force in self.model.forces.values() if force.potential is not None
+        ]
         if not terms:
             return {"kinetic_energy": kinetic}
         potential = _sum(terms)
@@ -124,7 +132,7 @@ class Layout:
         }
 
 
-def _sum(terms: list[Node]) -> Node:
+def _sum(terms: Sequence[Node]) -> Node:
     total = terms[0]
     for term in terms[1:]:
         total = Binary("+", total, term)

@@ -61,4 +61,3 @@ def pose(model: Model, scales: Scales) -> Problem:
         tuple(tables),
         np.unique(np.concatenate(nodes)),
     )
-

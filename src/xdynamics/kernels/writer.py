@@ -169,7 +169,9 @@ class _Writer:
         """Find the piece of every drive of time that a step from t goes through."""
         drives = self.layout.drives
         found = [f"piece_after(t, _tables[{drives.index(name)}])" for name in self.layout.time_drives]
-        return _function("pieces_at(t, _tables)", "The piece of every drive of time, from t on.", [f"return {_tuple(found)}"])
+        return _function(
+            "pieces_at(t, _tables)", "The piece of every drive of time, from t on.", [f"return {_tuple(found)}"]
+        )
 
     def tables(self) -> str:
         """Borrow the arrays of the measured tables."""
@@ -276,5 +278,3 @@ def _tuple(items: Iterable[str]) -> str:
 def _function(signature: str, docstring: str, lines: list[str]) -> str:
     body = "\n".join(f"    {line}" for line in lines)
     return f'\n@compiled\ndef {signature}:\n    """{docstring}"""\n{body}\n'
-
-

@@ -73,7 +73,7 @@ def _outside(march: March, name: str, column: dict[str, float]) -> str:
     low, high = drive.table.argument[0], drive.table.argument[-1]
     return (
         f"drive '{name}' was asked at {drive.argument} = {asked:.9g}, and its table '{drive.table.name}' reaches from"
-        f" {low:.9g} to {high:.9g} (SI units); set outside = \"zero\" or \"hold\", or stay inside"
+        f' {low:.9g} to {high:.9g} (SI units); set outside = "zero" or "hold", or stay inside'
     )
 
 
@@ -88,4 +88,6 @@ def _in_state(march: March, state: dict[str, float]) -> Failure:
         if not isfinite(state[name]):
             return Failure(NONFINITE_FORCE, f"{name} is {state[name]}")
     bad = [name for name in layout.accelerations if not isfinite(state[name])]
-    return Failure(NONFINITE_FORCE, f"{', '.join(bad)} is not finite with finite forces: the mass is not positive definite")
+    return Failure(
+        NONFINITE_FORCE, f"{', '.join(bad)} is not finite with finite forces: the mass is not positive definite"
+    )

@@ -6,9 +6,7 @@ from xdynamics.march.interface import State, detect, propose
 from xdynamics.march.log import MOST_SUBSTEPS, Log, Memory, Plan, Tally, note_trial
 from xdynamics.schema import REASON_EVENT
 
-ROOT_METHOD = (
-    "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
-)
+ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
 EPS = 2.220446049250313e-16
 RISING, FALLING = 1, -1
 
@@ -22,7 +20,7 @@ def crosses(direction: int, before: float, after: float) -> bool:
     return before < 0.0 <= after or before > 0.0 >= after
 
 
-def crosses_any(directions: State, before: State, after: State) -> bool:
+def crosses_any(directions: tuple[int, ...], before: State, after: State) -> bool:
     """Whether any event function crossed."""
     crossed = False
     for i in range(len(before)):
@@ -31,7 +29,7 @@ def crosses_any(directions: State, before: State, after: State) -> bool:
 
 
 def locate(
-    plan: Plan, memory: Memory, log: Log, base: Tally, target: float, h: float, trial: State, values: State,
+    plan: Plan, memory: Memory, log: Log, base: Tally, h: float, trial: State, values: State,
 ) -> tuple[float, int]:  # fmt: skip
     """Shrink the step until it ends just behind its first event.
 
@@ -46,12 +44,12 @@ def locate(
     for i in range(len(values)):
         log.lows[i] = 0.0
         if crosses(plan.directions[i], memory.values[i], values[i]):
-            h, trial, values, trials = _bracket(i, plan, memory, log, base, target, h, trial, values, trials)
+            h, trial, values, trials = _bracket(i, plan, memory, log, base, h, trial, values, trials)
     return h, trials
 
 
 def _bracket(
-    i: int, plan: Plan, memory: Memory, log: Log, base: Tally, target: float, high: float, trial: State, values: State, trials: int,
+    i: int, plan: Plan, memory: Memory, log: Log, base: Tally, high: float, trial: State, values: State, trials: int,
 ) -> tuple[float, State, State, int]:  # fmt: skip
     """Narrow one event's bracket [low, high] of steps to its time tolerance, by the ITP method.
 

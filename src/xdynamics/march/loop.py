@@ -133,12 +133,20 @@ def _landed(
 
 
 def _land_on_event(
-    plan: Plan, memory: Memory, log: Log, base: Tally, target: float, h: float, landing: int, trial: State, values: State
+    plan: Plan,
+    memory: Memory,
+    log: Log,
+    base: Tally,
+    target: float,
+    h: float,
+    landing: int,
+    trial: State,
+    values: State,
 ) -> Memory:
     """Locate the first event of a step, advance to it, and note the state on either side."""
     p, tables, pieces = plan.parameters, plan.tables, memory.pieces
     note_trial(log, memory.tally.trials - base.trials, memory, h, REASON_EVENT)
-    s, trials = locate(plan, memory, log, base, target, h, trial, values)
+    s, trials = locate(plan, memory, log, base, h, trial, values)
     reached = s == h or memory.t + s >= target
     time = target if reached else memory.t + s
     at = memory.tally.samples - base.samples
@@ -187,7 +195,17 @@ def _cross_node(plan: Plan, memory: Memory, log: Log, base: Tally) -> Memory:
     was = memory.tally
     tally = Tally(was.rows, was.trials, was.events, at + base.samples)
     return Memory(
-        RUNNING, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, state, state, memory.values, pieces, tally
+        RUNNING,
+        memory.t,
+        memory.h,
+        memory.grid,
+        memory.node,
+        memory.on_grid,
+        state,
+        state,
+        memory.values,
+        pieces,
+        tally,
     )
 
 

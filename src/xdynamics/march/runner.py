@@ -23,6 +23,7 @@ from xdynamics.methods import Method
 from xdynamics.model import Model
 from xdynamics.units import TIME, Scales
 
+UNSCALED = Scales()
 PAUSE_ROWS = 250_000  # between two looks at the clock and the keyboard
 LARGEST_BLOCK = 1 << 24
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
@@ -51,7 +52,7 @@ class Settings:
     step: float
     until: float
     samples: bool = True
-    scales: Scales = Scales()
+    scales: Scales = UNSCALED
 
     def check(self, model: Model) -> None:
         """Refuse a step or an end that no march could use.
@@ -66,7 +67,7 @@ class Settings:
             raise InputError(f"step is {self.step!r} s, needs a positive time")
         if not isfinite(self.until) or self.until <= start:
             raise InputError(f"until is {self.until!r} s, needs a time after the start at t = {start!r} s")
-        if self.scales != Scales() and model.python_forces:
+        if self.scales != UNSCALED and model.python_forces:
             raise InputError("scales do not go with forces in Python, which are written in SI units")
         if (self.until - start) / self.step > 2**53:
             raise InputError(f"step {self.step!r} s makes over 2**53 steps to {self.until!r} s; take a longer one")
@@ -228,7 +229,7 @@ class March:
 
         def guarded(*arguments: object) -> Memory:
             try:
-                return run(*arguments)  # type: ignore[no-any-return]
+                return run(*arguments)
             except NumbaError as error:
                 names = ", ".join(self.model.functions)
                 raise InputError(f"the Python forces {names} cannot be compiled by numba: {error}") from None
@@ -251,5 +252,3 @@ class March:
             yield
         finally:
             signal.signal(signal.SIGINT, previous)
-
-

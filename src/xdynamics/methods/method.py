@@ -128,7 +128,9 @@ def method_named(name: str, model: Model, methods: Mapping[str, Method]) -> Meth
         raise InputError(f"method {name!r} is not known; these fit this model: {fitting}")
     refusals = methods[name].refusals(model)
     if refusals:
-        raise InputError(f"method '{name}' refuses the model '{model.name}': {'; '.join(refusals)}; these fit: {fitting}")
+        raise InputError(
+            f"method '{name}' refuses the model '{model.name}': {'; '.join(refusals)}; these fit: {fitting}"
+        )
     return methods[name]
 
 

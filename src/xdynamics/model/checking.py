@@ -129,7 +129,9 @@ def _check_motion(parts: Mapping[str, Any], known: Mapping[str, Dimension], ledg
             _check_potential(term, force.potential, parts, known, needed, ledger)
         for name, node in force.components.items():
             if name not in needed:
-                ledger.note(f"force '{term}' acts on '{name}', which is no coordinate; there are {', '.join(coordinates)}")
+                ledger.note(
+                    f"force '{term}' acts on '{name}', which is no coordinate; there are {', '.join(coordinates)}"
+                )
             elif isinstance(node, Function):
                 _check_function(term, node, known, ledger)
             else:
@@ -146,7 +148,9 @@ def _check_potential(
 ) -> None:
     for drive in free_names(potential) & set(parts["drives"]):
         if parts["drives"][drive].argument != "t":
-            ledger.note(f"potential of '{term}' uses the drive '{drive}' of '{parts['drives'][drive].argument}'; write a component")
+            ledger.note(
+                f"potential of '{term}' uses the drive '{drive}' of '{parts['drives'][drive].argument}'; write a component"
+            )
     if any(name.startswith("v_") and name[2:] in needed for name in free_names(potential)):
         ledger.note(f"potential of '{term}' depends on a velocity; write a component")
     if not needed:

@@ -33,7 +33,7 @@ class Table:
     name : str
         The file it came from.
     text : str
-        The CSV text: ``#`` lines, a header ``time [s],thrust [N]``, rows. Line ends are ``\\n``.
+        The CSV text: ``#`` lines, a header ``time [s],thrust [N]``, rows. Line ends are newlines.
     argument_unit, value_unit : Unit
     argument, value : ndarray, shape (n,), SI
         `argument` strictly increases.

@@ -123,7 +123,7 @@ class Model:
                     raise ModelError(f"{section} has no entry '{key}'; there are: {known}")
                 statement[section][key] = _replaced(key, statement[section][key], value)
         model = object.__new__(Model)
-        model._fill(statement, Path(), self.functions)  # noqa: SLF001
+        model._fill(statement, Path(), self.functions)
         return model
 
     @property
@@ -219,4 +219,8 @@ def _replaced(entry: str, old: Any, value: Any) -> Any:
         if given.unit.dimension != unit.dimension:
             raise ModelError(f"{entry} = {value!r} has units '{given.unit.dimension}', needs '{unit.dimension}'")
     written = value if isinstance(value, str) else f"{value!r} {unit.text}"
-    return {**{key: one for key, one in old.items() if key != "unit"}, "value": written} if isinstance(old, Mapping) else written
+    return (
+        {**{key: one for key, one in old.items() if key != "unit"}, "value": written}
+        if isinstance(old, Mapping)
+        else written
+    )

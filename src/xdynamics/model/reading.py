@@ -100,7 +100,9 @@ def _parameter(given: Any) -> Parameter:
         if uncertainty.value < 0:
             raise InputError(f"uncertainty {given['uncertainty']!r} must be non-negative")
         if uncertainty.unit.dimension != quantity.unit.dimension:
-            raise InputError(f"uncertainty is in '{uncertainty.unit.dimension}', the value in '{quantity.unit.dimension}'")
+            raise InputError(
+                f"uncertainty is in '{uncertainty.unit.dimension}', the value in '{quantity.unit.dimension}'"
+            )
     return Parameter(quantity, uncertainty, _text(given))
 
 
@@ -180,7 +182,9 @@ def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node,
         rows = given["matrix"]
         n = len(coordinates)
         if len(given) > 1 or not isinstance(rows, list) or [len(row) for row in rows] != [n] * n:
-            raise InputError(f"matrix needs {n} rows of {n} entries, one for each of {', '.join(coordinates)}, and no other key")
+            raise InputError(
+                f"matrix needs {n} rows of {n} entries, one for each of {', '.join(coordinates)}, and no other key"
+            )
         return tuple(tuple(parse(str(entry)) for entry in row) for row in rows)
     missing = [name for name in coordinates if name not in given]
     unknown = [name for name in given if name not in coordinates]

@@ -18,7 +18,11 @@ def write(model: Model) -> str:
     lines = [f"name = {_value(model.name)}"]
     if model.description:
         lines.append(f"description = {_value(model.description)}")
-    _section(lines, "coordinates", {name: _described({"unit": one.unit.text}, one) for name, one in model.coordinates.items()})
+    _section(
+        lines,
+        "coordinates",
+        {name: _described({"unit": one.unit.text}, one) for name, one in model.coordinates.items()},
+    )
     _section(lines, "parameters", {name: _parameter(one) for name, one in model.parameters.items()})
     _section(lines, "mass", _mass(model))
     _section(lines, "definitions", {name: text_of(node) for name, node in model.definitions.items()})
