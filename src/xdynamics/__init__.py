@@ -13,19 +13,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from xdynamics.archive import content_digest, open_run, save, verify
+    from xdynamics.archive import open_run, save, verify
     from xdynamics.comparison import compare
     from xdynamics.faults import ArchiveError, InputError, ModelError
     from xdynamics.figures import plot
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
     from xdynamics.record import check
+    from xdynamics.seals import content_digest
     from xdynamics.simulation import reproduce, simulate
 
 # public name -> the room it lives in, entered when the name is first used
 _ROOMS = {
     "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults",
-    "check": "record", "compare": "comparison", "content_digest": "archive", "open_run": "archive", "plot": "figures",
+    "check": "record", "compare": "comparison", "content_digest": "seals", "open_run": "archive", "plot": "figures",
     "reproduce": "simulation", "save": "archive", "simulate": "simulation", "verify": "archive",
 }  # fmt: skip
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -19,8 +17,9 @@ from numpy.typing import NDArray
 from xdynamics import record
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import Block, March
-from xdynamics.record import own_attributes, plain
-from xdynamics.schema import BOUNDS, DIGEST, EVENTS, ROOT_DIGEST, SAMPLES, STEPS, TRIALS, VOLATILE, VOLATILE_DIGEST
+from xdynamics.record import own_attributes
+from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, STEPS, VOLATILE_DIGEST
+from xdynamics.seals import CHUNKS, Seal, letters, root_digest, slabs, stored_digest, volatile_digest
 
 if TYPE_CHECKING:
     import netCDF4
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-# rows of one stored chunk: a megabyte of floats for what grows by steps, little for what is rare
-CHUNKS = {STEPS: 131_072, SAMPLES: 131_072, TRIALS: 4_096, EVENTS: 512, BOUNDS: 2}
 BLOCK_ROWS = 131_072
 READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
 
@@ -62,7 +59,7 @@ def save(run: xr.Dataset, path: str | Path) -> Path:
                 str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), coordinates, sizes
             )
         for name, variable in run.variables.items():
-            for part in _slabs(variable):
+            for part in slabs(variable):
                 writer.append(str(name), part)
         writer.finish(dict(run.attrs))
     return Path(path)
@@ -147,17 +144,17 @@ def verify(path: str | Path) -> str:
             attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
             stored = attributes.pop(DIGEST, None)
             try:
-                found[name] = _digest_of(variable)
+                found[name] = stored_digest(variable)
             except (OSError, RuntimeError, ValueError) as error:
                 faults.append(f"variable '{name}' cannot be read: {error}")
                 continue
             if stored != found[name]:
                 faults.append(f"variable '{name}' differs from its digest")
         attributes = {key: file.getncattr(key) for key in file.ncattrs()}
-        root = _root_digest(found, {name: _attributes_of(one) for name, one in file.variables.items()}, attributes)
+        root = root_digest(found, {name: _attributes_of(one) for name, one in file.variables.items()}, attributes)
         if not faults and attributes[ROOT_DIGEST] != root:
             faults.append("the attributes differ from the content digest")
-        if not faults and attributes[VOLATILE_DIGEST] != _volatile_digest(attributes):
+        if not faults and attributes[VOLATILE_DIGEST] != volatile_digest(attributes):
             faults.append("the attributes on date, versions and machine differ from their digest")
     if faults:
         lines = "".join(f"\n  {n}. {fault}" for n, fault in enumerate(faults, 1))
@@ -165,50 +162,12 @@ def verify(path: str | Path) -> str:
     return root
 
 
-def content_digest(run: xr.Dataset) -> str:
-    """Return the content digest that an archive of a Dataset would have."""
-    found = {}
-    for name, variable in run.variables.items():
-        seal = _Seal(str(name), tuple(map(str, variable.dims)), variable.dtype)
-        for part in _slabs(variable):
-            seal.update(part)
-        found[str(name)] = seal.hexdigest()
-    attributes = {str(name): own_attributes(one.attrs) for name, one in run.variables.items()}
-    return _root_digest(found, attributes, run.attrs)
-
-
-class _Seal:
-    """The digest of one variable: name, dims, type, bytes in order, shape."""
-
-    def __init__(self, name: str, dims: tuple[str, ...], dtype: np.dtype[Any]) -> None:
-        self.is_text = dtype.kind in "UOT"
-        self.dtype = dtype if self.is_text else np.dtype(dtype).newbyteorder("<")
-        label = "text" if self.is_text else self.dtype.str.replace("|", "<")
-        self._sha = hashlib.sha256(json.dumps([name, list(dims), label]).encode())
-        self._rows = 0
-        self._inner: tuple[int, ...] | None = () if not dims else None
-
-    def update(self, values: Array) -> None:
-        if self.is_text:
-            self._sha.update(_letters(values).tobytes())
-            return
-        if values.ndim:
-            self._rows += values.shape[0]
-            self._inner = values.shape[1:]
-        self._sha.update(np.ascontiguousarray(values, dtype=self.dtype).data)
-
-    def hexdigest(self) -> str:
-        sealed = self._sha.copy()
-        sealed.update(json.dumps([self._rows, *(self._inner or ())]).encode())
-        return sealed.hexdigest()
-
-
 class _Writer:
     """Fills one netCDF file: variables are defined, appended to, then sealed."""
 
     def __init__(self, file: netCDF4.Dataset) -> None:
         self._file = file
-        self._seals: dict[str, _Seal] = {}
+        self._seals: dict[str, Seal] = {}
         self._attributes: dict[str, dict[str, Any]] = {}
         self._coordinates: dict[str, str] = {}
         self._filled: dict[str, int] = {}
@@ -226,7 +185,7 @@ class _Writer:
         for dim in dims:
             if dim not in self._file.dimensions:
                 self._file.createDimension(dim, 2 if dim == BOUNDS else sizes.get(dim))
-        seal = _Seal(name, dims, dtype)
+        seal = Seal(name, dims, dtype)
         self._seals[name] = seal
         self._attributes[name] = own_attributes(attributes)
         self._filled[name] = 0
@@ -251,7 +210,7 @@ class _Writer:
         """Write the next values of variables."""
         for name, values in parts:
             if self._seals[name].is_text:
-                self._write_text(name, _letters(values))
+                self._write_text(name, letters(values))
             elif values.ndim == 0:
                 self._file.variables[name][...] = values
             elif values.shape[0]:
@@ -281,8 +240,8 @@ class _Writer:
             kept_as = {"coordinates": self._coordinates[name]} if name in self._coordinates else {}
             self._file.variables[name].setncatts(own | kept_as | {DIGEST: digests[name]})
         self._file.setncatts(kept)
-        self._file.setncattr(ROOT_DIGEST, _root_digest(digests, self._attributes, kept))
-        self._file.setncattr(VOLATILE_DIGEST, _volatile_digest(kept))
+        self._file.setncattr(ROOT_DIGEST, root_digest(digests, self._attributes, kept))
+        self._file.setncattr(VOLATILE_DIGEST, volatile_digest(kept))
 
 
 def check_target(path: Path) -> None:
@@ -374,51 +333,5 @@ def _taken(spec: Iterable[record.Column], block: Block) -> list[tuple[str, Array
     return [(column.variable.name, column.take(block)) for column in spec]
 
 
-def _slabs(variable: Any) -> Iterator[Array]:
-    """Yield a variable's values along its first dimension, a chunk at a time; one is computed at a time."""
-    if not variable.dims:
-        yield np.asarray(variable.values)
-        return
-    rows = CHUNKS.get(variable.dims[0], 4096) * 8
-    for start in range(0, max(1, variable.shape[0]), rows):
-        yield np.asarray(variable[start : start + rows].values)
-
-
-def _letters(text: Array) -> Array:
-    """Return a text, as it is in memory or in a file, as single bytes of UTF-8."""
-    if text.dtype == "S1" and text.ndim == 1:
-        return text
-    return np.frombuffer(str(text[()]).encode(), dtype="S1")
-
-
-def _digest_of(variable: Any) -> str:
-    is_text = variable.dtype == "S1"
-    seal = _Seal(variable.name, () if is_text else variable.dimensions, np.dtype(object) if is_text else variable.dtype)
-    if is_text or not variable.dimensions:
-        variable.set_auto_chartostring(False)
-        seal.update(np.asarray(variable[...]))
-    else:
-        rows = CHUNKS.get(variable.dimensions[0], 4096) * 8
-        for start in range(0, max(1, variable.shape[0]), rows):
-            seal.update(np.asarray(variable[start : start + rows]))
-    return seal.hexdigest()
-
-
 def _attributes_of(variable: Any) -> dict[str, Any]:
     return own_attributes({key: variable.getncattr(key) for key in variable.ncattrs()})
-
-
-def _root_digest(
-    digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]
-) -> str:
-    outside = {*VOLATILE, ROOT_DIGEST}
-    content = {
-        "variables": {name: [digests[name], plain(attributes[name])] for name in sorted(digests)},
-        "attributes": plain({key: value for key, value in run.items() if key not in outside}),
-    }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def _volatile_digest(run: Mapping[Any, Any]) -> str:
-    content = plain({key: value for key, value in run.items() if key in VOLATILE and key != VOLATILE_DIGEST})
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -309,7 +309,8 @@ def _residual(march: March) -> Column:
 
     def take(block: Block) -> Array:
         events = block.log.events[:, : block.events]
-        return events[3] * factors[events[7].astype(np.int64)]
+        residual: Array = events[3] * factors[events[7].astype(np.int64)]
+        return residual
 
     return Column(variable, take)
 

@@ -15,8 +15,8 @@ int main(int count, char **words) {
     long steps = atol(words[1]);
     double start = seconds();
     double m = 1.0, k = 4.0, h = 1e-3, x = 1.0, v = 0.0, f = -k * x, a = f / m;
-    double *column[10];
-    for (int i = 0; i < 10; i++) column[i] = malloc((steps + 1) * sizeof(double));
+    double *column[9];
+    for (int i = 0; i < 9; i++) column[i] = malloc((steps + 1) * sizeof(double));
     char *kind = malloc(steps + 1), *regime = malloc(steps + 1);
     for (long n = 0; n <= steps; n++) {
         double used = 0.0;
@@ -30,8 +30,8 @@ int main(int count, char **words) {
             if (!(isfinite(x) && isfinite(v) && isfinite(a))) return 1;
         }
         double kinetic = m / 2.0 * (v * v), potential = k * (x * x) / 2.0;
-        double row[10] = {n * h, used, x, v, a, f, kinetic, potential, kinetic + potential, atan2(-v * sqrt(m / k), x)};
-        for (int i = 0; i < 10; i++) column[i][n] = row[i];
+        double row[9] = {n * h, used, x, v, a, f, kinetic, potential, kinetic + potential};
+        for (int i = 0; i < 9; i++) column[i][n] = row[i];
         kind[n] = n > 0;
         regime[n] = 0;
     }
