@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from problems import ROOT
 
 import xdynamics as xd
+from problems import ROOT
 
 README = (ROOT / "README.md").read_text()
 BLOCKS = dict(re.findall(r"```(\w+)\n(.*?)```", README, re.DOTALL))
