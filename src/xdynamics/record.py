@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.expressions import dimension_of
+from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels.elementary import MATH_FUNCTIONS
 from xdynamics.march import Block, March
@@ -278,9 +278,8 @@ def _events(march: March) -> list[Column]:
     )
     found = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
     names = dict(enumerate(model.events)) or {0: "none"}
-    detector = Variable(
-        "event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", schema.flags(names)
-    )
+    more = schema.flags(names) | _detectors(march)
+    detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", more)
     found.append(Column(detector, _event(7, "i1")))
     found.append(_residual(march))
     for name in model.coordinates:
@@ -290,6 +289,21 @@ def _events(march: March) -> list[Column]:
             Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"offset put on {name} at the event", "event"), _nothing),
         ]  # fmt: skip
     return found
+
+
+def _detectors(march: March) -> dict[str, str]:
+    """Say of every event its function, direction, action and time tolerance."""
+    events = march.model.events.items()
+    return (
+        {
+            "functions": "; ".join(f"{name}: {text_of(one.function)}" for name, one in events),
+            "directions": "; ".join(f"{name}: {one.direction}" for name, one in events),
+            "actions": "; ".join(f"{name}: {one.action}" for name, one in events),
+            "time_tolerances": "; ".join(f"{name}: {one.time_tolerance}" for name, one in events),
+        }
+        if events
+        else {}
+    )
 
 
 def _residual(march: March) -> Column:
