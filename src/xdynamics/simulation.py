@@ -71,8 +71,8 @@ def simulate(
     ...     mass={"y": "m"}, forces={"gravity": {"potential": "m*g*y"}}, initial={"y": "0 m", "v_y": "0 m s-1"},
     ... )
     >>> run = simulate(model, method="velocity_verlet", step="0.5 s", until="1 s")
-    >>> run.y.values
-    array([ 0.       , -1.22583125, -4.903325  ])
+    >>> run.y.values.tolist()
+    [0.0, -1.22583125, -4.903325]
     >>> run.y.attrs["units"], run.attrs["run_outcome"]
     ('m', 'completed')
     """
