@@ -187,3 +187,17 @@ def test_python_force_that_asks_for_the_unknown() -> None:
 
     with pytest.raises(xd.ModelError, match="function 'pull' asks for 'z', which is not declared"):
         particle(pull)
+
+
+HOSTILE_NAMES = ['"""+str(open("pwned", "w"))+"""', "\'\'\'\"\"\"\nopen('pwned', 'w')\n", "{open('pwned','w')}", "\\", "%s\x00"]
+
+
+@pytest.mark.parametrize("text", HOSTILE_NAMES)
+def test_no_text_of_a_model_reaches_the_generated_code(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that name and descriptions are never part of what is compiled."""
+    monkeypatch.chdir(tmp_path)
+    plain = xd.simulate(particle(), method="midpoint", step=0.5, until=1.0)
+    described = {"name": text, "description": text, "coordinates": {"x": {"unit": "m", "description": text}}}
+    run = xd.simulate(particle(**described), method="midpoint", step=0.5, until=1.0)
+    assert run.force_source.values == plain.force_source.values
+    assert list(tmp_path.iterdir()) == []

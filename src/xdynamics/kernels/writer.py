@@ -49,8 +49,8 @@ def write_source(model: Model, method: Method, *, samples: bool) -> str:
     write = _Writer(layout)
     disk = not model.python_forces  # a function handed over has no file of its own in the cache
     parts = [
-        _HEADER.format(title=f"{method.name} of {model.name!r}"[:100].replace("\\", "/"),
-                       entry="entry" if disk else "entry_in_memory"),
+        # checked identifiers and numbers are all that a model gives to this text: its name and descriptions stay out
+        _HEADER.format(title=f"A march by {method.name}.", entry="entry" if disk else "entry_in_memory"),
         write.forces(),
         write.sample(logged=samples),
         write.begin(),
