@@ -73,7 +73,7 @@ def test_duplicate_key_is_refused() -> None:
 def test_all_faults_come_at_once() -> None:
     """Assert that the faults of one file are one error."""
     broken = GOOD.replace('"m*g*y"', '"m*g"').replace("-c*v_y", "-c").replace('y = "0 m"', 'y = "0 s"')
-    with pytest.raises(xd.ModelError) as caught:
+    with pytest.raises(xd.ModelError, match="has 3 faults") as caught:
         xd.Model.from_text(broken)
     assert len(caught.value.faults) == 3
 

@@ -104,7 +104,7 @@ def test_check_gathers_all_faults() -> None:
     time = run.time.values.copy()
     time[1] = -1.0
     broken["time"] = ("step", time, run.time.attrs)
-    with pytest.raises(xd.InputError) as caught:
+    with pytest.raises(xd.InputError, match="this is no run record") as caught:
         xd.check(broken)
     text = str(caught.value)
     for part in (

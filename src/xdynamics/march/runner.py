@@ -110,6 +110,7 @@ class March:
         self.problem: Problem = pose(model, settings.scales)
         self.memory = self._before()
         self.interrupted = False
+        self.stopping_event = ""
         self._failure: Failure | None = None
 
     @cached_property
@@ -171,6 +172,7 @@ class March:
                     kept.reverse()
                 base = self.memory.tally
                 self._fill(run, log, base)
+                self._look_at_the_end(log, base)
                 now = self.memory.tally
                 yield Block(log, *(int(a) - int(b) for a, b in zip(now, base, strict=True)))
                 size = rows or min(size, 1 << 20)
@@ -190,8 +192,6 @@ class March:
         t, h = self.memory.t * scale, self.memory.h * scale
         return self.outcome.sentence.format(t=f"{t:.15g}", h=f"{h:.6g}", cause=cause)
 
-    stopping_event = ""
-
     def _fill(self, run: Callable[..., Memory], log: Log, base: Tally) -> None:
         """Fill one log, looking up now and then."""
         before = None
@@ -201,6 +201,9 @@ class March:
             if self.progress:
                 done = (self.memory.t - self.plan.start) / (self.plan.nodes[-1] - self.plan.start)
                 self.progress(done, self.memory.t * self.settings.scales.of(TIME), self.memory.tally.rows)
+
+    def _look_at_the_end(self, log: Log, base: Tally) -> None:
+        """Find out, while its log is at hand, which event stopped the run or what failed."""
         if self.memory.status == STOPPED:
             names = list(self.model.events)
             events = log.events[:, : self.memory.tally.events - base.events]
