@@ -189,11 +189,19 @@ def test_python_force_that_asks_for_the_unknown() -> None:
         particle(pull)
 
 
-HOSTILE_NAMES = ['"""+str(open("pwned", "w"))+"""', "\'\'\'\"\"\"\nopen('pwned', 'w')\n", "{open('pwned','w')}", "\\", "%s\x00"]
+HOSTILE_NAMES = [
+    '"""+str(open("pwned", "w"))+"""',
+    "'''\"\"\"\nopen('pwned', 'w')\n",
+    "{open('pwned','w')}",
+    "\\",
+    "%s\x00",
+]
 
 
 @pytest.mark.parametrize("text", HOSTILE_NAMES)
-def test_no_text_of_a_model_reaches_the_generated_code(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_text_of_a_model_reaches_the_generated_code(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Assert that name and descriptions are never part of what is compiled."""
     monkeypatch.chdir(tmp_path)
     plain = xd.simulate(particle(), method="midpoint", step=0.5, until=1.0)

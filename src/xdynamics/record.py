@@ -16,6 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.elementary import MATH_FUNCTIONS
 from xdynamics.march import Block, March
 from xdynamics.march.events import ROOT_METHOD
+from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.runner import UNSCALED
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
 from xdynamics.units import NONE, TIME, Dimension, Unit, spell
@@ -367,6 +368,8 @@ def _samples(march: March) -> list[Column]:
 
 def _last_step(march: March) -> str:
     """Say whether the end lay on the grid."""
+    if march.memory.status != COMPLETED:
+        return "none: the run ended before"
     plan = march.plan
     steps = (plan.nodes[-1] - plan.start) / plan.step_size
     partial = abs(steps - round(steps)) * plan.step_size > plan.snap

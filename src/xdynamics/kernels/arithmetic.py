@@ -9,7 +9,7 @@ from fractions import Fraction
 from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, Number, exponent_of
 from xdynamics.expressions.tree import children
 
-_CALLED = {"min": "least", "max": "greatest"}
+_CALLED = {"min": "_least", "max": "_greatest"}
 _STRENGTH = {"+": 1, "-": 1, "*": 2, "/": 2}
 
 
@@ -43,6 +43,10 @@ class Arithmetic:
         """Write the shared parts of a tree and return the rest as one expression."""
         return self._print(tree)[0]
 
+    def operand(self, tree: Node) -> str:
+        """Like `text`, to stand beside an operator: a choice goes in parentheses."""
+        return self._wrapped(tree, 1)
+
     def _count(self, node: Node) -> None:
         self._seen[node] += 1
         if self._seen[node] == 1:
@@ -74,7 +78,7 @@ class Arithmetic:
                 gap = " " if strength == 1 else ""
                 return f"{left}{gap}{node.operator}{gap}{right}", strength
             case Compare():
-                return f"{self.text(node.left)} {node.operator} {self.text(node.right)}", 0
+                return f"{self.operand(node.left)} {node.operator} {self.operand(node.right)}", 0
             case Call(function="where"):
                 condition, yes, no = (self._wrapped(one, 1) for one in node.arguments)
                 return f"{yes} if {condition} else {no}", 0
@@ -117,7 +121,7 @@ class Arithmetic:
         if exponent.denominator == 1:
             return self._product(base, exponent.numerator)
         if exponent.denominator != 2:
-            return f"power({self._atom(base)}, {float(exponent)!r})", 9
+            return f"_power({self._atom(base)}, {float(exponent)!r})", 9
         root = Call("sqrt", (base,))
         if exponent < 1:
             return f"sqrt({self.text(base)})", 9

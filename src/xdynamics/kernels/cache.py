@@ -15,6 +15,7 @@ from typing import Any
 
 from xdynamics.faults import ModelError
 from xdynamics.kernels.compiling import compiled
+from xdynamics.kernels.writer import PYTHON
 
 ENVIRONMENT = "XDYNAMICS_CACHE"
 
@@ -78,7 +79,7 @@ def _written(folder: Path, name: str, source: str) -> Path | None:
 def _from_memory(name: str, source: str, functions: Mapping[str, Callable[..., float]]) -> ModuleType:
     module = ModuleType(name)
     for key, function in functions.items():
-        setattr(module, key, function if hasattr(function, "py_func") else compiled(function))
+        setattr(module, PYTHON + key, function if hasattr(function, "py_func") else compiled(function))
     exec(compile(source, f"<{name}>", "exec"), module.__dict__)  # noqa: S102 - written by `writer`, from checked trees
     return module
 

@@ -51,8 +51,10 @@ def pose(model: Model, scales: Scales) -> Problem:
     tables, nodes = [], [np.empty(0)]
     for name, drive in model.drives.items():
         argument = drive.table.argument / sizes[drive.argument]
-        tables.append(coefficients(argument, drive.table.value / sizes[name], drive.interpolation, drive.outside))
-        if drive.argument == "t":
+        of_time = drive.argument == "t"
+        values_there = drive.table.value / sizes[name]
+        tables.append(coefficients(argument, values_there, drive.interpolation, drive.outside, of_time=of_time))
+        if of_time:
             nodes.append(argument)
     return Problem(
         model.initial["t"].si / scales.of(TIME),

@@ -12,6 +12,7 @@ from xdynamics.model import Function, Model
 from xdynamics.units import CONSTANTS
 
 _CONTEXT = "_p, _tables, _pieces"
+PYTHON = "_python_"  # in front of the names of functions handed over
 _HEADER = '''"""{title}
 
 Written by xdynamics from the model and the method; not meant to be edited.
@@ -19,8 +20,9 @@ Written by xdynamics from the model and the method; not meant to be edited.
 
 from xdynamics.kernels.compiling import borrowed, compiled, {entry}
 from xdynamics.kernels.elementary import *
-from xdynamics.kernels.tables import find_piece, piece_after, slope_at, value_at
-from xdynamics.march.binding import bind, lend_log, lend_plan
+from xdynamics.kernels.elementary import greatest as _greatest, least as _least, positive as _positive, power as _power
+from xdynamics.kernels.tables import find_piece as _find_piece, piece_after, slope_at as _slope_at, value_at as _value_at
+from xdynamics.march.binding import all_finite, bind, lend_log, lend_plan
 
 '''
 _ENTRY = '''
@@ -92,7 +94,7 @@ class _Writer:
         arithmetic = Arithmetic(trees)
         for name, one in components.items():
             if isinstance(one, Function):
-                arithmetic.lines.append(f"{name} = {one.name}({', '.join(one.arguments)})")
+                arithmetic.lines.append(f"{name} = float({PYTHON}{one.name}({', '.join(one.arguments)}))")
             else:
                 arithmetic.assign(name, one)
         self._accelerations(arithmetic, masses)
@@ -163,7 +165,12 @@ class _Writer:
             start = 2 + len(layout.state)
             lines += [f"_log.rows[{start + i}, _row] = _derived[{i}]" for i in range(len(layout.derived))]
         lines += ["_log.row_flags[0, _row] = _kind", "_log.row_flags[1, _row] = 0"]
-        return _function(f"note(_log, _row, t, h, _kind, _state, {_CONTEXT})", "Write one row of the log.", lines)
+        lines += ["return all_finite(_derived)" if layout.derived else "return True"]
+        return _function(
+            f"note(_log, _row, t, h, _kind, _state, {_CONTEXT})",
+            "Write one row of the log; tell whether its energies and observables are finite.",
+            lines,
+        )
 
     def pieces(self) -> str:
         """Find the piece of every drive of time that a step from t goes through."""
@@ -187,16 +194,16 @@ class _Writer:
             totals.append(" + ".join(acting) or "0.0")
         if not self.model.mass_is_full:
             for i, name in enumerate(names):
-                arithmetic.lines.append(f"a_{name} = ({totals[i]})/positive({arithmetic.text(masses[i][i])})")
+                arithmetic.lines.append(f"a_{name} = ({totals[i]})/_positive({arithmetic.text(masses[i][i])})")
             return
         n = len(names)
         out = arithmetic.lines
         for i in range(n):
             for j in range(i):
                 taken = "".join(f" - _l{i}_{k}*_l{j}_{k}*_d{k}" for k in range(j))
-                out.append(f"_l{i}_{j} = ({arithmetic.text(masses[i][j])}{taken})/_d{j}")
+                out.append(f"_l{i}_{j} = ({arithmetic.operand(masses[i][j])}{taken})/_d{j}")
             taken = "".join(f" - _l{i}_{k}*_l{i}_{k}*_d{k}" for k in range(i))
-            out.append(f"_d{i} = positive({arithmetic.text(masses[i][i])}{taken})")
+            out.append(f"_d{i} = _positive({arithmetic.operand(masses[i][i])}{taken})")
         for i in range(n):
             out.append(f"_z{i} = {totals[i]}" + "".join(f" - _l{i}_{k}*_z{k}" for k in range(i)))
         for i in reversed(range(n)):
@@ -248,8 +255,8 @@ class _Writer:
             if drive.argument == "t":
                 piece = f"_pieces[{self.layout.time_drives.index(name)}]"
             else:
-                piece = f"find_piece({drive.argument}, {table})"
-            for target, rule in ((name, "value_at"), (f"slope_{name}", "slope_at")):
+                piece = f"_find_piece({drive.argument}, {table})"
+            for target, rule in ((name, "_value_at"), (f"_slope_{name}", "_slope_at")):
                 if target in used:
                     lines.append(f"{target} = {rule}({drive.argument}, {table}, {piece})")
         return lines

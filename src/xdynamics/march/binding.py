@@ -7,6 +7,7 @@ from typing import Any
 
 from xdynamics.kernels.compiling import borrowed, compiled
 from xdynamics.march import events, log, loop
+from xdynamics.march.finite import all_finite
 
 ROOMS: tuple[ModuleType, ...] = (log, events, loop)
 
@@ -51,3 +52,6 @@ def lend_log(blocks: log.Log) -> log.Log:
     """Return the log with arrays that are not counted."""
     return log.Log(borrowed(blocks.rows), borrowed(blocks.row_flags), borrowed(blocks.samples),
                    borrowed(blocks.trials), borrowed(blocks.events), borrowed(blocks.lows))  # fmt: skip
+
+
+__all__ = ["ROOMS", "all_finite", "bind", "lend_log", "lend_plan"]

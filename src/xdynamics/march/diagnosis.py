@@ -10,6 +10,7 @@ from xdynamics.march.outcomes import (
     NONFINITE,
     NONFINITE_EVENT,
     NONFINITE_FORCE,
+    NONFINITE_OBSERVABLE,
     OUTCOMES,
     OUTSIDE_TABLE,
     Outcome,
@@ -37,8 +38,11 @@ def diagnose(march: March, log: Log, base: Tally) -> Failure:
     """
     memory = march.memory
     if memory.status == NONFINITE_EVENT:
-        names = ", ".join(f"'{name}'" for name in march.model.events)
-        return Failure(OUTCOMES[NONFINITE_EVENT], f"an event function ({names}) is not finite")
+        named = zip(march.model.events, memory.values, strict=True)
+        cause = ", ".join(f"the function of event '{name}' is {value}" for name, value in named if not isfinite(value))
+        return Failure(OUTCOMES[NONFINITE_EVENT], cause)
+    if memory.status == NONFINITE_OBSERVABLE:
+        return _in_row(march, log, base)
     if memory.status != NONFINITE:
         return Failure(OUTCOMES[memory.status], "")
     started = memory.tally.rows == 1 and memory.h == 0.0
@@ -50,6 +54,37 @@ def diagnose(march: March, log: Log, base: Tally) -> Failure:
     return _in_state(march, dict(zip(march.layout.state, memory.trial, strict=True)))
 
 
+def _in_row(march: March, log: Log, base: Tally) -> Failure:
+    """Name the energy or observable of the row that was noted last and not kept."""
+    at = 0 if march.memory.h == 0.0 else march.memory.tally.rows - base.rows
+    column = dict(zip(march.layout.row, log.rows[:, at].tolist(), strict=True))
+    bad = [f"{name} is {column[name]}" for name in march.layout.derived if not isfinite(column[name])]
+    for name in march.layout.drives:
+        if _leaves(march, name, march.memory.trial):
+            return Failure(
+                OUTSIDE_TABLE, f"{', '.join(bad)}: {_outside(march, name, _asked(march, name, march.memory.trial))}"
+            )
+    return Failure(OUTCOMES[NONFINITE_OBSERVABLE], ", ".join(bad))
+
+
+def _asked(march: March, name: str, state: tuple[float, ...]) -> float:
+    """What a drive is asked at, at the end of the step last tried, in internal units; without a state, by the old velocity."""
+    memory, argument = march.memory, march.model.drives[name].argument
+    if argument == "t":
+        return memory.t + memory.h
+    at = march.layout.state.index(argument)
+    if isfinite(state[at]) or argument in march.layout.velocities:
+        return state[at]
+    return memory.state[at] + memory.h * memory.state[march.layout.state.index(f"v_{argument}")]
+
+
+def _leaves(march: March, name: str, state: tuple[float, ...]) -> bool:
+    drive = march.model.drives[name]
+    scale = march.settings.scales.of(march.model.dimensions[drive.argument])
+    asked = _asked(march, name, state) * scale
+    return drive.outside == "error" and not drive.table.argument[0] <= asked <= drive.table.argument[-1]
+
+
 def _in_sample(march: March, column: dict[str, float]) -> Failure | None:
     """Judge one force evaluation: the state it used, the drives, the force terms."""
     layout = march.layout
@@ -59,17 +94,17 @@ def _in_sample(march: March, column: dict[str, float]) -> Failure | None:
             return Failure(OUTCOMES[NONFINITE], f"{name} is {column[name]} {when}")
     for name in layout.drives:
         if not isfinite(column[name]):
-            return Failure(OUTSIDE_TABLE, _outside(march, name, column))
+            asked = column["time" if march.model.drives[name].argument == "t" else march.model.drives[name].argument]
+            return Failure(OUTSIDE_TABLE, _outside(march, name, asked))
     for name in layout.forces:
         if not isfinite(column[name]):
             return Failure(NONFINITE_FORCE, f"{name} is {column[name]} {when}")
     return None
 
 
-def _outside(march: March, name: str, column: dict[str, float]) -> str:
+def _outside(march: March, name: str, asked: float) -> str:
     drive = march.model.drives[name]
-    dimension = march.model.dimensions[drive.argument]
-    asked = column["time" if drive.argument == "t" else drive.argument] * march.settings.scales.of(dimension)
+    asked *= march.settings.scales.of(march.model.dimensions[drive.argument])
     low, high = drive.table.argument[0], drive.table.argument[-1]
     return (
         f"drive '{name}' was asked at {drive.argument} = {asked:.9g}, and its table '{drive.table.name}' reaches from"
@@ -78,8 +113,11 @@ def _outside(march: March, name: str, column: dict[str, float]) -> str:
 
 
 def _in_state(march: March, state: dict[str, float]) -> Failure:
-    """Judge a proposed state: forces before accelerations before what follows from them."""
+    """Judge a proposed state: drives, forces, then accelerations and what follows from them."""
     layout = march.layout
+    for name in layout.drives:
+        if _leaves(march, name, march.memory.trial):
+            return Failure(OUTSIDE_TABLE, _outside(march, name, _asked(march, name, march.memory.trial)))
     for name in (*layout.forces, *layout.used):
         if not isfinite(state[name]):
             outcome = NONFINITE_FORCE if name in layout.forces else OUTCOMES[NONFINITE]

@@ -65,6 +65,10 @@ def _bracket(
             break
         s = _itp(low, high, at_low, values[i], scale, slack - (high - low) / 2.0)
         slack = slack / 2.0
+        if s >= high:  # the point fell on an end of the bracket: probe a tolerance inside it
+            s = max((low + high) / 2.0, high - tolerance)
+        elif s <= low:
+            s = min((low + high) / 2.0, low + tolerance)
         if not low < s < high:
             break
         note_trial(log, trials - base.trials, memory, s, REASON_EVENT)

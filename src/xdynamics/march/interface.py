@@ -36,8 +36,8 @@ def slopes(t: float, state: State, p: Any, tables: Any, pieces: Any) -> tuple[fl
     _unbound()
 
 
-def note(log: Any, row: int, t: float, h: float, kind: int, state: State, p: Any, tables: Any, pieces: Any) -> None:
-    """Write one row of the log."""
+def note(log: Any, row: int, t: float, h: float, kind: int, state: State, p: Any, tables: Any, pieces: Any) -> bool:
+    """Write one row of the log; tell whether its energies and observables are finite."""
     _unbound()
 
 

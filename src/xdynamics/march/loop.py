@@ -8,12 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from xdynamics.march.events import crosses, crosses_any, locate
+from xdynamics.march.finite import all_finite
 from xdynamics.march.interface import State, begin, detect, note, pieces_at, propose, slopes
 from xdynamics.march.log import MOST_SUBSTEPS, Log, Memory, Plan, Tally, note_trial
 from xdynamics.march.outcomes import (
     COMPLETED,
     NONFINITE,
     NONFINITE_EVENT,
+    NONFINITE_OBSERVABLE,
     RUNNING,
     STEP_TOO_SMALL,
     STOPPED,
@@ -48,8 +50,8 @@ def march(plan: Plan, memory: Memory, log: Log, base: Tally, pause: int) -> Memo
     paused = memory.tally.rows + pause
     while memory.status == RUNNING and memory.tally.rows < paused and _has_room(plan, log, base, memory.tally):
         target, h, landing = _aim(plan, memory)
-        if not memory.t + h > memory.t:
-            return _ended(memory, STEP_TOO_SMALL, h, memory.state)
+        if not (memory.t + h > memory.t and target > memory.t):
+            return _ended(memory, STEP_TOO_SMALL, h, memory.state, memory.values)
         p, tables, pieces, tally = plan.parameters, plan.tables, memory.pieces, memory.tally
         at = tally.samples - base.samples
         trial, at = propose(memory.t, target, h, memory.state, p, tables, pieces, log, at, tally.rows)
@@ -57,27 +59,20 @@ def march(plan: Plan, memory: Memory, log: Log, base: Tally, pause: int) -> Memo
         verdict = _judge(trial, values)
         if verdict != RUNNING:
             note_trial(log, tally.trials - base.trials, memory, h, REASON_NONFINITE)
-            return _ended(_counted(memory, 1), verdict, h, trial)
+            return _ended(_counted(memory, 1), verdict, h, trial, values)
         if crosses_any(plan.directions, memory.values, values):
             memory = _land_on_event(plan, memory, log, base, target, h, landing, trial, values)
         else:
             kind = STEP if landing == AT_GRID else NODE
             if landing != AT_GRID and memory.node == plan.nodes.shape[0] - 1:
                 kind = STEP  # the end of the run is no breakpoint
-            note(log, tally.rows - base.rows, target, h, kind, trial, p, tables, pieces)
+            if not note(log, tally.rows - base.rows, target, h, kind, trial, p, tables, pieces):
+                return _ended(memory, NONFINITE_OBSERVABLE, h, trial, values)
             tally = Tally(tally.rows + 1, tally.trials, tally.events, at + base.samples)
             memory = _landed(plan, memory, RUNNING, target, h, landing, trial, values, tally)
         if memory.status == RUNNING and landing != AT_GRID:
             memory = _cross_node(plan, memory, log, base)
     return memory
-
-
-def all_finite(values: State) -> bool:
-    """Whether no number of a tuple is nan or infinite."""
-    finite = True
-    for value in values:
-        finite = finite and np.isfinite(value)
-    return finite
 
 
 def _start(plan: Plan, memory: Memory, log: Log) -> Memory:
@@ -86,8 +81,10 @@ def _start(plan: Plan, memory: Memory, log: Log) -> Memory:
     pieces = pieces_at(t, tables)
     state, samples = begin(t, memory.state, p, tables, pieces, log, 0, 0)
     values = detect(t, state, p, tables, pieces)
-    note(log, 0, t, 0.0, INITIAL, state, p, tables, pieces)
+    noted = note(log, 0, t, 0.0, INITIAL, state, p, tables, pieces)
     status = _judge(state, values)
+    if status == RUNNING and not noted:
+        status = NONFINITE_OBSERVABLE
     tally = Tally(1, 0, 0, samples)
     return Memory(status, t, 0.0, 0, 0, True, state, state, values, pieces, tally)
 
@@ -147,13 +144,16 @@ def _land_on_event(
     p, tables, pieces = plan.parameters, plan.tables, memory.pieces
     note_trial(log, memory.tally.trials - base.trials, memory, h, REASON_EVENT)
     s, trials = locate(plan, memory, log, base, h, trial, values)
-    reached = s == h or memory.t + s >= target
-    time = target if reached else memory.t + s
+    # two events closer than the spacing of t are two rows all the same
+    time = max(memory.t + s, np.nextafter(memory.t, np.inf))
+    reached = s == h or time >= target
+    time = target if reached else time
     at = memory.tally.samples - base.samples
     state, at = propose(memory.t, time, s, memory.state, p, tables, pieces, log, at, memory.tally.rows)
     values = detect(time, state, p, tables, pieces)
     row, events, status = memory.tally.rows, memory.tally.events, RUNNING
-    note(log, row - base.rows, time, s, EVENT_BEFORE, state, p, tables, pieces)
+    if not note(log, row - base.rows, time, s, EVENT_BEFORE, state, p, tables, pieces):
+        return _ended(_counted(memory, trials - memory.tally.trials), NONFINITE_OBSERVABLE, s, state, values)
     note(log, row + 1 - base.rows, time, 0.0, EVENT_AFTER, state, p, tables, pieces)
     rates = slopes(time, state, p, tables, pieces)
     for i in range(len(values)):
@@ -191,7 +191,7 @@ def _cross_node(plan: Plan, memory: Memory, log: Log, base: Tally) -> Memory:
     p, row = plan.parameters, memory.tally.rows - 1
     state, at = begin(memory.t, memory.state, p, plan.tables, pieces, log, at, row)
     if not all_finite(state):
-        return _ended(memory, NONFINITE, memory.h, state)
+        return _ended(memory, NONFINITE, memory.h, state, memory.values)
     was = memory.tally
     tally = Tally(was.rows, was.trials, was.events, at + base.samples)
     return Memory(
@@ -209,11 +209,11 @@ def _cross_node(plan: Plan, memory: Memory, log: Log, base: Tally) -> Memory:
     )
 
 
-def _ended(memory: Memory, status: int, h: float, trial: State) -> Memory:
+def _ended(memory: Memory, status: int, h: float, trial: State, values: State) -> Memory:
     """Stop where the march stands."""
     return Memory(
         status, memory.t, h, memory.grid, memory.node, memory.on_grid,
-        memory.state, trial, memory.values, memory.pieces, memory.tally,
+        memory.state, trial, values, memory.pieces, memory.tally,
     )  # fmt: skip
 
 

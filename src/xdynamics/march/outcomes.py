@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-RUNNING, COMPLETED, STOPPED, NONFINITE, NONFINITE_EVENT, STEP_TOO_SMALL, INTERRUPTED = range(7)
+RUNNING, COMPLETED, STOPPED, NONFINITE, NONFINITE_EVENT, STEP_TOO_SMALL, INTERRUPTED, NONFINITE_OBSERVABLE = range(8)
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ OUTCOMES: dict[int, Outcome] = {
     STOPPED: Outcome("stopped_by_event", "event {cause} stopped the run at t = {t} s", good=True),
     NONFINITE: Outcome("nonfinite_state", "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"),
     NONFINITE_EVENT: Outcome("nonfinite_event", "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"),
+    NONFINITE_OBSERVABLE: Outcome("nonfinite_observable", "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"),
     STEP_TOO_SMALL: Outcome("step_below_spacing", "at t = {t} s, h = {h} s: t + h is t in double precision; take a longer step or an earlier t"),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t} s; the rows up to there are kept"),
 }  # fmt: skip

@@ -77,7 +77,9 @@ class Table:
         return cls(name, text, units[0], units[1], argument, value)
 
 
-def coefficients(argument: Floats, value: Floats, interpolation: str, outside: str) -> tuple[Floats, Floats]:
+def coefficients(
+    argument: Floats, value: Floats, interpolation: str, outside: str, *, of_time: bool = True
+) -> tuple[Floats, Floats]:
     """Build the piecewise polynomial of a table, with one more piece beyond either end.
 
     Parameters
@@ -88,6 +90,8 @@ def coefficients(argument: Floats, value: Floats, interpolation: str, outside: s
         Comput. 5, 300); cubic spline with not-a-knot ends (de Boor 1978).
     outside : {"error", "zero", "hold"}
         The value beyond the table: nan (which ends a run), 0, or the last value.
+    of_time : bool
+        Whether the argument is time, where a march goes on from the last point; else that point is the table's own.
 
     Returns
     -------
@@ -96,6 +100,8 @@ def coefficients(argument: Floats, value: Floats, interpolation: str, outside: s
     powers : ndarray, shape (4, n + 1)
         Coefficients of (x - origin[k])**3 … **0.
     """
+    if interpolation == "previous" and not of_time:  # the last value holds at the last point alone
+        argument, value = np.append(argument, np.nextafter(argument[-1], np.inf)), np.append(value, value[-1])
     pieces = _pieces(argument, value, interpolation)
     inner = np.vstack([np.zeros((4 - len(pieces), pieces.shape[1])), pieces])
     ends = {"error": (np.nan, np.nan), "zero": (0.0, 0.0), "hold": (value[0], value[-1])}[outside]

@@ -164,13 +164,13 @@ class Model:
         return names | through | inner
 
     def rate_of(self, node: Node) -> Node:
-        """Return an expression's time derivative along the motion, with `a_q`, `rate_x` and `slope_d` as names."""
+        """Return an expression's time derivative along the motion, with `a_q`, `rate_x` and `_slope_d` as names."""
         rates: dict[str, Node] = {"t": Number(1.0)}
         for name in self.coordinates:
             rates |= {name: Name(f"v_{name}"), f"v_{name}": Name(f"a_{name}")}
         rates |= {name: Name(f"rate_{name}") for name in self.states}
         for name, drive in self.drives.items():
-            rates[name] = multiply(Name(f"slope_{name}"), rates[drive.argument])
+            rates[name] = multiply(Name(f"_slope_{name}"), rates[drive.argument])
         return derivative(self.expanded(node), rates)
 
     def __eq__(self, other: object) -> bool:
