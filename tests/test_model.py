@@ -194,7 +194,7 @@ HOSTILE_NAMES = [
     "'''\"\"\"\nopen('pwned', 'w')\n",
     "{open('pwned','w')}",
     "\\",
-    "%s\x00",
+    "%s",
 ]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from math import prod
@@ -19,7 +19,18 @@ from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import Block, March
 from xdynamics.record import own_attributes
 from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, STEPS, VOLATILE_DIGEST
-from xdynamics.seals import CHUNKS, Seal, letters, root_digest, slabs, stored_digest, volatile_digest
+from xdynamics.seals import (
+    CHUNKS,
+    OTHER_CHUNK,
+    Seal,
+    letters,
+    root_digest,
+    seal_file,
+    seal_holds,
+    slabs,
+    stored_digest,
+    volatile_digest,
+)
 
 if TYPE_CHECKING:
     import netCDF4
@@ -28,6 +39,8 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 BLOCK_ROWS = 131_072
+# what the libraries raise on files that are damaged or of another kind
+_DAMAGE = (OSError, RuntimeError, ValueError, AttributeError, LookupError, TypeError, MemoryError, OverflowError)
 READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
 
 
@@ -103,7 +116,8 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
     ----------
     path : str or Path
     check : bool
-        Whether to compare every digest first, which reads the whole file once.
+        Whether to compare the file with its seal first, or where it bears none with every digest; this reads the whole
+        file once.
 
     Raises
     ------
@@ -113,16 +127,16 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
     import xarray as xr
 
     path = Path(path)
-    if check:
+    if check and not (path.is_file() and seal_holds(path)):
         verify(path)
     try:
         return xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
-    except (OSError, ValueError, RuntimeError) as error:
+    except _DAMAGE as error:
         raise ArchiveError(f"'{path}' cannot be opened as a run archive: {error}") from None
 
 
 def verify(path: str | Path) -> str:
-    """Compare every digest of an archive with its data and attributes.
+    """Compare an archive with its digests: the file's bytes, every variable, every attribute.
 
     Returns
     -------
@@ -131,35 +145,48 @@ def verify(path: str | Path) -> str:
 
     Raises
     ------
+    InputError
+        If there is no such file.
     ArchiveError
         Naming every variable that differs from its digest.
     """
     path = Path(path)
+    check_source(path)
+    faults = ["the bytes of the file differ from its seal"] if seal_holds(path) is False else []
     with _opened(path) as file:
-        faults = [
+        faults += [
             f"attribute '{name}' is missing" for name in (ROOT_DIGEST, VOLATILE_DIGEST) if name not in file.ncattrs()
         ]
-        found = {}
+        digests: dict[str, str] = {}
         for name, variable in file.variables.items():
-            attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
-            stored = attributes.pop(DIGEST, None)
-            try:
-                found[name] = stored_digest(variable)
-            except (OSError, RuntimeError, ValueError) as error:
-                faults.append(f"variable '{name}' cannot be read: {error}")
-                continue
-            if stored != found[name]:
-                faults.append(f"variable '{name}' differs from its digest")
+            fault = _fault_of(variable, digests)
+            if fault:
+                faults.append(f"variable '{name}' {fault}")
         attributes = {key: file.getncattr(key) for key in file.ncattrs()}
-        root = root_digest(found, {name: _attributes_of(one) for name, one in file.variables.items()}, attributes)
-        if not faults and attributes[ROOT_DIGEST] != root:
-            faults.append("the attributes differ from the content digest")
-        if not faults and attributes[VOLATILE_DIGEST] != volatile_digest(attributes):
-            faults.append("the attributes on date, versions and machine differ from their digest")
+        if not faults:
+            own = {name: _attributes_of(one) for name, one in file.variables.items()}
+            if attributes[ROOT_DIGEST] != root_digest(digests, own, attributes):
+                faults.append("the attributes differ from the content digest")
+            if attributes[VOLATILE_DIGEST] != volatile_digest(attributes):
+                faults.append("the attributes on date, versions and machine differ from their digest")
     if faults:
         lines = "".join(f"\n  {n}. {fault}" for n, fault in enumerate(faults, 1))
         raise ArchiveError(f"'{path}' is damaged or no run archive:{lines}", tuple(faults))
-    return root
+    return str(attributes[ROOT_DIGEST])
+
+
+def _fault_of(variable: Any, digests: dict[str, str]) -> str:
+    """Compare one variable with its digest, and note the digest; return what is wrong."""
+    try:
+        digests[variable.name] = stored_digest(variable)
+        attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
+    except _DAMAGE as error:
+        return f"cannot be read: {error}"
+    if attributes.get(DIGEST) != digests[variable.name]:
+        return "differs from its digest"
+    if attributes.get("coordinates", "time") != "time" or attributes.get("_Encoding", "utf-8") != "utf-8":
+        return "is not stored as it was written"
+    return ""
 
 
 class _Writer:
@@ -193,7 +220,11 @@ class _Writer:
             self._coordinates[name] = coordinates
         if seal.is_text:
             return  # created when its length is known
-        chunks = [min(CHUNKS[dim], max(1, sizes.get(dim, CHUNKS[dim]))) for dim in dims] if dims else None
+        chunks = (
+            [min(CHUNKS.get(dim, OTHER_CHUNK), max(1, sizes.get(dim, CHUNKS.get(dim, OTHER_CHUNK)))) for dim in dims]
+            if dims
+            else None
+        )
         variable = self._file.createVariable(
             name, seal.dtype, dims, chunksizes=chunks, fill_value=False, endian="little"
         )
@@ -250,12 +281,27 @@ def check_target(path: Path) -> None:
     Raises
     ------
     InputError
-        If it is a directory or its folder does not exist.
+        If it is a directory, its folder does not exist, or it is no path at all.
     """
-    if path.is_dir():
+    if _asked(path, Path.is_dir):
         raise InputError(f"'{path}' is a directory; name a file in it, like '{path / 'run.nc'}'")
-    if not path.parent.is_dir():
+    if not _asked(path.parent, Path.is_dir):
         raise InputError(f"'{path}' cannot be written: the folder '{path.parent}' does not exist")
+
+
+def check_source(path: Path) -> None:
+    """Refuse a path that no file can be read from; see `check_target`."""
+    if _asked(path, Path.is_dir):
+        raise InputError(f"'{path}' is a directory; name a file in it")
+    if not _asked(path, Path.exists):
+        raise InputError(f"'{path}' does not exist")
+
+
+def _asked(path: Path, question: Callable[[Path], bool]) -> bool:
+    try:
+        return question(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"'{str(path)[:80]}' is no path for a file: {error}") from None
 
 
 @contextmanager
@@ -280,6 +326,7 @@ def _new_file(path: Path) -> Iterator[_Writer]:
         else:
             with _opened(temporary):
                 pass
+        seal_file(temporary)
         _sync(temporary)
         temporary.replace(path)
         _sync(path.parent)
@@ -293,15 +340,15 @@ def _new_file(path: Path) -> Iterator[_Writer]:
 
 
 def _cause(folder: Path, error: Exception) -> str:
-    """Say why a write failed; the netCDF library itself only says that it did."""
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
+    """Say why a write failed; the netCDF library itself guesses."""
     try:
         with tempfile.TemporaryFile(dir=folder) as probe:
             probe.write(b"\0" * 1_000_000)
             probe.flush()
     except OSError as why:
         return why.strerror or str(why)
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
     return f"{error} (disk full, file-size limit or lost device)"
 
 
@@ -317,15 +364,12 @@ def _sync(path: Path) -> None:
 def _opened(path: Path) -> Iterator[netCDF4.Dataset]:
     import netCDF4
 
-    if path.is_dir():
-        raise InputError(f"'{path}' is a directory; name a file in it")
-    if not path.exists():
-        raise InputError(f"'{path}' does not exist")
+    check_source(path)
     try:
         with netCDF4.Dataset(path, "r") as file:
             file.set_auto_maskandscale(False)
             yield file
-    except (OSError, RuntimeError, UnicodeDecodeError) as error:
+    except _DAMAGE as error:
         raise ArchiveError(f"'{path}' is damaged or no run archive: {error}") from None
 
 

@@ -82,9 +82,12 @@ def run(
     scales: tuple[str, ...],
 ) -> None:
     """March a model file and archive the run."""
+    from xdynamics.faults import InputError
     from xdynamics.model import Model
 
     model = Model.from_toml(model_file)
+    if Path(output).exists() and Path(output).samefile(model_file):
+        raise InputError(f"-o {output} is the model file itself; name another file")
     if changes:
         model = model.replace(**_changed(model, _pairs(changes, "--set")))
     asked = {"method": method, "step": step, "until": until, "force_samples": force_samples}

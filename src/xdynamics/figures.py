@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from functools import partial
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -67,7 +69,7 @@ def plot(run: xr.Dataset, path: str | Path | None = None) -> Figure:
     outcome = f"{attributes.get('run_outcome', '')}: {attributes.get('run_outcome_text', '')}"
     figure.supxlabel(outcome[:180], fontsize=8, color="#555555", x=0.01, ha="left")
     if path is not None:
-        figure.savefig(path, dpi=130, metadata={"Date": None} if Path(path).suffix == ".svg" else None)
+        _write(figure, Path(path))
     return figure
 
 
@@ -187,6 +189,22 @@ def _cycled(names: list[str]) -> list[str]:
 
 def _joined(names: list[str]) -> str:
     return ", ".join(names) if len(names) <= 4 else f"{names[0]} … {names[-1]}"
+
+
+def _write(figure: Figure, path: Path) -> None:
+    """Write a figure whole, or not at all."""
+    ending = path.suffix.lower()
+    drawn = BytesIO()
+    figure.savefig(drawn, format=ending[1:], dpi=130, metadata={"Date": None} if ending == ".svg" else None)
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_bytes(drawn.getvalue())
+        part.replace(path)
+    except OSError as error:
+        raise InputError(f"figure '{path}' cannot be written: {error.strerror}") from None
+    finally:
+        if path.parent.is_dir() and os.access(path.parent, os.W_OK):
+            part.unlink(missing_ok=True)
 
 
 def _check_path(path: Path) -> None:

@@ -188,9 +188,28 @@ def faults_of(dataset: Any) -> list[str]:
             faults.append(f"variable '{name}' has dims {tuple(found.dims)}, needs {expected.dims}")
         missing = [word for word in ("units", "long_name", "role") if word not in found.attrs]
         faults += [f"variable '{name}' has no attribute '{word}'" for word in missing]
+        if found.dtype.kind not in "fiuUO" or (found.dtype.kind in "UO" and found.dims):
+            faults.append(
+                f"variable '{name}' has the type {found.dtype}, needs numbers, or one text without a dimension"
+            )
+        faults += [f"variable '{name}': {fault}" for fault in _attribute_faults(found.attrs)]
         if expected and "units" in found.attrs and found.attrs["units"] != expected.units:
             faults.append(f"variable '{name}' has units '{found.attrs['units']}', needs '{expected.units}'")
-    return faults + _time_faults(dataset)
+    return faults + _attribute_faults(dataset.attrs) + _time_faults(dataset)
+
+
+def _attribute_faults(attributes: Mapping[Any, Any]) -> list[str]:
+    """List the attributes that a file cannot keep as they are."""
+    return [
+        f"attribute '{name}' is {str(value)[:40]!r}, needs a text, a number or an array of numbers"
+        for name, value in attributes.items()
+        if isinstance(value, bool)
+        or not (
+            isinstance(value, str | float)
+            or getattr(value, "dtype", None)
+            or (isinstance(value, int) and abs(value) < 2**63)
+        )
+    ]
 
 
 def _time_faults(dataset: Any) -> list[str]:

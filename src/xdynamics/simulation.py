@@ -92,6 +92,8 @@ def settings_for(model: Model, **asked: Any) -> Settings:
     InputError
         Naming what is missing or wrong.
     """
+    if not isinstance(model, Model):
+        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     chosen = {"force_samples": "all", "scales": None} | model.run | {k: v for k, v in asked.items() if v is not None}
     for key in ("method", "step", "until"):
         if chosen.get(key) is None:

@@ -8,10 +8,12 @@ and ``0.001`` seconds are the same float.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from math import isfinite
+from numbers import Real
 from typing import Any
 
 from xdynamics.faults import InputError
@@ -32,14 +34,16 @@ SPELLING = {
 }  # fmt: skip
 PREFIX = {"": "", "kilo": "k", "milli": "m", "micro": "u", "nano": "n", "pico": "p", "centi": "c", "deci": "d",
           "hecto": "h", "mega": "M", "giga": "G", "tera": "T", "femto": "f"}  # fmt: skip
+NO_PREFIX = ("minute", "hour", "day", "degree", "inch", "foot", "mile", "pound", "force_pound", "percent", "metric_ton",
+             "astronomical_unit")  # fmt: skip
 # unit names that are constants of the expression language: no number there is without a unit
 CONSTANTS = ("metre", "meter", "second", "kilogram", "gram", "ampere", "kelvin", "mole", "candela", "radian",
              "degree", "newton", "joule", "watt", "pascal", "hertz", "volt", "coulomb", "ohm", "farad", "tesla",
              "minute", "hour", "day")  # fmt: skip
 
-_FACTOR = re.compile(r"(?P<name>[A-Za-z_]+|1)(?:(?:\^|\*\*)?(?P<exponent>[+-]?\d{1,3}))?")
+_FACTOR = re.compile(r"1(?![\d^*])|(?P<name>[A-Za-z_]+)(?:(?:\^|\*\*)?(?P<exponent>[+-]?[0-9]{1,3}))?")
 _BETWEEN = re.compile(r"\s*(?P<by>/|\*(?!\*)|\.|\s)\s*")
-_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,4})?")
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?(?![0-9_.])")
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,12 @@ class Unit:
 
     def to_si(self, value: float) -> float:
         """Convert a number of these units to SI, correctly rounded."""
-        return value if self.factor == 1 else float(Fraction(repr(float(value))) * self.factor)
+        if self.factor == 1:
+            return value
+        try:
+            return float(Fraction(repr(float(value))) * self.factor)
+        except OverflowError:
+            raise InputError(f"{value!r} {self.text} is not finite in SI units") from None
 
 
 @dataclass(frozen=True)
@@ -185,7 +194,7 @@ def parse_unit(text: str) -> Unit:
         exponent = sign * int(found["exponent"] or 1)
         if not 0 < abs(exponent) <= LARGEST_EXPONENT:
             raise InputError(f"unit {shown} has the power {exponent}, needs 1 to {LARGEST_EXPONENT} in size")
-        if found["name"] != "1":
+        if found["name"]:
             spelling, one_dimension, one_factor = _named(found["name"])
             powers[spelling] = powers.get(spelling, 0) + exponent
             dimension, factor = dimension * one_dimension**exponent, factor * one_factor**exponent
@@ -215,12 +224,12 @@ def parse_quantity(given: Any) -> Quantity:
     0.0108
     """
     if hasattr(given, "magnitude") and hasattr(given, "unit_items"):
-        text = " ".join(f"{name}{power}" for name, power in given.unit_items()) or "1"
-        return _quantity(float(given.magnitude), text, repr(str(given)))
-    if isinstance(given, bool) or not isinstance(given, str | int | float):
-        raise InputError(f"quantity {given!r} is no number with a unit; write it like '0.145 kg'")
+        powers = [(name, int(power) if power == int(power) else power) for name, power in given.unit_items()]
+        return _quantity(
+            _number(given.magnitude), " ".join(f"{name}{power}" for name, power in powers) or "1", repr(str(given))
+        )
     if not isinstance(given, str):
-        return _quantity(float(given), "1", repr(given))
+        return _quantity(_number(given), "1", repr(given))
     text = given.strip()
     shown = repr(text if len(text) <= 40 else text[:40] + "…")
     if len(text) > LONGEST_TEXT:
@@ -243,7 +252,7 @@ def parse_time(given: Any, what: str) -> float:
         quantity = parse_quantity(given)
     except InputError as error:
         raise InputError(f"{what}: {error}") from None
-    bare = isinstance(given, int | float)
+    bare = isinstance(given, Real)
     if not bare and quantity.unit.dimension != TIME:
         raise InputError(f"{what} {given!r} has units '{quantity.unit.dimension}', needs 's'")
     return quantity.si
@@ -253,6 +262,15 @@ def constant(name: str) -> Unit:
     """Return the unit that a unit constant of the expression language stands for."""
     spelling, dimension, factor = _named(name)
     return Unit(spelling, dimension, factor)
+
+
+def _number(given: Any) -> float:
+    if isinstance(given, Real) and not isinstance(given, bool):
+        try:
+            return float(given)
+        except OverflowError:
+            pass
+    raise InputError(f"quantity {str(given)[:40]!r} is no number with a unit; write it like '0.145 kg'")
 
 
 def _quantity(value: float, unit: str, shown: str) -> Quantity:
@@ -281,7 +299,7 @@ def _named(name: str) -> tuple[str, Dimension, Fraction]:
     registry = _registry()
     readings = registry.parse_unit_name(name)
     prefix, unit, _ = readings[0] if readings else ("", "", "")
-    if unit not in SPELLING or prefix not in PREFIX:
+    if unit not in SPELLING or prefix not in PREFIX or (prefix and unit in NO_PREFIX):
         raise InputError(f"unit '{name}' is not known; use SI names and symbols, like 'm', 'kg', 'degree'")
     factor, _ = registry.get_base_units(prefix + unit)
     powers = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[temperature]": "K",
@@ -309,12 +327,16 @@ class Scales:
         """
         needed = {"length": _base(m=1), "time": TIME, "mass": _base(kg=1)}
         values = {}
+        if not isinstance(given, Mapping | None):
+            raise InputError(f'scales are {given!r}, need a table like {{ length = "1 m" }}')
         for name, text in (given or {}).items():
             if name not in needed:
                 raise InputError(f"scale {name!r} is not known; there are length, time and mass")
             quantity = parse_quantity(text)
-            if quantity.unit.dimension != needed[name] or quantity.si <= 0:
-                raise InputError(f"{name} scale is {text!r}, needs a positive quantity in '{needed[name]}'")
+            if quantity.unit.dimension != needed[name] or not 1e-40 <= quantity.si <= 1e40:
+                raise InputError(
+                    f"{name} scale is {text!r}, needs a positive quantity in '{needed[name]}', 1e-40 to 1e40"
+                )
             values[name] = quantity.si
         return cls(**values)
 

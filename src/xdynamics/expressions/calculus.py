@@ -34,9 +34,12 @@ def expand(node: Node, definitions: Mapping[str, Node]) -> Node:
     InputError
         If the result has more than 5,000 nodes.
     """
-    if _expanded_size(node, definitions) > MOST_EXPANDED:
-        raise InputError(f"definitions expand '{text_of(node)[:60]}' to over {MOST_EXPANDED} nodes; shorten them")
-    return _expand(node, definitions)
+    try:
+        if _expanded_size(node, definitions) <= MOST_EXPANDED:
+            return _expand(node, definitions)
+    except RecursionError:
+        raise InputError(f"definitions of '{text_of(node)[:60]}' are nested too deeply; shorten the chain") from None
+    raise InputError(f"definitions expand '{text_of(node)[:60]}' to over {MOST_EXPANDED} nodes; shorten them")
 
 
 def derivative(node: Node, rates: Mapping[str, Node]) -> Node:

@@ -77,6 +77,8 @@ def _check_raw(source: str) -> None:
     end = good.end() if good else 0
     if end < len(source):
         raise InputError(f"expression {_shown(source)} has the character {source[end]!r} at column {end + 1}")
+    if found := re.search(r"(?<![A-Za-z0-9_])[0-9.]+_", source):
+        raise InputError(f"expression {_shown(source)} has an underscore in a number at column {found.start() + 1}")
     depth = deepest = 0
     for character in source:
         depth += (character == "(") - (character == ")")
@@ -98,8 +100,15 @@ class _Reader:
 
     def read(self, node: ast.expr, level: int) -> Node:
         self.nodes += 1
-        if self.nodes > MOST_NODES or level > DEEPEST:
-            raise InputError(f"expression {_shown(self.source)} has over {MOST_NODES} nodes or {DEEPEST} levels")
+        if self.nodes > MOST_NODES:
+            raise InputError(
+                f"expression {_shown(self.source)} has over {MOST_NODES} nodes; name parts of it in definitions"
+            )
+        if level > DEEPEST:
+            raise InputError(
+                f"expression {_shown(self.source)} has over {DEEPEST} levels (a sum has one for each term);"
+                " name parts of it in definitions"
+            )
         column = node.col_offset + 1
         match node:
             case ast.Constant(value=value) if isinstance(value, int | float) and not isinstance(value, bool):

@@ -235,7 +235,9 @@ class March:
                 return run(*arguments)
             except NumbaError as error:
                 names = ", ".join(self.model.functions)
-                raise InputError(f"the Python forces {names} cannot be compiled by numba: {error}") from None
+                raise InputError(
+                    f"the Python forces {names} cannot be compiled by numba: {str(error).strip().splitlines()[-1]}"
+                ) from None
 
         return guarded
 

@@ -7,13 +7,14 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, free_names, text_of
+from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, text_of
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.parts import Function
 from xdynamics.schema import record_names
 from xdynamics.units import CONSTANTS, NONE, TIME, Dimension, constant, spell
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
+MOST_EVENTS = 100
 RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS}
 
 
@@ -56,13 +57,25 @@ def check(parts: Mapping[str, Any]) -> dict[str, Dimension]:
 def _check_names(parts: Mapping[str, Any], ledger: Ledger) -> None:
     if not parts["coordinates"] and not parts["states"]:
         ledger.note("has neither coordinates nor states: there is nothing to march")
+    if len(parts["events"]) > MOST_EVENTS:
+        ledger.note(f"has {len(parts['events'])} events, {MOST_EVENTS} at most")
+    functions = [
+        one for force in parts["forces"].values() for one in force.components.values() if isinstance(one, Function)
+    ]
+    for name in {one.name for one in functions}:
+        if len({one.digest for one in functions if one.name == name}) > 1:
+            ledger.note(f"two different functions are named '{name}'; rename one")
     used: dict[str, str] = {}
     sections = ("coordinates", "parameters", "definitions", "drives", "states", "forces", "events", "observables")
     for section in sections:
         for name in parts[section]:
             what = f"{section.removesuffix('s')} '{name}'"
-            if not _NAME.fullmatch(name) or keyword.iskeyword(name):
+            if keyword.iskeyword(name):
+                ledger.note(f"{what}: '{name}' is a word of Python; choose another name, like '{name}_'")
+            elif not _NAME.fullmatch(name):
                 ledger.note(f"{what}: a name is a letter, then letters, digits and underscores, 40 at most")
+            elif section == "coordinates" and name in ("description", "potential", "matrix", "t"):
+                ledger.note(f"{what}: '{name}' is a key of the model file; choose another name")
             elif name in RESERVED and section not in ("forces", "events"):
                 ledger.note(f"{what}: the name '{name}' is a word of the expression language")
     for name, owner in record_names(parts):
@@ -94,6 +107,7 @@ def _define(parts: Mapping[str, Any], known: dict[str, Dimension], ledger: Ledge
             known[name] = NONE
             with ledger.entry(f"definition '{name}'"):
                 known[name] = dimension_of(node, known)
+                expand(node, parts["definitions"])
 
 
 def _check_initial(parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger) -> None:
@@ -104,7 +118,10 @@ def _check_initial(parts: Mapping[str, Any], known: Mapping[str, Dimension], led
             ledger.note(f"initial value of '{name}' is missing, in '{known[name]}'")
         elif parts["initial"][name].unit.dimension != known[name]:
             given = parts["initial"][name]
-            ledger.note(f"initial value '{name} = {given}' has units '{given.unit.dimension}', needs '{known[name]}'")
+            ledger.note(
+                f"initial value '{name} = {given}' has units '{given.unit.dimension}', needs '{known[name]}';"
+                " write the unit behind the number"
+            )
     for name in parts["initial"]:
         if name not in needed:
             ledger.note(f"initial value of '{name}', which is no coordinate, velocity or state")
@@ -124,6 +141,11 @@ def _check_motion(parts: Mapping[str, Any], known: Mapping[str, Dimension], ledg
             if i != j and parts["mass"][i][j] != Number(0.0):
                 label, unit = f"mass entry ({i + 1}, {j + 1})", needed[row] / known[column] * TIME**2
                 _needs(ledger, label, parts["mass"][i][j], known, unit)
+            if i < j and parts["mass"][i][j] != parts["mass"][j][i]:
+                pair = text_of(parts["mass"][i][j]), text_of(parts["mass"][j][i])
+                ledger.note(
+                    f"mass matrix is not symmetric: entry ({i + 1}, {j + 1}) is '{pair[0]}', ({j + 1}, {i + 1}) is '{pair[1]}'"
+                )
     for term, force in parts["forces"].items():
         if force.potential is not None:
             _check_potential(term, force.potential, parts, known, needed, ledger)
@@ -133,7 +155,7 @@ def _check_motion(parts: Mapping[str, Any], known: Mapping[str, Dimension], ledg
                     f"force '{term}' acts on '{name}', which is no coordinate; there are {', '.join(coordinates)}"
                 )
             elif isinstance(node, Function):
-                _check_function(term, node, known, ledger)
+                _check_function(term, node, parts, known, ledger)
             else:
                 _needs(ledger, f"force '{term}' of '{name}'", node, known, needed[name])
 
@@ -146,23 +168,35 @@ def _check_potential(
     needed: Mapping[str, Dimension],
     ledger: Ledger,
 ) -> None:
-    for drive in free_names(potential) & set(parts["drives"]):
+    try:
+        whole = expand(potential, parts["definitions"])
+    except InputError as error:
+        ledger.note(f"potential of '{term}': {error}")
+        return
+    for drive in free_names(whole) & set(parts["drives"]):
         if parts["drives"][drive].argument != "t":
             ledger.note(
                 f"potential of '{term}' uses the drive '{drive}' of '{parts['drives'][drive].argument}'; write a component"
             )
-    if any(name.startswith("v_") and name[2:] in needed for name in free_names(potential)):
+    if any(name.startswith("v_") and name[2:] in needed for name in free_names(whole)):
         ledger.note(f"potential of '{term}' depends on a velocity; write a component")
     if not needed:
         ledger.note(f"potential of '{term}' has no coordinate to act on")
         return
-    name = next(iter(needed))  # force times coordinate is an energy, the same for each of them
-    _needs(ledger, f"potential of '{term}'", potential, known, needed[name] * known[name])
+    acted = [name for name in needed if name in free_names(whole)] or list(needed)[:1]
+    for energy in dict.fromkeys(needed[name] * known[name] for name in acted):
+        _needs(ledger, f"potential of '{term}'", potential, known, energy)
 
 
-def _check_function(term: str, function: Function, known: Mapping[str, Dimension], ledger: Ledger) -> None:
+def _check_function(
+    term: str, function: Function, parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger
+) -> None:
     for name in function.arguments:
-        if name not in known:
+        if name in parts["definitions"]:
+            ledger.note(
+                f"force '{term}': function '{function.name}' asks for the definition '{name}'; let it ask for what that is made of"
+            )
+        elif name not in known:
             ledger.note(f"force '{term}': function '{function.name}' asks for '{name}', which is not declared")
 
 

@@ -19,6 +19,7 @@ INTERPOLATIONS = ("previous", "linear", "pchip", "cubic")
 OUTSIDE = ("error", "zero", "hold")
 LARGEST_TABLE = 10_000_000
 
+_PLAIN = re.compile(r"[\s0-9.eE+\-a-zA-Z]+", re.ASCII)  # no underscore, no digits of other alphabets
 _HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]\s*")
 
 Floats = NDArray[np.float64]
@@ -122,7 +123,7 @@ def _pieces(argument: Floats, value: Floats, interpolation: str) -> Floats:
 
 
 def _header(name: str, number: int, line: str) -> tuple[Unit, Unit]:
-    cells = next(csv.reader([line]))
+    cells = next(csv.reader([line[:1000]]))
     found = [_HEADER.fullmatch(cell) for cell in cells]
     if len(cells) != 2 or not all(found):
         raise InputError(
@@ -144,7 +145,7 @@ def _rows(name: str, lines: list[tuple[int, str]]) -> list[tuple[float, float]]:
     rows: list[tuple[float, float]] = []
     for number, line in lines:
         try:
-            first, second = (float(cell) for cell in line.split(","))
+            first, second = (float(cell) if _PLAIN.fullmatch(cell) else float("no number") for cell in line.split(","))
         except ValueError:
             ledger.note(f"line {number}: {line[:60]!r} is no pair of numbers")
             continue

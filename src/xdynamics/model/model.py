@@ -89,10 +89,10 @@ class Model:
         try:
             if path.stat().st_size > LARGEST_FILE:
                 raise ModelError(f"model file '{path}' has over {LARGEST_FILE} bytes")
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8-sig")
         except IsADirectoryError:
             raise ModelError(f"model file '{path}' is a directory; name the .toml file in it") from None
-        except (OSError, UnicodeDecodeError) as error:
+        except (OSError, ValueError) as error:
             raise ModelError(f"model file '{path}' cannot be read: {error}") from None
         return cls._parsed(text, path, functions)
 
@@ -117,6 +117,8 @@ class Model:
         """
         statement = tomllib.loads(self.to_toml())
         for section, entries in sections.items():
+            if not isinstance(statement.get(section, {}), dict) or not isinstance(entries, Mapping):
+                raise ModelError(f"{section} has no entries to replace")
             for key, value in entries.items():
                 if section not in statement or key not in statement[section]:
                     known = ", ".join(statement.get(section, {})) or "none"
@@ -219,8 +221,9 @@ def _replaced(entry: str, old: Any, value: Any) -> Any:
         if given.unit.dimension != unit.dimension:
             raise ModelError(f"{entry} = {value!r} has units '{given.unit.dimension}', needs '{unit.dimension}'")
     written = value if isinstance(value, str) else f"{value!r} {unit.text}"
-    return (
-        {**{key: one for key, one in old.items() if key != "unit"}, "value": written}
-        if isinstance(old, Mapping)
-        else written
-    )
+    if not isinstance(old, Mapping):
+        return written
+    kept = {key: one for key, one in old.items() if key != "unit"}
+    if isinstance(kept.get("uncertainty"), int | float):
+        kept["uncertainty"] = f"{kept['uncertainty']!r} {unit.text}"
+    return kept | {"value": written}

@@ -78,8 +78,13 @@ class Function:
             raise InputError(f"function {name!r} has no source that can be kept; define it in a file") from None
         if any(one.kind is not one.POSITIONAL_OR_KEYWORD for one in parameters.values()):
             raise InputError(f"function {name!r} must take plain arguments named like the model's quantities")
-        if not name.isidentifier():
-            raise InputError(f"function {name!r} needs a name; a lambda has none")
+        if not name.isidentifier() or not name.isascii():
+            raise InputError(f"function {name!r} needs a plain name; a lambda has none")
+        if plain.__code__.co_freevars:
+            free = ", ".join(plain.__code__.co_freevars)
+            raise InputError(
+                f"function {name!r} takes {free} from around it, which its source does not tell; make it a parameter"
+            )
         return cls(name, tuple(parameters), source, hashlib.sha256(source.encode()).hexdigest(), function)
 
 

@@ -22,7 +22,7 @@ from xdynamics.model.parts import (
     Parameter,
     State,
 )
-from xdynamics.units import TIME, Quantity, Unit, parse_quantity, parse_unit
+from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
 SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
             "initial", "events", "observables", "run")  # fmt: skip
@@ -50,7 +50,12 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions) -> dict
         elif key not in SECTIONS:
             ledger.note(f"[{key}] is no section{_near(key, SECTIONS)}")
     sections = {key: _table(statement, key, ledger) for key in SECTIONS[2:]}
-    parts: dict[str, Any] = {"name": name, "description": str(statement.get("description", "")).strip()}
+    parts: dict[str, Any] = {"name": name, "description": ""}
+    with ledger.entry("description"):
+        parts["description"] = _text(statement)
+    if isinstance(name, str):
+        with ledger.entry("name"):
+            _text({"description": name})
 
     def entries(key: str, what: str, reader: Callable[[Any], Any]) -> dict[str, Any]:
         found = {}
@@ -96,7 +101,8 @@ def _parameter(given: Any) -> Parameter:
     quantity = _in_unit(given["value"], given.get("unit"))
     uncertainty = None
     if "uncertainty" in given:
-        uncertainty = _in_unit(given["uncertainty"], quantity.unit.text)
+        bare = parse_quantity(given["uncertainty"]).unit.text == "1"
+        uncertainty = _in_unit(given["uncertainty"], quantity.unit.text if bare else None)
         if uncertainty.value < 0:
             raise InputError(f"uncertainty {given['uncertainty']!r} must be non-negative")
         if uncertainty.unit.dimension != quantity.unit.dimension:
@@ -115,6 +121,8 @@ def _force(given: Any, functions: Functions) -> Force:
     if not isinstance(given, Mapping) or not given:
         raise InputError(f"{given!r} needs a potential or a component per coordinate")
     components = {key: value for key, value in given.items() if key not in ("potential", "description")}
+    if not components and "potential" not in given:
+        raise InputError("needs a potential or a component per coordinate")
     if "potential" in given:
         if components:
             raise InputError(f"has a potential and the components {', '.join(components)}; write two forces")
@@ -132,8 +140,11 @@ def _force(given: Any, functions: Functions) -> Force:
 
 def _function(given: Mapping[str, Any], functions: Functions) -> Function:
     _keys(given, ("function", "arguments", "digest", "source"), needed=("function", "digest"))
-    name = given["function"]
-    kept = Function(name, tuple(given.get("arguments", ())), given.get("source", ""), given["digest"])
+    name, arguments = given["function"], given.get("arguments", [])
+    listed = [name, given["digest"], given.get("source", ""), *(arguments if isinstance(arguments, list) else [None])]
+    if not all(isinstance(one, str) for one in listed):
+        raise InputError(f"function {name!r} needs texts: its name, digest, source and a list of arguments")
+    kept = Function(name, tuple(arguments), given.get("source", ""), given["digest"])
     if name not in functions:
         return kept
     handed = Function.of(functions[name])
@@ -147,7 +158,7 @@ def _function(given: Mapping[str, Any], functions: Functions) -> Function:
 def _drive(given: Any, path: Path) -> Drive:
     _keys(given, ("table", "csv", "argument", "interpolation", "outside", "description"), needed=("table",))
     name = given["table"]
-    if not isinstance(name, str):
+    if not isinstance(name, str) or not name.isprintable() or not isinstance(given.get("csv", ""), str):
         raise InputError(f"table {name!r} must be the name of a CSV file")
     table = Table.parse(Path(name).name, given["csv"]) if "csv" in given else Table.read(path.parent / name)
     return Drive(
@@ -181,7 +192,8 @@ def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node,
     if "matrix" in given and "matrix" not in coordinates:
         rows = given["matrix"]
         n = len(coordinates)
-        if len(given) > 1 or not isinstance(rows, list) or [len(row) for row in rows] != [n] * n:
+        square = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
+        if len(given) > 1 or not square or [len(row) for row in rows] != [n] * n:
             raise InputError(
                 f"matrix needs {n} rows of {n} entries, one for each of {', '.join(coordinates)}, and no other key"
             )
@@ -200,13 +212,24 @@ def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
     for key in given:
         if key not in RUN_KEYS:
             ledger.note(f"[run] has no setting '{key}'{_near(key, RUN_KEYS)}")
+    with ledger.entry("[run]"):
+        for key in ("step", "until"):
+            if key in given:
+                parse_time(given[key], key)
+        Scales.parse(given.get("scales"))
+        for key in ("method", "force_samples"):
+            if not isinstance(given.get(key, ""), str):
+                raise InputError(f"{key} is {given[key]!r}, needs a word")
     return dict(given)
 
 
 def _in_unit(value: Any, unit: str | None) -> Quantity:
-    if isinstance(value, str) or unit is None:
-        return parse_quantity(value)
-    return parse_quantity(f"{parse_quantity(value).value!r} {unit}")
+    quantity = parse_quantity(value)
+    if unit is None:
+        return quantity
+    if quantity.unit.text != "1":
+        raise InputError(f"{value!r} has a unit already, and '{unit}' stands beside it; write one")
+    return parse_quantity(f"{quantity.value!r} {unit}")
 
 
 def _keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
@@ -226,7 +249,10 @@ def _choice(given: Mapping[str, Any], key: str, known: tuple[str, ...], default:
 
 
 def _text(given: Mapping[str, Any]) -> str:
-    return str(given.get("description", "")).strip()
+    text = str(given.get("description", "")).strip()
+    if not all(one.isprintable() or one in "\n\t" for one in text):
+        raise InputError(f"text {text[:40]!r} has characters that are not printable")
+    return text
 
 
 def _near(name: str, known: tuple[str, ...]) -> str:
