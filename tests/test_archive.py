@@ -266,3 +266,48 @@ def test_no_limits_left_behind() -> None:
     """Assert that the tests above did not limit this process."""
     assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
     assert free().model.name == "particle"
+
+
+def test_every_flipped_bit_is_found(archived: Path, tmp_path: Path) -> None:
+    """Assert that no bit of an archive can change unnoticed, whether or not anything reads it."""
+    from xdynamics.seals import seal_holds
+
+    whole, path, moments = archived.read_bytes(), tmp_path / "flipped.nc", random.Random(3)
+    assert seal_holds(archived)
+    for _ in range(300):
+        damaged = bytearray(whole)
+        damaged[moments.randrange(len(whole))] ^= 1 << moments.randrange(8)
+        path.write_bytes(damaged)
+        assert not seal_holds(path)
+
+
+def test_unsealed_copy_is_verified_by_its_digests(archived: Path, tmp_path: Path) -> None:
+    """Assert that a copy whose seal was cut off is still checked, variable by variable."""
+    path = tmp_path / "unsealed.nc"
+    path.write_bytes(archived.read_bytes()[:-83])
+    assert xd.verify(path) == xd.verify(archived)
+    assert xd.open_run(path).sizes["step"] == 201
+
+
+def test_a_foreign_text_variable_is_named(tmp_path: Path) -> None:
+    """Assert that a file with texts of any length is told from a run."""
+    xr.Dataset({"a": ("n", np.array(["one", "three"], dtype=object))}).to_netcdf(tmp_path / "text.nc", engine="netcdf4")
+    with pytest.raises(xd.ArchiveError, match="variable 'a'"):
+        xd.verify(tmp_path / "text.nc")
+
+
+@pytest.mark.parametrize("name", ["n" * 300, "nul\0"])
+def test_no_path_at_all(name: str) -> None:
+    """Assert that what the system takes for no path is an input error."""
+    for act in (xd.verify, xd.open_run, lambda path: xd.save(short(), path)):
+        with pytest.raises(xd.InputError, match="no path|does not exist"):
+            act(name)
+
+
+def test_what_a_file_cannot_hold_is_refused(tmp_path: Path) -> None:
+    """Assert that a variable or attribute without a place in netCDF is named before anything is written."""
+    run = short().assign(flag=("step", np.zeros(201, bool), {"units": "1", "long_name": "x", "role": "x"}))
+    run.attrs["extra"] = None
+    with pytest.raises(xd.InputError, match="attribute 'extra' is 'None'"):
+        xd.save(run, tmp_path / "no.nc")
+    assert list(tmp_path.iterdir()) == []

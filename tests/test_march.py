@@ -10,6 +10,7 @@ import time
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 from problems import EPS, free, oscillator, particle, pushed
@@ -287,3 +288,88 @@ def test_progress_is_told() -> None:
     assert told[-1] == 1.0
     assert told == sorted(told)
     assert time.monotonic() > 0
+
+
+def pushed_by(expression: str, **more: object) -> xr.Dataset:
+    """March a resting particle under a force for a second."""
+    return xd.simulate(particle(expression, v="0 m s-1", **more), method="midpoint", step=0.125, until=1.0)
+
+
+def test_choice_inside_a_comparison() -> None:
+    """Assert that a choice beside a comparison sign keeps its extent."""
+    run = pushed_by("where(where(t < 0.5*second, 1, 2) > 1.5, F, -F)")
+    assert run.force_push_x.values[[1, -1]].tolist() == [-5.0, 5.0]
+
+
+def test_choice_inside_a_full_mass_matrix() -> None:
+    """Assert that an entry that is a choice is subtracted from as a whole."""
+    entry = "where(t < 100*second, 3*m, 1*m)"
+    model = xd.Model(
+        name="pair", coordinates={"x": "m", "z": "m"}, parameters={"m": "1 kg", "F": "1 N"}, forces={"push": {"x": "F", "z": "F"}},
+        mass={"matrix": [["2*m", "m"], ["m", entry]]}, initial={"x": "0 m", "v_x": "0 m s-1", "z": "0 m", "v_z": "0 m s-1"},
+    )  # fmt: skip
+    run = xd.simulate(model, method="forward_euler", step=0.5, until=0.5)
+    assert [float(run.a_x[0]), float(run.a_z[0])] == pytest.approx([0.4, 0.2], rel=4 * EPS)
+
+
+def test_power_may_be_the_name_of_a_parameter() -> None:
+    """Assert that a model's names do not meet the functions of the generated code."""
+    parameters = {"m": "2 kg", "F": "5 N", "power": "8", "positive": "1", "least": "1"}
+    run = pushed_by("F*power**(1/3)*min(positive, least)", parameters=parameters)
+    assert float(run.force_push_x[0]) == pytest.approx(10.0)
+
+
+def test_observable_that_is_not_finite_ends_the_run() -> None:
+    """Assert that no row holds an observable that is none, and the outcome names it."""
+    run = pushed_by("F", observables={"pole": "1*second/(t - 0.5*second)"})
+    assert run.attrs["run_outcome"] == "nonfinite_observable"
+    assert "pole is inf" in run.attrs["run_outcome_text"]
+    assert np.isfinite(run.pole).all()
+
+
+def test_drive_read_by_an_observable_alone_is_watched() -> None:
+    """Assert that a table that ends is told, whoever reads it."""
+    table = {"table": "f.csv", "csv": "time [s],f [N]\n0,0\n0.5,1\n"}
+    for samples in ("all", "none"):
+        model = particle("F", drives={"f": table}, observables={"seen": "f/F"})
+        run = xd.simulate(model, method="midpoint", step=0.125, until=1.0, force_samples=samples)
+        assert run.attrs["run_outcome"] == "outside_drive_table", samples
+
+
+def test_events_closer_than_the_spacing_of_time() -> None:
+    """Assert that two roots within one spacing of t are two pairs of rows, with rising times."""
+    events = {"one": {"function": "x - 0.35*metre"}, "two": {"function": "x - 0.35000000000000003*metre"}}
+    start = {"t": "1000 s", "x": "0 m", "v_x": "1 m s-1"}
+    run = xd.simulate(particle(events=events, initial=start), method="midpoint", step=0.1, until=1001.0)
+    assert run.sizes["event"] == 2
+    xd.check(run)
+
+
+def test_bracket_is_no_wider_than_its_tolerance() -> None:
+    """Assert the bracket at roots on grid times, where interpolation falls on an end."""
+    for step in (0.125, 1.0, 10.0):
+        run = xd.simulate(timed("x - 31*metre"), method="midpoint", step=step, until=20.0)
+        low, high = run.event_time_bounds.values[0]
+        assert low < 10.0 <= high + 4 * EPS * 10
+        assert high - low <= 1e-12 + 8 * EPS * 10, step
+
+
+def test_step_near_the_spacing_of_time() -> None:
+    """Assert that grid times that do not advance end the run."""
+    start = {"t": "1048576 s", "x": "0 m", "v_x": "1 m s-1"}
+    run = xd.simulate(particle(initial=start), method="midpoint", step=1.4e-10, until=1048576.001)
+    assert run.attrs["run_outcome"] == "step_below_spacing"
+    xd.check(run)
+
+
+def test_previous_drive_of_a_coordinate_at_its_last_point() -> None:
+    """Assert that the last value of a table is the value at its last point."""
+    table = {
+        "table": "f.csv",
+        "csv": "x [m],f [N]\n0,1\n1,2\n2,5\n",
+        "argument": "x",
+        "interpolation": "previous",
+        "outside": "hold",
+    }
+    start = {"x": "2 m", "v_x": "0 m s-1"}
+    assert float(pushed_by("f", drives={"f": table}, initial=start).force_push_x[0]) == 5.0

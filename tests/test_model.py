@@ -209,3 +209,60 @@ def test_no_text_of_a_model_reaches_the_generated_code(
     run = xd.simulate(particle(**described), method="midpoint", step=0.5, until=1.0)
     assert run.force_source.values == plain.force_source.values
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("sections", "message"),
+    [
+        ({"parameters": {"m": {"value": "2 kg", "unit": "g"}, "F": "5 N"}}, "'2 kg' has a unit already, and 'g' stands beside it"),
+        ({"parameters": {"m": "1e308 km", "F": "5 N"}}, "is not finite in SI units|needs"),
+        ({"parameters": {"m": 10**400, "F": "5 N"}}, "is no number with a unit"),
+        ({"parameters": {"lambda": "1 kg"}}, "'lambda' is a word of Python"),
+        ({"coordinates": {"description": "m"}, "mass": {"description": "m"}, "forces": {}}, "'description' is a key of the model file"),
+        ({"forces": {"push": {"description": "nothing"}}}, "needs a potential or a component"),
+        ({"forces": {"push": {"x": {"function": [1], "digest": "0"}}}}, "needs texts"),
+        ({"mass": {"matrix": [1]}}, "matrix needs 1 rows"),
+        ({"run": {"step": "foo"}}, r"\[run\]: step: quantity 'foo'"),
+        ({"run": {"scales": "1 m"}}, "scales are '1 m', need a table"),
+        ({"events": {f"e{n}": {"function": "x"} for n in range(101)}}, "has 101 events, 100 at most"),
+        ({"definitions": {f"d{n}": f"d{n + 1} + 1" for n in range(900)} | {"d900": "1"}}, "nested too deeply"),
+        ({"definitions": {"d": "m*v_x**2"}, "forces": {"push": {"potential": "d"}}}, "potential of 'push' depends on a velocity"),
+        ({"initial": {"x": 0, "v_x": "1 m s-1"}}, "write the unit behind the number"),
+        ({"name": "a\0b"}, "not printable"),
+    ],
+)  # fmt: skip
+def test_statement_that_cannot_be_marched(sections: dict[str, object], message: str) -> None:
+    """Assert that every wrong section ends in one model error, and no other."""
+    with pytest.raises(xd.ModelError, match=message):
+        particle(**sections)
+
+
+def test_mass_matrix_must_be_symmetric() -> None:
+    """Assert that entries that differ across the diagonal are shown."""
+    with pytest.raises(xd.ModelError, match=r"entry \(1, 2\) is 'm', \(2, 1\) is '0\*m'"):
+        xd.Model(
+            name="skew", coordinates={"x": "m", "z": "m"}, parameters={"m": "1 kg"}, mass={"matrix": [["2*m", "m"], ["0*m", "m"]]},
+            initial={"x": "0 m", "v_x": "0 m s-1", "z": "0 m", "v_z": "0 m s-1"},
+        )  # fmt: skip
+
+
+def test_replacing_a_unit_keeps_the_uncertainty() -> None:
+    """Assert that an uncertainty keeps its own unit when the value gets another."""
+    statement = GOOD.replace('value = 0.145, unit = "kg"', 'value = 0.145, unit = "kg", uncertainty = 0.001')
+    model = xd.Model.from_text(statement).replace(parameters={"m": "150 g"})
+    part = model.parameters["m"]
+    assert part.quantity.si == 0.15
+    assert part.uncertainty is not None
+    assert part.uncertainty.si == 0.001
+    assert xd.Model.from_text(model.to_toml()) == model
+
+
+def test_python_force_with_a_closure_is_refused() -> None:
+    """Assert that a function whose source does not tell all it uses is refused, as are two of one name."""
+    k = 3.0
+
+    def pull(x: float) -> float:
+        return -k * x
+
+    with pytest.raises(xd.ModelError, match="function 'pull' takes k from around it"):
+        particle(pull)

@@ -127,7 +127,8 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
     import xarray as xr
 
     path = Path(path)
-    if check and not (path.is_file() and seal_holds(path)):
+    check_source(path)
+    if check and not seal_holds(path):
         verify(path)
     try:
         return xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
