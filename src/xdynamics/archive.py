@@ -299,9 +299,11 @@ def check_source(path: Path) -> None:
 
 
 def _asked(path: Path, question: Callable[[Path], bool]) -> bool:
+    if "\0" in str(path):
+        raise InputError(f"{str(path)[:80]!r} is no path for a file: it holds a null character")
     try:
         return question(path)
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise InputError(f"'{str(path)[:80]}' is no path for a file: {error}") from None
 
 
