@@ -168,6 +168,17 @@ def test_failing_write_leaves_the_old_file(archived: Path, tmp_path: Path, limit
     assert [one.name for one in tmp_path.iterdir()] == ["run.nc"]
 
 
+def test_save_never_writes_into_the_old_file(archived: Path, tmp_path: Path) -> None:
+    """Assert that the name gets another file: what held the old one still holds every byte of it."""
+    path, held = tmp_path / "run.nc", tmp_path / "held.nc"
+    shutil.copy(archived, path)
+    held.hardlink_to(path)
+    xd.save(short(step=0.02), path)
+    assert held.read_bytes() == archived.read_bytes()
+    assert not held.samefile(path)
+    assert xd.verify(path) != xd.verify(held)
+
+
 SAVING = """
 import sys
 import xdynamics as xd
