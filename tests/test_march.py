@@ -373,3 +373,12 @@ def test_previous_drive_of_a_coordinate_at_its_last_point() -> None:
     }
     start = {"x": "2 m", "v_x": "0 m s-1"}
     assert float(pushed_by("f", drives={"f": table}, initial=start).force_push_x[0]) == 5.0
+
+
+def test_forces_are_evaluated_anew_behind_nodes_only() -> None:
+    """Assert that samples of stage 0 stand at the start and at the nodes, and that an event before a node adds none."""
+    drive = {"table": "f.csv", "csv": TABLE, "interpolation": "linear"}
+    events = {"early": {"function": "t - 0.22*second"}}
+    run = xd.simulate(particle("pull", drives={"pull": drive}, events=events), method="midpoint", step=0.2, until=1.0)
+    assert run.sizes["event"] == 1
+    assert run.sample_time.values[run.sample_stage == 0].tolist() == [0.0, 0.25, 0.7]

@@ -36,8 +36,9 @@ def bind(name: str, generated: dict[str, Any]) -> Any:
 
 
 def _functions_of(room: ModuleType) -> list[tuple[str, FunctionType]]:
+    """Return the functions that a module defines itself."""
     mine = [(key, one) for key, one in vars(room).items() if isinstance(one, FunctionType)]
-    return [(key, one) for key, one in mine if one.__module__ == room.__name__ and not one.__code__.co_flags & 0x20]
+    return [(key, one) for key, one in mine if one.__module__ == room.__name__]
 
 
 @compiled

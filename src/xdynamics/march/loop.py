@@ -52,7 +52,7 @@ def march(plan: Plan, memory: Memory, log: Log, base: Tally, pause: int) -> Memo
         target, h, landing = _aim(plan, memory)
         if not (memory.t + h > memory.t and target > memory.t):
             return _ended(memory, STEP_TOO_SMALL, h, memory.state, memory.values)
-        p, tables, pieces, tally = plan.parameters, plan.tables, memory.pieces, memory.tally
+        p, tables, pieces, tally, node = plan.parameters, plan.tables, memory.pieces, memory.tally, memory.node
         at = tally.samples - base.samples
         trial, at = propose(memory.t, target, h, memory.state, p, tables, pieces, log, at, tally.rows)
         values = detect(target, trial, p, tables, pieces)
@@ -70,7 +70,7 @@ def march(plan: Plan, memory: Memory, log: Log, base: Tally, pause: int) -> Memo
                 return _ended(memory, NONFINITE_OBSERVABLE, h, trial, values)
             tally = Tally(tally.rows + 1, tally.trials, tally.events, at + base.samples)
             memory = _landed(plan, memory, RUNNING, target, h, landing, trial, values, tally)
-        if memory.status == RUNNING and landing != AT_GRID:
+        if memory.status == RUNNING and memory.node != node:
             memory = _cross_node(plan, memory, log, base)
     return memory
 
