@@ -159,10 +159,10 @@ class March:
             Rows a block holds. Two logs are filled in turn, so a block may be used until the next but one is asked
             for. Without it every block is new, and one holds the run if it can.
         """
-        run = self._compiled()
         size = rows or min(self.expected_rows, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():
+            run = self._compiled()
             while not self._is_over():
                 if rows is None or len(kept) < 2:
                     log = allocate(self.layout, size, sampled=self.plan.sampled)
