@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.faults import ArchiveError, InputError
+from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.march import Block, March
 from xdynamics.record import own_attributes
 from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, STEPS, VOLATILE_DIGEST
@@ -171,8 +171,7 @@ def verify(path: str | Path) -> str:
             if attributes[VOLATILE_DIGEST] != volatile_digest(attributes):
                 faults.append("the attributes on date, versions and machine differ from their digest")
     if faults:
-        lines = "".join(f"\n  {n}. {fault}" for n, fault in enumerate(faults, 1))
-        raise ArchiveError(f"'{path}' is damaged or no run archive:{lines}", tuple(faults))
+        raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(faults)}", tuple(faults))
     return str(attributes[ROOT_DIGEST])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 
@@ -28,6 +28,11 @@ class ModelError(InputError):
 
 class ArchiveError(InputError):
     """A file is damaged, is no run archive, or cannot be written."""
+
+
+def numbered(faults: Iterable[str]) -> str:
+    """Print faults as numbered lines, to follow a colon."""
+    return "".join(f"\n  {n}. {fault}" for n, fault in enumerate(faults, 1))
 
 
 class Ledger:
@@ -66,5 +71,4 @@ class Ledger:
             return
         if len(self.faults) == 1:
             raise self.error(f"{self.subject}: {self.faults[0]}", tuple(self.faults))
-        lines = "".join(f"\n  {n}. {fault}" for n, fault in enumerate(self.faults, 1))
-        raise self.error(f"{self.subject} has {len(self.faults)} faults:{lines}", tuple(self.faults))
+        raise self.error(f"{self.subject} has {len(self.faults)} faults:{numbered(self.faults)}", tuple(self.faults))

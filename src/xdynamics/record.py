@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.expressions import dimension_of, text_of
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, numbered
 from xdynamics.kernels.elementary import MATH_FUNCTIONS
 from xdynamics.march import Block, March
 from xdynamics.march.events import ROOT_METHOD
@@ -130,8 +130,7 @@ def check(run: xr.Dataset) -> None:
     """
     faults = schema.faults_of(run)
     if faults:
-        lines = "".join(f"\n  {n}. {fault}" for n, fault in enumerate(faults, 1))
-        raise InputError(f"this is no run record:{lines}", tuple(faults))
+        raise InputError(f"this is no run record:{numbered(faults)}", tuple(faults))
 
 
 def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
@@ -191,7 +190,11 @@ class _Units:
         model = march.model
         for name, one in model.coordinates.items():
             known = model.dimensions
-            self.known |= {name: one.unit, f"v_{name}": one.unit.per_second(), f"a_{name}": one.unit.per_second(2)}
+            self.known |= {
+                name: one.unit,
+                schema.velocity(name): one.unit.per_second(),
+                schema.acceleration(name): one.unit.per_second(2),
+            }
             i = march.layout.coordinates.index(name)
             mass = dimension_of(model.mass[i][i], known)
             needed = spell(mass * known[name] / TIME**2, angle=known[name] == NONE)
@@ -210,7 +213,7 @@ class _Units:
         if name in schema.ENERGIES:
             return spell(layout.energy_dimension or NONE)
         known = self.march.model.dimensions
-        accelerations = {f"a_{one}": known[one] / TIME**2 for one in layout.coordinates}
+        accelerations = {schema.acceleration(one): known[one] / TIME**2 for one in layout.coordinates}
         return spell(dimension_of(self.march.model.observables[name], known | accelerations))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number
 from xdynamics.model import Model
 from xdynamics.units import Dimension
@@ -29,7 +30,7 @@ class Layout:
     @cached_property
     def velocities(self) -> tuple[str, ...]:
         """Names of the velocities."""
-        return tuple(f"v_{name}" for name in self.coordinates)
+        return tuple(schema.velocity(name) for name in self.coordinates)
 
     @cached_property
     def states(self) -> tuple[str, ...]:
@@ -39,18 +40,18 @@ class Layout:
     @cached_property
     def accelerations(self) -> tuple[str, ...]:
         """Names of the accelerations."""
-        return tuple(f"a_{name}" for name in self.coordinates)
+        return tuple(schema.acceleration(name) for name in self.coordinates)
 
     @cached_property
     def rates(self) -> tuple[str, ...]:
         """Names of the first-order states' rates."""
-        return tuple(f"rate_{name}" for name in self.states)
+        return tuple(schema.rate(name) for name in self.states)
 
     @cached_property
     def forces(self) -> tuple[str, ...]:
         """Names of the force components, term by term."""
         terms = self.model.force_components
-        return tuple(f"force_{term}_{name}" for term, parts in terms.items() for name in parts)
+        return tuple(schema.force(term, name) for term, parts in terms.items() for name in parts)
 
     @property
     def drives(self) -> tuple[str, ...]:
@@ -99,7 +100,7 @@ class Layout:
 
         known = self.model.dimensions
         found = {
-            dimension_of(self.model.mass[i][i], known) * known[f"v_{name}"] ** 2
+            dimension_of(self.model.mass[i][i], known) * known[schema.velocity(name)] ** 2
             for i, name in enumerate(self.coordinates)
         }
         return found.pop() if len(found) == 1 else None

@@ -15,6 +15,7 @@ from xdynamics.march.outcomes import (
     OUTSIDE_TABLE,
     Outcome,
 )
+from xdynamics.schema import velocity
 from xdynamics.units import TIME
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def _asked(march: March, name: str, state: tuple[float, ...]) -> float:
     at = march.layout.state.index(argument)
     if isfinite(state[at]) or argument in march.layout.velocities:
         return state[at]
-    return memory.state[at] + memory.h * memory.state[march.layout.state.index(f"v_{argument}")]
+    return memory.state[at] + memory.h * memory.state[march.layout.state.index(velocity(argument))]
 
 
 def _leaves(march: March, name: str, state: tuple[float, ...]) -> bool:

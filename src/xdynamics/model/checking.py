@@ -10,7 +10,7 @@ from typing import Any
 from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, text_of
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.parts import Function
-from xdynamics.schema import record_names
+from xdynamics.schema import acceleration, record_names, velocity
 from xdynamics.units import CONSTANTS, NONE, TIME, Dimension, constant, spell
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
@@ -46,7 +46,7 @@ def check(parts: Mapping[str, Any]) -> dict[str, Dimension]:
     for name, event in parts["events"].items():
         with ledger.entry(f"event '{name}'"):
             dimension_of(event.function, known)
-    accelerations = {f"a_{name}": known[name] / TIME**2 for name in parts["coordinates"]}
+    accelerations = {acceleration(name): known[name] / TIME**2 for name in parts["coordinates"]}
     for name, observable in parts["observables"].items():
         with ledger.entry(f"observable '{name}'"):
             spell(dimension_of(observable, known | accelerations))
@@ -90,7 +90,7 @@ def _declared(parts: Mapping[str, Any]) -> dict[str, Dimension]:
     known |= {name: one.unit.dimension for name, one in parts["states"].items()}
     known |= {name: one.table.value_unit.dimension for name, one in parts["drives"].items()}
     for name, one in parts["coordinates"].items():
-        known |= {name: one.unit.dimension, f"v_{name}": one.unit.dimension / TIME}
+        known |= {name: one.unit.dimension, velocity(name): one.unit.dimension / TIME}
     return known
 
 
@@ -111,7 +111,7 @@ def _define(parts: Mapping[str, Any], known: dict[str, Dimension], ledger: Ledge
 
 
 def _check_initial(parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger) -> None:
-    coordinates = [name for one in parts["coordinates"] for name in (one, f"v_{one}")]
+    coordinates = [name for one in parts["coordinates"] for name in (one, velocity(one))]
     needed = ["t", *coordinates, *parts["states"]]
     for name in needed:
         if name not in parts["initial"]:
@@ -203,7 +203,7 @@ def _check_function(
 def _check_drive(
     name: str, drive: Any, parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger
 ) -> None:
-    arguments = ["t", *(one for q in parts["coordinates"] for one in (q, f"v_{q}"))]
+    arguments = ["t", *(one for q in parts["coordinates"] for one in (q, velocity(q)))]
     if drive.argument not in arguments:
         ledger.note(f"drive '{name}' has the argument '{drive.argument}'; it may be one of {', '.join(arguments)}")
     elif drive.table.argument_unit.dimension != known[drive.argument]:

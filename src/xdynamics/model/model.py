@@ -16,6 +16,7 @@ from xdynamics.model import toml
 from xdynamics.model.checking import check
 from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Parameter, State
 from xdynamics.model.reading import read
+from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension, Quantity, parse_quantity, parse_unit
 
 LARGEST_FILE = 20_000_000
@@ -169,8 +170,8 @@ class Model:
         """Return an expression's time derivative along the motion, with `a_q`, `rate_x` and `_slope_d` as names."""
         rates: dict[str, Node] = {"t": Number(1.0)}
         for name in self.coordinates:
-            rates |= {name: Name(f"v_{name}"), f"v_{name}": Name(f"a_{name}")}
-        rates |= {name: Name(f"rate_{name}") for name in self.states}
+            rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
+        rates |= {name: Name(rate(name)) for name in self.states}
         for name, drive in self.drives.items():
             rates[name] = multiply(Name(f"_slope_{name}"), rates[drive.argument])
         return derivative(self.expanded(node), rates)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from xdynamics.schema import velocity
+
 if TYPE_CHECKING:
     from xdynamics.model.model import Model
 
@@ -23,7 +25,7 @@ def traits_of(model: Model) -> dict[Trait, str]:
     found: dict[Trait, str] = {}
     if not model.coordinates:
         found[Trait.NO_COORDINATES] = "the model has first-order states only"
-    velocities = {f"v_{name}" for name in model.coordinates}
+    velocities = {velocity(name) for name in model.coordinates}
     motion = velocities | set(model.coordinates)
     for label, used in _right_hand_side(model):
         if fault := used & velocities:
