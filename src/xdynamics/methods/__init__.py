@@ -1,8 +1,8 @@
 """Named methods: their update equations as data. A new family is one file and one line here."""
 
 from xdynamics.methods import euler, midpoint, verlet
-from xdynamics.methods.method import Evaluation, Method, Statement, method_named
+from xdynamics.methods.method import Evaluation, Method, Solve, Statement, method_named
 
 METHODS: dict[str, Method] = {one.name: one for family in (euler, midpoint, verlet) for one in family.METHODS}
 
-__all__ = ["METHODS", "Evaluation", "Method", "Statement", "method_named"]
+__all__ = ["METHODS", "Evaluation", "Method", "Solve", "Statement", "method_named"]

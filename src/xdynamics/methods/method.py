@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import takewhile
+from textwrap import dedent
 
 from xdynamics.expressions import Node, free_names, parse
 from xdynamics.faults import InputError
 from xdynamics.model import Model, Trait, traits_of
 
-SCALARS = ("t", "t1", "h")
+SCALARS = ("t", "t1", "h", "s")
 
-_EVALUATION = re.compile(r"(a\w*), (r\w*) = f\(([^,]+), (q\w*), (v\w*), (x\w*)\)")
+HERMITE = """
+    qi = q1 - q - h*v - h**2/2*a
+    qj = h*(v1 - v) - h**2*a
+    qk = h**2*(a1 - a)
+    qs = q + s*(h*v + s*(h**2/2*a + s*(10*qi - 4*qj + qk/2 + s*(7*qj - 15*qi - qk + s*(6*qi - 3*qj + qk/2)))))
+    vs = v + s*(h*a + s*(3*(v1 - v) - h*(2*a + a1) + s*(h*(a + a1) - 2*(v1 - v))))
+    xs = x + s*(h*r + s*(3*(x1 - x) - h*(2*r + r1) + s*(h*(r + r1) - 2*(x1 - x))))
+"""
+HERMITE_WORDS = "Hermite: quintic in the coordinates from q, v, a, cubic in velocities and states, at both ends of the step"
+
+_EVALUATION = re.compile(r"(a\w*), (r\w*) = f\((.+), (q\w*), (v\w*), (x\w*)\)")
+_SOLVE = re.compile(r"solve (.+):")
+_SPREAD = (("q", "v"), ("v", "a"), ("x", "r"))
 
 
 @dataclass(frozen=True)
@@ -58,12 +72,50 @@ class Statement:
 
 
 @dataclass(frozen=True)
+class Solve:
+    """``solve v2, x2:`` and the indented lines that hold together for these unknowns, found by Newton's method.
+
+    A line with an unknown on its left is an equation; the others say what stands in the equations. What the unknowns
+    were before is where the iteration starts.
+    """
+
+    unknowns: tuple[str, ...]
+    body: tuple[Statement | Evaluation, ...]
+
+    @property
+    def definitions(self) -> tuple[Statement, ...]:
+        """Vectors that follow from the unknowns."""
+        return tuple(one for one in self.body if isinstance(one, Statement) and one.target not in self.unknowns)
+
+    @property
+    def evaluations(self) -> tuple[Evaluation, ...]:
+        """Forces at the unknown states."""
+        return tuple(one for one in self.body if isinstance(one, Evaluation))
+
+    @property
+    def equations(self) -> tuple[Statement, ...]:
+        """One for each unknown, in their order."""
+        by_target = {one.target: one for one in self.body if isinstance(one, Statement)}
+        return tuple(by_target[name] for name in self.unknowns)
+
+    def text(self, *, motion: bool, states: bool) -> str:
+        """Print it with the vectors that a model has."""
+        unknowns = [one for one in self.unknowns if (states if one[0] == "x" else motion)]
+        lines = [one.text(motion=motion, states=states) for one in self.body]
+        return f"solve {', '.join(unknowns)}: {{{'; '.join(line for line in lines if line)}}}"
+
+
+Line = Statement | Evaluation | Solve
+
+
+@dataclass(frozen=True)
 class Method:
     """A time-stepping method.
 
     The update is written in vectors: q, v, a of the motion and x, r of the first-order states at the start of a step
     of size h from t to t1; the same letters with 1 at its end; ``f`` solves M a = F and evaluates the rates. These
-    lines are the code: each is written out by component and compiled, and they are what a record quotes.
+    lines are the code: each is written out by component and compiled, and they are what a record quotes. The letter a
+    name begins with says what kind of vector it is.
 
     Attributes
     ----------
@@ -73,7 +125,7 @@ class Method:
         Order of the global error of a smooth problem.
     symplectic : bool
     evaluations : int
-        Force evaluations a step, when the last one serves the next step.
+        Force evaluations a step, when the last one serves the next step; of an implicit method, those of one iteration.
     update : str
         The lines above.
     words : str
@@ -82,8 +134,16 @@ class Method:
         Models the method is not defined for.
     reference : str
     synonyms : tuple of str
+    estimate : str
+        Lines that give ``qe, ve, xe``, the local error by an embedded formula; empty where there is none.
+    estimate_order : int
+        Order of the embedded formula: the estimate falls as h**(estimate_order + 1).
+    extension : str
+        Lines that give ``qs, vs, xs``, the state at t + s*h inside the step.
     interpolation : str
-        The dense output that belongs to it, with its order.
+        The same in words.
+    interpolation_order : int
+        Order of the local error of the interpolant, less one.
     """
 
     name: str
@@ -95,19 +155,25 @@ class Method:
     reference: str
     refuses: tuple[Trait, ...] = ()
     synonyms: tuple[str, ...] = ()
-    interpolation: str = "none"
+    estimate: str = ""
+    estimate_order: int = 0
+    extension: str = HERMITE
+    interpolation: str = HERMITE_WORDS
+    interpolation_order: int = 3
 
     @cached_property
-    def statements(self) -> tuple[Statement | Evaluation, ...]:
+    def statements(self) -> tuple[Line, ...]:
         """The update, line by line."""
-        return tuple(_read(line.strip()) for line in self.update.strip().splitlines())
+        return read_lines(self.update)
+
+    @property
+    def implicit(self) -> bool:
+        """Whether a step solves equations."""
+        return any(isinstance(one, Solve) for one in self.statements)
 
     def equations(self, model: Model | None = None) -> str:
         """Return the update equations as one line, with the vectors that a model has."""
-        motion = model is None or bool(model.coordinates)
-        states = model is None or bool(model.states)
-        texts = [one.text(motion=motion, states=states) for one in self.statements]
-        return "; ".join(text for text in texts if text)
+        return printed(self.statements, model)
 
     def refusals(self, model: Model) -> list[str]:
         """Say why the method cannot march a model; empty if it can."""
@@ -132,6 +198,61 @@ def method_named(name: str, model: Model, methods: Mapping[str, Method]) -> Meth
             f"method '{name}' refuses the model '{model.name}': {'; '.join(refusals)}; these fit: {fitting}"
         )
     return methods[name]
+
+
+def read_lines(text: str) -> tuple[Line, ...]:
+    """Read lines of vector statements; indented ones belong to the `solve` above them."""
+    lines = dedent(text).strip("\n").splitlines()
+    read: list[Line] = []
+    while lines:
+        line = lines.pop(0)
+        if not (found := _SOLVE.fullmatch(line)):
+            read.append(_read(line))
+            continue
+        body = list(takewhile(lambda one: one.startswith(" "), lines))
+        del lines[: len(body)]
+        unknowns = tuple(one.strip() for one in found.group(1).split(","))
+        read.append(Solve(unknowns, tuple(_read(one.strip()) for one in body)))
+    return tuple(read)
+
+
+def printed(lines: Iterable[Line], model: Model | None = None) -> str:
+    """Return lines as one text, with the vectors that a model has; without a model, with all."""
+    motion = model is None or bool(model.coordinates)
+    states = model is None or bool(model.states)
+    texts = [one.text(motion=motion, states=states) for one in lines]
+    return "; ".join(text for text in texts if text)
+
+
+def spread(text: str) -> str:
+    """Write lines for y' = k, as textbooks have them, out for the vectors of a mechanical system.
+
+    ``y2 = y + h/2*k`` becomes a line each for q (with q' = v), v (with v' = a) and x (with x' = r).
+
+    Examples
+    --------
+    >>> print(spread("y1 = y + h*k\\nk1 = f(t1, y1)"))
+    q1 = q + h*v
+    v1 = v + h*a
+    x1 = x + h*r
+    a1, r1 = f(t1, q1, v1, x1)
+    """
+    written = []
+    for line in dedent(text).strip("\n").splitlines():
+        if found := _SOLVE.fullmatch(line):
+            unknowns = [one.strip() for one in found.group(1).split(",")]
+            written.append(f"solve {', '.join([_as(one, 'v', 'a') for one in unknowns] + [_as(one, 'x', 'r') for one in unknowns])}:")  # fmt: skip
+        elif found := re.fullmatch(r"( *)k(\w*) = f\((.+), y(\w*)\)", line):
+            indent, stage, time, point = found.groups()
+            written.append(f"{indent}a{stage}, r{stage} = f({time}, q{point}, v{point}, x{point})")
+        else:
+            written += [_as(line, *pair) for pair in _SPREAD]
+    return "\n".join(written)
+
+
+def _as(line: str, value: str, slope: str) -> str:
+    """Put a pair of vectors in the places of y and k."""
+    return re.sub(r"\bk(\w*)", rf"{slope}\1", re.sub(r"\by(\w*)", rf"{value}\1", line))
 
 
 def _read(line: str) -> Statement | Evaluation:
