@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import record
+from xdynamics import provenance, record
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.march import Block, March
 from xdynamics.record import own_attributes
@@ -103,9 +103,10 @@ def stream(march: March, path: str | Path) -> Path:
             pending.result()
         for one, value in record.constants(march):
             dtype = np.dtype(object) if one.dtype == "U" else np.dtype(one.dtype)
-            writer.define(one.name, (), dtype, one.attributes, None, {})
+            sizes = dict(zip(one.dims, np.shape(value), strict=True))
+            writer.define(one.name, one.dims, dtype, one.attributes, None, sizes)
             writer.append(one.name, np.asarray(value, dtype=dtype))
-        writer.finish(record.attributes(march))
+        writer.finish(provenance.attributes(march))
     return Path(path)
 
 

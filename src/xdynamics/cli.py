@@ -52,7 +52,19 @@ def main() -> None:
 @click.argument("model_file", metavar="MODEL.toml")
 @click.option("-o", "--output", required=True, metavar="RUN.nc", help="The archive to write.")
 @click.option("--method", help="Name of a method; see `xdynamics methods`.")
-@click.option("--step", help="Step of the time grid, like '1 ms'.")
+@click.option("--step", help="Step of the time grid, like '1 ms'; with a tolerance, the first step.")
+@click.option("--rtol", type=float, help="Relative tolerance, like 1e-8: steps are chosen by the error test.")
+@click.option(
+    "--atol",
+    "atols",
+    multiple=True,
+    metavar="[NAME=]VALUE",
+    help="Absolute tolerance: 1e-9 is SI for every variable, y='1 um' for one.",
+)
+@click.option("--estimator", help="embedded, step_doubling, step_doubling_extrapolated or none.")
+@click.option("--min-step", help="Shortest step that control may take, like '1 ns'.")
+@click.option("--max-step", help="Longest step that control may take.")
+@click.option("--max-steps", type=int, help="Accepted and rejected steps after which the run ends.")
 @click.option("--until", help="End, like '5 s', unless an event stops the run before.")
 @click.option(
     "--set",
@@ -76,6 +88,12 @@ def run(
     output: str,
     method: str | None,
     step: str | None,
+    rtol: float | None,
+    atols: tuple[str, ...],
+    estimator: str | None,
+    min_step: str | None,
+    max_step: str | None,
+    max_steps: int | None,
     until: str | None,
     changes: tuple[str, ...],
     force_samples: str | None,
@@ -90,7 +108,8 @@ def run(
         raise InputError(f"-o {output} is the model file itself; name another file")
     if changes:
         model = model.replace(**_changed(model, _pairs(changes, "--set")))
-    asked = {"method": method, "step": step, "until": until, "force_samples": force_samples}
+    asked = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": _absolute(atols), "estimator": estimator,
+             "min_step": min_step, "max_step": max_step, "max_steps": max_steps, "force_samples": force_samples}  # fmt: skip
     finished = _marched(model, output, asked | {"scales": _pairs(scales, "--scale") or None})
     from xdynamics.summary import summary
 
@@ -129,9 +148,11 @@ def methods() -> None:
 
     for one in METHODS.values():
         kind = "symplectic" if one.symplectic else "not symplectic"
-        click.echo(f"{one.name}: order {one.order}, {kind}, {one.evaluations} force evaluations a step")
+        click.echo(f"{one.name}: order {one.order}, {kind}, {one.evaluations} force evaluations {'an iteration' if one.implicit else 'a step'}")
         click.echo(f"    update    {one.equations()}")
         click.echo(f"    in words  {one.words}")
+        click.echo(f"    estimate  {f'embedded formula of order {one.estimate_order}' if one.estimate else 'by step doubling'}")
+        click.echo(f"    between   order {one.interpolation_order}, {one.interpolation}")
         click.echo(f"    refuses   {'; '.join(one.refuses) or 'nothing'}")
         click.echo(f"    also      {', '.join(one.synonyms)}")
         click.echo(f"    source    {one.reference}")
@@ -190,7 +211,7 @@ def _marched(model: Any, output: str, asked: dict[str, Any]) -> xr.Dataset:
 
     archive.check_target(Path(output))
     settings = settings_for(model, **asked)
-    rows = (settings.until - model.initial["t"].si) / settings.step
+    rows = settings.expected_steps(model)
     with _progress() as told:
         if rows > IN_MEMORY:
             return simulate(model, **asked, path=output, progress=told)
@@ -230,6 +251,22 @@ def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
             raise InputError(f"{option} sets {name.strip()!r} twice")
         pairs[name.strip()] = value.strip()
     return pairs
+
+
+def _absolute(texts: tuple[str, ...]) -> dict[str, Any] | None:
+    """Sort absolute tolerances: a bare number is for every variable that has none of its own."""
+    from xdynamics.faults import InputError
+
+    bare = [one for one in texts if "=" not in one]
+    if len(bare) > 1:
+        raise InputError(f"--atol is given {len(bare)} times without a name: {', '.join(bare)}")
+    named: dict[str, Any] = dict(_pairs(tuple(one for one in texts if "=" in one), "--atol"))
+    for text in bare:
+        try:
+            named[""] = float(text)
+        except ValueError:
+            raise InputError(f"--atol {text!r} needs a number in SI units, or NAME=VALUE") from None
+    return named or None
 
 
 def _changed(model: Any, pairs: dict[str, str]) -> dict[str, dict[str, Any]]:

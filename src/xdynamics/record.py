@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import schema
+from xdynamics import provenance, schema
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError, numbered
-from xdynamics.kernels.elementary import MATH_FUNCTIONS
 from xdynamics.march import Block, March
-from xdynamics.march.events import ROOT_METHOD
-from xdynamics.march.outcomes import COMPLETED
-from xdynamics.march.runner import UNSCALED
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
 from xdynamics.units import NONE, TIME, Dimension, Unit, spell
 
@@ -41,8 +36,10 @@ def columns(march: March) -> list[Column]:
 
 
 def constants(march: March) -> list[tuple[Variable, Any]]:
-    """Return every variable without a dimension with its value: parameters, the model, the source."""
+    """Return every variable not along a march with its value: parameters, given steps, the model, the source."""
     found: list[tuple[Variable, Any]] = []
+    if isinstance(march.settings.step, tuple):
+        found.append((schema.GIVEN_STEP, np.array(march.settings.step)))
     for name, one in march.model.parameters.items():
         more: dict[str, Any] = {}
         if one.uncertainty is not None:
@@ -57,44 +54,6 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     )
     texts = {"model_toml": march.model.to_toml(), "force_source": march.source + functions}
     return found + [(variable, texts[variable.name]) for variable in schema.TEXTS]
-
-
-def attributes(march: March) -> dict[str, Any]:
-    """Return the global attributes: what was used, how it ended, on what it ran."""
-    model, settings, method = march.model, march.settings, march.settings.method
-    used: dict[str, Any] = {
-        "Conventions": schema.CONVENTIONS,
-        "title": f"{model.name}, by {method.name}",
-        "summary": model.description or f"Numerical trajectory of {model.name}",
-        "source": f"numerical integration by xdynamics, method {method.name}",
-        "schema_version": schema.SCHEMA_VERSION,
-        "solver_method": method.name,
-        "solver_order": method.order,
-        "solver_update_equations": method.equations(model),
-        "solver_update_order": method.words,
-        "solver_reference": method.reference,
-        "solver_step": settings.step,
-        "solver_step_units": "s",
-        "solver_grid": "t0 + n*h; steps are cut at nodes, events and the end",
-        "solver_until": settings.until,
-        "solver_until_units": "s",
-        "solver_last_step": _last_step(march),
-        "solver_interpolation": method.interpolation,
-        "solver_event_root_method": ROOT_METHOD,
-        "solver_force_samples": "all" if settings.samples else "none",
-        "precision": "float64, IEEE 754 binary64, round to nearest",
-        "math_functions": MATH_FUNCTIONS,
-        "run_outcome": march.outcome.word,
-        "run_outcome_text": march.outcome_text,
-        "model_digest": model.digest,
-        "force_digest": march.force_digest,
-    }
-    if march.settings.scales != UNSCALED:
-        scales = settings.scales
-        used |= {"solver_length_scale": scales.length, "solver_length_scale_units": "m",
-                 "solver_time_scale": scales.time, "solver_time_scale_units": "s",
-                 "solver_mass_scale": scales.mass, "solver_mass_scale_units": "kg"}  # fmt: skip
-    return used | _circumstances()
 
 
 def dataset(march: March, blocks: Iterable[Block]) -> xr.Dataset:
@@ -117,7 +76,7 @@ def dataset(march: March, blocks: Iterable[Block]) -> xr.Dataset:
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     # fastpath: xarray would import dask to find out that a numpy array is none of its own
     variables = {one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True) for one, data in filled}
-    return xr.Dataset(variables, attrs=attributes(march)).set_coords("time")
+    return xr.Dataset(variables, attrs=provenance.attributes(march)).set_coords("time")
 
 
 def check(run: xr.Dataset) -> None:
@@ -228,7 +187,8 @@ def _steps(march: March) -> list[Column]:
     found.append(Column(regime, lambda block: block.log.row_flags[1, : block.rows]))
 
     def add(name: str, long_name: str, role: str, unit: Unit) -> None:
-        variable = Variable(name, (STEPS,), "f8", unit.text, long_name, role)
+        tolerance = _tolerance(march, name, unit) if name in layout.used else {}
+        variable = Variable(name, (STEPS,), "f8", unit.text, long_name, role, tolerance)
         found.append(Column(variable, _row(order[name], units.factor(unit))))
 
     for name, coordinate in model.coordinates.items():
@@ -248,7 +208,22 @@ def _steps(march: March) -> list[Column]:
     for name in layout.derived:
         role = "energy" if name in schema.ENERGIES else "observable"
         add(name, schema.ENERGIES.get(name, f"observable {name}"), role, units.derived(name))
+    if layout.estimates and march.settings.tolerances is not None:
+        found.append(Column(schema.ERROR_NORM, _row(order["error_norm"], 1.0)))
+    for name in layout.used if layout.estimates else ():
+        add(schema.error(name), f"estimated local error of {name} in the step to this state", "error", units.known[name])
+    if layout.implicit:
+        index = order["newton_iterations"]
+        found.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
     return found
+
+
+def _tolerance(march: March, name: str, unit: Unit) -> dict[str, float]:
+    """Say the absolute tolerance of a variable, in its unit and, exactly, in SI."""
+    asked = march.settings.tolerances
+    if asked is None:
+        return {}
+    return {"atol": asked.of(name) / float(unit.factor), "atol_si": asked.of(name)}
 
 
 def _trials(march: March) -> list[Column]:
@@ -367,41 +342,3 @@ def _samples(march: March) -> list[Column]:
         )
         found.append(Column(variable, _sample(order[name], units.factor(unit))))
     return found
-
-
-def _last_step(march: March) -> str:
-    """Say whether the end lay on the grid."""
-    if march.memory.status != COMPLETED:
-        return "none: the run ended before"
-    plan = march.plan
-    steps = (plan.nodes[-1] - plan.start) / plan.step_size
-    partial = abs(steps - round(steps)) * plan.step_size > plan.snap
-    whole = int(steps)
-    rest = (float(plan.nodes[-1]) - (plan.start + whole * plan.step_size)) * march.settings.scales.of(TIME)
-    return f"partial, {rest:.9g} s: the span is no multiple of the step" if partial else "whole"
-
-
-@lru_cache
-def _machine() -> dict[str, str]:
-    """Versions and processor: volatile, and in no digest but their own."""
-    import platform
-    from importlib.metadata import version
-
-    from llvmlite import binding
-
-    features = binding.get_host_cpu_features()
-    versions = {f"{name}_version": version(name) for name in ("numpy", "numba", "llvmlite", "xarray", "xdynamics")}
-    return versions | {
-        "python_version": platform.python_version(),
-        "cpu_name": binding.get_host_cpu_name(),
-        "cpu_features": " ".join(sorted(name for name, there in features.items() if there)),
-    }
-
-
-def _circumstances() -> dict[str, Any]:
-    from datetime import UTC, datetime
-
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    machine = _machine()
-    history = f"{now} simulated by xdynamics {machine['xdynamics_version']}"
-    return {"date_created": now, "history": history} | machine

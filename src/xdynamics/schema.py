@@ -16,12 +16,13 @@ DIMENSIONS = {
     EVENTS: "located events, in order",
     SAMPLES: "force evaluations of the accepted steps",
     BOUNDS: "left and right end of a bracket",
+    "given": "steps of a given grid",
 }
 
 ROW_KINDS = ("initial", "step", "node", "event_before", "event_after")
 INITIAL, STEP, NODE, EVENT_BEFORE, EVENT_AFTER = range(5)
-TRIAL_REASONS = ("error_test", "nonfinite_force", "domain", "contact_solve", "event_substep")
-REASON_NONFINITE, REASON_EVENT = 1, 4
+TRIAL_REASONS = ("error_test", "nonfinite_force", "domain", "contact_solve", "event_substep", "newton_solve")
+REASON_ERROR, REASON_NONFINITE, REASON_DOMAIN, REASON_CONTACT, REASON_EVENT, REASON_NEWTON = range(6)
 EVENT_KINDS = ("crossing", "touch", "jump", "impact", "regime_switch")
 CROSSING = 0
 EVENT_DIRECTIONS = {-1: "falling", 1: "rising"}
@@ -105,6 +106,11 @@ def rate(name: str) -> str:
     return f"rate_{name}"
 
 
+def error(name: str) -> str:
+    """Name the local error estimate of a coordinate, velocity or state."""
+    return f"error_{name}"
+
+
 def sampled(name: str) -> str:
     """Name what a force evaluation used or gave."""
     return f"sample_{name}"
@@ -119,7 +125,7 @@ FIXED_TRIALS = (
     Variable("trial_time", (TRIALS,), "f8", "s", "time that the rejected trial started from", "trial"),
     Variable("trial_step", (TRIALS,), "i8", "1", "row of `step` that the rejected trial started from", "trial"),
     Variable("trial_step_size", (TRIALS,), "f8", "s", "step of the rejected trial", "trial"),
-    Variable("trial_error_norm", (TRIALS,), "f8", "1", "scaled local error norm of the rejected trial; nan where the method makes no estimate", "trial"),
+    Variable("trial_error_norm", (TRIALS,), "f8", "1", "scaled local error norm of the rejected trial; nan where there is no estimate", "trial"),
     Variable("trial_reason", (TRIALS,), "i1", "1", "why the trial was rejected", "flag", flags(dict(enumerate(TRIAL_REASONS)))),
 )  # fmt: skip
 FIXED_EVENTS = (
@@ -140,8 +146,12 @@ TEXTS = (
     Variable("model_toml", (), "U", "1", "the whole model as TOML", "model"),
     Variable("force_source", (), "U", "1", "generated source of the compiled march, and the source of Python forces", "model"),
 )  # fmt: skip
+GIVEN = "given"
+GIVEN_STEP = Variable("given_step_size", (GIVEN,), "f8", "s", "steps that the march was told to make", "step_size")
+ERROR_NORM = Variable("error_norm", (STEPS,), "f8", "1", "scaled local error norm of the step to this state; 1 is what the tolerances allow", "error")
+NEWTON = Variable("newton_iterations", (STEPS,), "i4", "1", "Newton iterations of the step to this state", "effort")
 FIXED = (*FIXED_STEPS, *FIXED_TRIALS, *FIXED_EVENTS, *FIXED_SAMPLES, *TEXTS)
-OTHER_NAMES = ("regime", "event_detector", "event_residual", "error_norm", *ENERGIES, *DIMENSIONS)
+OTHER_NAMES = ("regime", "event_detector", "event_residual", "error_norm", "newton_iterations", "given_step_size", *ENERGIES, *DIMENSIONS)
 
 
 def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -161,11 +171,11 @@ def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield sampled(name), f"drive '{name}'"
     for name in parts["coordinates"]:
         owner = f"coordinate '{name}'"
-        for one in (name, velocity(name), sampled(name), sampled(velocity(name)), f"error_{name}", f"error_v_{name}",
+        for one in (name, velocity(name), sampled(name), sampled(velocity(name)), error(name), error(velocity(name)),
                     acceleration(name), f"event_impulse_{name}", f"event_offset_{name}"):  # fmt: skip
             yield one, owner
     for name in parts["states"]:
-        for one in (name, rate(name), sampled(name), f"error_{name}"):
+        for one in (name, rate(name), sampled(name), error(name)):
             yield one, f"state '{name}'"
     for term, one_force in parts["forces"].items():
         for name in one_force.components or parts["coordinates"]:

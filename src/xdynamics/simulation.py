@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from xdynamics import archive, record
 from xdynamics.comparison import bitwise
 from xdynamics.faults import InputError
-from xdynamics.march import March, Settings
-from xdynamics.methods import METHODS, method_named
+from xdynamics.kernels import Layout
+from xdynamics.kernels.layout import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
+from xdynamics.march import March, Pacing, Settings, Tolerances
+from xdynamics.methods import METHODS, Method, method_named
 from xdynamics.model import Model
-from xdynamics.units import Scales, parse_time
+from xdynamics.provenance import asked_of
+from xdynamics.units import NONE, Scales, parse_quantity, parse_time
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,14 +25,23 @@ if TYPE_CHECKING:
     from xdynamics.march.runner import Progress
 
 FORCE_SAMPLES = ("all", "none")
+DEFAULT_RTOL = 1e-6
 
 
 def simulate(
     model: Model,
     *,
     method: str | None = None,
-    step: str | float | None = None,
+    step: str | float | Sequence[float] | None = None,
     until: str | float | None = None,
+    rtol: float | None = None,
+    atol: float | Mapping[str, str | float] | None = None,
+    estimator: str | None = None,
+    safety: float | None = None,
+    growth_limits: tuple[float, float] | None = None,
+    min_step: str | float | None = None,
+    max_step: str | float | None = None,
+    max_steps: int | None = None,
     path: str | Path | None = None,
     force_samples: str | None = None,
     scales: Mapping[str, str] | None = None,
@@ -39,11 +53,22 @@ def simulate(
     ----------
     model : Model
     method : str
-        Name of a method; `xdynamics methods` lists them. Like the others, it may stand in the model's `[run]`.
-    step : str or float
-        Step of the grid t0 + n h: ``"1 ms"``, or a number of seconds.
+        Name of a method; `xdynamics methods` lists them. Like all that follows, it may stand in the model's `[run]`.
+    step : str, float or array of float
+        Step of the grid t0 + n h: ``"1 ms"``, or a number of seconds. An array gives every step, like
+        ``step=run.step_size[1:]``. With a tolerance, the first step to try.
     until : str or float
         Time at which to end, unless an event stops the run before.
+    rtol, atol : float
+        Relative and absolute tolerance: steps are chosen so that no component's estimated local error is larger than
+        atol + rtol*max(abs(value before), abs(value after)). `atol` is a number in SI units for every coordinate,
+        velocity and state, or one for each by name: ``{"y": "1 um", "v_y": "1 mm s-1"}``; what is not named, and
+        `atol` without a word, has the number `rtol` in SI units. Without either, a method with an embedded formula and
+        no step marches with 1e-6.
+    estimator : {"embedded", "step_doubling", "step_doubling_extrapolated", "none"}
+        Where the error estimate comes from; the method's embedded formula if it has one, else step doubling.
+    safety, growth_limits, min_step, max_step, max_steps
+        Limits of step control: 0.9, (0.2, 10), none but the spacing of t, the span, 1,000,000.
     path : str or Path, optional
         Stream the run to this file, in bounded memory, and return it opened.
     force_samples : {"all", "none"}
@@ -57,12 +82,17 @@ def simulate(
     Returns
     -------
     xarray.Dataset
-        A run that ends badly is returned too, up to its last finite state; see ``run.attrs["run_outcome"]``.
+        A run that ends badly is returned too, up to its last accepted state; see ``run.attrs["run_outcome"]``.
 
     Raises
     ------
     InputError
         If a setting is missing or cannot be used, or the method refuses the model; nothing is computed or written.
+
+    Notes
+    -----
+    Error test and controller: Hairer, Norsett, Wanner, Solving ODEs I, section II.4, with the largest component in the
+    place of the root mean square, so that no component can hide behind others.
 
     Examples
     --------
@@ -76,8 +106,12 @@ def simulate(
     >>> run.y.attrs["units"], run.attrs["run_outcome"]
     ('m', 'completed')
     """
-    asked = {"method": method, "step": step, "until": until, "force_samples": force_samples, "scales": scales}
-    settings = settings_for(model, **asked)
+    named = {
+        "method": method, "step": step, "until": until, "rtol": rtol, "atol": atol, "estimator": estimator,
+        "safety": safety, "growth_limits": growth_limits, "min_step": min_step, "max_step": max_step,
+        "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
+    }  # fmt: skip
+    settings = settings_for(model, **named)
     march = March(model, settings, progress)
     if path is not None:
         return archive.open_run(archive.stream(march, path), check=False)
@@ -94,21 +128,114 @@ def settings_for(model: Model, **asked: Any) -> Settings:
     """
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
-    chosen = {"force_samples": "all", "scales": None} | model.run | {k: v for k, v in asked.items() if v is not None}
-    for key in ("method", "step", "until"):
+    chosen = _joined(model.run, {k: v for k, v in asked.items() if v is not None})
+    for key in ("method", "until"):
         if chosen.get(key) is None:
             raise InputError(f"model '{model.name}' has no {key} in its [run]; give {key}=…")
     if chosen["force_samples"] not in FORCE_SAMPLES:
         raise InputError(f"force_samples is {chosen['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
+    method = method_named(str(chosen["method"]), model, METHODS)
+    step = _step(chosen.get("step"))
+    tolerances = _tolerances(model, chosen)
+    if step is None and tolerances is None:
+        if not method.estimate:
+            raise InputError(f"model '{model.name}' has no step in its [run]; give step=…, or rtol=… for chosen steps")
+        tolerances = Tolerances(DEFAULT_RTOL, {})
     settings = Settings(
-        method_named(str(chosen["method"]), model, METHODS),
-        parse_time(chosen["step"], "step"),
+        method,
         parse_time(chosen["until"], "until"),
+        step,
+        tolerances,
+        _pacing(chosen),
+        str(chosen.get("estimator") or _estimator(method, tolerances)),
         chosen["force_samples"] == "all",
         Scales.parse(chosen["scales"]),
     )
     settings.check(model)
     return settings
+
+
+def _joined(defaults: Mapping[str, Any], asked: dict[str, Any]) -> dict[str, Any]:
+    """Join; a step that is asked for sets the defaults' tolerances aside, and tolerances their step."""
+    kept = dict(defaults)
+    if "step" in asked or "rtol" in asked or "atol" in asked:
+        for key in ("step", "rtol", "atol"):
+            if not (key in ("rtol", "atol") and ("rtol" in asked or "atol" in asked)):
+                kept.pop(key, None)
+    return {"force_samples": "all", "scales": None} | kept | asked
+
+
+def _step(given: Any) -> float | tuple[float, ...] | None:
+    if given is None or isinstance(given, str | int | float):
+        return None if given is None else parse_time(given, "step")
+    try:
+        steps = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"step is {str(given)[:60]!r}, needs a time like '1 ms', seconds, or a row of seconds") from None
+    if steps.ndim == 0:
+        return float(steps)
+    if steps.ndim > 1:
+        raise InputError(f"step has the shape {steps.shape}, needs one row of seconds")
+    return tuple(steps[steps != 0.0].tolist())  # the row behind an event has no step
+
+
+def _tolerances(model: Model, chosen: Mapping[str, Any]) -> Tolerances | None:
+    rtol, atol = chosen.get("rtol"), chosen.get("atol")
+    if rtol is None and atol is None:
+        return None
+    relative = DEFAULT_RTOL if rtol is None else _number(rtol, "rtol")
+    if atol is None:
+        return Tolerances(relative, {})
+    if not isinstance(atol, Mapping):
+        return Tolerances(relative, {"": _number(atol, "atol")})
+    absolute = {}
+    for name, value in atol.items():
+        known = Layout(model).used
+        if name not in ("", *known):
+            raise InputError(f"atol names {name!r}; there are {', '.join(known)}")
+        absolute[name] = _absolute(model, name, value)
+    return Tolerances(relative, absolute)
+
+
+def _absolute(model: Model, name: str, value: Any) -> float:
+    if not isinstance(value, str):
+        return _number(value, f"atol of '{name}'")
+    quantity = parse_quantity(value)
+    needed = model.dimensions[name] if name else NONE
+    if quantity.unit.text != "1" and quantity.unit.dimension != needed:
+        raise InputError(f"atol of '{name}' is {value!r}, needs the unit '{needed}'")
+    return quantity.si
+
+
+def _number(value: Any, name: str) -> float:
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is {value!r}, needs a number") from None
+
+
+def _pacing(chosen: Mapping[str, Any]) -> Pacing:
+    given: dict[str, Any] = {}
+    if "safety" in chosen:
+        given["safety"] = _number(chosen["safety"], "safety")
+    if "growth_limits" in chosen:
+        limits = chosen["growth_limits"]
+        if not isinstance(limits, list | tuple) or len(limits) != 2:
+            raise InputError(f"growth_limits are {limits!r}, need two factors, like (0.2, 10)")
+        given["growth_limits"] = tuple(_number(one, "growth_limits") for one in limits)
+    given |= {key: parse_time(chosen[key], key) for key in ("min_step", "max_step") if key in chosen}
+    if "max_steps" in chosen:
+        given["max_steps"] = int(_number(chosen["max_steps"], "max_steps"))
+    return Pacing(**given)
+
+
+def _estimator(method: Method, tolerances: Tolerances | None) -> str:
+    """Return the estimator where none is asked for."""
+    if method.estimate:
+        return EMBEDDED
+    return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
 
 
 def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
@@ -139,19 +266,5 @@ def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]]
 
 
 def _again(kept: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
-    used = kept.attrs
     model = Model.from_text(str(kept["model_toml"].values), functions=functions)
-    units = {"length": "m", "time": "s", "mass": "kg"}
-    scales = {
-        name: f"{float(used[f'solver_{name}_scale'])!r} {unit}"
-        for name, unit in units.items()
-        if f"solver_{name}_scale" in used
-    }
-    return simulate(
-        model,
-        method=used["solver_method"],
-        step=float(used["solver_step"]),
-        until=float(used["solver_until"]),
-        force_samples=used["solver_force_samples"],
-        scales=scales or None,
-    )
+    return simulate(model, **asked_of(kept))

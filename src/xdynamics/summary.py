@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,7 +19,7 @@ def summary(run: xr.Dataset) -> list[str]:
     lines = [
         used["title"],
         f"outcome   {used['run_outcome']}: {used['run_outcome_text']}",
-        f"method    {used['solver_method']} (order {used['solver_order']}), step {float(used['solver_step'])!r} s",
+        f"method    {used['solver_method']} (order {used['solver_order']}), {_steps(used)}",
         f"log       {_counts(run)}",
         f"end       {', '.join(_end(run))}",
     ]
@@ -46,6 +47,15 @@ def details(run: xr.Dataset) -> list[str]:
         key for key in ("date_created", "xdynamics_version", "python_version", "numba_version") if key in run.attrs
     ]
     return lines + [f"  {key} = {run.attrs[key]}" for key in keys]
+
+
+def _steps(used: Mapping[str, Any]) -> str:
+    """Say how steps were chosen."""
+    if used["solver_step_control"] == "fixed":
+        return f"step {float(used['solver_step'])!r} s"
+    if used["solver_step_control"] == "given":
+        return "steps as given"
+    return f"adaptive, rtol {float(used['solver_rtol']):g}, {used['solver_force_evaluations']} force evaluations"
 
 
 def _counts(run: xr.Dataset) -> str:

@@ -19,11 +19,12 @@ from xdynamics.expressions.tree import (
     digest,
     exponent_of,
     free_names,
+    limits_domain,
     size,
     text_of,
 )
 
 __all__ = [
     "FUNCTIONS", "Binary", "Call", "Compare", "Name", "Negative", "Node", "Number", "derivative", "digest",
-    "dimension_of", "expand", "exponent_of", "free_names", "latex", "parse", "size", "text_of",
+    "dimension_of", "expand", "exponent_of", "free_names", "latex", "limits_domain", "parse", "size", "text_of",
 ]  # fmt: skip

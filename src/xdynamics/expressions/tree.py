@@ -145,3 +145,14 @@ def _wrapped(node: Node, needed: int) -> str:
         strength = 3
     text = text_of(node)
     return f"({text})" if strength < needed else text
+
+
+def limits_domain(node: Node) -> bool:
+    """Whether an expression has a function that is not defined for every argument."""
+    if isinstance(node, Call) and node.function in ("sqrt", "log", "asin", "acos"):
+        return True
+    if isinstance(node, Binary) and node.operator == "**":
+        exponent = exponent_of(node.right)
+        if exponent is None or exponent.denominator != 1:
+            return True
+    return any(limits_domain(child) for child in children(node))

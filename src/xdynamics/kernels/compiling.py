@@ -14,6 +14,8 @@ OPTIONS: Any = {"error_model": "numpy", "fastmath": False, "nogil": True}
 # called from compiled code only: without a way in from Python it compiles twice as fast
 _INNER: Any = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 compiled: Any = njit(**_INNER, **OPTIONS)
+# large and called from several places: one copy, not one at every place
+shared: Any = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)
 entry: Any = njit(cache=True, **OPTIONS)
 entry_in_memory: Any = njit(**OPTIONS)
 

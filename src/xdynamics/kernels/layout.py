@@ -9,7 +9,12 @@ from functools import cached_property
 from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number
 from xdynamics.model import Model
+from xdynamics.model.linearisation import force_derivatives, mass_derivatives
 from xdynamics.units import Dimension
+
+NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
+    "none", "embedded", "step_doubling", "step_doubling_extrapolated",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -21,6 +26,13 @@ class Layout:
     """
 
     model: Model
+    estimator: str = NO_ESTIMATE
+    implicit: bool = False
+
+    @property
+    def estimates(self) -> bool:
+        """Whether a step comes with an estimate of its local error."""
+        return self.estimator != NO_ESTIMATE
 
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
@@ -81,7 +93,32 @@ class Layout:
     @property
     def row(self) -> tuple[str, ...]:
         """The float columns of a logged row."""
-        return ("time", "step_size", *self.state, *self.derived)
+        return ("time", "step_size", *self.state, *self.derived, *self.errors, *self.effort)
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """The norm of the local error and the error of everything a force evaluation uses, where it is estimated."""
+        return ("error_norm", *(schema.error(name) for name in self.used)) if self.estimates else ()
+
+    @property
+    def effort(self) -> tuple[str, ...]:
+        """Newton iterations, where a step solves equations."""
+        return ("newton_iterations",) if self.implicit else ()
+
+    def argument(self, letter: str, owner: str) -> str:
+        """Name the component of q, v or x that belongs to a coordinate or state."""
+        return schema.velocity(owner) if letter == "v" else owner
+
+    @cached_property
+    def jacobian(self) -> tuple[tuple[str, str], ...]:
+        """What depends on what: pairs of a coordinate (for its acceleration) or a rate, and a name it depends on."""
+        forces, masses = force_derivatives(self.model), mass_derivatives(self.model)
+        rates = [key for key in forces if key[0] in self.rates]
+        if self.model.mass_is_full:
+            return (*((one, by) for one in self.coordinates for by in self.used), *rates)
+        found = {(one, by) for one in self.coordinates for by in self.used if (f"force_{one}", by) in forces}
+        found |= {(self.coordinates[i], by) for (i, _), by in masses}
+        return (*((one, by) for one in self.coordinates for by in self.used if (one, by) in found), *rates)
 
     @property
     def sample(self) -> tuple[str, ...]:

@@ -3,29 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 
-from xdynamics.expressions import Name, Node, expand, free_names
+from xdynamics.expressions import Node, free_names, limits_domain
+from xdynamics import schema
 from xdynamics.kernels.arithmetic import Arithmetic
-from xdynamics.kernels.layout import Layout
-from xdynamics.methods import Evaluation, Method, Statement
+from xdynamics.kernels.layout import EMBEDDED, EXTRAPOLATED, NO_ESTIMATE, Layout
+from xdynamics.kernels.stepping import CONTEXT, Stepping, tuple_of
+from xdynamics.methods import Evaluation, Method, Solve
+from xdynamics.methods.method import read_lines
 from xdynamics.model import Function, Model
+from xdynamics.model.linearisation import force_derivatives, mass_derivatives
 from xdynamics.units import CONSTANTS
 
-_CONTEXT = "_p, _tables, _pieces"
 PYTHON = "_python_"  # in front of the names of functions handed over
+FEW_EVALUATIONS = 2  # up to which a step is small enough to stand in the loop itself
 _HEADER = '''"""{title}
 
 Written by xdynamics from the model and the method; not meant to be edited.
 """
 
-from xdynamics.kernels.compiling import borrowed, compiled, {entry}
+from numpy import empty
+
+from xdynamics.kernels.compiling import borrowed, compiled, shared, {entry}
 from xdynamics.kernels.elementary import *
 from xdynamics.kernels.elementary import greatest as _greatest, least as _least, positive as _positive, power as _power
+from xdynamics.kernels.linear import solve_linear
 from xdynamics.kernels.tables import find_piece as _find_piece, piece_after, slope_at as _slope_at, value_at as _value_at
 from xdynamics.march.binding import all_finite, bind, lend_log, lend_plan
 
 '''
 _ENTRY = '''
+ESTIMATES, DOMAIN_LIMITED, NO_ERROR = {facts}
 march = bind("march", globals())
 
 
@@ -37,31 +46,34 @@ def run(_plan, _memory, _log, _base, _pause):
 '''
 
 
-def write_source(model: Model, method: Method, *, samples: bool) -> str:
+@lru_cache(maxsize=64)
+def write_source(layout: Layout, method: Method, *, samples: bool) -> str:
     """Return the Python source of the march of a model by a method.
 
     Parameters
     ----------
-    model : Model
+    layout : Layout
+        The model, with the estimator of the local error.
     method : Method
     samples : bool
         Whether every force evaluation of an accepted step is logged.
     """
-    layout = Layout(model)
-    write = _Writer(layout)
+    write, model = _Writer(layout), layout.model
     disk = not model.python_forces  # a function handed over has no file of its own in the cache
     parts = [
         # checked identifiers and numbers are all that a model gives to this text: its name and descriptions stay out
         _HEADER.format(title=f"A march by {method.name}.", entry="entry" if disk else "entry_in_memory"),
         write.forces(),
+        write.linearised() if layout.implicit else "",
         write.sample(logged=samples),
         write.begin(),
         write.propose(method),
+        write.judgement(),
         write.event_functions("detect", {name: model.expanded(one.function) for name, one in model.events.items()}),
         write.event_functions("slopes", {name: model.rate_of(one.function) for name, one in model.events.items()}),
         write.note(),
         write.pieces(),
-        _ENTRY.format(entry="entry" if disk else "entry_in_memory", tables=write.tables()),
+        _ENTRY.format(entry="entry" if disk else "entry_in_memory", tables=write.tables(), facts=write.facts()),
     ]  # fmt: skip
     return "\n".join(parts)
 
@@ -80,6 +92,23 @@ class _Writer:
 
     def forces(self) -> str:
         """M a = F: drives, force terms, accelerations, rates."""
+        lines = self._evaluated({})
+        return _function(f"forces(t, _y, {CONTEXT})", "Accelerations, rates, force components and drives.",
+                         [*lines, f"return {tuple_of(self.layout.evaluation)}"])  # fmt: skip
+
+    def linearised(self) -> str:
+        """Write the forces with their exact derivatives, for Newton's method."""
+        forces, masses = force_derivatives(self.model), mass_derivatives(self.model)
+        trees = {f"_dF_{key}_{by}": tree for (key, by), tree in forces.items()}
+        trees |= {f"_dM_{i}_{j}_{by}": tree for ((i, j), by), tree in masses.items()}
+        lines = [*self._evaluated(trees), *self._acceleration_derivatives(set(forces), set(masses))]
+        rates = set(self.layout.rates)
+        names = [f"_dF_{one}_{by}" if one in rates else f"_da_{one}_{by}" for one, by in self.layout.jacobian]
+        return _function(f"linearised(t, _y, {CONTEXT})", "What `forces` returns, and its derivatives.",
+                         [*lines, f"return {tuple_of(self.layout.evaluation)}, {tuple_of(names or ['0.0'])}"])  # fmt: skip
+
+    def _evaluated(self, more: Mapping[str, Node]) -> list[str]:
+        """Write the force terms, accelerations and rates, and more expressions that share parts with them."""
         model = self.model
         components = {
             f"force_{term}_{name}": one if isinstance(one, Function) else model.expanded(one)
@@ -87,9 +116,9 @@ class _Writer:
             for name, one in parts.items()
         }
         masses = [[model.expanded(entry) for entry in row] for row in model.mass]
-        rates = {f"rate_{name}": model.expanded(state.rate) for name, state in model.states.items()}
+        rates = {schema.rate(name): model.expanded(state.rate) for name, state in model.states.items()}
         trees = [one for one in components.values() if not isinstance(one, Function)]
-        trees += [entry for row in masses for entry in row] + list(rates.values())
+        trees += [entry for row in masses for entry in row] + list(rates.values()) + list(more.values())
         extra = {name for one in components.values() if isinstance(one, Function) for name in one.arguments}
         arithmetic = Arithmetic(trees)
         for name, one in components.items():
@@ -98,12 +127,26 @@ class _Writer:
             else:
                 arithmetic.assign(name, one)
         self._accelerations(arithmetic, masses)
-        for name, tree in rates.items():
+        for name, tree in (rates | dict(more)).items():
             arithmetic.assign(name, tree)
         used = self._names(trees) | extra | set(self.layout.drives)
-        body = [*self._unpacked(self.layout.used, "_y", used), *self._looked_up(used), *arithmetic.lines]
-        return _function(f"forces(t, _y, {_CONTEXT})", "Accelerations, rates, force components and drives.",
-                         [*body, f"return {_tuple(self.layout.evaluation)}"])  # fmt: skip
+        return [*self._unpacked(self.layout.used, "_y", used), *self._looked_up(used), *arithmetic.lines]
+
+    def _acceleration_derivatives(self, forces: set[tuple[str, str]], masses: set[tuple[tuple[int, int], str]]) -> list[str]:
+        """Differentiate M a = F: M da = dF - dM a, for every name that the forces or the mass read."""
+        names, lines = self.layout.coordinates, []
+        for by in self.layout.used:
+            right = []
+            for i, name in enumerate(names):
+                terms = [f"_dF_force_{name}_{by}"] if (f"force_{name}", by) in forces else ["0.0"]
+                terms += [f"_dM_{i}_{j}_{by}*a_{other}" for j, other in enumerate(names) if ((i, j), by) in masses]
+                right.append(" - ".join(terms))
+            if self.model.mass_is_full:
+                lines += self._substituted([f"_da_{name}_{by}" for name in names], right)
+            else:
+                needed = set(self.layout.jacobian)
+                lines += [f"_da_{name}_{by} = ({right[i]})/_m{i}" for i, name in enumerate(names) if (name, by) in needed]
+        return lines
 
     def sample(self, *, logged: bool) -> str:
         """Log one force evaluation, with the time and the state that it used."""
@@ -121,38 +164,119 @@ class _Writer:
         """Evaluate the forces at a state anew: at the start, and after a node of a drive."""
         n, kept = len(self.layout.used), len(self.layout.state) - len(self.layout.used)
         lines = [
-            f"_y = {_tuple(f'_state[{i}]' for i in range(n))}",
-            f"_f = forces(t, _y, {_CONTEXT})",
+            f"_y = {tuple_of(f'_state[{i}]' for i in range(n))}",
+            f"_f = forces(t, _y, {CONTEXT})",
             "_at = sample(_log, _at, t, _step, 0, _y, _f)",
-            f"return {_tuple([f'_y[{i}]' for i in range(n)] + [f'_f[{i}]' for i in range(kept)])}, _at",
+            f"return {tuple_of([f'_y[{i}]' for i in range(n)] + [f'_f[{i}]' for i in range(kept)])}, _at",
         ]
-        return _function(f"begin(t, _state, {_CONTEXT}, _log, _at, _step)", "Evaluate the forces at a state.", lines)
+        return _function(f"begin(t, _state, {CONTEXT}, _log, _at, _step)", "Evaluate the forces at a state.", lines)
 
     def propose(self, method: Method) -> str:
-        """One step of the method, every vector statement written out by component."""
-        layout = self.layout
-        names = _components(layout, ("q", layout.coordinates), ("v", layout.velocities), ("x", layout.states),
-                            ("a", layout.accelerations), ("r", layout.rates))  # fmt: skip
-        lines = [f"{_tuple([*names, *('_' for _ in layout.forces)])} = _state"]
-        stage = 0
-        for statement in method.statements:
-            if isinstance(statement, Evaluation):
-                stage += 1
-                lines += self._evaluation(statement, stage)
-            else:
-                lines += self._statement(statement)
-        names = _components(layout, ("q1", layout.coordinates), ("v1", layout.velocities), ("x1", layout.states),
-                            ("a1", layout.accelerations), ("r1", layout.rates))  # fmt: skip
+        """One step of the method, with the estimate of its error."""
+        if self.layout.estimator in (NO_ESTIMATE, EMBEDDED):
+            return self._step("propose", method, method.evaluations)
+        return self._step("advance", method, method.evaluations) + self._doubled(method)
+
+    def interpolate(self, method: Method) -> str:
+        """Write the state inside a step: the update, then the lines of its extension."""
+        write = Stepping(self.layout)
+        lines = [*self._unpacked_state(), *write.written(method.statements), *write.written(read_lines(method.extension))]
+        return _function(
+            f"interpolate(t, t1, h, s, _state, {CONTEXT}, _log, _at, _step)",
+            f"The state at t + s*h: {method.interpolation}.",
+            ["_evaluations, _iterations, _stage = 0, 0, 0", *lines, f"return {tuple_of(write.state('s'))}"],
+        )
+
+    def _step(self, name: str, method: Method, evaluations: int) -> str:
+        """Write the lines of a method out."""
+        write, layout = Stepping(self.layout), self.layout
+        lines = [*self._unpacked_state(), *write.written(method.statements)]
+        embedded = layout.estimator == EMBEDDED
+        if embedded:
+            lines += write.written(read_lines(method.estimate))
         first = len(layout.accelerations) + len(layout.rates)
-        names += [f"_f[{first + i}]" for i in range(len(layout.forces))]
-        return _function(f"propose(t, t1, h, _state, {_CONTEXT}, _log, _at, _step)", f"One step by {method.name}.",
-                         [*lines, f"return {_tuple(names)}, _at"])  # fmt: skip
+        state = [*write.state("1"), *write.rates("1"), *(f"_f[{first + i}]" for i in range(len(layout.forces)))]
+        error = tuple_of(write.state("e") if embedded else ["0.0"])
+        staged = ", _stage" if name == "advance" else ""
+        begin = f"_evaluations, _iterations = {evaluations}, 0" if staged else f"_evaluations, _iterations, _stage = {evaluations}, 0, 0"
+        return _function(
+            f"{name}(t, t1, h, _state, {CONTEXT}, _log, _at, _step{staged})", f"One step by {method.name}.",
+            [begin, *lines, f"return {tuple_of(state)}, {error}, _at, (_evaluations, _iterations)"],
+            "compiled" if method.evaluations <= FEW_EVALUATIONS and not staged else "shared",
+        )  # fmt: skip
+
+    def _doubled(self, method: Method) -> str:
+        """Two half steps against a whole one; their difference over 2**p - 1 is the error of the two."""
+        layout = self.layout
+        n, stages = len(layout.used), sum(isinstance(one, Evaluation) for one in method.statements)
+        stages += sum(len(one.evaluations) for one in method.statements if isinstance(one, Solve))
+        rest = f"{CONTEXT}, _log, _at, _step"
+        lines = [
+            "_middle = t + h/2.0",
+            f"_whole, _, _at, _one = advance(t, t1, h, _state, {rest}, 0)",
+            f"_half, _, _at, _two = advance(t, _middle, h/2.0, _state, {rest}, {stages})",
+            f"_both, _, _at, _three = advance(_middle, t1, h/2.0, _half, {rest}, {2 * stages})",
+            f"_error = {tuple_of(f'(_both[{i}] - _whole[{i}])/{2.0**method.order - 1.0!r}' for i in range(n))}",
+            "_evaluations = _one[0] + _two[0] + _three[0]",
+            "_iterations = _one[1] + _two[1] + _three[1] if _least(_least(_one[1], _two[1]), _three[1]) >= 0 else -1",
+        ]
+        if layout.estimator == EXTRAPOLATED:
+            kept = len(layout.state) - n
+            lines += [
+                f"_y = {tuple_of(f'_both[{i}] + _error[{i}]' for i in range(n))}",
+                f"_f = forces(t1, _y, {CONTEXT})",
+                f"_at = sample(_log, _at, t1, _step, {3 * stages + 1}, _y, _f)",
+                f"_both = {tuple_of([f'_y[{i}]' for i in range(n)] + [f'_f[{i}]' for i in range(kept)])}",
+                "_evaluations += 1",
+            ]
+        return _function(f"propose(t, t1, h, _state, {CONTEXT}, _log, _at, _step)", "Two half steps, and a whole one to judge them by.",
+                         [*lines, "return _both, _error, _at, (_evaluations, _iterations)"])  # fmt: skip
+
+    def _unpacked_state(self) -> list[str]:
+        write = Stepping(self.layout)
+        names = [*write.state(""), *write.rates("")]
+        return [f"{tuple_of([*names, *('_' for _ in self.layout.forces)])} = _state"]
+
+    def judgement(self) -> str:
+        """Write the error norm, and what the choice of a first step needs."""
+        layout = self.layout
+        n = len(layout.used)
+        if not layout.estimates:
+            norm = ["return 0.0"]
+            probe = ["return _state", "return 0.0, 0.0, 0.0"]
+        else:
+            norm = ["_norm = 0.0"]
+            for i in range(n):
+                scale = f"_atol[{i}] + _rtol*_greatest(abs(_state[{i}]), abs(_trial[{i}]))"
+                # a component that is zero and stays so has no error, whatever its scale
+                norm += [f"_norm = _greatest(_norm, abs(_error[{i}])/({scale}) if _error[{i}] != 0.0 else 0.0)"]
+            norm += ["return _norm"]
+            q, v = len(layout.coordinates), len(layout.velocities)
+            slopes = [f"_state[{q + i}]" for i in range(v)] + [f"_state[{n + i}]" for i in range(n - q)]
+            others = [one.replace("_state", "_other") for one in slopes]
+            moved = [f"_state[{i}] + h*{slope}" for i, slope in enumerate(slopes)]
+            moved += [f"_state[{i}]" for i in range(n, len(layout.state))]
+            norms = ["_size, _slope, _change = 0.0, 0.0, 0.0"]
+            for i, (slope, other) in enumerate(zip(slopes, others, strict=True)):
+                norms += [
+                    f"_scale = _atol[{i}] + _rtol*abs(_state[{i}])",
+                    f"_size = _greatest(_size, abs(_state[{i}])/_scale)",
+                    f"_slope = _greatest(_slope, abs({slope})/_scale)",
+                    f"_change = _greatest(_change, abs({other} - {slope})/_scale)",
+                ]
+            probe = [f"return {tuple_of(moved)}", *norms, "return _size, _slope, _change"]
+        signature = "error_norm(_state, _trial, _error, _rtol, _atol)"
+        return (
+            _function(signature, "The largest error over its scale.", norm)
+            + _function("moved(_state, h)", "A state moved by one Euler step.", probe[:1])
+            + _function("sizes(_state, _other, _rtol, _atol)", "Scaled sizes of a state, its slope, and the slope's change.", probe[1:])
+        )  # fmt: skip
 
     def event_functions(self, name: str, trees: Mapping[str, Node]) -> str:
         """Evaluate the events' functions, or their time derivatives; a model without events has one that never is."""
         if not trees:
-            return _function(f"{name}(t, _state, {_CONTEXT})", "No events.", ["return (1.0,)"])
-        return _function(f"{name}(t, _state, {_CONTEXT})", "One number for each event.", self._returned(trees))
+            return _function(f"{name}(t, _state, {CONTEXT})", "No events.", ["return (1.0,)"])
+        return _function(f"{name}(t, _state, {CONTEXT})", "One number for each event.", self._returned(trees))
 
     def note(self) -> str:
         """Write one row of the log."""
@@ -164,10 +288,16 @@ class _Writer:
             lines += [*derived[:-1], f"_derived = {derived[-1].removeprefix('return ')}"]
             start = 2 + len(layout.state)
             lines += [f"_log.rows[{start + i}, _row] = _derived[{i}]" for i in range(len(layout.derived))]
+        at = len(layout.row) - len(layout.errors) - len(layout.effort)
+        if layout.estimates:
+            lines += [f"_log.rows[{at}, _row] = _norm"]
+            lines += [f"_log.rows[{at + 1 + i}, _row] = _error[{i}]" for i in range(len(layout.used))]
+        if layout.implicit:
+            lines += [f"_log.rows[{at + len(layout.errors)}, _row] = _iterations"]
         lines += ["_log.row_flags[0, _row] = _kind", "_log.row_flags[1, _row] = 0"]
         lines += ["return all_finite(_derived)" if layout.derived else "return True"]
         return _function(
-            f"note(_log, _row, t, h, _kind, _state, {_CONTEXT})",
+            f"note(_log, _row, t, h, _kind, _state, _norm, _error, _iterations, {CONTEXT})",
             "Write one row of the log; tell whether its energies and observables are finite.",
             lines,
         )
@@ -177,13 +307,25 @@ class _Writer:
         drives = self.layout.drives
         found = [f"piece_after(t, _tables[{drives.index(name)}])" for name in self.layout.time_drives]
         return _function(
-            "pieces_at(t, _tables)", "The piece of every drive of time, from t on.", [f"return {_tuple(found)}"]
+            "pieces_at(t, _tables)", "The piece of every drive of time, from t on.", [f"return {tuple_of(found)}"]
         )
+
+    def facts(self) -> str:
+        """Say what the loop takes for granted: estimates, limited domains, the error of a state no step led to."""
+        trees = [*self._force_trees(), *(model_state.rate for model_state in self.model.states.values())]
+        limited = any(limits_domain(self.model.expanded(tree)) for tree in trees)
+        limited = limited or any(drive.outside == "error" for drive in self.model.drives.values())
+        zeros = tuple_of(["0.0"] * (len(self.layout.used) if self.layout.estimator != NO_ESTIMATE else 1))
+        return f"{self.layout.estimates}, {limited}, {zeros}"
+
+    def _force_trees(self) -> list[Node]:
+        parts = [one for terms in self.model.force_components.values() for one in terms.values()]
+        return [one for one in parts if not isinstance(one, Function)] + [entry for row in self.model.mass for entry in row]
 
     def tables(self) -> str:
         """Borrow the arrays of the measured tables."""
         pairs = [f"_plan.tables[{i}]" for i in range(len(self.layout.drives))]
-        return _tuple(f"(borrowed({pair}[0]), borrowed({pair}[1]))" for pair in pairs)
+        return tuple_of(f"(borrowed({pair}[0]), borrowed({pair}[1]))" for pair in pairs)
 
     def _accelerations(self, arithmetic: Arithmetic, masses: list[list[Node]]) -> None:
         """Solve M a = F: by division where M is diagonal, else by its factors L D L^T, written out."""
@@ -192,42 +334,27 @@ class _Writer:
         for name in names:
             acting = [f"force_{term}_{name}" for term, parts in self.model.force_components.items() if name in parts]
             totals.append(" + ".join(acting) or "0.0")
+        out, unknowns = arithmetic.lines, [schema.acceleration(name) for name in names]
         if not self.model.mass_is_full:
-            for i, name in enumerate(names):
-                arithmetic.lines.append(f"a_{name} = ({totals[i]})/_positive({arithmetic.text(masses[i][i])})")
+            for i, unknown in enumerate(unknowns):
+                out.append(f"_m{i} = _positive({arithmetic.text(masses[i][i])})")
+                out.append(f"{unknown} = ({totals[i]})/_m{i}")
             return
-        n = len(names)
-        out = arithmetic.lines
-        for i in range(n):
+        for i in range(len(names)):
             for j in range(i):
                 taken = "".join(f" - _l{i}_{k}*_l{j}_{k}*_d{k}" for k in range(j))
                 out.append(f"_l{i}_{j} = ({arithmetic.operand(masses[i][j])}{taken})/_d{j}")
             taken = "".join(f" - _l{i}_{k}*_l{i}_{k}*_d{k}" for k in range(i))
             out.append(f"_d{i} = _positive({arithmetic.operand(masses[i][i])}{taken})")
+        out += self._substituted(unknowns, totals)
+
+    def _substituted(self, unknowns: list[str], right: list[str]) -> list[str]:
+        """Solve L D L^T u = right, forward and back."""
+        n, lines = len(unknowns), []
         for i in range(n):
-            out.append(f"_z{i} = {totals[i]}" + "".join(f" - _l{i}_{k}*_z{k}" for k in range(i)))
+            lines.append(f"_z{i} = {right[i]}" + "".join(f" - _l{i}_{k}*_z{k}" for k in range(i)))
         for i in reversed(range(n)):
-            out.append(f"a_{names[i]} = _z{i}/_d{i}" + "".join(f" - _l{k}_{i}*a_{names[k]}" for k in range(i + 1, n)))
-
-    def _evaluation(self, one: Evaluation, stage: int) -> list[str]:
-        layout = self.layout
-        used = _components(layout, (one.position, layout.coordinates), (one.velocity, layout.velocities),
-                           (one.state, layout.states))  # fmt: skip
-        lines = [
-            f"_y = {_tuple(used)}",
-            f"_f = forces({one.time}, _y, {_CONTEXT})",
-            f"_at = sample(_log, _at, {one.time}, _step, {stage}, _y, _f)",
-        ]
-        results = _components(layout, (one.acceleration, layout.accelerations), (one.rate, layout.rates))
-        return lines + [f"{name} = _f[{i}]" for i, name in enumerate(results)]
-
-    def _statement(self, one: Statement) -> list[str]:
-        """Write a vector statement out, one line for each component."""
-        suffixes = self.layout.states if one.of_states else self.layout.coordinates
-        lines = []
-        for suffix in suffixes:
-            named = _renamed(one.expression, {name: f"{name}_{suffix}" for name in one.vectors})
-            lines.append(f"{one.target}_{suffix} = {Arithmetic([named]).text(named)}")
+            lines.append(f"{unknowns[i]} = _z{i}/_d{i}" + "".join(f" - _l{k}_{i}*{unknowns[k]}" for k in range(i + 1, n)))
         return lines
 
     def _returned(self, trees: Mapping[str, Node]) -> list[str]:
@@ -236,7 +363,7 @@ class _Writer:
         texts = [arithmetic.text(tree) for tree in trees.values()]
         used = self._names(trees.values())
         unpacked = [*self._unpacked(self.layout.state, "_state", used), *self._looked_up(used)]
-        return [*unpacked, *arithmetic.lines, f"return {_tuple(texts)}"]
+        return [*unpacked, *arithmetic.lines, f"return {tuple_of(texts)}"]
 
     def _names(self, trees: Iterable[Node]) -> set[str]:
         return set().union(*(free_names(tree) for tree in trees))
@@ -262,26 +389,6 @@ class _Writer:
         return lines
 
 
-def _components(layout: Layout, *vectors: tuple[str, tuple[str, ...]]) -> list[str]:
-    """Name every component of vectors: ``q1`` of y is ``q1_y``."""
-    bare = {**dict.fromkeys(layout.coordinates), **dict.fromkeys(layout.states)}
-    names = []
-    for symbol, components in vectors:
-        for one in components:
-            owner = one if one in bare else one.split("_", 1)[1]
-            names.append(f"{symbol}_{owner}")
-    return names
-
-
-def _renamed(node: Node, names: Mapping[str, str]) -> Node:
-    return expand(node, {old: Name(new) for old, new in names.items()})
-
-
-def _tuple(items: Iterable[str]) -> str:
-    listed = list(items)
-    return f"({listed[0]},)" if len(listed) == 1 else f"({', '.join(listed)})"
-
-
-def _function(signature: str, docstring: str, lines: list[str]) -> str:
+def _function(signature: str, docstring: str, lines: list[str], decorator: str = "compiled") -> str:
     body = "\n".join(f"    {line}" for line in lines)
-    return f'\n@compiled\ndef {signature}:\n    """{docstring}"""\n{body}\n'
+    return f'\n@{decorator}\ndef {signature}:\n    """{docstring}"""\n{body}\n'

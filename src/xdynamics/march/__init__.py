@@ -1,7 +1,8 @@
-"""The march: propose, judge, locate, accept, note; in compiled blocks."""
+"""The march: aim, propose, judge, reject or locate and accept, note; in compiled blocks."""
 
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import OUTCOMES, Outcome
-from xdynamics.march.runner import Block, March, Settings
+from xdynamics.march.runner import Block, March
+from xdynamics.march.settings import Pacing, Settings, Tolerances
 
-__all__ = ["OUTCOMES", "Block", "Log", "March", "Outcome", "Settings"]
+__all__ = ["OUTCOMES", "Block", "Log", "March", "Outcome", "Pacing", "Settings", "Tolerances"]

@@ -6,10 +6,10 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 from xdynamics.kernels.compiling import borrowed, compiled
-from xdynamics.march import events, log, loop
+from xdynamics.march import control, events, log, loop
 from xdynamics.march.finite import all_finite
 
-ROOMS: tuple[ModuleType, ...] = (log, events, loop)
+ROOMS: tuple[ModuleType, ...] = (log, control, events, loop)
 
 
 def bind(name: str, generated: dict[str, Any]) -> Any:
@@ -44,8 +44,9 @@ def _functions_of(room: ModuleType) -> list[tuple[str, FunctionType]]:
 @compiled
 def lend_plan(plan: log.Plan, tables: Any) -> log.Plan:
     """Return the plan with arrays that are not counted."""
-    return log.Plan(plan.start, plan.step_size, borrowed(plan.nodes), plan.snap, plan.directions, plan.tolerances,
-                    plan.stops, plan.parameters, tables, plan.sampled)  # fmt: skip
+    return log.Plan(plan.start, plan.step_size, borrowed(plan.grid), borrowed(plan.steps), plan.control,
+                    borrowed(plan.nodes), plan.snap, plan.directions, plan.tolerances, plan.stops, plan.parameters,
+                    tables, plan.sampled)  # fmt: skip
 
 
 @compiled

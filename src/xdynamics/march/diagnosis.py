@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from xdynamics.kernels.stepping import MOST_ITERATIONS
+from xdynamics.march import outcomes
 from xdynamics.march.outcomes import (
     NONFINITE,
     NONFINITE_EVENT,
@@ -45,7 +47,7 @@ def diagnose(march: March, log: Log, base: Tally) -> Failure:
     if memory.status == NONFINITE_OBSERVABLE:
         return _in_row(march, log, base)
     if memory.status != NONFINITE:
-        return Failure(OUTCOMES[memory.status], "")
+        return Failure(OUTCOMES[memory.status], _cause(march))
     started = memory.tally.rows == 1 and memory.h == 0.0
     first = 0 if started else memory.tally.samples - base.samples
     for at in range(first, first + (1 if started else march.plan.sampled)):
@@ -53,6 +55,26 @@ def diagnose(march: March, log: Log, base: Tally) -> Failure:
         if failure := _in_sample(march, column):
             return failure
     return _in_state(march, dict(zip(march.layout.state, memory.trial, strict=True)))
+
+
+def _cause(march: March) -> str:
+    """Say in words why a march that met nothing infinite cannot go on."""
+    norm, control = march.memory.norm, march.plan.control
+    match march.memory.status:
+        case outcomes.ERROR_AT_MINIMUM:
+            return f"the error test fails at the minimum step, with norm {norm:.3g}; the tolerance or the minimum step does not suit the model"
+        case outcomes.STEP_LIMIT:
+            return f"{control.most_steps:.0f} accepted and rejected steps are used up; raise max_steps or the tolerances"
+        case outcomes.UNSOLVED:
+            return f"Newton's method does not solve the step's equations in {MOST_ITERATIONS} iterations; take a shorter step"
+        case outcomes.STEP_TOO_SMALL if control.adaptive:
+            return (
+                f"the error test fails, with norm {norm:.3g}, at the shortest step that t resolves; the solution has a"
+                " singularity here, or t is too large for its time scale"
+            )
+        case outcomes.STEP_TOO_SMALL:
+            return "t + h is t in double precision; take a longer step or an earlier t"
+    return ""
 
 
 def _in_row(march: March, log: Log, base: Tally) -> Failure:

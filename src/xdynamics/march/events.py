@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import nan
+
 from xdynamics.march.interface import State, detect, propose
 from xdynamics.march.log import MOST_SUBSTEPS, Log, Memory, Plan, Tally, note_trial
 from xdynamics.schema import REASON_EVENT
@@ -39,24 +41,27 @@ def locate(
         The step from the unchanged state to the event.
     trials : int
         Rejected trials of the run so far; each substep is one.
+    evaluations : int
+        Force evaluations of the substeps.
     """
-    trials = memory.tally.trials + 1
+    trials, evaluations = memory.tally.trials + 1, 0
     for i in range(len(values)):
         log.lows[i] = 0.0
         if crosses(plan.directions[i], memory.values[i], values[i]):
-            h, trial, values, trials = _bracket(i, plan, memory, log, base, h, trial, values, trials)
-    return h, trials
+            h, trial, values, trials, more = _bracket(i, plan, memory, log, base, h, trial, values, trials)
+            evaluations += more
+    return h, trials, evaluations
 
 
 def _bracket(
     i: int, plan: Plan, memory: Memory, log: Log, base: Tally, high: float, trial: State, values: State, trials: int,
-) -> tuple[float, State, State, int]:  # fmt: skip
+) -> tuple[float, State, State, int, int]:  # fmt: skip
     """Narrow one event's bracket [low, high] of steps to its time tolerance, by the ITP method.
 
     Event i has not crossed after `low` and has after `high`; where another event crosses earlier, a later call
     narrows further.
     """
-    low, at_low = 0.0, memory.values[i]
+    low, at_low, evaluations = 0.0, memory.values[i], 0
     tolerance = max(plan.tolerances[i], 2.0 * EPS * max(abs(memory.t), abs(memory.t + high)))
     slack = _reach(high, tolerance)
     scale = 0.2 / high
@@ -71,18 +76,19 @@ def _bracket(
             s = min((low + high) / 2.0, low + tolerance)
         if not low < s < high:
             break
-        note_trial(log, trials - base.trials, memory, s, REASON_EVENT)
+        note_trial(log, trials - base.trials, memory, s, nan, REASON_EVENT)
         trials += 1
         at = memory.tally.samples - base.samples
-        tried, _at = propose(memory.t, memory.t + s, s, memory.state, plan.parameters, plan.tables, memory.pieces,
-                             log, at, memory.tally.rows)  # fmt: skip
+        tried, _error, _at, effort = propose(memory.t, memory.t + s, s, memory.state, plan.parameters, plan.tables,
+                                              memory.pieces, log, at, memory.tally.rows)  # fmt: skip
+        evaluations += effort[0]
         found = detect(memory.t + s, tried, plan.parameters, plan.tables, memory.pieces)
         if crosses(plan.directions[i], memory.values[i], found[i]):
             high, trial, values = s, tried, found
         else:
             low, at_low = s, found[i]
     log.lows[i] = low
-    return high, trial, values, trials
+    return high, trial, values, trials, evaluations
 
 
 def _reach(width: float, tolerance: float) -> float:

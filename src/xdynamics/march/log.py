@@ -16,11 +16,30 @@ Words = NDArray[np.int8]
 MOST_SUBSTEPS = 200  # of one event's bracket; halving alone needs 60
 
 
+class Control(NamedTuple):
+    """How steps are chosen; without `adaptive` they are given and the tolerances only scale the errors."""
+
+    adaptive: bool
+    rtol: float
+    atol: tuple[float, ...]  # of everything a force evaluation uses
+    order: float  # k: the error of a step falls as h**k
+    safety: float
+    least: float  # factors between one step and the next
+    greatest: float
+    min_step: float
+    max_step: float
+    first: float  # first step; 0 has it chosen
+    most_steps: float  # accepted and rejected
+
+
 class Plan(NamedTuple):
     """What a march does not change."""
 
     start: float
-    step_size: float
+    step_size: float  # of the uniform grid; 0 where the grid is given
+    grid: Floats  # times of a given grid, from the start on
+    steps: Floats  # the step to each of them
+    control: Control
     nodes: Floats  # times to land on; the end is the last
     snap: float  # a grid time this close to a node is that node
     directions: tuple[int, ...]
@@ -40,6 +59,15 @@ class Tally(NamedTuple):
     samples: int
 
 
+class Pace(NamedTuple):
+    """What step control remembers."""
+
+    step: float  # to try next
+    norm: float  # of the error of the last accepted step
+    rejected: bool  # whether the last trial was
+    first: float  # the first step
+
+
 class Memory(NamedTuple):
     """All that a march knows between two blocks; it goes on from this to the same bits."""
 
@@ -53,6 +81,9 @@ class Memory(NamedTuple):
     trial: tuple[float, ...]  # the state last proposed
     values: tuple[float, ...]  # of the event functions at t
     pieces: tuple[int, ...]  # of the drives of time
+    norm: float  # of the error of the trial last proposed
+    pace: Pace
+    evaluations: int  # of the forces, those of rejected trials included
     tally: Tally
 
 
@@ -70,11 +101,11 @@ class Log(NamedTuple):
     lows: Floats  # scratch: left end of each event's bracket, as a step
 
 
-def note_trial(log: Log, at: int, memory: Memory, h: float, reason: int) -> None:
+def note_trial(log: Log, at: int, memory: Memory, h: float, norm: float, reason: int) -> None:
     """Write one rejected trial."""
     log.trials[0, at] = memory.t
     log.trials[1, at] = h
-    log.trials[2, at] = np.nan
+    log.trials[2, at] = norm
     log.trials[3, at] = memory.tally.rows - 1
     log.trials[4, at] = reason
 

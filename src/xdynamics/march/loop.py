@@ -1,26 +1,57 @@
-"""The time loop: aim, propose, judge, locate, accept, note.
+"""The time loop: aim, propose, judge, reject or locate and accept, note.
 
 Plain Python that numba compiles together with the functions of one model and one method; see `march.interface`.
 """
 
 from __future__ import annotations
 
+from math import nan
+
 import numpy as np
 
+from xdynamics.march.control import STRETCH, accepts, first_step, grown, reduced, shortest
 from xdynamics.march.events import crosses, crosses_any, locate
 from xdynamics.march.finite import all_finite
-from xdynamics.march.interface import State, begin, detect, note, pieces_at, propose, slopes
-from xdynamics.march.log import MOST_SUBSTEPS, Log, Memory, Plan, Tally, note_trial
+from xdynamics.march.interface import (
+    DOMAIN_LIMITED,
+    ESTIMATES,
+    NO_ERROR,
+    Effort,
+    State,
+    begin,
+    detect,
+    error_norm,
+    note,
+    pieces_at,
+    propose,
+    slopes,
+)
+from xdynamics.march.log import MOST_SUBSTEPS, Log, Memory, Pace, Plan, Tally, note_trial
 from xdynamics.march.outcomes import (
     COMPLETED,
+    ERROR_AT_MINIMUM,
     NONFINITE,
     NONFINITE_EVENT,
     NONFINITE_OBSERVABLE,
     RUNNING,
+    STEP_LIMIT,
     STEP_TOO_SMALL,
     STOPPED,
+    UNSOLVED,
 )
-from xdynamics.schema import CROSSING, EVENT_AFTER, EVENT_BEFORE, INITIAL, NODE, REASON_EVENT, REASON_NONFINITE, STEP
+from xdynamics.schema import (
+    CROSSING,
+    EVENT_AFTER,
+    EVENT_BEFORE,
+    INITIAL,
+    NODE,
+    REASON_DOMAIN,
+    REASON_ERROR,
+    REASON_EVENT,
+    REASON_NEWTON,
+    REASON_NONFINITE,
+    STEP,
+)
 
 AT_GRID, AT_NODE, AT_BOTH = 1, 2, 3
 
@@ -52,41 +83,50 @@ def march(plan: Plan, memory: Memory, log: Log, base: Tally, pause: int) -> Memo
         target, h, landing = _aim(plan, memory)
         if not (memory.t + h > memory.t and target > memory.t):
             return _ended(memory, STEP_TOO_SMALL, h, memory.state, memory.values)
+        if memory.tally.rows + memory.tally.trials > plan.control.most_steps:
+            return _ended(memory, STEP_LIMIT, h, memory.state, memory.values)
         p, tables, pieces, tally, node = plan.parameters, plan.tables, memory.pieces, memory.tally, memory.node
         at = tally.samples - base.samples
-        trial, at = propose(memory.t, target, h, memory.state, p, tables, pieces, log, at, tally.rows)
+        trial, error, at, effort = propose(memory.t, target, h, memory.state, p, tables, pieces, log, at, tally.rows)
         values = detect(target, trial, p, tables, pieces)
-        verdict = _judge(trial, values)
+        verdict, norm = _judge(plan, memory, trial, error, values, effort)
+        memory = _worked(memory, norm, effort)
         if verdict != RUNNING:
-            note_trial(log, tally.trials - base.trials, memory, h, REASON_NONFINITE)
-            return _ended(_counted(memory, 1), verdict, h, trial, values)
-        if crosses_any(plan.directions, memory.values, values):
+            memory = _reject(plan, memory, log, base, h, trial, values, verdict)
+        elif crosses_any(plan.directions, memory.values, values):
             memory = _land_on_event(plan, memory, log, base, target, h, landing, trial, values)
         else:
-            kind = STEP if landing == AT_GRID else NODE
-            if landing != AT_GRID and memory.node == plan.nodes.shape[0] - 1:
-                kind = STEP  # the end of the run is no breakpoint
-            if not note(log, tally.rows - base.rows, target, h, kind, trial, p, tables, pieces):
-                return _ended(memory, NONFINITE_OBSERVABLE, h, trial, values)
-            tally = Tally(tally.rows + 1, tally.trials, tally.events, at + base.samples)
-            memory = _landed(plan, memory, RUNNING, target, h, landing, trial, values, tally)
+            memory = _accept(plan, memory, log, base, target, h, landing, trial, error, values, effort, at)
         if memory.status == RUNNING and memory.node != node:
             memory = _cross_node(plan, memory, log, base)
     return memory
 
 
 def _start(plan: Plan, memory: Memory, log: Log) -> Memory:
-    """Evaluate and note the initial state."""
+    """Evaluate and note the initial state; choose the first step."""
     t, p, tables = memory.t, plan.parameters, plan.tables
     pieces = pieces_at(t, tables)
     state, samples = begin(t, memory.state, p, tables, pieces, log, 0, 0)
     values = detect(t, state, p, tables, pieces)
-    noted = note(log, 0, t, 0.0, INITIAL, state, p, tables, pieces)
-    status = _judge(state, values)
+    noted = note(log, 0, t, 0.0, INITIAL, state, 0.0, NO_ERROR, 0, p, tables, pieces)
+    status = NONFINITE if not all_finite(state) else RUNNING if all_finite(values) else NONFINITE_EVENT
     if status == RUNNING and not noted:
         status = NONFINITE_OBSERVABLE
-    tally = Tally(1, 0, 0, samples)
-    return Memory(status, t, 0.0, 0, 0, True, state, state, values, pieces, tally)
+    pace, evaluations = memory.pace, 1
+    memory = Memory(
+        status, t, 0.0, 0, 0, True, state, state, values, pieces, 0.0, pace, evaluations, Tally(1, 0, 0, samples)
+    )
+    if not (ESTIMATES and plan.control.adaptive and status == RUNNING):
+        return memory
+    first = plan.control.first
+    if first == 0.0:
+        first = first_step(plan, memory, state, log)
+        evaluations += 1
+        samples += samples
+    pace = Pace(first, 1.0, False, first)
+    return Memory(
+        status, t, 0.0, 0, 0, True, state, state, values, pieces, 0.0, pace, evaluations, Tally(1, 0, 0, samples)
+    )
 
 
 def _has_room(plan: Plan, log: Log, base: Tally, tally: Tally) -> bool:
@@ -101,21 +141,113 @@ def _has_room(plan: Plan, log: Log, base: Tally, tally: Tally) -> bool:
 
 
 def _aim(plan: Plan, memory: Memory) -> tuple[float, float, int]:
-    """Choose where the next step ends: the next grid time or an earlier node; the step; what is landed on."""
-    grid_time = plan.start + (memory.grid + 1) * plan.step_size
+    """Choose where the next step ends: a grid time or an earlier node; the step; what is landed on."""
     node_time = plan.nodes[memory.node]
+    if ESTIMATES and plan.control.adaptive:
+        return _aim_freely(plan, memory, node_time)
+    if plan.step_size > 0.0:
+        grid_time, step = plan.start + (memory.grid + 1) * plan.step_size, plan.step_size
+    else:
+        grid_time, step = plan.grid[memory.grid], plan.steps[memory.grid]
     if node_time > grid_time + plan.snap:
-        return grid_time, plan.step_size if memory.on_grid else grid_time - memory.t, AT_GRID
+        return grid_time, step if memory.on_grid else grid_time - memory.t, AT_GRID
     if node_time >= grid_time - plan.snap:
-        return node_time, plan.step_size if memory.on_grid else node_time - memory.t, AT_BOTH
+        return node_time, step if memory.on_grid else node_time - memory.t, AT_BOTH
     return node_time, node_time - memory.t, AT_NODE
 
 
-def _judge(trial: State, values: State) -> int:
-    """Return RUNNING for a trial that may be accepted, else how the run ends."""
+def _aim_freely(plan: Plan, memory: Memory, node_time: float) -> tuple[float, float, int]:
+    """Take the step that control proposes, or what is left to the next node."""
+    h, rest = memory.pace.step, node_time - memory.t
+    if rest <= h or (rest <= STRETCH * h and rest <= plan.control.max_step):
+        return node_time, rest, AT_NODE
+    target = memory.t + h
+    return target, target - memory.t, AT_GRID  # so that t + h is the target to the bit
+
+
+def _judge(
+    plan: Plan, memory: Memory, trial: State, error: State, values: State, effort: Effort
+) -> tuple[int, float]:  # fmt: skip
+    """Return RUNNING for a trial that may be accepted, else how the run ends if it cannot be repeated; and its norm."""
+    if effort[1] < 0:
+        return UNSOLVED, nan
     if not all_finite(trial):
-        return NONFINITE
-    return RUNNING if all_finite(values) else NONFINITE_EVENT
+        return NONFINITE, nan
+    if not all_finite(values):
+        return NONFINITE_EVENT, nan
+    if not ESTIMATES:
+        return RUNNING, 0.0
+    norm = error_norm(memory.state, trial, error, plan.control.rtol, plan.control.atol)
+    return ERROR_AT_MINIMUM if plan.control.adaptive and not accepts(norm) else RUNNING, norm
+
+
+def _reject(
+    plan: Plan, memory: Memory, log: Log, base: Tally, h: float, trial: State, values: State, verdict: int
+) -> Memory:
+    """Note a trial that failed; repeat it shorter from the unchanged state, or end the run."""
+    note_trial(log, memory.tally.trials - base.trials, memory, h, memory.norm, _reason(verdict, trial))
+    memory = _counted(memory, 1)
+    if not (ESTIMATES and plan.control.adaptive):
+        return _ended(memory, verdict, h, trial, values)
+    if h <= shortest(plan, memory.t):
+        if verdict == ERROR_AT_MINIMUM and plan.control.min_step < h:
+            verdict = STEP_TOO_SMALL
+        return _ended(memory, verdict, h, trial, values)
+    pace = reduced(plan, memory.pace, memory.t, h, memory.norm, verdict == ERROR_AT_MINIMUM)
+    return Memory(
+        RUNNING, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, memory.state, trial,
+        memory.values, memory.pieces, memory.norm, pace, memory.evaluations, memory.tally,
+    )  # fmt: skip
+
+
+def _reason(verdict: int, trial: State) -> int:
+    """Name the reason of a rejection; a number that is none comes from outside the domain of a function or table."""
+    if verdict == ERROR_AT_MINIMUM:
+        return REASON_ERROR
+    if verdict == UNSOLVED:
+        return REASON_NEWTON
+    undefined = False
+    for value in trial:
+        undefined = undefined or value != value
+    return REASON_DOMAIN if undefined and DOMAIN_LIMITED else REASON_NONFINITE
+
+
+def _accept(
+    plan: Plan,
+    memory: Memory,
+    log: Log,
+    base: Tally,
+    target: float,
+    h: float,
+    landing: int,
+    trial: State,
+    error: State,
+    values: State,
+    effort: Effort,
+    at: int,
+) -> Memory:
+    """Note an accepted state and go on from it."""
+    kind = STEP if landing == AT_GRID else NODE
+    if landing != AT_GRID and memory.node == plan.nodes.shape[0] - 1:
+        kind = STEP  # the end of the run is no breakpoint
+    p, tables, tally = plan.parameters, plan.tables, memory.tally
+    row = tally.rows - base.rows
+    if not note(log, row, target, h, kind, trial, memory.norm, error, effort[1], p, tables, memory.pieces):
+        return _ended(memory, NONFINITE_OBSERVABLE, h, trial, values)
+    memory = _paced(plan, memory, h, landing != AT_GRID)
+    tally = Tally(tally.rows + 1, tally.trials, tally.events, at + base.samples)
+    return _landed(plan, memory, RUNNING, target, h, landing, trial, values, tally)
+
+
+def _paced(plan: Plan, memory: Memory, h: float, cut: bool) -> Memory:
+    """Choose the step after an accepted one."""
+    if not (ESTIMATES and plan.control.adaptive):
+        return memory
+    pace = grown(plan.control, memory.pace, h, memory.norm, cut)
+    return Memory(
+        memory.status, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, memory.state, memory.trial,
+        memory.values, memory.pieces, memory.norm, pace, memory.evaluations, memory.tally,
+    )  # fmt: skip
 
 
 def _landed(
@@ -126,7 +258,10 @@ def _landed(
     node = memory.node + (1 if landing != AT_GRID else 0)
     if status == RUNNING and node == plan.nodes.shape[0]:
         status = COMPLETED
-    return Memory(status, t, h, grid, node, landing != AT_NODE, state, state, values, memory.pieces, tally)
+    return Memory(
+        status, t, h, grid, node, landing != AT_NODE, state, state, values, memory.pieces, memory.norm,
+        memory.pace, memory.evaluations, tally,
+    )  # fmt: skip
 
 
 def _land_on_event(
@@ -142,19 +277,22 @@ def _land_on_event(
 ) -> Memory:
     """Locate the first event of a step, advance to it, and note the state on either side."""
     p, tables, pieces = plan.parameters, plan.tables, memory.pieces
-    note_trial(log, memory.tally.trials - base.trials, memory, h, REASON_EVENT)
-    s, trials = locate(plan, memory, log, base, h, trial, values)
+    note_trial(log, memory.tally.trials - base.trials, memory, h, memory.norm if ESTIMATES else nan, REASON_EVENT)
+    memory = _paced(plan, memory, h, landing != AT_GRID)
+    s, trials, tried = locate(plan, memory, log, base, h, trial, values)
     # two events closer than the spacing of t are two rows all the same
     time = max(memory.t + s, np.nextafter(memory.t, np.inf))
     reached = s == h or time >= target
     time = target if reached else time
     at = memory.tally.samples - base.samples
-    state, at = propose(memory.t, time, s, memory.state, p, tables, pieces, log, at, memory.tally.rows)
+    state, error, at, effort = propose(memory.t, time, s, memory.state, p, tables, pieces, log, at, memory.tally.rows)
     values = detect(time, state, p, tables, pieces)
+    norm = error_norm(memory.state, state, error, plan.control.rtol, plan.control.atol)
+    memory = _worked(memory, norm, (tried + effort[0], effort[1]))
     row, events, status = memory.tally.rows, memory.tally.events, RUNNING
-    if not note(log, row - base.rows, time, s, EVENT_BEFORE, state, p, tables, pieces):
+    if not note(log, row - base.rows, time, s, EVENT_BEFORE, state, norm, error, effort[1], p, tables, pieces):
         return _ended(_counted(memory, trials - memory.tally.trials), NONFINITE_OBSERVABLE, s, state, values)
-    note(log, row + 1 - base.rows, time, 0.0, EVENT_AFTER, state, p, tables, pieces)
+    note(log, row + 1 - base.rows, time, 0.0, EVENT_AFTER, state, 0.0, NO_ERROR, 0, p, tables, pieces)
     rates = slopes(time, state, p, tables, pieces)
     for i in range(len(values)):
         if crosses(plan.directions[i], memory.values[i], values[i]):
@@ -166,7 +304,10 @@ def _land_on_event(
     tally = Tally(row + 2, trials, events, at + base.samples)
     if reached:
         return _landed(plan, memory, status, time, s, landing, state, values, tally)
-    return Memory(status, time, s, memory.grid, memory.node, False, state, state, values, pieces, tally)
+    return Memory(
+        status, time, s, memory.grid, memory.node, False, state, state, values, pieces, norm, memory.pace,
+        memory.evaluations, tally,
+    )  # fmt: skip
 
 
 def _note_event(
@@ -195,25 +336,16 @@ def _cross_node(plan: Plan, memory: Memory, log: Log, base: Tally) -> Memory:
     was = memory.tally
     tally = Tally(was.rows, was.trials, was.events, at + base.samples)
     return Memory(
-        RUNNING,
-        memory.t,
-        memory.h,
-        memory.grid,
-        memory.node,
-        memory.on_grid,
-        state,
-        state,
-        memory.values,
-        pieces,
-        tally,
-    )
+        RUNNING, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, state, state, memory.values, pieces,
+        memory.norm, memory.pace, memory.evaluations + 1, tally,
+    )  # fmt: skip
 
 
 def _ended(memory: Memory, status: int, h: float, trial: State, values: State) -> Memory:
     """Stop where the march stands."""
     return Memory(
-        status, memory.t, h, memory.grid, memory.node, memory.on_grid,
-        memory.state, trial, values, memory.pieces, memory.tally,
+        status, memory.t, h, memory.grid, memory.node, memory.on_grid, memory.state, trial, values, memory.pieces,
+        memory.norm, memory.pace, memory.evaluations, memory.tally,
     )  # fmt: skip
 
 
@@ -222,6 +354,14 @@ def _counted(memory: Memory, trials: int) -> Memory:
     was = memory.tally
     tally = Tally(was.rows, was.trials + trials, was.events, was.samples)
     return Memory(
-        memory.status, memory.t, memory.h, memory.grid, memory.node, memory.on_grid,
-        memory.state, memory.trial, memory.values, memory.pieces, tally,
+        memory.status, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, memory.state, memory.trial,
+        memory.values, memory.pieces, memory.norm, memory.pace, memory.evaluations, tally,
+    )  # fmt: skip
+
+
+def _worked(memory: Memory, norm: float, effort: Effort) -> Memory:
+    """Count force evaluations and keep the norm of the error."""
+    return Memory(
+        memory.status, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, memory.state, memory.trial,
+        memory.values, memory.pieces, norm, memory.pace, memory.evaluations + effort[0], memory.tally,
     )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 RUNNING, COMPLETED, STOPPED, NONFINITE, NONFINITE_EVENT, STEP_TOO_SMALL, INTERRUPTED, NONFINITE_OBSERVABLE = range(8)
+ERROR_AT_MINIMUM, UNSOLVED, STEP_LIMIT = range(8, 11)
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,10 @@ OUTCOMES: dict[int, Outcome] = {
     NONFINITE: Outcome("nonfinite_state", "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"),
     NONFINITE_EVENT: Outcome("nonfinite_event", "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"),
     NONFINITE_OBSERVABLE: Outcome("nonfinite_observable", "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"),
-    STEP_TOO_SMALL: Outcome("step_below_spacing", "at t = {t} s, h = {h} s: t + h is t in double precision; take a longer step or an earlier t"),
+    STEP_TOO_SMALL: Outcome("step_below_spacing", "at t = {t} s, h = {h} s: {cause}"),
+    ERROR_AT_MINIMUM: Outcome("error_test_at_minimum_step", "at t = {t} s, h = {h} s: {cause}; the last accepted state is kept"),
+    UNSOLVED: Outcome("equations_unsolved", "at t = {t} s, h = {h} s: {cause}; the last accepted state is kept"),
+    STEP_LIMIT: Outcome("step_limit", "at t = {t} s, h = {h} s: {cause}"),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t} s; the rows up to there are kept"),
 }  # fmt: skip
 

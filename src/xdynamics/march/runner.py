@@ -8,69 +8,28 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from math import isfinite
 from types import FrameType
 
 import numpy as np
 
 from xdynamics.faults import InputError
-from xdynamics.kernels import Layout, Problem, compile_march, pose, source_digest, write_source
+from xdynamics.kernels import Problem, compile_march, pose, source_digest, write_source
 from xdynamics.kernels.cache import missing_functions
+from xdynamics.kernels.layout import EXTRAPOLATED, STEP_DOUBLING
 from xdynamics.march.diagnosis import Failure, diagnose
-from xdynamics.march.log import Log, Memory, Plan, Tally, allocate
+from xdynamics.march.log import Control, Floats, Log, Memory, Pace, Plan, Tally, allocate
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES, RUNNING, STOPPED, Outcome
-from xdynamics.methods import Method
+from xdynamics.march.settings import Settings
 from xdynamics.model import Model
-from xdynamics.units import TIME, Scales
+from xdynamics.schema import EVENT_AFTER
+from xdynamics.units import TIME
 
-UNSCALED = Scales()
 PAUSE_ROWS = 250_000  # between two looks at the clock and the keyboard
 LARGEST_BLOCK = 1 << 24
+FIRST_BLOCK = 1 << 12  # rows, where nobody knows how many there will be
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What was asked of a march, checked.
-
-    Attributes
-    ----------
-    method : Method
-    step : float
-        Step of the fixed grid t0 + n h, s.
-    until : float
-        End, s.
-    samples : bool
-        Whether every force evaluation of an accepted step is logged.
-    scales : Scales
-        Scales of the nondimensional variables marched in.
-    """
-
-    method: Method
-    step: float
-    until: float
-    samples: bool = True
-    scales: Scales = UNSCALED
-
-    def check(self, model: Model) -> None:
-        """Refuse a step or an end that no march could use.
-
-        Raises
-        ------
-        InputError
-            Naming the value and what was needed.
-        """
-        start = model.initial["t"].si
-        if not isfinite(self.step) or self.step <= 0:
-            raise InputError(f"step is {self.step!r} s, needs a positive time")
-        if not isfinite(self.until) or self.until <= start:
-            raise InputError(f"until is {self.until!r} s, needs a time after the start at t = {start!r} s")
-        if self.scales != UNSCALED and model.python_forces:
-            raise InputError("scales do not go with forces in Python, which are written in SI units")
-        if (self.until - start) / self.step > 2**53:
-            raise InputError(f"step {self.step!r} s makes over 2**53 steps to {self.until!r} s; take a longer one")
 
 
 @dataclass(frozen=True)
@@ -106,17 +65,18 @@ class March:
         self.model = model
         self.settings = settings
         self.progress = progress
-        self.layout = Layout(model)
+        self.layout = settings.layout(model)
         self.problem: Problem = pose(model, settings.scales)
         self.memory = self._before()
         self.interrupted = False
         self.stopping_event = ""
+        self.event_pairs = 0
         self._failure: Failure | None = None
 
     @cached_property
     def source(self) -> str:
         """Source text of the compiled march."""
-        return write_source(self.model, self.settings.method, samples=self.settings.samples)
+        return write_source(self.layout, self.settings.method, samples=self.settings.samples)
 
     @property
     def force_digest(self) -> str:
@@ -130,25 +90,63 @@ class March:
         scale = self.settings.scales.of(TIME)
         start, end = self.problem.start, self.settings.until / scale
         inner = self.problem.nodes[(self.problem.nodes > start) & (self.problem.nodes < end)]
-        snap = 4.0 * np.finfo(float).eps * max(abs(start), abs(end))
+        nodes, step = np.append(inner, end), self.settings.step
+        snap = 4.0 * float(np.finfo(float).eps) * max(abs(start), abs(end))
+        grid, steps = _given(start, step, scale, nodes, snap) if isinstance(step, tuple) else (np.empty(0), np.empty(0))
         events = self.model.events.values()
+        uniform = step / scale if isinstance(step, float | int) and not self.settings.adaptive else 0.0
         return Plan(
             start,
-            self.settings.step / scale,
-            np.append(inner, end),
-            float(snap),
+            uniform,
+            grid,
+            steps,
+            self._control(start, end),
+            nodes,
+            snap,
             tuple(_DIRECTIONS[one.direction] for one in events) or (0,),
             tuple(one.time_tolerance.si / scale for one in events) or (1.0,),
             tuple(one.action == "stop" for one in events) or (False,),
             self.problem.parameters,
             self.problem.tables,
-            self.settings.method.evaluations if self.settings.samples else 0,
+            self._sampled,
         )
 
     @property
-    def expected_rows(self) -> int:
-        """Rows of a run without events."""
-        return int((self.plan.nodes[-1] - self.plan.start) / self.plan.step_size) + len(self.plan.nodes) + 3
+    def _sampled(self) -> int:
+        """Force samples that one step logs at most."""
+        if not self.settings.samples:
+            return 0
+        marched = 3 if self.settings.estimator in (STEP_DOUBLING, EXTRAPOLATED) else 1
+        return marched * self.settings.method.evaluations + (self.settings.estimator == EXTRAPOLATED)
+
+    def _control(self, start: float, end: float) -> Control:
+        settings, pacing = self.settings, self.settings.pacing
+        scale = settings.scales.of(TIME)
+        sizes = {name: settings.scales.of(self.model.dimensions[name]) for name in self.layout.used}
+        asked = settings.tolerances
+        # without tolerances nothing is asked of an error
+        atol = tuple(asked.of(name) / sizes[name] if asked else float("inf") for name in self.layout.used)
+        return Control(
+            settings.adaptive,
+            asked.rtol if asked else 0.0,
+            atol,
+            float(settings.error_order),
+            pacing.safety,
+            *map(float, pacing.growth_limits),
+            pacing.min_step / scale,
+            min(pacing.max_step / scale, end - start),
+            settings.step / scale if settings.adaptive and isinstance(settings.step, float | int) else 0.0,
+            float(pacing.max_steps) if settings.adaptive else float("inf"),
+        )
+
+    @property
+    def expected_rows(self) -> int | None:
+        """Rows of a run without events; unknown where steps are chosen."""
+        if self.settings.adaptive:
+            return None
+        plan = self.plan
+        steps = (plan.nodes[-1] - plan.start) / plan.step_size if plan.step_size else len(plan.steps)
+        return int(steps) + len(plan.nodes) + 3
 
     def blocks(self, rows: int | None = None) -> Iterator[Block]:
         """March to the end, handing over one block after the other.
@@ -159,7 +157,7 @@ class March:
             Rows a block holds. Two logs are filled in turn, so a block may be used until the next but one is asked
             for. Without it every block is new, and one holds the run if it can.
         """
-        size = rows or min(self.expected_rows, LARGEST_BLOCK)
+        size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():
             run = self._compiled()
@@ -174,8 +172,14 @@ class March:
                 self._fill(run, log, base)
                 self._look_at_the_end(log, base)
                 now = self.memory.tally
+                self.event_pairs += int(np.count_nonzero(log.row_flags[0, : now.rows - base.rows] == EVENT_AFTER))
                 yield Block(log, *(int(a) - int(b) for a, b in zip(now, base, strict=True)))
-                size = rows or min(size, 1 << 20)
+                size = rows or min(4 * size if self.settings.adaptive else size, 1 << 20)
+
+    @property
+    def accepted(self) -> int:
+        """How many steps were accepted; an event's second row is none."""
+        return max(0, self.memory.tally.rows - 1 - self.event_pairs)
 
     @property
     def outcome(self) -> Outcome:
@@ -221,7 +225,8 @@ class March:
         state = self.problem.initial + (0.0,) * (n - len(self.problem.initial))
         values = (0.0,) * max(1, len(self.model.events))
         pieces = (0,) * len(self.layout.time_drives)
-        return Memory(RUNNING, self.problem.start, 0.0, 0, 0, True, state, state, values, pieces, Tally(0, 0, 0, 0))
+        pace, tally = Pace(0.0, 1.0, False, 0.0), Tally(0, 0, 0, 0)
+        return Memory(RUNNING, self.problem.start, 0.0, 0, 0, True, state, state, values, pieces, 0.0, pace, 0, tally)
 
     def _compiled(self) -> Callable[..., Memory]:
         from numba.core.errors import NumbaError
@@ -257,3 +262,14 @@ class March:
             yield
         finally:
             signal.signal(signal.SIGINT, previous)
+
+
+def _given(start: float, steps: tuple[float, ...], scale: float, nodes: Floats, snap: float) -> tuple[Floats, Floats]:
+    """Return the times that given steps lead to, those close to a node being that node, and the steps."""
+    times, t = [], start
+    for step in steps:
+        t = t + step / scale
+        near = nodes[np.abs(nodes - t) <= snap]
+        t = float(near[0]) if near.size else t
+        times.append(t)
+    return np.array(times), np.array(steps) / scale

@@ -84,8 +84,15 @@ class Solve:
 
     @property
     def definitions(self) -> tuple[Statement, ...]:
-        """Vectors that follow from the unknowns."""
-        return tuple(one for one in self.body if isinstance(one, Statement) and one.target not in self.unknowns)
+        """Vectors that follow from the unknowns, each behind those that it reads."""
+        waiting = [one for one in self.body if isinstance(one, Statement) and one.target not in self.unknowns]
+        ordered: list[Statement] = []
+        while waiting:
+            missing = {one.target for one in waiting}
+            ready = [one for one in waiting if not one.vectors & missing]
+            ordered += ready
+            waiting = [one for one in waiting if one not in ready]
+        return tuple(ordered)
 
     @property
     def evaluations(self) -> tuple[Evaluation, ...]:
@@ -177,7 +184,7 @@ class Method:
 
     def refusals(self, model: Model) -> list[str]:
         """Say why the method cannot march a model; empty if it can."""
-        traits = traits_of(model)
+        traits = traits_of(model) if self.refuses else {}
         return [f"it is not defined for {trait} ({traits[trait]})" for trait in self.refuses if trait in traits]
 
 

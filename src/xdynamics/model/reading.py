@@ -27,7 +27,8 @@ from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_
 SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
             "initial", "events", "observables", "run")  # fmt: skip
 LATER_SECTIONS = ("contacts", "regimes")
-RUN_KEYS = ("method", "step", "until", "force_samples", "scales")
+RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
+            "max_steps", "force_samples", "scales")  # fmt: skip
 
 Functions = Mapping[str, Callable[..., float]]
 
@@ -213,11 +214,11 @@ def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
         if key not in RUN_KEYS:
             ledger.note(f"[run] has no setting '{key}'{_near(key, RUN_KEYS)}")
     with ledger.entry("[run]"):
-        for key in ("step", "until"):
+        for key in ("step", "until", "min_step", "max_step"):
             if key in given:
                 parse_time(given[key], key)
         Scales.parse(given.get("scales"))
-        for key in ("method", "force_samples"):
+        for key in ("method", "estimator", "force_samples"):
             if not isinstance(given.get(key, ""), str):
                 raise InputError(f"{key} is {given[key]!r}, needs a word")
     return dict(given)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from xdynamics.schema import velocity
@@ -18,13 +19,17 @@ class Trait(StrEnum):
     COUPLED_MASS = "a non-diagonal mass matrix that depends on coordinates"
     COUPLED_STATES = "first-order states coupled to the motion"
     NO_COORDINATES = "models without coordinates"
+    PYTHON_FORCES = "forces written in Python, which have no derivatives"
 
 
+@lru_cache(maxsize=64)
 def traits_of(model: Model) -> dict[Trait, str]:
     """Return the traits a model has, each with the sentence that says where."""
     found: dict[Trait, str] = {}
     if not model.coordinates:
         found[Trait.NO_COORDINATES] = "the model has first-order states only"
+    if model.python_forces:
+        found[Trait.PYTHON_FORCES] = f"function {', '.join(one.name for one in model.python_forces)}"
     velocities = {velocity(name) for name in model.coordinates}
     motion = velocities | set(model.coordinates)
     for label, used in _right_hand_side(model):

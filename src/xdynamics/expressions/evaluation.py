@@ -1,0 +1,145 @@
+"""The number of a tree at given values, by the operations that compiled code does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from functools import reduce
+
+from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, exponent_of
+from xdynamics.faults import InputError
+
+
+def evaluate(node: Node, values: Mapping[str, float]) -> float:
+    """Return the number of an expression.
+
+    Parameters
+    ----------
+    node : Node
+        An expression without definitions left in it.
+    values : mapping of str to float
+        A number for every name, `pi` and unit constants among them, in one system of units.
+
+    Returns
+    -------
+    float
+        What compiled code gives: ``1/0`` is inf, ``sqrt(-1)`` is nan; arithmetic raises nothing.
+
+    Raises
+    ------
+    InputError
+        If a name has no value.
+
+    Examples
+    --------
+    >>> from xdynamics.expressions import parse
+    >>> evaluate(parse("where(x > 1, x**-1.5, 1/0)"), {"x": 4.0})
+    0.125
+    """
+    match node:
+        case Number():
+            return node.value
+        case Name():
+            if node.name not in values:
+                raise InputError(f"name '{node.name}' has no value; there are {', '.join(values) or 'none'}")
+            return values[node.name]
+        case Negative():
+            return -evaluate(node.operand, values)
+        case Binary(operator="**"):
+            return power(evaluate(node.left, values), exponent_of(node.right) or Fraction(0))
+        case Binary() | Compare():
+            return _OPERATORS[node.operator](evaluate(node.left, values), evaluate(node.right, values))
+        case Call(function="where"):
+            condition, yes, no = node.arguments
+            return evaluate(yes if evaluate(condition, values) else no, values)
+        case Call(function="min" | "max"):
+            return reduce(_CHOICES[node.function], (evaluate(one, values) for one in node.arguments))
+        case Call():
+            return _FUNCTIONS[node.function](*(evaluate(one, values) for one in node.arguments))
+
+
+def power(base: float, exponent: Fraction) -> float:
+    """Raise to a constant power as the language does: by products and square roots where these are enough."""
+    if exponent == 0:
+        return 1.0
+    if exponent < 0:
+        return _quotient(1.0, power(base, -exponent))
+    whole, rest = divmod(exponent, 1)
+    if rest == 0:
+        return _product(base, whole)
+    if rest == Fraction(1, 2):
+        root = _FUNCTIONS["sqrt"](base)
+        return _product(base, whole) * root if whole else root
+    try:
+        return math.pow(base, float(exponent))
+    except OverflowError:
+        return math.inf
+    except ValueError:
+        return math.nan
+
+
+def _product(base: float, times: int) -> float:
+    if times <= 3:
+        return math.prod([base] * times)
+    half = _product(base, times // 2)
+    return half * half * base if times % 2 else half * half
+
+
+def _quotient(above: float, below: float) -> float:
+    if below != 0.0:
+        return above / below
+    return math.copysign(1.0, below) * above * math.inf
+
+
+def _hypot(x: float, y: float) -> float:
+    return math.sqrt(x * x + y * y)
+
+
+def _log(x: float) -> float:
+    if x == 0.0:
+        return -math.inf
+    return math.nan if x < 0.0 else math.log(x)
+
+
+def _defined(function: Callable[[float], float]) -> Callable[[float], float]:
+    """Give nan where Python raises for an argument outside the domain."""
+
+    def wrapped(x: float) -> float:
+        try:
+            return function(x)
+        except ValueError:
+            return math.nan
+
+    return wrapped
+
+
+def _bounded(function: Callable[[float], float], below: float) -> Callable[[float], float]:
+    """Give an infinity where Python raises for a result too large; its sign far below zero is that of `below`."""
+
+    def wrapped(x: float) -> float:
+        try:
+            return function(x)
+        except OverflowError:
+            return math.inf if x > 0.0 else below * math.inf
+
+    return wrapped
+
+
+_OPERATORS: dict[str, Callable[[float, float], float]] = {
+    "+": lambda x, y: x + y, "-": lambda x, y: x - y, "*": lambda x, y: x * y, "/": _quotient,
+    "<": lambda x, y: x < y, "<=": lambda x, y: x <= y, ">": lambda x, y: x > y, ">=": lambda x, y: x >= y,
+    "==": lambda x, y: x == y, "!=": lambda x, y: x != y,
+}  # fmt: skip
+# like compiled code, a nan on the left wins and one on the right does too: no comparison with it holds
+_CHOICES: dict[str, Callable[[float, float], float]] = {
+    "min": lambda x, y: x if x < y or math.isnan(x) else y,
+    "max": lambda x, y: x if x > y or math.isnan(x) else y,
+}
+_FUNCTIONS: dict[str, Callable[..., float]] = {
+    "abs": abs, "sign": lambda x: 1.0 if x > 0.0 else (-1.0 if x < 0.0 else x), "sqrt": _defined(math.sqrt),
+    "exp": _bounded(math.exp, 0.0), "log": _log, "sin": _defined(math.sin), "cos": _defined(math.cos),
+    "tan": _defined(math.tan), "asin": _defined(math.asin), "acos": _defined(math.acos), "atan": math.atan,
+    "atan2": math.atan2, "sinh": _bounded(math.sinh, -1.0), "cosh": _bounded(math.cosh, 1.0), "tanh": math.tanh,
+    "hypot": _hypot,
+}  # fmt: skip

@@ -1,0 +1,200 @@
+"""What is asked of a march, checked before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+
+import numpy as np
+
+from xdynamics.faults import InputError, numbered
+from xdynamics.kernels import Layout
+from xdynamics.kernels.layout import EMBEDDED, ESTIMATORS, NO_ESTIMATE
+from xdynamics.methods import Method
+from xdynamics.model import Model
+from xdynamics.units import Scales
+
+UNSCALED = Scales()
+LEAST_RTOL = 10 * float(np.finfo(float).eps)
+SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """What a step's error is allowed to be: atol + rtol*|value|, for every coordinate, velocity and state.
+
+    Attributes
+    ----------
+    rtol : float
+    atol : dict of str to float
+        SI units, by name; a name that is not there has the number under ``""``.
+    """
+
+    rtol: float
+    atol: Mapping[str, float]
+
+    def of(self, name: str) -> float:
+        """Return the absolute tolerance of a coordinate, velocity or state, SI."""
+        return self.atol.get(name, self.atol.get("", self.rtol))
+
+    def faults(self, model: Model) -> list[str]:
+        """List what no error test could use."""
+        found = []
+        if not isfinite(self.rtol) or self.rtol < 0:
+            found.append(f"rtol is {self.rtol!r}, needs a finite non-negative number")
+        elif self.rtol < LEAST_RTOL:
+            found.append(f"rtol is {self.rtol!r}, needs at least 10 eps = {LEAST_RTOL:.3g}: rounding alone is as large")
+        names = Layout(model).used
+        for name, value in self.atol.items():
+            if name and name not in names:
+                found.append(f"atol names '{name}', which is none of {', '.join(names)}")
+            elif not isfinite(value) or value < 0:
+                of = f" of '{name}'" if name else ""
+                found.append(f"atol{of} is {value!r}, needs a finite non-negative number")
+        for name in names:
+            if self.of(name) == 0 and model.initial[name].si == 0:
+                found.append(f"atol of '{name}' is 0 and {name} starts at 0: its error would have no scale; give it a positive one")  # fmt: skip
+        return found
+
+
+@dataclass(frozen=True)
+class Pacing:
+    """Limits of step control.
+
+    Attributes
+    ----------
+    safety : float
+        Factor on the step that the error estimate would allow.
+    growth_limits : tuple of float
+        Least and greatest factor from one step to the next.
+    min_step, max_step : float
+        s; the longest is the span where none is given.
+    max_steps : int
+        Accepted and rejected steps after which the run ends as `step_limit`.
+    """
+
+    safety: float = SAFETY
+    growth_limits: tuple[float, float] = GROWTH_LIMITS
+    min_step: float = 0.0
+    max_step: float = float("inf")
+    max_steps: int = MOST_STEPS
+
+    def faults(self) -> list[str]:
+        """List what cannot be used."""
+        found = []
+        least, greatest = self.growth_limits
+        if not 0 < self.safety < 1:
+            found.append(f"safety is {self.safety!r}, needs a number between 0 and 1")
+        if not (0 < least < 1 < greatest and isfinite(greatest)):
+            found.append(f"growth_limits are {self.growth_limits!r}, need 0 < least < 1 < greatest")
+        if not (isfinite(self.min_step) and self.min_step >= 0):
+            found.append(f"min_step is {self.min_step!r} s, needs a non-negative time")
+        if not self.max_step > 0:
+            found.append(f"max_step is {self.max_step!r} s, needs a positive time")
+        elif self.min_step > self.max_step:
+            found.append(f"min_step is {self.min_step!r} s, needs to be at most max_step = {self.max_step!r} s")
+        if self.max_steps < 1:
+            found.append(f"max_steps is {self.max_steps!r}, needs a positive number")
+        return found
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What was asked of a march.
+
+    Attributes
+    ----------
+    method : Method
+    until : float
+        End, s.
+    step : float or tuple of float, optional
+        Step of the fixed grid t0 + n h, or each step of a given one, s; with tolerances, the first step.
+    tolerances : Tolerances, optional
+        With them the steps are chosen, unless they are given one by one.
+    pacing : Pacing
+    estimator : str
+        How the local error is estimated.
+    samples : bool
+        Whether every force evaluation of an accepted step is logged.
+    scales : Scales
+        Scales of the nondimensional variables marched in.
+    """
+
+    method: Method
+    until: float
+    step: float | tuple[float, ...] | None = None
+    tolerances: Tolerances | None = None
+    pacing: Pacing = field(default_factory=Pacing)
+    estimator: str = NO_ESTIMATE
+    samples: bool = True
+    scales: Scales = UNSCALED
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether steps are chosen by the error test."""
+        return self.tolerances is not None and not isinstance(self.step, tuple)
+
+    @property
+    def error_order(self) -> int:
+        """The k of a local error that falls as h**k."""
+        return 1 + (self.method.estimate_order if self.estimator == EMBEDDED else self.method.order)
+
+    def expected_steps(self, model: Model) -> float:
+        """Return how many steps there will be; where they are chosen, how many there may be."""
+        if self.adaptive:
+            return float(self.pacing.max_steps)
+        if isinstance(self.step, tuple):
+            return float(len(self.step))
+        return (self.until - model.initial["t"].si) / (self.step or 1.0)
+
+    def layout(self, model: Model) -> Layout:
+        """Return where each number of the march stands."""
+        return Layout(model, self.estimator, self.method.implicit)
+
+    def check(self, model: Model) -> None:
+        """Refuse what no march could use.
+
+        Raises
+        ------
+        InputError
+            With every fault: the value and what was needed.
+        """
+        start = model.initial["t"].si
+        faults = [*self._grid_faults(start), *self._estimator_faults(), *self.pacing.faults()]
+        if self.tolerances is not None:
+            faults += self.tolerances.faults(model)
+        if not isfinite(self.until) or self.until <= start:
+            faults.append(f"until is {self.until!r} s, needs a time after the start at t = {start!r} s")
+        if self.scales != UNSCALED and model.python_forces:
+            faults.append("scales do not go with forces in Python, which are written in SI units")
+        if len(faults) > 1:
+            raise InputError(f"the run of '{model.name}' cannot be set up:{numbered(faults)}", tuple(faults))
+        if faults:
+            raise InputError(faults[0], tuple(faults))
+
+    def _grid_faults(self, start: float) -> list[str]:
+        if self.step is None:
+            return []
+        if isinstance(self.step, tuple):
+            bad = [one for one in self.step if not (isfinite(one) and one > 0)]
+            if not self.step or bad:
+                return [f"step has {f'{bad[0]!r} s' if bad else 'no entry'}, needs positive times"]
+            total = start + sum(self.step)
+            if total < self.until * (1 - 1e-12):
+                return [f"step has {len(self.step)} steps up to t = {total!r} s, needs to reach until = {self.until!r} s"]
+            return []
+        if not isfinite(self.step) or self.step <= 0:
+            return [f"step is {self.step!r} s, needs a positive time"]
+        if not self.adaptive and (self.until - start) / self.step > 2**53:
+            return [f"step {self.step!r} s makes over 2**53 steps to {self.until!r} s; take a longer one"]
+        return []
+
+    def _estimator_faults(self) -> list[str]:
+        if self.estimator not in ESTIMATORS:
+            return [f"estimator is {self.estimator!r}; there are {', '.join(ESTIMATORS)}"]
+        if self.estimator == EMBEDDED and not self.method.estimate:
+            return [f"method '{self.method.name}' has no embedded formula; take estimator = 'step_doubling'"]
+        if self.adaptive and self.estimator == NO_ESTIMATE:
+            return ["tolerances need an error estimate; take estimator = 'step_doubling'"]
+        return []

@@ -1,0 +1,139 @@
+"""Butcher tableaus: read as they are printed, written out as update equations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal, localcontext
+from fractions import Fraction
+
+from xdynamics.methods.method import spread
+
+Weights = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """The coefficients of an explicit Runge-Kutta method, as texts: they reach the equations as they are written.
+
+    Stage 1 is the state at the start of a step, whose forces the last step has found. The last line of the update
+    finds those at its end; where the last stage of the tableau is that same evaluation it is not done twice.
+
+    Attributes
+    ----------
+    c : tuple of str
+        The stages' times, in steps.
+    a : tuple of tuple of str
+        Row i has the weights of the i stages before.
+    b : tuple of str
+        The weights of the end. There may be more rows than these weights: stages of the continuous extension only.
+    b_hat : tuple of str
+        The weights of the embedded formula; empty where there is none.
+
+    Examples
+    --------
+    >>> print(Tableau.parse('''
+    ...     0 |
+    ...     1 | 1
+    ...    ---+---------
+    ...     b | 1/2  1/2
+    ... ''').template)
+    y2 = y + h*k
+    k2 = f(t1, y2)
+    y1 = y + h*(1/2*k + 1/2*k2)
+    k1 = f(t1, y1)
+    """
+
+    c: Weights
+    a: tuple[Weights, ...]
+    b: Weights
+    b_hat: Weights = ()
+
+    @classmethod
+    def parse(cls, text: str) -> Tableau:
+        """Read ``c | a a a`` rows, a rule, then the rows ``b |`` and, if there is an embedded formula, ``b^ |``."""
+        rows = [line.split("|") for line in text.splitlines() if "|" in line]
+        read = [(label.strip(), tuple(weights.split())) for label, weights in rows]
+        stages = [row for row in read if not row[0].startswith("b")]
+        ends = dict(read[len(stages) :])
+        return cls(tuple(c for c, _ in stages), tuple(a for _, a in stages), ends["b"], ends.get("b^", ()))
+
+    @classmethod
+    def listed(cls, times: str, text: str, end: int) -> Tableau:
+        """Read ``i j a`` rows, as codes print large tableaus; the stage `end` is the end of the step."""
+        c = tuple(times.split())
+        given = {
+            (int(i), int(j)): value for i, j, value in (line.split() for line in text.splitlines() if line.strip())
+        }
+        rows = tuple(tuple(given.get((i, j), "0") for j in range(1, i)) for i in range(1, len(c) + 1))
+        return cls(c, rows, (*rows[end - 1], "0"))
+
+    @property
+    def ends_with_its_last_stage(self) -> bool:
+        """Whether the last stage is the evaluation at the end ("first same as last")."""
+        last = len(self.b) - 1
+        return self.b == (*self.a[last], "0")
+
+    def stage(self, i: int) -> str:
+        """Return the lines of one stage, counted from 0, for y' = k."""
+        number = self._number(i)
+        time = "t1" if self.c[i] == "1" else f"t + {self.c[i]}*h"
+        return f"y{number} = y + {self.increment(self.a[i])}\nk{number} = f({time}, y{number})"
+
+    def increment(self, weights: Sequence[str]) -> str:
+        """``h*(1/5*k - 2/3*k2)``: a step with weights of the stages."""
+        total = combined(weights, [f"k{self._number(i)}" for i in range(len(weights))])
+        return f"h*{total}" if total.isalnum() else f"h*({total})"
+
+    @property
+    def template(self) -> str:
+        """The update for y' = k."""
+        inner = range(1, len(self.b) - self.ends_with_its_last_stage)
+        return "\n".join([*map(self.stage, inner), f"y1 = y + {self.increment(self.b)}", "k1 = f(t1, y1)"])
+
+    @property
+    def update(self) -> str:
+        """The update for the vectors of a mechanical system."""
+        return spread(self.template)
+
+    @property
+    def estimate(self) -> str:
+        """The local error by the embedded formula."""
+        return spread(f"ye = {self.increment(differences(self.b, self.b_hat))}")
+
+    @property
+    def extra_stages(self) -> str:
+        """The lines of the stages that only the continuous extension needs, for y' = k."""
+        return "\n".join(map(self.stage, range(len(self.b), len(self.c))))
+
+    def _number(self, i: int) -> str:
+        """What stands behind y and k of a stage: nothing at the start, 1 at the end."""
+        if i == 0:
+            return ""
+        return "1" if self.ends_with_its_last_stage and i == len(self.b) - 1 else str(i + 1)
+
+
+def columns(text: str, stages: int) -> tuple[Weights, ...]:
+    """Read rows of a stage's number and its weights, one in each column; the stages left out have weight zero."""
+    rows = {int(number): weights for number, *weights in (line.split() for line in text.splitlines() if line.strip())}
+    none = ["0"] * len(next(iter(rows.values())))
+    return tuple(zip(*(rows.get(i, none) for i in range(1, stages + 1)), strict=True))
+
+
+def combined(weights: Iterable[str], vectors: Iterable[str]) -> str:
+    """``1/5*k - 2/3*k2``: weights times vectors, without those of weight zero."""
+    signs = {"1": "", "-1": "-"}
+    terms = [f"{signs.get(w, w + '*')}{vector}" for w, vector in zip(weights, vectors, strict=True) if w != "0"]
+    return " + ".join(terms).replace(" + -", " - ")
+
+
+def differences(weights: Weights, others: Weights) -> Weights:
+    """Return weights less others, exactly: fractions as fractions, decimals as decimals."""
+    return tuple(_difference(one, other) for one, other in zip(weights, others, strict=True))
+
+
+def _difference(one: str, other: str) -> str:
+    if "/" in one + other:
+        return str(Fraction(one) - Fraction(other))
+    with localcontext(prec=60):  # more digits than any table prints
+        return format(Decimal(one) - Decimal(other), "f")
