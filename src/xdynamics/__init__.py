@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
     from xdynamics.record import check
+    from xdynamics.sampling import sample
     from xdynamics.seals import content_digest
     from xdynamics.simulation import reproduce, simulate
 
@@ -27,12 +28,12 @@ if TYPE_CHECKING:
 _ROOMS = {
     "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults",
     "check": "record", "compare": "comparison", "content_digest": "seals", "open_run": "archive", "plot": "figures",
-    "reproduce": "simulation", "save": "archive", "simulate": "simulation", "verify": "archive",
+    "reproduce": "simulation", "sample": "sampling", "save": "archive", "simulate": "simulation", "verify": "archive",
 }  # fmt: skip
 
 __all__ = [
     "METHODS", "ArchiveError", "InputError", "Model", "ModelError", "check", "compare", "content_digest", "open_run",
-    "plot", "reproduce", "save", "simulate", "verify",
+    "plot", "reproduce", "sample", "save", "simulate", "verify",
 ]  # fmt: skip
 
 

@@ -148,10 +148,14 @@ def methods() -> None:
 
     for one in METHODS.values():
         kind = "symplectic" if one.symplectic else "not symplectic"
-        click.echo(f"{one.name}: order {one.order}, {kind}, {one.evaluations} force evaluations {'an iteration' if one.implicit else 'a step'}")
+        click.echo(
+            f"{one.name}: order {one.order}, {kind}, {one.evaluations} force evaluations {'an iteration' if one.implicit else 'a step'}"
+        )
         click.echo(f"    update    {one.equations()}")
         click.echo(f"    in words  {one.words}")
-        click.echo(f"    estimate  {f'embedded formula of order {one.estimate_order}' if one.estimate else 'by step doubling'}")
+        click.echo(
+            f"    estimate  {f'embedded formula of order {one.estimate_order}' if one.estimate else 'by step doubling'}"
+        )
         click.echo(f"    between   order {one.interpolation_order}, {one.interpolation}")
         click.echo(f"    refuses   {'; '.join(one.refuses) or 'nothing'}")
         click.echo(f"    also      {', '.join(one.synonyms)}")

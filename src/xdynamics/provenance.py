@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import schema
+from xdynamics.kernels import Layout
 from xdynamics.kernels.elementary import MATH_FUNCTIONS
 from xdynamics.kernels.layout import EMBEDDED, NO_ESTIMATE
 from xdynamics.kernels.stepping import MOST_ITERATIONS, NEWTON_TOLERANCE
@@ -19,7 +20,7 @@ from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.settings import UNSCALED
 from xdynamics.methods import Method
 from xdynamics.methods.method import HERMITE, HERMITE_WORDS, printed, read_lines
-from xdynamics.units import TIME
+from xdynamics.units import TIME, Scales
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -85,6 +86,21 @@ def extension(method: Method, estimator: str) -> str:
     return method.extension if estimator in (NO_ESTIMATE, EMBEDDED) else HERMITE
 
 
+def interpolation_orders(method: Method, estimator: str, layout: Layout) -> dict[str, int]:
+    """Return the order of the dense output for every coordinate, velocity and state."""
+    if extension(method, estimator) != HERMITE:
+        return dict.fromkeys(layout.used, method.interpolation_order)
+    return {name: 5 if name in layout.coordinates else 3 for name in layout.used}
+
+
+def scales_of(run: xr.Dataset) -> Scales:
+    """Return the scales of the nondimensional variables that a run was marched in."""
+    given = {name: run.attrs.get(f"solver_{name}_scale") for name in _SCALES}
+    return Scales.parse(
+        {name: f"{float(value)!r} {_SCALES[name]}" for name, value in given.items() if value is not None} or None
+    )
+
+
 def asked_of(run: xr.Dataset) -> dict[str, Any]:
     """Return the arguments of `simulate` that a record was made with."""
     used = run.attrs
@@ -106,12 +122,17 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         asked["step"] = float(used["solver_step"])
     if "solver_rtol" in used:
         asked["rtol"] = float(used["solver_rtol"])
-        asked["atol"] = {str(name): float(one.attrs["atol_si"]) for name, one in run.data_vars.items() if "atol_si" in one.attrs}
+        asked["atol"] = {
+            str(name): float(one.attrs["atol_si"]) for name, one in run.data_vars.items() if "atol_si" in one.attrs
+        }
     if used["solver_step_control"] == "adaptive":
         if used["solver_first_step_choice"] == "given":
             asked["step"] = float(used["solver_first_step"])
         asked |= {key: float(used[f"solver_{key}"]) for key in ("safety", "min_step", "max_step")}
-        asked |= {"max_steps": int(used["solver_max_steps"]), "growth_limits": tuple(map(float, used["solver_growth_limits"]))}
+        asked |= {
+            "max_steps": int(used["solver_max_steps"]),
+            "growth_limits": tuple(map(float, used["solver_growth_limits"])),
+        }
     return asked
 
 
@@ -119,7 +140,10 @@ def _steps(march: March) -> dict[str, Any]:
     """Say how steps were chosen."""
     settings, pacing = march.settings, march.settings.pacing
     if isinstance(settings.step, tuple):
-        return {"solver_step_control": "given", "solver_grid": f"the steps of {schema.GIVEN_STEP.name}, cut at nodes, events and the end"}
+        return {
+            "solver_step_control": "given",
+            "solver_grid": f"the steps of {schema.GIVEN_STEP.name}, cut at nodes, events and the end",
+        }
     if not settings.adaptive:
         return {
             "solver_step_control": "fixed",

@@ -14,7 +14,8 @@ from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError, numbered
 from xdynamics.march import Block, March
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
-from xdynamics.units import NONE, TIME, Dimension, Unit, spell
+from xdynamics.model import Model
+from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, spell
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -90,6 +91,27 @@ def check(run: xr.Dataset) -> None:
     faults = schema.faults_of(run)
     if faults:
         raise InputError(f"this is no run record:{numbered(faults)}", tuple(faults))
+
+
+def check_kind(run: Any) -> None:
+    """Refuse what is plainly no run record, without reading it.
+
+    Raises
+    ------
+    InputError
+        Naming what is missing.
+    """
+    needed = ("time", "row_kind", "step_size", "model_toml")
+    missing = [name for name in needed if name not in getattr(run, "variables", ())]
+    if missing or "solver_method" not in run.attrs:
+        raise InputError(f"this is no run record: it has no {', '.join(missing) or 'solver_method'}")
+
+
+def factors(model: Model, scales: Scales) -> dict[str, float]:
+    """Return the factor from a march's numbers to the record's, for every coordinate, velocity and state."""
+    units = {name: one.unit for name, one in (model.coordinates | model.states).items()}
+    units |= {schema.velocity(name): one.unit.per_second() for name, one in model.coordinates.items()}
+    return {name: scales.of(unit.dimension) / float(unit.factor) for name, unit in units.items()}
 
 
 def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
@@ -211,7 +233,9 @@ def _steps(march: March) -> list[Column]:
     if layout.estimates and march.settings.tolerances is not None:
         found.append(Column(schema.ERROR_NORM, _row(order["error_norm"], 1.0)))
     for name in layout.used if layout.estimates else ():
-        add(schema.error(name), f"estimated local error of {name} in the step to this state", "error", units.known[name])
+        add(
+            schema.error(name), f"estimated local error of {name} in the step to this state", "error", units.known[name]
+        )
     if layout.implicit:
         index = order["newton_iterations"]
         found.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))

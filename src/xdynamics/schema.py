@@ -148,10 +148,26 @@ TEXTS = (
 )  # fmt: skip
 GIVEN = "given"
 GIVEN_STEP = Variable("given_step_size", (GIVEN,), "f8", "s", "steps that the march was told to make", "step_size")
-ERROR_NORM = Variable("error_norm", (STEPS,), "f8", "1", "scaled local error norm of the step to this state; 1 is what the tolerances allow", "error")
+ERROR_NORM = Variable(
+    "error_norm",
+    (STEPS,),
+    "f8",
+    "1",
+    "scaled local error norm of the step to this state; 1 is what the tolerances allow",
+    "error",
+)
 NEWTON = Variable("newton_iterations", (STEPS,), "i4", "1", "Newton iterations of the step to this state", "effort")
 FIXED = (*FIXED_STEPS, *FIXED_TRIALS, *FIXED_EVENTS, *FIXED_SAMPLES, *TEXTS)
-OTHER_NAMES = ("regime", "event_detector", "event_residual", "error_norm", "newton_iterations", "given_step_size", *ENERGIES, *DIMENSIONS)
+OTHER_NAMES = (
+    "regime",
+    "event_detector",
+    "event_residual",
+    "error_norm",
+    "newton_iterations",
+    "given_step_size",
+    *ENERGIES,
+    *DIMENSIONS,
+)
 
 
 def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -171,7 +171,9 @@ def _step(given: Any) -> float | tuple[float, ...] | None:
     try:
         steps = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"step is {str(given)[:60]!r}, needs a time like '1 ms', seconds, or a row of seconds") from None
+        raise InputError(
+            f"step is {str(given)[:60]!r}, needs a time like '1 ms', seconds, or a row of seconds"
+        ) from None
     if steps.ndim == 0:
         return float(steps)
     if steps.ndim > 1:

@@ -3,6 +3,6 @@
 from xdynamics.kernels.cache import compile_march, source_digest
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.problem import Problem, pose
-from xdynamics.kernels.writer import write_source
+from xdynamics.kernels.writer import write_interpolation, write_source
 
-__all__ = ["Layout", "Problem", "compile_march", "pose", "source_digest", "write_source"]
+__all__ = ["Layout", "Problem", "compile_march", "pose", "source_digest", "write_interpolation", "write_source"]

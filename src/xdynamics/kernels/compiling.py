@@ -15,7 +15,7 @@ OPTIONS: Any = {"error_model": "numpy", "fastmath": False, "nogil": True}
 _INNER: Any = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 compiled: Any = njit(**_INNER, **OPTIONS)
 # large and called from several places: one copy, not one at every place
-shared: Any = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)
+shared: Any = njit(**{**_INNER, "forceinline": False}, **OPTIONS)
 entry: Any = njit(cache=True, **OPTIONS)
 entry_in_memory: Any = njit(**OPTIONS)
 

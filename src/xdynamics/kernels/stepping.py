@@ -68,7 +68,9 @@ class Stepping:
         def named(line: str, owner: str) -> str:
             return vectors.sub(rf"\1_{owner}", line)
 
-        return [(owner, ([named(line, owner) for line in shared], named(text, owner))) for owner in self._owners(one.target)]
+        return [
+            (owner, ([named(line, owner) for line in shared], named(text, owner))) for owner in self._owners(one.target)
+        ]
 
     def _evaluation(self, one: Evaluation, function: str, results: tuple[str, ...]) -> list[str]:
         self.stage += 1
@@ -97,7 +99,10 @@ class Stepping:
         for i, (name, owner) in enumerate(unknowns):
             start, slope = ("x", "r") if name[0] == "x" else ("v", "a")
             size = f"abs({name}_{owner}) + abs({start}_{owner}) + abs(h*{slope}_{owner})"
-            body += [f"{name}_{owner} -= _b[{i}]", f"_w = _greatest(_w, abs(_b[{i}])/({size}) if _b[{i}] != 0.0 else 0.0)"]
+            body += [
+                f"{name}_{owner} -= _b[{i}]",
+                f"_w = _greatest(_w, abs(_b[{i}])/({size}) if _b[{i}] != 0.0 else 0.0)",
+            ]
         body += [f"_solved = _w <= {NEWTON_TOLERANCE!r}"]
         evaluations = len(one.evaluations)
         return [

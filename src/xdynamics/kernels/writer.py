@@ -34,7 +34,7 @@ from xdynamics.march.binding import all_finite, bind, lend_log, lend_plan
 
 '''
 _ENTRY = '''
-ESTIMATES, DOMAIN_LIMITED, NO_ERROR = {facts}
+ESTIMATES, EVENTFUL, DOMAIN_LIMITED, NO_ERROR = {facts}
 march = bind("march", globals())
 
 
@@ -44,6 +44,21 @@ def run(_plan, _memory, _log, _base, _pause):
     _tables = {tables}
     return march(lend_plan(_plan, _tables), _memory, lend_log(_log), _base, _pause)
 '''
+_INSIDE = '''
+@{entry}
+def run(_starts, _ends, _steps, _times, _states, _p, _given, _found):
+    """Evaluate the state at each time inside its step, by interpolation and by re-integration."""
+    _tables = {tables}
+    for _i in range(_times.shape[0]):
+        t, t1, h, _time = _starts[_i], _ends[_i], _steps[_i], _times[_i]
+        _pieces = pieces_at(t, _tables)
+        _state, _ = begin(t, {initial}, {context}, 0, 0, 0)
+        _inner = interpolate(t, t1, h, (_time - t)/h, _state, {context}, 0, 0, 0)
+        _again, _, _, _ = propose(t, _time, _time - t, _state, {context}, 0, 0, 0)
+        for _k in range({n}):
+            _found[_k, _i] = {values}[_k]
+            _found[{n} + _k, _i] = {again}[_k]
+'''.replace("{context}", CONTEXT)
 
 
 @lru_cache(maxsize=64)
@@ -74,6 +89,40 @@ def write_source(layout: Layout, method: Method, *, samples: bool) -> str:
         write.note(),
         write.pieces(),
         _ENTRY.format(entry="entry" if disk else "entry_in_memory", tables=write.tables(), facts=write.facts()),
+    ]  # fmt: skip
+    return "\n".join(parts)
+
+
+@lru_cache(maxsize=64)
+def write_interpolation(layout: Layout, method: Method, extension: str) -> str:
+    """Return the Python source that evaluates states inside steps, by the dense output and by a shorter step.
+
+    Parameters
+    ----------
+    layout : Layout
+    method : Method
+    extension : str
+        Lines that give the state at t + s*h.
+    """
+    write = _Writer(layout)
+    disk = not layout.model.python_forces
+    parts = [
+        _HEADER.format(title=f"Between the steps of {method.name}.", entry="entry" if disk else "entry_in_memory"),
+        write.forces(),
+        write.linearised() if layout.implicit else "",
+        write.sample(logged=False),
+        write.begin(),
+        write.propose(method),
+        write.interpolate(method, extension),
+        write.pieces(),
+        _INSIDE.format(
+            entry="entry" if disk else "entry_in_memory",
+            tables=write.tables("_given"),
+            initial=tuple_of([f"_states[{i}, _i]" for i in range(len(layout.used))] + ["0.0"] * (len(layout.state) - len(layout.used))),
+            values=tuple_of(f"_inner[{i}]" for i in range(len(layout.used))),
+            again=tuple_of(f"_again[{i}]" for i in range(len(layout.used))),
+            n=len(layout.used),
+        ),
     ]  # fmt: skip
     return "\n".join(parts)
 
@@ -132,7 +181,9 @@ class _Writer:
         used = self._names(trees) | extra | set(self.layout.drives)
         return [*self._unpacked(self.layout.used, "_y", used), *self._looked_up(used), *arithmetic.lines]
 
-    def _acceleration_derivatives(self, forces: set[tuple[str, str]], masses: set[tuple[tuple[int, int], str]]) -> list[str]:
+    def _acceleration_derivatives(
+        self, forces: set[tuple[str, str]], masses: set[tuple[tuple[int, int], str]]
+    ) -> list[str]:
         """Differentiate M a = F: M da = dF - dM a, for every name that the forces or the mass read."""
         names, lines = self.layout.coordinates, []
         for by in self.layout.used:
@@ -145,7 +196,9 @@ class _Writer:
                 lines += self._substituted([f"_da_{name}_{by}" for name in names], right)
             else:
                 needed = set(self.layout.jacobian)
-                lines += [f"_da_{name}_{by} = ({right[i]})/_m{i}" for i, name in enumerate(names) if (name, by) in needed]
+                lines += [
+                    f"_da_{name}_{by} = ({right[i]})/_m{i}" for i, name in enumerate(names) if (name, by) in needed
+                ]
         return lines
 
     def sample(self, *, logged: bool) -> str:
@@ -177,13 +230,13 @@ class _Writer:
             return self._step("propose", method, method.evaluations)
         return self._step("advance", method, method.evaluations) + self._doubled(method)
 
-    def interpolate(self, method: Method) -> str:
+    def interpolate(self, method: Method, extension: str) -> str:
         """Write the state inside a step: the update, then the lines of its extension."""
         write = Stepping(self.layout)
-        lines = [*self._unpacked_state(), *write.written(method.statements), *write.written(read_lines(method.extension))]
+        lines = [*self._unpacked_state(), *write.written(method.statements), *write.written(read_lines(extension))]
         return _function(
             f"interpolate(t, t1, h, s, _state, {CONTEXT}, _log, _at, _step)",
-            f"The state at t + s*h: {method.interpolation}.",
+            "The state at t + s*h.",
             ["_evaluations, _iterations, _stage = 0, 0, 0", *lines, f"return {tuple_of(write.state('s'))}"],
         )
 
@@ -198,7 +251,11 @@ class _Writer:
         state = [*write.state("1"), *write.rates("1"), *(f"_f[{first + i}]" for i in range(len(layout.forces)))]
         error = tuple_of(write.state("e") if embedded else ["0.0"])
         staged = ", _stage" if name == "advance" else ""
-        begin = f"_evaluations, _iterations = {evaluations}, 0" if staged else f"_evaluations, _iterations, _stage = {evaluations}, 0, 0"
+        begin = (
+            f"_evaluations, _iterations = {evaluations}, 0"
+            if staged
+            else f"_evaluations, _iterations, _stage = {evaluations}, 0, 0"
+        )
         return _function(
             f"{name}(t, t1, h, _state, {CONTEXT}, _log, _at, _step{staged})", f"One step by {method.name}.",
             [begin, *lines, f"return {tuple_of(state)}, {error}, _at, (_evaluations, _iterations)"],
@@ -316,15 +373,17 @@ class _Writer:
         limited = any(limits_domain(self.model.expanded(tree)) for tree in trees)
         limited = limited or any(drive.outside == "error" for drive in self.model.drives.values())
         zeros = tuple_of(["0.0"] * (len(self.layout.used) if self.layout.estimator != NO_ESTIMATE else 1))
-        return f"{self.layout.estimates}, {limited}, {zeros}"
+        return f"{self.layout.estimates}, {bool(self.model.events)}, {limited}, {zeros}"
 
     def _force_trees(self) -> list[Node]:
         parts = [one for terms in self.model.force_components.values() for one in terms.values()]
-        return [one for one in parts if not isinstance(one, Function)] + [entry for row in self.model.mass for entry in row]
+        return [one for one in parts if not isinstance(one, Function)] + [
+            entry for row in self.model.mass for entry in row
+        ]
 
-    def tables(self) -> str:
+    def tables(self, given: str = "_plan.tables") -> str:
         """Borrow the arrays of the measured tables."""
-        pairs = [f"_plan.tables[{i}]" for i in range(len(self.layout.drives))]
+        pairs = [f"{given}[{i}]" for i in range(len(self.layout.drives))]
         return tuple_of(f"(borrowed({pair}[0]), borrowed({pair}[1]))" for pair in pairs)
 
     def _accelerations(self, arithmetic: Arithmetic, masses: list[list[Node]]) -> None:
@@ -354,7 +413,9 @@ class _Writer:
         for i in range(n):
             lines.append(f"_z{i} = {right[i]}" + "".join(f" - _l{i}_{k}*_z{k}" for k in range(i)))
         for i in reversed(range(n)):
-            lines.append(f"{unknowns[i]} = _z{i}/_d{i}" + "".join(f" - _l{k}_{i}*{unknowns[k]}" for k in range(i + 1, n)))
+            lines.append(
+                f"{unknowns[i]} = _z{i}/_d{i}" + "".join(f" - _l{k}_{i}*{unknowns[k]}" for k in range(i + 1, n))
+            )
         return lines
 
     def _returned(self, trees: Mapping[str, Node]) -> list[str]:

@@ -64,7 +64,9 @@ def _cause(march: March) -> str:
         case outcomes.ERROR_AT_MINIMUM:
             return f"the error test fails at the minimum step, with norm {norm:.3g}; the tolerance or the minimum step does not suit the model"
         case outcomes.STEP_LIMIT:
-            return f"{control.most_steps:.0f} accepted and rejected steps are used up; raise max_steps or the tolerances"
+            return (
+                f"{control.most_steps:.0f} accepted and rejected steps are used up; raise max_steps or the tolerances"
+            )
         case outcomes.UNSOLVED:
             return f"Newton's method does not solve the step's equations in {MOST_ITERATIONS} iterations; take a shorter step"
         case outcomes.STEP_TOO_SMALL if control.adaptive:

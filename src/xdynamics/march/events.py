@@ -32,7 +32,7 @@ def crosses_any(directions: tuple[int, ...], before: State, after: State) -> boo
 
 def locate(
     plan: Plan, memory: Memory, log: Log, base: Tally, h: float, trial: State, values: State,
-) -> tuple[float, int]:  # fmt: skip
+) -> tuple[float, int, int]:  # fmt: skip
     """Shrink the step until it ends just behind its first event.
 
     Returns

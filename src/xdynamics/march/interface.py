@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 ESTIMATES = False  # whether a step comes with an error estimate
 
+EVENTFUL = True  # whether the model has events
 DOMAIN_LIMITED = False  # whether the model has functions or tables that are not defined everywhere
 
 NO_ERROR: tuple[float, ...] = (0.0,)  # error of a state that no step led to

@@ -15,6 +15,7 @@ from xdynamics.march.finite import all_finite
 from xdynamics.march.interface import (
     DOMAIN_LIMITED,
     ESTIMATES,
+    EVENTFUL,
     NO_ERROR,
     Effort,
     State,
@@ -93,8 +94,9 @@ def march(plan: Plan, memory: Memory, log: Log, base: Tally, pause: int) -> Memo
         memory = _worked(memory, norm, effort)
         if verdict != RUNNING:
             memory = _reject(plan, memory, log, base, h, trial, values, verdict)
-        elif crosses_any(plan.directions, memory.values, values):
-            memory = _land_on_event(plan, memory, log, base, target, h, landing, trial, values)
+        elif EVENTFUL and crosses_any(plan.directions, memory.values, values):
+            if EVENTFUL:  # a branch on a constant alone is not even compiled
+                memory = _land_on_event(plan, memory, log, base, target, h, landing, trial, values)
         else:
             memory = _accept(plan, memory, log, base, target, h, landing, trial, error, values, effort, at)
         if memory.status == RUNNING and memory.node != node:

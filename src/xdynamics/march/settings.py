@@ -182,7 +182,9 @@ class Settings:
                 return [f"step has {f'{bad[0]!r} s' if bad else 'no entry'}, needs positive times"]
             total = start + sum(self.step)
             if total < self.until * (1 - 1e-12):
-                return [f"step has {len(self.step)} steps up to t = {total!r} s, needs to reach until = {self.until!r} s"]
+                return [
+                    f"step has {len(self.step)} steps up to t = {total!r} s, needs to reach until = {self.until!r} s"
+                ]
             return []
         if not isfinite(self.step) or self.step <= 0:
             return [f"step is {self.step!r} s, needs a positive time"]

@@ -5,7 +5,10 @@ from xdynamics.model import Trait
 
 IMPLICIT_VELOCITY_VERLET = Method(
     name="implicit_velocity_verlet",
-    synonyms=("velocity Verlet with a solve for the new velocity", "Newmark beta = 0, gamma = 1/2, implicit in velocity"),
+    synonyms=(
+        "velocity Verlet with a solve for the new velocity",
+        "Newmark beta = 0, gamma = 1/2, implicit in velocity",
+    ),
     order=2,
     symplectic=False,
     evaluations=2,

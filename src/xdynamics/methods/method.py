@@ -23,7 +23,9 @@ HERMITE = """
     vs = v + s*(h*a + s*(3*(v1 - v) - h*(2*a + a1) + s*(h*(a + a1) - 2*(v1 - v))))
     xs = x + s*(h*r + s*(3*(x1 - x) - h*(2*r + r1) + s*(h*(r + r1) - 2*(x1 - x))))
 """
-HERMITE_WORDS = "Hermite: quintic in the coordinates from q, v, a, cubic in velocities and states, at both ends of the step"
+HERMITE_WORDS = (
+    "Hermite: quintic in the coordinates from q, v, a, cubic in velocities and states, at both ends of the step"
+)
 
 _EVALUATION = re.compile(r"(a\w*), (r\w*) = f\((.+), (q\w*), (v\w*), (x\w*)\)")
 _SOLVE = re.compile(r"solve (.+):")

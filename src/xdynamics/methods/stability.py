@@ -2,83 +2,21 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from xdynamics.expressions import Binary, Call, Name, Negative, Node, Number, exponent_of, text_of
-from xdynamics.expressions.evaluation import evaluate
-from xdynamics.faults import InputError
-from xdynamics.methods.method import SCALARS, Evaluation, Line, Method, Solve
+from xdynamics.methods.amplification import AT_REST, SLOWEST, Complexes, Floats, LinearSystem, amplification, factors
+from xdynamics.methods.method import Method
 from xdynamics.model import Model, Trait
 from xdynamics.model.linearisation import linearise, linearise_each
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-Vectors = dict[str, Any]
-
 ROUND_OFF = 1e-12  # growth of one step that counts as none
-AT_REST = 1e-6  # a mode that one step changes by less tells nothing: it is at rest, or far slower than the step
-SLOWEST = 1e-7  # eigenvalues below this fraction of the largest are zero but for round-off
 SMALLEST, FINER, LARGEST = 1e-5, 1e-2, 1e4  # steps that are tried, over the fastest time scale
 CHUNK = 256
-_ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
-    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
-}  # fmt: skip
 
-
-@dataclass(frozen=True)
-class LinearSystem:
-    """q' = v, a = A (q, v, x), r = R (q, v, x), in units of time in which the fastest eigenvalue has size 1.
-
-    Attributes
-    ----------
-    acceleration : ndarray, shape (n, 2n + m)
-    rate : ndarray, shape (m, 2n + m)
-    eigenvalues : ndarray of complex, shape (2n + m,)
-        Zero where they are zero but for round-off.
-    fastest : float, s-1
-        Size of the fastest eigenvalue before the time was scaled.
-    """
-
-    acceleration: Floats
-    rate: Floats
-    eigenvalues: Complexes
-    fastest: float
-
-    @classmethod
-    def of(cls, jacobian: Floats, coordinates: int) -> LinearSystem:
-        """Scale the Jacobian of (q, v, x), of which the first `coordinates` are q."""
-        n = coordinates
-        eigenvalues = np.linalg.eigvals(jacobian) if jacobian.size else np.zeros(0)
-        fastest = float(np.max(np.abs(eigenvalues), initial=0.0))
-        time = 1.0 / fastest if fastest > 0.0 else 1.0
-        eigenvalues = np.where(np.abs(eigenvalues) < SLOWEST * fastest, 0.0, eigenvalues * time).astype(np.complex128)
-        scaled = np.array(jacobian, dtype=np.float64)
-        scaled[:n] *= time
-        scaled[n:] *= time
-        scaled[:, n : 2 * n] /= time
-        scaled[n : 2 * n] *= time
-        return cls(scaled[n : 2 * n], scaled[2 * n :], eigenvalues, fastest)
-
-    @property
-    def growing(self) -> NDArray[np.bool_]:
-        """Which modes grow in the system itself."""
-        return self.eigenvalues.real > AT_REST
-
-    @property
-    def stiffness(self) -> Floats | None:
-        """K of a system that is nothing but q'' = -K q; None of another."""
-        n = len(self.acceleration)
-        return None if self.acceleration[:, n:].any() or self.rate.any() else -self.acceleration[:, :n]
-
-
-Growth = Callable[[Floats], Floats]  # by step; above 1 it is growth
+Growth = Callable[[Floats], Floats]  # of each step, over what is allowed
 OSCILLATOR = LinearSystem.of(np.array([[0.0, 1.0], [-1.0, 0.0]]), 1)
 DRAGGED = LinearSystem.of(np.array([[0.0, 1.0], [0.0, -1.0]]), 1)
 DECAY, GROWTH = (LinearSystem.of(np.array([[rate]]), 0) for rate in (-1.0, 1.0))
@@ -100,7 +38,7 @@ def oscillator_limit(method: Method) -> float:
     in Hairer, Lubich and Wanner, section I.5. The factors of a step stand on the unit circle for conservative
     methods; growth below 1e-12 a step is taken for round-off if it stays there.
     """
-    return _largest_step(partial(_growth, method, OSCILLATOR), 1.005)
+    return _largest_step(partial(_growth, method, OSCILLATOR, 0.0), 1.005, creeping=False)
 
 
 @cache
@@ -119,10 +57,13 @@ def decay_limit(method: Method) -> float:
     """
     tests = ((Trait.VELOCITY_DEPENDENT, DRAGGED), (Trait.COUPLED_STATES, DECAY))
     systems = [system for trait, system in tests if trait not in method.refuses]
-    return min((_largest_step(partial(_growth, method, system), 1.005) for system in systems), default=np.nan)
+    return min(
+        (_largest_step(partial(_growth, method, system, 0.0), 1.005, creeping=False) for system in systems),
+        default=np.nan,
+    )
 
 
-def stable_step(model: Model, method: Method, state: Mapping[str, float]) -> float:
+def stable_step(model: Model, method: Method, state: Mapping[str, float], *, growth: float = 0.0) -> float:
     """Return the largest step with which a method is stable for a model linearised about a state.
 
     Parameters
@@ -131,33 +72,38 @@ def stable_step(model: Model, method: Method, state: Mapping[str, float]) -> flo
     method : Method
     state : mapping of str to float
         SI numbers for `t`, coordinates, velocities and first-order states.
+    growth : float, s-1
+        Rate of growth that is let pass: one over the length of a run lets a mode grow e times in it.
 
     Returns
     -------
     float, s
-        inf where every step is, 0 where none is; nan where the method refuses the model, or the linearisation is not
-        finite.
+        inf where every step is stable, 0 where none is, as with forward Euler and an undamped oscillation; nan where
+        the method refuses the model, or the linearisation is not finite.
 
     Raises
     ------
     InputError
         If a force is written in Python, or the state lacks a number.
+
+    Notes
+    -----
+    Modes that grow in the model itself may grow. Where they oscillate, their frequency is held to `oscillator_limit`.
     """
-    found = linearise(model, state)
-    return stable_step_of(found.jacobian, method, model)
+    return stable_step_of(linearise(model, state).jacobian, method, model, growth=growth)
 
 
-def stable_step_of(jacobian: Floats, method: Method, model: Model) -> float:
+def stable_step_of(jacobian: Floats, method: Method, model: Model, *, growth: float = 0.0) -> float:
     """Return the same as `stable_step`, from a Jacobian that is known already."""
     if method.refusals(model) or not np.isfinite(jacobian).all():
         return float(np.nan)
     system = LinearSystem.of(jacobian, len(model.coordinates))
     if system.fastest == 0.0:
         return np.inf
-    # an oscillation that grows by itself has no limit of growth; its frequency has to be borne all the same
     frequency = float(np.max(np.abs(system.eigenvalues.imag), initial=0.0, where=system.growing))
     most = oscillator_limit(method) / frequency if frequency > AT_REST else np.inf
-    return min(largest_step(method, system), most or np.inf) / system.fastest
+    found = largest_step(method, system, growth / system.fastest)
+    return (min(found, most) if most > 0.0 else found) / system.fastest
 
 
 def stiffness(model: Model, method: Method, states: Sequence[Mapping[str, float]], steps: Iterable[float]) -> float:
@@ -201,8 +147,15 @@ def stiffness(model: Model, method: Method, states: Sequence[Mapping[str, float]
     return limited / len(moved)
 
 
-def largest_step(method: Method, system: LinearSystem) -> float:
+def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> float:
     """Return the largest step below which no mode grows that does not grow in the system itself.
+
+    Parameters
+    ----------
+    method : Method
+    system : LinearSystem
+    rate : float
+        Rate of growth that is let pass, over the fastest eigenvalue.
 
     Returns
     -------
@@ -214,15 +167,17 @@ def largest_step(method: Method, system: LinearSystem) -> float:
     A method that treats all kinds of vector alike takes each eigenvalue by itself, and so does every method with the
     modes of q'' = -K q; of what is left the factors of the whole step are looked at.
     """
+    creeping = rate > 0.0
     if treats_alike(method):
         kept = system.eigenvalues[~system.growing & (system.eigenvalues != 0.0)]
-        return _largest_step(partial(_growth_along, method, kept), 1.02)
+        return _largest_step(partial(_growth_along, method, kept, rate), 1.02, creeping=creeping)
     if system.stiffness is not None:
         squares = np.linalg.eigvals(system.stiffness)
         if np.all(np.abs(squares.imag) < AT_REST):
             fastest = float(np.max(squares.real, initial=0.0)) ** 0.5
-            return oscillator_limit(method) / fastest if fastest > SLOWEST else np.inf
-    return _largest_step(partial(_growth, method, system), 1.02 if len(system.eigenvalues) <= 16 else 1.1)
+            return _oscillator_limit(method, rate / fastest) / fastest if fastest > SLOWEST else np.inf
+    ratio = 1.02 if len(system.eigenvalues) <= 16 else 1.1
+    return _largest_step(partial(_growth, method, system, rate), ratio, creeping=creeping)
 
 
 @cache
@@ -237,49 +192,29 @@ def treats_alike(method: Method) -> bool:
     return bool(np.allclose(np.linalg.inv(scale) @ second @ scale, first, rtol=0.0, atol=1e-12))
 
 
-def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDArray[Any]:
-    """Return the matrix that one step of each size applies to (q, v, x), by running the method's lines.
+def _oscillator_limit(method: Method, rate: float) -> float:
+    if rate == 0.0:
+        return oscillator_limit(method)
+    return _largest_step(partial(_growth, method, OSCILLATOR, rate), 1.02, creeping=True)
 
-    Parameters
-    ----------
-    method : Method
-    system : LinearSystem
-    h : ndarray, shape (k,)
-        Steps, in the system's unit of time; complex ones give the stability function.
 
-    Returns
-    -------
-    ndarray, shape (k, 2n + m, 2n + m)
+def _largest_step(growth: Growth, ratio: float, *, creeping: bool) -> float:
+    """Find the least step with growth.
 
-    Notes
-    -----
-    Accelerations and rates at the start of the step are those of the state there. A method that ends with those of
-    another state must refuse the forces that would tell.
+    Steps of one ratio are tried before bisection: instability over a narrower range can be missed. Unless growth may
+    be creeping, such that comes out of round-off slowly was there for every smaller step: the limit is zero.
     """
-    n, m = len(system.acceleration), len(system.rate)
-    size = 2 * n + m
-    start = np.eye(size)
-    state = {"q": start[:n], "v": start[n : 2 * n], "x": start[2 * n :]}
-    step = h[:, None, None]
-    given = state | {"a": system.acceleration, "r": system.rate, "h": step, "t": 0.0, "t1": step}
-    end = _run(method.statements, given, system)
-    parts = [np.broadcast_to(end[name], (len(h), rows, size)) for name, rows in (("q1", n), ("v1", n), ("x1", m))]
-    return np.concatenate(parts, axis=1)
-
-
-def _largest_step(growth: Growth, ratio: float) -> float:
-    """Find the least step with growth; steps of this ratio are tried before bisection."""
-    low, high = _bracket(growth, ratio)
-    if low == 0.0 or high == np.inf:
-        return low
-    while high - low > 1e-13 * high:
-        middle = (low + high) / 2.0
-        if growth(np.array([middle]))[0] > 1.0:
-            high = middle
-        else:
-            low = middle
-    # growth that only now comes out of round-off was there for every smaller step
-    return low if growth(np.array([1.01 * high]))[0] > 2.0 else 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows grows
+        low, high = _bracket(growth, ratio)
+        if low == 0.0 or high == np.inf:
+            return low
+        while high - low > 1e-13 * high:
+            middle = (low + high) / 2.0
+            if growth(np.array([middle]))[0] > 1.0:
+                high = middle
+            else:
+                low = middle
+        return low if creeping or growth(np.array([1.01 * high]))[0] > 2.0 else 0.0
 
 
 def _bracket(growth: Growth, ratio: float) -> tuple[float, float]:
@@ -294,115 +229,31 @@ def _bracket(growth: Growth, ratio: float) -> tuple[float, float]:
     return np.inf, np.inf
 
 
-def _growth(method: Method, system: LinearSystem, h: Floats) -> Floats:
-    """Return how much a step makes a mode grow that does not grow in the system, over what round-off may do."""
-    factors = _eigenvalues(amplification(method, system, h))
+def _growth(method: Method, system: LinearSystem, rate: float, h: Floats) -> Floats:
+    """Return how much a step makes a mode grow that does not grow in the system, over what is allowed."""
+    found = factors(amplification(method, system, h))
     moved = np.abs(system.eigenvalues) * h[:, None]
     at_rest = np.sum(moved < AT_REST, axis=1)
     growing = np.sum((moved >= AT_REST) & system.growing, axis=1)
     # position and velocity of a slow mode are nearly parallel eigenvectors, and its factors less exact
     slowest = np.min(moved, axis=1, initial=1.0, where=moved >= AT_REST)
-    growth = (np.abs(factors) - 1.0) / ((1.0 + h * h) * ROUND_OFF * (1.0 + 0.1 / slowest))[:, None]
-    growth[np.isnan(growth)] = np.inf
+    growth = _over_allowed(found, (1.0 + h * h) * ROUND_OFF * (1.0 + 0.1 / slowest) + rate * h)
     place = np.arange(growth.shape[1])
-    changes = np.argsort(np.argsort(np.abs(factors - 1.0), axis=1), axis=1)
+    changes = np.argsort(np.argsort(np.abs(found - 1.0), axis=1), axis=1)
     growth[changes < at_rest[:, None]] = -np.inf
     growth = np.sort(growth, axis=1)
     growth[place >= growth.shape[1] - growing[:, None]] = -np.inf
     return np.asarray(np.max(growth, axis=1, initial=-np.inf))
 
 
-def _growth_along(method: Method, eigenvalues: Complexes, h: Floats) -> Floats:
+def _growth_along(method: Method, eigenvalues: Complexes, rate: float, h: Floats) -> Floats:
     """Return the same for a method that takes each eigenvalue by itself: its stability function R(z) at z = h l."""
     z = (h[:, None] * eigenvalues).ravel()
-    factors = amplification(method, GROWTH, z)[:, 0, 0].reshape(len(h), len(eigenvalues))
-    growth = (np.abs(factors) - 1.0) / ((1.0 + h * h) * ROUND_OFF)[:, None]
-    return np.asarray(np.max(np.where(np.isnan(growth), np.inf, growth), axis=1, initial=-np.inf))
+    found = amplification(method, GROWTH, z)[:, 0, 0].reshape(len(h), len(eigenvalues))
+    growth = _over_allowed(found, (1.0 + h * h) * ROUND_OFF + rate * h)
+    return np.asarray(np.max(growth, axis=1, initial=-np.inf))
 
 
-def _eigenvalues(matrices: Floats) -> Complexes:
-    """Return eigenvalues, nan of what is not finite; of 2 x 2 matrices by the quadratic formula.
-
-    The formula keeps factors on the unit circle there where they are nearly equal, which an iteration does not.
-    """
-    finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
-    matrices = np.where(finite[:, None, None], matrices, 0.0)
-    if matrices.shape[1] == 2:
-        half = (matrices[:, 0, 0] + matrices[:, 1, 1]) / 2.0
-        determinant = matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
-        root = np.sqrt((half * half - determinant).astype(np.complex128))
-        found: Complexes = np.stack([half - root, half + root], axis=1)
-    else:
-        found = np.linalg.eigvals(matrices).astype(np.complex128)
-    found[~finite] = np.nan
-    return found
-
-
-def _run(lines: Iterable[Line], given: Vectors, system: LinearSystem) -> Vectors:
-    """Run lines on matrices; their columns are the answers to each component of the state."""
-    vectors = dict(given)
-    for line in lines:
-        if isinstance(line, Solve):
-            vectors |= _solved(line, vectors, system)
-            vectors = _run((*line.definitions, *line.evaluations), vectors, system)
-        elif isinstance(line, Evaluation):
-            at = [vectors[line.position], vectors[line.velocity], vectors[line.state]]
-            vectors[line.acceleration], vectors[line.rate] = _applied(system, at)
-        else:
-            vectors[line.target] = _value(line.expression, vectors)
-    return vectors
-
-
-def _applied(system: LinearSystem, at: Sequence[Any]) -> tuple[Any, Any]:
-    """Return accelerations and rates at coordinates, velocities and states."""
-    n = len(system.acceleration)
-    places = (slice(0, n), slice(n, 2 * n), slice(2 * n, None))
-    return (
-        sum(system.acceleration[:, place] @ one for place, one in zip(places, at, strict=True)),
-        sum(system.rate[:, place] @ one for place, one in zip(places, at, strict=True)),
-    )
-
-
-def _solved(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
-    """Solve u = A u + b: the lines are linear, so that they give b at u = 0, and A where all that is known is 0."""
-    n, m, k = len(system.acceleration), len(system.rate), len(vectors["h"])
-    sizes = [m if name[0] == "x" else n for name in line.unknowns]
-    cuts = np.cumsum(sizes)[:-1]
-
-    def answers(known: Vectors, unknown: Floats) -> Floats:
-        inside = known | dict(zip(line.unknowns, np.split(unknown, cuts), strict=True))
-        inside = _run((*line.definitions, *line.evaluations), inside, system)
-        parts = [
-            np.broadcast_to(_value(one.expression, inside), (k, size, unknown.shape[1]))
-            for one, size in zip(line.equations, sizes, strict=True)
-        ]
-        return np.concatenate(parts, axis=1)
-
-    total = sum(sizes)
-    scalars = {name: vectors[name] for name in SCALARS if name in vectors}
-    rest = {name: np.zeros((m if name[0] in "xr" else n, total)) for name in vectors if name not in scalars}
-    matrix = np.eye(total) - answers(scalars | rest, np.eye(total))
-    right = answers(vectors, np.zeros((total, 2 * n + m)))
-    try:
-        solution = np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:
-        solution = np.full_like(right, np.nan)
-    return dict(zip(line.unknowns, np.split(solution, cuts, axis=1), strict=True))
-
-
-def _value(node: Node, vectors: Vectors) -> Any:
-    """Return the value of a vector expression."""
-    match node:
-        case Number():
-            return node.value
-        case Name():
-            return vectors[node.name]
-        case Negative():
-            return -_value(node.operand, vectors)
-        case Binary(operator="**"):
-            return _value(node.left, vectors) ** float(exponent_of(node.right) or 0)
-        case Call():
-            return evaluate(node, {})  # a constant, like sqrt(3)
-        case Binary():
-            return _ARITHMETIC[node.operator](_value(node.left, vectors), _value(node.right, vectors))
-    raise InputError(f"'{text_of(node)}' is no part of a method's lines; they are linear in the vectors")
+def _over_allowed(found: Complexes, allowed: Floats) -> Floats:
+    growth = (np.abs(found) - 1.0) / allowed[:, None]
+    return np.where(np.isnan(growth), np.inf, growth)

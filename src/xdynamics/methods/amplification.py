@@ -1,0 +1,188 @@
+"""What one step of a method does to a linear system, found by running the lines of its update."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import Binary, Call, Name, Negative, Node, Number, exponent_of, text_of
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.faults import InputError
+from xdynamics.methods.method import SCALARS, Evaluation, Line, Method, Solve
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Vectors = dict[str, Any]
+
+AT_REST = 1e-6  # a mode that one step changes by less tells nothing: it is at rest, or far slower than the step
+SLOWEST = 1e-7  # eigenvalues below this fraction of the largest are zero but for round-off
+_ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LinearSystem:
+    """q' = v, a = A (q, v, x), r = R (q, v, x), in units of time in which the fastest eigenvalue has size 1.
+
+    Attributes
+    ----------
+    acceleration : ndarray, shape (n, 2n + m)
+    rate : ndarray, shape (m, 2n + m)
+    eigenvalues : ndarray of complex, shape (2n + m,)
+        Zero where they are zero but for round-off.
+    fastest : float, s-1
+        Size of the fastest eigenvalue before the time was scaled.
+    """
+
+    acceleration: Floats
+    rate: Floats
+    eigenvalues: Complexes
+    fastest: float
+
+    @classmethod
+    def of(cls, jacobian: Floats, coordinates: int) -> LinearSystem:
+        """Scale the Jacobian of (q, v, x), of which the first `coordinates` are q."""
+        n = coordinates
+        eigenvalues = np.linalg.eigvals(jacobian) if jacobian.size else np.zeros(0)
+        fastest = float(np.max(np.abs(eigenvalues), initial=0.0))
+        time = 1.0 / fastest if fastest > 0.0 else 1.0
+        eigenvalues = np.where(np.abs(eigenvalues) < SLOWEST * fastest, 0.0, eigenvalues * time).astype(np.complex128)
+        scaled = np.array(jacobian, dtype=np.float64)
+        scaled[:n] *= time
+        scaled[n:] *= time
+        scaled[:, n : 2 * n] /= time
+        scaled[n : 2 * n] *= time
+        return cls(scaled[n : 2 * n], scaled[2 * n :], eigenvalues, fastest)
+
+    @property
+    def growing(self) -> NDArray[np.bool_]:
+        """Which modes grow in the system itself."""
+        return self.eigenvalues.real > AT_REST
+
+    @property
+    def stiffness(self) -> Floats | None:
+        """K of a system that is nothing but q'' = -K q; None of another."""
+        n = len(self.acceleration)
+        return None if self.acceleration[:, n:].any() or self.rate.any() else -self.acceleration[:, :n]
+
+
+def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDArray[Any]:
+    """Return the matrix that one step of each size applies to (q, v, x), by running the method's lines.
+
+    Parameters
+    ----------
+    method : Method
+    system : LinearSystem
+    h : ndarray, shape (k,)
+        Steps, in the system's unit of time; complex ones give the stability function.
+
+    Returns
+    -------
+    ndarray, shape (k, 2n + m, 2n + m)
+
+    Notes
+    -----
+    Accelerations and rates at the start of the step are those of the state there. A method that ends with those of
+    another state must refuse the forces that would tell.
+    """
+    n, m = len(system.acceleration), len(system.rate)
+    size = 2 * n + m
+    start = np.eye(size)
+    state = {"q": start[:n], "v": start[n : 2 * n], "x": start[2 * n :]}
+    step = h[:, None, None]
+    given = state | {"a": system.acceleration, "r": system.rate, "h": step, "t": 0.0, "t1": step}
+    end = _run(method.statements, given, system)
+    parts = [np.broadcast_to(end[name], (len(h), rows, size)) for name, rows in (("q1", n), ("v1", n), ("x1", m))]
+    return np.concatenate(parts, axis=1)
+
+
+def factors(matrices: Floats) -> Complexes:
+    """Return the eigenvalues of amplification matrices, nan of what is not finite; of 2 x 2 matrices by the quadratic formula.
+
+    The formula keeps factors on the unit circle there where they are nearly equal, which an iteration does not.
+    """
+    finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    matrices = np.where(finite[:, None, None], matrices, 0.0)
+    if matrices.shape[1] == 2:
+        half = (matrices[:, 0, 0] + matrices[:, 1, 1]) / 2.0
+        determinant = matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
+        root = np.sqrt((half * half - determinant).astype(np.complex128))
+        found: Complexes = np.stack([half - root, half + root], axis=1)
+    else:
+        found = np.linalg.eigvals(matrices).astype(np.complex128)
+    found[~finite] = np.nan
+    return found
+
+
+def _run(lines: Iterable[Line], given: Vectors, system: LinearSystem) -> Vectors:
+    """Run lines on matrices; their columns are the answers to each component of the state."""
+    vectors = dict(given)
+    for line in lines:
+        if isinstance(line, Solve):
+            vectors |= _solved(line, vectors, system)
+            vectors = _run((*line.definitions, *line.evaluations), vectors, system)
+        elif isinstance(line, Evaluation):
+            at = [vectors[line.position], vectors[line.velocity], vectors[line.state]]
+            vectors[line.acceleration], vectors[line.rate] = _applied(system, at)
+        else:
+            vectors[line.target] = _value(line.expression, vectors)
+    return vectors
+
+
+def _applied(system: LinearSystem, at: Sequence[Any]) -> tuple[Any, Any]:
+    """Return accelerations and rates at coordinates, velocities and states."""
+    n = len(system.acceleration)
+    places = (slice(0, n), slice(n, 2 * n), slice(2 * n, None))
+    return (
+        sum(system.acceleration[:, place] @ one for place, one in zip(places, at, strict=True)),
+        sum(system.rate[:, place] @ one for place, one in zip(places, at, strict=True)),
+    )
+
+
+def _solved(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
+    """Solve u = A u + b: the lines are linear, so that they give b at u = 0, and A where all that is known is 0."""
+    n, m, k = len(system.acceleration), len(system.rate), len(vectors["h"])
+    sizes = [m if name[0] == "x" else n for name in line.unknowns]
+    cuts = np.cumsum(sizes)[:-1]
+
+    def answers(known: Vectors, unknown: Floats) -> Floats:
+        inside = known | dict(zip(line.unknowns, np.split(unknown, cuts), strict=True))
+        inside = _run((*line.definitions, *line.evaluations), inside, system)
+        parts = [
+            np.broadcast_to(_value(one.expression, inside), (k, size, unknown.shape[1]))
+            for one, size in zip(line.equations, sizes, strict=True)
+        ]
+        return np.concatenate(parts, axis=1)
+
+    total = sum(sizes)
+    scalars = {name: vectors[name] for name in SCALARS if name in vectors}
+    rest = {name: np.zeros((m if name[0] in "xr" else n, total)) for name in vectors if name not in scalars}
+    matrix = np.eye(total) - answers(scalars | rest, np.eye(total))
+    right = answers(vectors, np.zeros((total, 2 * n + m)))
+    matrix[np.linalg.det(matrix) == 0.0] = np.nan  # a pole of the step: no number
+    solution = np.linalg.solve(matrix, right)
+    return dict(zip(line.unknowns, np.split(solution, cuts, axis=1), strict=True))
+
+
+def _value(node: Node, vectors: Vectors) -> Any:
+    """Return the value of a vector expression."""
+    match node:
+        case Number():
+            return node.value
+        case Name():
+            return vectors[node.name]
+        case Negative():
+            return -_value(node.operand, vectors)
+        case Binary(operator="**"):
+            return _value(node.left, vectors) ** float(exponent_of(node.right) or 0)
+        case Call():
+            return evaluate(node, {})  # a constant, like sqrt(3)
+        case Binary():
+            return _ARITHMETIC[node.operator](_value(node.left, vectors), _value(node.right, vectors))
+    raise InputError(f"'{text_of(node)}' is no part of a method's lines; they are linear in the vectors")

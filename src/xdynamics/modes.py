@@ -1,0 +1,241 @@
+"""Normal modes, time scales and stable steps of a model about one of its states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics import record, schema
+from xdynamics.faults import InputError
+from xdynamics.methods import METHODS
+from xdynamics.methods.stability import decay_limit, oscillator_limit, stable_step_of
+from xdynamics.model import Model
+from xdynamics.model.linearisation import Linearisation, initial_state, linearise, variables
+from xdynamics.schema import STEPS, Variable
+from xdynamics.units import NONE, Unit, parse_unit, spell
+
+Floats = NDArray[np.float64]
+
+MODES, EIGENVALUES, BY_METHOD = "mode", "eigenvalue", "method"
+RIGID = 1e-13  # squares of frequencies below this fraction of the largest are zero but for round-off
+SUGGESTION = (
+    "the lesser of T/20 and half the largest step with which no mode grows by more than a hundredth in T, where T is the"
+    " shortest 2 pi/|eigenvalue| of those that oscillate or grow, and of decays alone the longest; a start for a"
+    " refinement, not a bound of the error; nan where the method refuses the model"
+)
+
+
+def modes(subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Linearise a model about a state: its modes, its eigenvalues, and the steps that each method bears there.
+
+    Parameters
+    ----------
+    subject : Model or xarray.Dataset
+        A model, about its initial state, or a run record, about one of its rows.
+    row : int, optional
+        Row of the record, from 0, or from the end if negative; the first if not given.
+    at : mapping, optional
+        Values that replace some of the state's: ``{"theta": "0 rad"}``; a bare number has the unit of the model's
+        initial value.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `mode`, of the undamped system K u = w**2 M u: `frequency` w (rad s-1, 0 of a rigid motion, nan where
+        w**2 is not a number >= 0: no oscillation), `period`, and `shape_<q>` of each coordinate; a shape is a
+        displacement in SI units whose largest number is 1. Along `eigenvalue`, of the whole Jacobian with its damping
+        and first-order states: `eigenvalue_real`, `eigenvalue_imag`. `fastest_time_scale`, one over the largest
+        eigenvalue. Along `method`: `method_name` (a flag), `oscillator_limit`, `decay_limit`, `largest_stable_step` and
+        `suggested_step`. The state itself, without a dimension, in SI units.
+
+    Raises
+    ------
+    InputError
+        If the Dataset is no run record, there is no such row, `at` names or measures wrongly, a force is written in
+        Python, or a derivative is not finite at the state.
+
+    Notes
+    -----
+    Goldstein, Classical Mechanics, 3rd ed., chapter 6; Hairer and Wanner, Solving Ordinary Differential Equations II,
+    section IV.2. Away from an equilibrium the modes are those of the moment, and K has the part that the change of the
+    mass matrix adds.
+
+    Examples
+    --------
+    >>> model = Model.from_toml("data/models/coupled_masses.toml")
+    >>> modes(model).frequency.values.round(12).tolist()
+    [2.0, 3.0]
+    """
+    model, state = _subject(subject, row)
+    if at:
+        replaced = model.replace(initial=at)
+        state |= {name: replaced.initial[name].si for name in at}
+    found = linearise(model, state)
+    _check_finite(model, found, state["t"])
+    eigenvalues = np.linalg.eigvals(found.jacobian).astype(np.complex128)
+    eigenvalues = eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))]
+    filled = [
+        *_state(model, state),
+        *_undamped(model, found),
+        *_eigenvalues(eigenvalues),
+        *_methods(model, found.jacobian, eigenvalues),
+    ]
+    attributes = {
+        "title": f"Modes of {model.name}",
+        "summary": f"Linearisation about the state at t = {state['t']!r} s",
+        "source": "linearisation by xdynamics, exact derivatives",
+        "model_digest": model.digest,
+    }
+    return xr.Dataset({one.name: (one.dims, values, one.attributes) for one, values in filled}, attrs=attributes)
+
+
+def _subject(subject: Any, row: int | None) -> tuple[Model, dict[str, float]]:
+    """Return the model and the state that are asked for."""
+    if isinstance(subject, Model):
+        if row is not None:
+            raise InputError(f"row is {row!r}, but a model has no rows; give a run record, or the state with at=…")
+        return subject, initial_state(subject)
+    if not isinstance(subject, xr.Dataset):
+        raise InputError(f"modes needs a Model or a run record, got {str(subject)[:60]!r}")
+    record.check(subject)
+    rows = subject.sizes[STEPS]
+    at = 0 if row is None else row
+    if not isinstance(at, int | np.integer) or not -rows <= at < rows:
+        raise InputError(
+            f"row {at!r} is none of the run's {rows}; needs 0 to {rows - 1}, or {-rows} to -1 from the end"
+        )
+    model = Model.from_text(str(subject["model_toml"].values))
+    return model, {name: _recorded(subject, name, int(at)) for name in ("t", *variables(model))}
+
+
+def _recorded(run: xr.Dataset, name: str, row: int) -> float:
+    """Return one number of a record in SI units."""
+    name = "time" if name == "t" else name
+    if name not in run.variables:
+        raise InputError(f"run record has no variable '{name}', which its model needs; give the whole record")
+    one = run.variables[name]
+    return parse_unit(str(one.attrs["units"])).to_si(float(one[row].values))
+
+
+def _check_finite(model: Model, found: Linearisation, t: float) -> None:
+    wrong = np.argwhere(~np.isfinite(found.jacobian))
+    if wrong.size:
+        i, j = (int(one) for one in wrong[0])
+        raise InputError(
+            f"model '{model.name}' cannot be linearised at t = {t!r} s: the rate of {found.names[i]} has the derivative"
+            f" {found.jacobian[i, j]} by {found.names[j]}; choose another state with at=… or row=…"
+        )
+
+
+def _state(model: Model, state: Mapping[str, float]) -> list[tuple[Variable, Any]]:
+    """Return the state that the model is linearised about."""
+    roles = {"t": "time"} | dict.fromkeys(model.coordinates, "coordinate") | dict.fromkeys(model.states, "state")
+    return [
+        (
+            Variable(
+                "time" if name == "t" else name,
+                (),
+                "f8",
+                "s" if name == "t" else _si_unit(model, name).text,
+                f"{'time' if name == 't' else name} at which the model is linearised",
+                roles.get(name, "velocity"),
+            ),
+            value,
+        )
+        for name, value in state.items()
+    ]
+
+
+def _undamped(model: Model, found: Linearisation) -> list[tuple[Variable, Any]]:
+    """Return frequencies, periods and shapes, the lowest frequency first."""
+    squares, shapes = _normal_modes(found.stiffness, found.mass)
+    real = np.where((squares.imag == 0.0) & (squares.real >= 0.0), squares.real, np.nan)
+    frequency = np.sqrt(real)
+    period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
+    comment = {"comment": "undamped; 0 of a rigid motion, nan where the square is negative or complex"}
+    frequency_variable = Variable(
+        "frequency", (MODES,), "f8", "rad s-1", "natural angular frequency", "frequency", comment
+    )
+    result: list[tuple[Variable, Any]] = [
+        (frequency_variable, frequency),
+        (Variable("period", (MODES,), "f8", "s", "natural period", "period"), period),
+    ]
+    scaling = {"comment": "a displacement, scaled so that the largest number of the mode in SI units is 1"}
+    for i, name in enumerate(model.coordinates):
+        unit, about = _si_unit(model, name).text, f"mode shape along {name}"
+        result.append((Variable(f"shape_{name}", (MODES,), "f8", unit, about, "mode_shape", scaling), shapes[i]))
+    return result
+
+
+def _normal_modes(stiffness: Floats, mass: Floats) -> tuple[NDArray[np.complex128], Floats]:
+    """Solve K u = w**2 M u; return the squares, ascending, and the shapes as columns."""
+    from scipy import linalg
+
+    n = len(mass)
+    if n == 0:
+        return np.zeros(0, np.complex128), np.zeros((0, 0))
+    symmetric = np.abs(stiffness - stiffness.T).max() <= 1e-13 * np.abs(stiffness).max()
+    positive = np.linalg.eigvalsh(mass)[0] > 0.0
+    solve = linalg.eigh if symmetric and positive else linalg.eig
+    squares, shapes = solve(stiffness, mass)
+    order = np.argsort(squares.real, kind="stable")
+    squares, shapes = squares[order].astype(np.complex128), shapes[:, order].real
+    squares[np.abs(squares) <= n * RIGID * np.abs(squares).max()] = 0.0
+    squares.imag[np.abs(squares.imag) <= n * RIGID * np.abs(squares).max()] = 0.0
+    largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(n)]
+    return squares, shapes / largest
+
+
+def _eigenvalues(eigenvalues: NDArray[np.complex128]) -> list[tuple[Variable, Any]]:
+    """Return the eigenvalues of the Jacobian, the slowest first, and the time scale of the fastest."""
+    comment = {"comment": "negative decays, positive grows"}
+    size = float(np.max(np.abs(eigenvalues), initial=0.0))
+    real = Variable("eigenvalue_real", (EIGENVALUES,), "f8", "s-1", "rate of growth of an eigenmode of the motion", "eigenvalue", comment)  # fmt: skip
+    imag = Variable("eigenvalue_imag", (EIGENVALUES,), "f8", "s-1", "angular frequency of an eigenmode of the motion", "eigenvalue")  # fmt: skip
+    scale = Variable("fastest_time_scale", (), "f8", "s", "one over the largest eigenvalue", "time_scale")
+    return [(real, eigenvalues.real), (imag, eigenvalues.imag), (scale, 1.0 / size if size else np.inf)]
+
+
+def _methods(model: Model, jacobian: Floats, eigenvalues: NDArray[np.complex128]) -> list[tuple[Variable, Any]]:
+    """Return what each method bears: in general, and at this state."""
+    names = schema.flags(dict(enumerate(METHODS)))
+    methods = list(METHODS.values())
+    stable = np.array([stable_step_of(jacobian, one, model) for one in methods])
+    scale = _scale(eigenvalues)
+    kept = np.array([stable_step_of(jacobian, one, model, growth=0.01 / scale) for one in methods])
+    suggested = np.minimum(scale / 20.0, kept / 2.0)  # nan where the method refuses the model
+
+    def along(name: str, units: str, about: str, comment: str) -> Variable:
+        return Variable(name, (BY_METHOD,), "f8", units, about, "stability", {"comment": comment})
+
+    return [
+        (Variable("method_name", (BY_METHOD,), "i1", "1", "time-stepping method", "flag", names), np.arange(len(methods), dtype=np.int8)),
+        (along("oscillator_limit", "1", "largest stable step over 1/w of an undamped oscillation", "0: every step makes it grow; inf: none does"), np.array([oscillator_limit(one) for one in methods])),
+        (along("decay_limit", "1", "largest stable step over the time of a decay", "inf: every step is stable; nan: the method refuses such a term"), np.array([decay_limit(one) for one in methods])),
+        (along("largest_stable_step", "s", "largest step with which no mode grows that does not grow in the model", "0: none; inf: every step; nan: the method refuses the model"), stable),
+        (along("suggested_step", "s", "suggested step", SUGGESTION), suggested),
+    ]  # fmt: skip
+
+
+def _scale(eigenvalues: NDArray[np.complex128]) -> float:
+    """Return the time that a step has to resolve: of the fastest oscillation or growth, else of the slowest decay."""
+    sizes = np.abs(eigenvalues)
+    moving = sizes > 0.0
+    lively = moving & (eigenvalues.real > -np.abs(eigenvalues.imag))
+    if lively.any():
+        return float(2.0 * np.pi / sizes[lively].max())
+    return float(2.0 * np.pi / sizes[moving].min()) if moving.any() else np.inf
+
+
+def _si_unit(model: Model, name: str) -> Unit:
+    """Return the SI unit of a coordinate, velocity or state, an angle in rad."""
+    if name not in model.coordinates and name not in model.states:
+        return _si_unit(model, name.removeprefix(schema.velocity(""))).per_second()
+    unit = model.coordinates[name].unit if name in model.coordinates else model.states[name].unit
+    if unit.dimension == NONE and unit.text not in ("1", "percent"):
+        return Unit("rad", NONE)
+    return spell(unit.dimension)

@@ -1,0 +1,240 @@
+"""The state between accepted steps, from a record alone: by the method's dense output, and by a second route."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import record, schema
+from xdynamics.faults import InputError
+from xdynamics.kernels import Layout, compile_march, pose, write_interpolation
+from xdynamics.kernels.cache import missing_functions
+from xdynamics.methods import METHODS
+from xdynamics.model import Model
+from xdynamics.provenance import extension, interpolation_orders, scales_of
+from xdynamics.schema import STEPS
+from xdynamics.units import TIME, parse_time
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+INSTANTS = "instant"
+SIDES = ("before", "after")
+ROUTE = "re-integration: one step of the run's method from the archived state to the instant; the error is its distance from the interpolated value"
+
+
+def sample(
+    run: xr.Dataset,
+    times: Sequence[float] | Floats | float | str,
+    *,
+    side: str = "after",
+    functions: Mapping[str, Callable[..., float]] | None = None,
+) -> xr.Dataset:
+    """Evaluate a run at any times inside it, by the dense output that `solver_interpolation` names.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run record, in memory or opened from an archive. On dask arrays the result is lazy: `time` is searched by
+        bisection over its chunks, and of the states those chunks are read that hold a wanted step.
+    times : array_like of float, shape (n,), s; or a time like ``"1.5 s"``
+        In any order. At an accepted time the accepted state is returned as it is.
+    side : {"after", "before"}
+        Which of the two states of an event to return at its very time. A step never reaches over an event.
+    functions : mapping of str to callable, optional
+        The Python functions that the model's forces call.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `instant`: `time`, `row` (of `step`, from which the step goes), and for every coordinate, velocity and
+        state its value and `error_…`, its distance from a re-integration of the same stretch from the archived state.
+
+    Raises
+    ------
+    InputError
+        If a time lies outside the run or is no number, or the Dataset is no run record.
+
+    Notes
+    -----
+    Continuous extensions: Hairer, Norsett, Wanner, Solving ODEs I, section II.6.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> run = xd.simulate(model, method="dormand_prince", rtol=1e-8, until="2 s")
+    >>> found = sample(run, [0.5, 1.0])
+    >>> abs(found.x - np.cos(2 * found.time)).max().item() < 1e-6
+    True
+    """
+    record.check_kind(run)
+    wanted = _wanted(times)
+    if side not in SIDES:
+        raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
+    rows, starts, ends = _located(run["time"], wanted, after=side == "after")
+    inside = _Inside(run, functions or {})
+    return inside.dataset(wanted, rows, starts, ends)
+
+
+@dataclass(frozen=True)
+class _Inside:
+    """A record's model and method, ready to evaluate states inside its steps."""
+
+    run: xr.Dataset
+    functions: Mapping[str, Callable[..., float]]
+
+    @cached_property
+    def model(self) -> Model:
+        model = Model.from_text(str(self.run["model_toml"].values), functions=self.functions)
+        missing_functions([one.name for one in model.python_forces], model.functions)
+        return model
+
+    @cached_property
+    def layout(self) -> Layout:
+        method = METHODS[self.run.attrs["solver_method"]]
+        return Layout(self.model, self.run.attrs["solver_estimator"], method.implicit)
+
+    def dataset(self, times: Floats, rows: NDArray[np.int64], starts: Floats, ends: Floats) -> xr.Dataset:
+        """Gather the states that the steps start from, and evaluate."""
+        import xarray as xr
+
+        layout, run = self.layout, self.run
+        left = run[list(layout.used)].drop_vars("time", errors="ignore").isel({STEPS: rows}).rename({STEPS: INSTANTS})
+        following = np.minimum(rows + 1, run.sizes[STEPS] - 1)
+        steps = run["step_size"].drop_vars("time", errors="ignore").isel({STEPS: following})
+        columns = [steps.rename({STEPS: INSTANTS}).variable, *(left[name].variable for name in layout.used)]
+        found = _blockwise(self._evaluated, np.stack([times, starts, ends]), columns, 2 * len(layout.used))
+        orders = interpolation_orders(METHODS[run.attrs["solver_method"]], layout.estimator, layout)
+        variables = {}
+        for i, name in enumerate(layout.used):
+            about = run[name].attrs
+            error = schema.error(name)
+            rule = {
+                "interpolation": run.attrs["solver_interpolation"],
+                "interpolation_order": orders[name],
+                "ancillary_variables": error,
+            }
+            kept = {key: about[key] for key in ("units", "long_name", "role")}
+            variables[name] = xr.Variable((INSTANTS,), found[i], kept | rule)
+            said = {"units": about["units"], "long_name": f"error of {name}, by {ROUTE}", "role": "error"}
+            variables[error] = xr.Variable((INSTANTS,), found[len(layout.used) + i], said)
+        variables["time"] = xr.Variable(
+            (INSTANTS,), times, {"units": "s", "long_name": "time of the instant", "role": "time"}
+        )
+        variables["row"] = xr.Variable(
+            (INSTANTS,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
+        )
+        attributes = {key: run.attrs[key] for key in _KEPT if key in run.attrs}
+        return xr.Dataset(variables, attrs=attributes | {"error_estimate": ROUTE}).set_coords("time")
+
+    def _evaluated(self, where: Floats, columns: Floats) -> Floats:
+        """Evaluate both routes; of `where` the rows are instant, start and end, of `columns` step and state."""
+        run = compile_march(self._source, self.model.functions)
+        problem = pose(self.model, self._scales)
+        scale, factors = self._scales.of(TIME), self._factors
+        times, starts, ends = (np.ascontiguousarray(one) / scale for one in where)
+        steps, states = columns[0] / scale, columns[1:] / factors
+        found = np.empty((2 * len(states), times.size))
+        moving = np.flatnonzero(times > starts)
+        inner = np.empty((2 * len(states), moving.size))
+        run(starts[moving], ends[moving], steps[moving], times[moving], np.ascontiguousarray(states[:, moving]),
+            problem.parameters, problem.tables, inner)  # fmt: skip
+        found[: len(states)] = columns[1:]  # at an accepted time the accepted state, to the bit
+        found[len(states) :] = 0.0
+        n = len(states)
+        found[:n, moving] = inner[:n] * factors
+        found[n:, moving] = np.abs(inner[:n] - inner[n:]) * factors
+        return found
+
+    @cached_property
+    def _source(self) -> str:
+        method = METHODS[self.run.attrs["solver_method"]]
+        return write_interpolation(self.layout, method, extension(method, self.layout.estimator))
+
+    @cached_property
+    def _scales(self) -> Any:
+        return scales_of(self.run)
+
+    @cached_property
+    def _factors(self) -> Floats:
+        """From internal numbers to those of the record."""
+        factors = record.factors(self.model, self._scales)
+        return np.array([[factors[name]] for name in self.layout.used])
+
+
+_KEPT = ("title", "solver_method", "solver_order", "solver_interpolation", "solver_interpolation_order", "solver_estimator",
+         "model_digest", "force_digest", "content_digest")  # fmt: skip
+
+
+def _wanted(times: Any) -> Floats:
+    """Read the times that are asked for."""
+    if isinstance(times, str):
+        times = parse_time(times, "times")
+    try:
+        wanted = np.atleast_1d(np.asarray(times, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError(f"times are {str(times)[:60]!r}, need numbers in s") from None
+    if wanted.ndim != 1 or not wanted.size:
+        raise InputError(f"times have the shape {wanted.shape}, need one row with at least one time")
+    if np.isnan(wanted).any():
+        raise InputError(f"times[{int(np.flatnonzero(np.isnan(wanted))[0])}] is nan, needs a time in s")
+    return wanted
+
+
+def _located(time: xr.DataArray, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Find the row that each time's step goes from, and the times at both ends of that step."""
+    known = _Times(time)
+    first, last = known[0], known[len(known) - 1]
+    outside = np.flatnonzero((wanted < first) | (wanted > last))
+    if outside.size:
+        raise InputError(
+            f"times[{int(outside[0])}] = {wanted[outside[0]]!r} s is outside the run, from {first!r} s to {last!r} s;"
+            " a run is never extrapolated"
+        )
+    rows = np.empty(wanted.size, np.int64)
+    for i, one in enumerate(wanted.tolist()):
+        row = bisect_right(known, one) - 1
+        if not after and known[row] == one:
+            row = bisect_left(known, one)
+        rows[i] = row
+    ends = [known[min(row + 1, len(known) - 1)] for row in rows.tolist()]
+    return rows, np.array([known[row] for row in rows.tolist()]), np.array(ends)
+
+
+class _Times(Sequence[float]):
+    """Accepted times, read a chunk at a time as a search asks for them."""
+
+    def __init__(self, time: xr.DataArray) -> None:
+        self._time = time
+        sizes = time.chunks[0] if time.chunks else (time.size,)
+        self._offsets = np.concatenate([[0], np.cumsum(sizes)])
+        self._read: dict[int, Floats] = {}
+
+    def __len__(self) -> int:
+        return int(self._offsets[-1])
+
+    def __getitem__(self, index: Any) -> Any:
+        chunk = int(np.searchsorted(self._offsets, index, side="right")) - 1
+        if chunk not in self._read:
+            part = self._time.isel({STEPS: slice(int(self._offsets[chunk]), int(self._offsets[chunk + 1]))})
+            self._read[chunk] = np.asarray(part)
+        return float(self._read[chunk][index - self._offsets[chunk]])
+
+
+def _blockwise(function: Callable[[Floats, Floats], Floats], where: Floats, columns: list[Any], height: int) -> Any:
+    """Apply a function to columns side by side, lazily where they are lazy."""
+    if not any(one.chunks for one in columns):
+        return function(where, np.stack([np.asarray(one) for one in columns]))
+    import dask.array as da
+
+    stacked = da.stack([da.asarray(one.data) for one in columns]).rechunk({0: -1})
+    places = da.from_array(where, chunks=(len(where), stacked.chunks[1]))
+    return da.map_blocks(function, places, stacked, dtype=float, chunks=((height,), stacked.chunks[1]))

@@ -1,0 +1,52 @@
+"""The number of a tree, against compiled code and against IEEE 754."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import xdynamics as xd
+from problems import particle
+from xdynamics.expressions import FUNCTIONS, parse
+from xdynamics.expressions.evaluation import evaluate
+
+CALLS = {name: f"{name}(u)" for name, arguments in FUNCTIONS.items() if arguments == 1} | {
+    "acosh_free": "acos(u/8) + asin(u/9)", "atan2": "atan2(u, -2)", "hypot": "hypot(u, 3)", "min": "min(u, 2, -u)",
+    "max": "max(1, u, 2)", "where": "where(u*u >= 2, u, -u)", "cube": "u**3", "seventh": "u**-7", "twelfth": "u**12",
+    "root": "u**0.5", "power_three_halves": "u**(3/2)", "power_minus_five_halves": "u**-2.5", "third": "u**(1/3)",
+    "quotient": "(u - 3)/(u*7 - 1)",
+}  # fmt: skip
+
+
+def test_numbers_are_those_of_compiled_code() -> None:
+    """Assert that a recorded observable has the bits of its evaluation, for every function of the language."""
+    observables = {f"o_{name}": text for name, text in CALLS.items() if name not in ("asin", "acos")}
+    model = particle(definitions={"u": "x/metre"}, observables=observables)
+    run = xd.simulate(model, method="forward_euler", step=0.37, until=0.74)
+    for x, row in zip(run.x.values, range(3), strict=True):
+        for name, text in observables.items():
+            assert evaluate(parse(text), {"u": float(x)}) == float(run[name][row]), name
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("1/zero", math.inf), ("-1/zero", -math.inf), ("1/(-zero)", -math.inf), ("zero/zero", math.nan),
+        ("zero**-1", math.inf), ("(-zero)**-3", -math.inf), ("sqrt(-1)", math.nan), ("log(zero)", -math.inf),
+        ("log(-1)", math.nan), ("exp(1000)", math.inf), ("exp(-1000)", 0.0), ("sinh(-1000)", -math.inf),
+        ("cosh(-1000)", math.inf), ("sin(1/zero)", math.nan), ("asin(2)", math.nan), ("acos(-2)", math.nan),
+        ("(-1)**(1/3)", math.nan), ("1e300*1e300", math.inf), ("(1e300)**2", math.inf), ("1e300**(4/3)", math.inf),
+        ("sign(-3)", -1.0), ("sign(zero/zero)", math.nan), ("min(zero/zero, 1)", math.nan),
+        ("max(1, zero/zero)", math.nan), ("where(zero/zero < 1, 2, 3)", 3.0), ("zero**0", 1.0),
+    ],
+)  # fmt: skip
+def test_no_arithmetic_raises(text: str, number: float) -> None:
+    """Assert that what has no finite value gives the infinity or nan of IEEE 754."""
+    assert evaluate(parse(text), {"zero": 0.0}) == pytest.approx(number, rel=0, abs=0, nan_ok=True)
+
+
+def test_a_name_without_a_value_is_told() -> None:
+    """Assert that a missing name is named, with those that are there."""
+    with pytest.raises(xd.InputError, match="name 'k' has no value; there are x, y"):
+        evaluate(parse("k*x"), {"x": 1.0, "y": 2.0})
