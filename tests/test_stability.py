@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,11 +11,11 @@ import pytest
 import xdynamics as xd
 from problems import MODELS, oscillator, particle
 from xdynamics.methods import Evaluation, Method
-from xdynamics.methods.amplification import LinearSystem, amplification
+from xdynamics.methods.amplification import LinearSystem, amplification, factors
 from xdynamics.methods.method import spread
 from xdynamics.methods.stability import OSCILLATOR, decay_limit, oscillator_limit, stable_step, stiffness, treats_alike
 from xdynamics.model import Trait
-from xdynamics.model.linearisation import initial_state
+from xdynamics.model.linearisation import initial_state, linearise
 
 RK4 = """
     y2 = y + h/2*k
@@ -25,11 +26,6 @@ RK4 = """
     k4 = f(t1, y4)
     y1 = y + h/6*(k + 2*k2 + 2*k3 + k4)
     k1 = f(t1, y1)
-"""
-THETA = """
-    solve y1:
-        k1 = f(t1, y1)
-        y1 = y + h*({theta}*k1 + (1 - {theta})*k)
 """
 IMPLICIT_MIDPOINT = """
     vm = v + h/2*a
@@ -78,16 +74,16 @@ def test_limits_are_those_of_the_literature(name: str) -> None:
     assert decay_limit(method) == pytest.approx(of_decay, rel=1e-9, abs=0, nan_ok=True)
 
 
-@pytest.mark.parametrize("method", xd.METHODS.values(), ids=str)
+@pytest.mark.parametrize("method", xd.METHODS.values(), ids=list(xd.METHODS))
 def test_a_step_is_the_power_series_of_the_flow(method: Method) -> None:
     """Assert that one step differs from the exact rotation by O(h**(order + 1))."""
-    h = np.array([0.2, 0.1])
+    h = np.array([0.4, 0.2])
     exact = np.array([[[math.cos(z), math.sin(z)], [-math.sin(z), math.cos(z)]] for z in h])
-    error = np.abs(amplification(method, OSCILLATOR, h) - exact).max(axis=(1, 2))
-    assert error[0] < 1e-14 or error[0] / error[1] > 2.0 ** (method.order + 0.7) or error[0] < 2e-13
+    coarse, fine = np.abs(amplification(method, OSCILLATOR, h) - exact).max(axis=(1, 2))
+    assert coarse / fine > 2.0 ** (method.order + 0.5)
 
 
-@pytest.mark.parametrize("method", xd.METHODS.values(), ids=str)
+@pytest.mark.parametrize("method", xd.METHODS.values(), ids=list(xd.METHODS))
 def test_a_step_ends_with_the_forces_of_its_end(method: Method) -> None:
     """Assert what the amplification needs: a1 and r1 at the end, or no forces that would tell."""
     last = [one for one in method.statements if isinstance(one, Evaluation) and one.acceleration == "a1"]
@@ -95,15 +91,27 @@ def test_a_step_ends_with_the_forces_of_its_end(method: Method) -> None:
     assert method.implicit or whole or {Trait.VELOCITY_DEPENDENT, Trait.COUPLED_STATES} <= set(method.refuses)
 
 
-@pytest.mark.parametrize("name", [name for name in LIMITS if 0.0 < LIMITS[name][1] < math.inf])
+@pytest.mark.parametrize("name", ["euler_cromer", "velocity_verlet", "rk4"])
 def test_a_march_blows_up_beyond_the_limit_only(name: str) -> None:
     """Assert that marches of an oscillator stay bounded just below the limit, and not above it."""
-    if name not in xd.METHODS:
-        pytest.skip("not registered")
     limit = oscillator_limit(xd.METHODS[name]) / 2.0  # w = 2 s-1
-    ends = [np.abs(xd.simulate(oscillator().model, method=name, step=limit * part, until=200.0).x).max() for part in (0.99, 1.05)]  # fmt: skip
-    assert ends[0] < 50.0
-    assert ends[1] > 1e6
+    runs = [xd.simulate(oscillator().model, method=name, step=limit * part, until=400.0) for part in (0.99, 1.05)]
+    below, above = (float(np.abs(run.x).max()) for run in runs)
+    assert below < 50.0
+    assert above > 1e4
+
+
+@pytest.mark.parametrize("method", xd.METHODS.values(), ids=list(xd.METHODS))
+def test_a_mode_grows_right_beyond_the_limit_and_nowhere_before(method: Method) -> None:
+    """Assert the size of the factors on both sides of the limit, from 1e-3 of it on."""
+    limit = oscillator_limit(method)
+    steps = np.linspace(0.001, 0.9999, 3000) * (limit if 0.0 < limit < math.inf else 1.0)
+    growth = (
+        np.abs(factors(amplification(method, OSCILLATOR, np.append(steps, 1.0001 * min(limit, 10.0))))).max(axis=1)
+        - 1.0
+    )
+    assert (growth[:-1] <= 1e-11).all() == (limit > 0.0)
+    assert limit in (0.0, math.inf) or growth[-1] > 1e-9
 
 
 def test_runge_kutta_methods_treat_all_vectors_alike() -> None:
@@ -122,18 +130,71 @@ def test_the_scaling_of_time_is_exact() -> None:
 
 @pytest.mark.parametrize(
     ("name", "step"),
-    [
-        ("forward_euler", 0.04),
-        ("euler_cromer", (-0.04 + math.sqrt(0.0016 + 16.0)) / 2.0),
-        ("velocity_verlet", math.nan),
-    ],
+    [("forward_euler", 0.04), ("euler_cromer", math.sqrt(4.0016) - 0.04), ("velocity_verlet", math.nan)],
 )
 def test_a_damped_oscillator_has_its_closed_form(name: str, step: float) -> None:
-    """Assert h = c/k for Euler, the root of k h**2 + 2 c h - 4 for Euler-Cromer; m = 1, k = 1 and c = 0.04."""
-    model = damped("-4*x*newton/metre/2 - 0.08*v_x*newton*second/metre", x="2*newton")
+    """Assert h = c/k for Euler, the root of k h**2 + 2 c h - 4 for Euler-Cromer; k = 1 s-2 and c = 0.04 s-1."""
+    model = particle("-(2*x + 0.08*v_x*second)*newton/metre")
     assert stable_step(model, xd.METHODS[name], initial_state(model)) == pytest.approx(step, rel=1e-8, nan_ok=True)
 
 
-def damped(force: str, x: str) -> xd.Model:
-    """A particle of 2 kg under a force."""
-    return particle(force) if x else particle()
+@pytest.mark.parametrize("masses", [2, 15])
+@pytest.mark.parametrize("fixed", [True, False])
+@pytest.mark.parametrize("name", ["velocity_verlet", "euler_cromer", "midpoint"])
+def test_the_fastest_mode_of_a_chain_sets_the_step(name: str, masses: int, fixed: bool) -> None:
+    """Assert limit/w of the shortest wave, with and without a mode at rest; w = 2 sin(pi k/(2(N + 1))) or /(2N)."""
+    model, method = chain(masses, fixed=fixed), xd.METHODS[name]
+    waves = masses / (masses + 1) if fixed else (masses - 1) / masses
+    expected = oscillator_limit(method) / (2.0 * math.sin(math.pi / 2.0 * waves))
+    assert stable_step(model, method, initial_state(model)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_growth_that_is_let_pass_makes_a_step_usable() -> None:
+    """Assert that forward Euler grows by w**2 h/2: a rate of 1/(100 s) allows h = 0.005 s where w = 2 s-1."""
+    model, method = oscillator().model, xd.METHODS["forward_euler"]
+    assert stable_step(model, method, initial_state(model)) == 0.0
+    assert stable_step(model, method, initial_state(model), growth=0.01) == pytest.approx(0.005, rel=1e-4)
+
+
+def test_growth_of_the_model_is_no_instability() -> None:
+    """Assert that a pendulum standing on its head bears every step of the implicit midpoint rule, Verlet's too."""
+    model = xd.Model.from_toml(MODELS / "pendulum.toml").replace(initial={"theta": "180 degree"})
+    for method in (made(IMPLICIT_MIDPOINT), xd.METHODS["velocity_verlet"]):
+        assert stable_step(model, method, initial_state(model)) == math.inf
+
+
+def test_a_falling_mode_with_drag_may_fall() -> None:
+    """Assert that where whole steps are looked at the mode that grows in the model is left out: q'' = q - 0.04 v."""
+    model = particle("(2*x - 0.08*v_x*second)*newton/metre")
+    assert stable_step(model, xd.METHODS["euler_cromer"], initial_state(model)) == math.inf
+
+
+def test_an_oscillation_that_grows_by_itself_is_held_to_its_frequency() -> None:
+    """Assert 2/Im(l) for a double pendulum let go from high up, whose four eigenvalues spiral out and in."""
+    model = xd.Model.from_toml(MODELS / "double_pendulum.toml")
+    state = initial_state(model)
+    frequency = np.linalg.eigvals(linearise(model, state).jacobian).imag.max()
+    assert stable_step(model, xd.METHODS["euler_cromer"], state) == pytest.approx(2.0 / frequency, rel=1e-9)
+
+
+def test_a_fast_decay_at_the_edge_is_stiff() -> None:
+    """Assert the fraction of rows whose step is held by the decay: 1/tau = 1000 s-1, of four rows two at 2 tau."""
+    model = particle("-2000*v_x*newton*second/metre")
+    states = [initial_state(model)] * 5
+    assert stiffness(model, xd.METHODS["forward_euler"], states, [0.0, 1e-4, 2e-3, 1.8e-3, 1e-2]) == 0.5
+    assert stiffness(model, made(IMPLICIT_MIDPOINT), states, [2e-3] * 5) == 0.0
+
+
+def chain(masses: int, *, fixed: bool) -> xd.Model:
+    """Masses of 1 kg and springs of 1 N/m between them, and between two walls if fixed."""
+    names = [f"q{i}" for i in range(masses)]
+    springs = [f"k*({b} - {a})**2/2" for a, b in pairwise(names)]
+    springs += [f"k*{names[0]}**2/2", f"k*{names[-1]}**2/2"] if fixed else []
+    return xd.Model(
+        name="chain",
+        coordinates=dict.fromkeys(names, "m"),
+        parameters={"m": "1 kg", "k": "1 N m-1"},
+        mass=dict.fromkeys(names, "m"),
+        forces={f"spring{i}": {"potential": one} for i, one in enumerate(springs)},
+        initial=dict.fromkeys(names, "0 m") | {f"v_{name}": "0 m s-1" for name in names},
+    )

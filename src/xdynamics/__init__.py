@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from xdynamics.figures import plot
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
+    from xdynamics.normal_modes import modes
     from xdynamics.record import check
     from xdynamics.sampling import sample
     from xdynamics.seals import content_digest
@@ -27,12 +28,12 @@ if TYPE_CHECKING:
 # public name -> the room it lives in, entered when the name is first used
 _ROOMS = {
     "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults",
-    "check": "record", "compare": "comparison", "content_digest": "seals", "open_run": "archive", "plot": "figures",
+    "check": "record", "compare": "comparison", "content_digest": "seals", "modes": "normal_modes", "open_run": "archive", "plot": "figures",
     "reproduce": "simulation", "sample": "sampling", "save": "archive", "simulate": "simulation", "verify": "archive",
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "ArchiveError", "InputError", "Model", "ModelError", "check", "compare", "content_digest", "open_run",
+    "METHODS", "ArchiveError", "InputError", "Model", "ModelError", "check", "compare", "content_digest", "modes", "open_run",
     "plot", "reproduce", "sample", "save", "simulate", "verify",
 ]  # fmt: skip
 

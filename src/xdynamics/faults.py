@@ -22,6 +22,10 @@ class InputError(ValueError):
         self.faults = faults or (message,)
 
 
+class StabilityWarning(UserWarning):
+    """A fixed step is longer than the method bears for the model at its start."""
+
+
 class ModelError(InputError):
     """A model statement cannot be marched as it stands."""
 

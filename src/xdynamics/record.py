@@ -13,8 +13,8 @@ from xdynamics import provenance, schema
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError, numbered
 from xdynamics.march import Block, March
-from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
 from xdynamics.model import Model
+from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
 from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, spell
 
 if TYPE_CHECKING:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,12 +11,14 @@ import numpy as np
 
 from xdynamics import archive, record
 from xdynamics.comparison import bitwise
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, StabilityWarning
 from xdynamics.kernels import Layout
 from xdynamics.kernels.layout import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.march import March, Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
+from xdynamics.methods.stability import stable_step
 from xdynamics.model import Model
+from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.provenance import asked_of
 from xdynamics.units import NONE, Scales, parse_quantity, parse_time
 
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
+SAFE_STEP = 0.1  # over the fastest time scale: what every method of order 2 and more bears for long
 
 
 def simulate(
@@ -89,6 +93,11 @@ def simulate(
     InputError
         If a setting is missing or cannot be used, or the method refuses the model; nothing is computed or written.
 
+    Warns
+    -----
+    StabilityWarning
+        If a fixed step is beyond the method's stability limit for the model linearised at its start.
+
     Notes
     -----
     Error test and controller: Hairer, Norsett, Wanner, Solving ODEs I, section II.4, with the largest component in the
@@ -112,10 +121,31 @@ def simulate(
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
     }  # fmt: skip
     settings = settings_for(model, **named)
+    _warn_of_instability(model, settings)
     march = March(model, settings, progress)
     if path is not None:
         return archive.open_run(archive.stream(march, path), check=False)
     return record.dataset(march, march.blocks())
+
+
+def _warn_of_instability(model: Model, settings: Settings) -> None:
+    """Warn once where a fixed step is longer than the method bears at the initial state."""
+    if not isinstance(settings.step, float | int) or settings.adaptive or model.python_forces:
+        return
+    state = initial_state(model)
+    jacobian = linearise(model, state).jacobian
+    size = float(np.sqrt(np.abs(jacobian @ jacobian).sum(axis=1).max(initial=0.0)))  # no eigenvalue is larger
+    if settings.method.order > 1 and not settings.step * size > SAFE_STEP:
+        return
+    longest = stable_step(model, settings.method, state, growth=1.0 / (settings.until - state["t"]))
+    if settings.step > longest:
+        warnings.warn(
+            f"step {settings.step:.6g} s is beyond the stability limit {longest:.6g} s of '{settings.method.name}' for"
+            f" '{model.name}' at its start: errors grow from step to step; take a shorter step, or see"
+            " xdynamics.modes(model) for what other methods bear",
+            StabilityWarning,
+            stacklevel=3,
+        )
 
 
 def settings_for(model: Model, **asked: Any) -> Settings:

@@ -377,7 +377,8 @@ def main() -> None:
     print(
         "peers: " + "; ".join(f"{name} {version}" for name, version in {"scipy": scipy.__version__, **versions}.items())
     )
-    print(*([f"xdynamics left out: {lack}"] if lack else []), sep="\n")
+    if lack:
+        print(f"xdynamics left out: {lack}")
     print("\nEqual tolerance", *rows_at_equal_tolerance(points), sep="\n")
     print("\nEqual error of the final state", *rows_at_equal_error(points), sep="\n")
     print(f"\nKepler, e = 0.9, to t = {LONG:.0f} at 1e-8", *long, sep="\n")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
-from xdynamics.expressions import Node, free_names, limits_domain
 from xdynamics import schema
+from xdynamics.expressions import Node, free_names, limits_domain
 from xdynamics.kernels.arithmetic import Arithmetic
 from xdynamics.kernels.layout import EMBEDDED, EXTRAPOLATED, NO_ESTIMATE, Layout
 from xdynamics.kernels.stepping import CONTEXT, Stepping, tuple_of

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from xdynamics.kernels.stepping import MOST_ITERATIONS
 from xdynamics.march import outcomes
 from xdynamics.march.outcomes import (
@@ -17,12 +20,17 @@ from xdynamics.march.outcomes import (
     OUTSIDE_TABLE,
     Outcome,
 )
-from xdynamics.schema import velocity
+from xdynamics.march.retrace import retraced, undefined_part
+from xdynamics.methods.stability import stiffness
+from xdynamics.model import Function
+from xdynamics.schema import force, rate, velocity
 from xdynamics.units import TIME
 
 if TYPE_CHECKING:
     from xdynamics.march.log import Log, Tally
     from xdynamics.march.runner import March
+
+FEW_ROWS = 100  # of the last block, from which on stiffness is looked for
 
 
 @dataclass(frozen=True)
@@ -36,8 +44,8 @@ class Failure:
 def diagnose(march: March, log: Log, base: Tally) -> Failure:
     """Name what ended a run.
 
-    The samples of the step that failed still stand in the log behind the counted ones; the first that is not finite
-    tells. Without samples the state that was proposed has to do.
+    The step that failed is made again in plain Python, and the first thing in it that is not finite tells. Where that
+    is not possible, in equations that are solved, the state that was proposed has to do.
     """
     memory = march.memory
     if memory.status == NONFINITE_EVENT:
@@ -48,13 +56,37 @@ def diagnose(march: March, log: Log, base: Tally) -> Failure:
         return _in_row(march, log, base)
     if memory.status != NONFINITE:
         return Failure(OUTCOMES[memory.status], _cause(march))
-    started = memory.tally.rows == 1 and memory.h == 0.0
-    first = 0 if started else memory.tally.samples - base.samples
-    for at in range(first, first + (1 if started else march.plan.sampled)):
-        column = dict(zip(march.layout.sample, log.samples[:, at].tolist(), strict=True))
-        if failure := _in_sample(march, column):
+    for values in retraced(march):
+        if failure := _in_evaluation(march, values):
             return failure
     return _in_state(march, dict(zip(march.layout.state, memory.trial, strict=True)))
+
+
+def advice_on_stiffness(march: March, log: Log, base: Tally) -> str:
+    """Say so where an explicit method's chosen steps stand at the edge of its region of stability."""
+    method, model, layout = march.settings.method, march.model, march.layout
+    rows = march.memory.tally.rows - base.rows
+    if not march.settings.adaptive or method.implicit or model.python_forces or rows < FEW_ROWS:
+        return ""
+    scales = march.settings.scales
+    factors = {name: scales.of(model.dimensions[name]) for name in layout.used}
+    places = {name: layout.row.index(name) for name in layout.used}
+
+    def limited(chosen: NDArray[np.int64]) -> float:
+        states = [
+            {"t": float(log.rows[0, i]) * scales.of(TIME)}
+            | {name: float(log.rows[at, i]) * factors[name] for name, at in places.items()}
+            for i in chosen
+        ]
+        return stiffness(model, method, states, (log.rows[1, chosen] * scales.of(TIME)).tolist())
+
+    # one row first: it costs a millisecond, and most runs are not stiff
+    if limited(np.array([rows // 2])) and limited(np.linspace(1, rows - 2, 25).astype(np.int64)) > 0.5:
+        return (
+            f"; stiffness suspected: stability, not accuracy, limits the steps of '{method.name}' for most of the run;"
+            " radau_iia takes longer ones"
+        )
+    return ""
 
 
 def _cause(march: March) -> str:
@@ -110,20 +142,22 @@ def _leaves(march: March, name: str, state: tuple[float, ...]) -> bool:
     return drive.outside == "error" and not drive.table.argument[0] <= asked <= drive.table.argument[-1]
 
 
-def _in_sample(march: March, column: dict[str, float]) -> Failure | None:
-    """Judge one force evaluation: the state it used, the drives, the force terms."""
-    layout = march.layout
-    when = f"in the evaluation at t = {column['time'] * march.settings.scales.of(TIME):.15g} s"
+def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
+    """Judge one force evaluation: the state it used, the drives, the force terms, the rates."""
+    layout, model = march.layout, march.model
+    when = f"in the evaluation at t = {values['t'] * march.settings.scales.of(TIME):.15g} s"
     for name in layout.used:
-        if not isfinite(column[name]):
-            return Failure(OUTCOMES[NONFINITE], f"{name} is {column[name]} {when}")
+        if not isfinite(values[name]):
+            return Failure(OUTCOMES[NONFINITE], f"{name} is {values[name]} {when}")
     for name in layout.drives:
-        if not isfinite(column[name]):
-            asked = column["time" if march.model.drives[name].argument == "t" else march.model.drives[name].argument]
-            return Failure(OUTSIDE_TABLE, _outside(march, name, asked))
-    for name in layout.forces:
-        if not isfinite(column[name]):
-            return Failure(NONFINITE_FORCE, f"{name} is {column[name]} {when}")
+        if not isfinite(values[name]):
+            return Failure(OUTSIDE_TABLE, _outside(march, name, values[model.drives[name].argument]))
+    trees = {force(term, one): tree for term, parts in model.force_components.items() for one, tree in parts.items()}
+    trees |= {rate(name): state.rate for name, state in model.states.items()}
+    for name, tree in trees.items():
+        if not isfinite(values[name]):
+            why = "" if isinstance(tree, Function) else undefined_part(model.expanded(tree), values)
+            return Failure(NONFINITE_FORCE, f"{name} is {values[name]} {when}" + (f": {why}" if why else ""))
     return None
 
 

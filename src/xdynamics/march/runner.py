@@ -16,9 +16,9 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Problem, compile_march, pose, source_digest, write_source
 from xdynamics.kernels.cache import missing_functions
 from xdynamics.kernels.layout import EXTRAPOLATED, STEP_DOUBLING
-from xdynamics.march.diagnosis import Failure, diagnose
+from xdynamics.march.diagnosis import Failure, advice_on_stiffness, diagnose
 from xdynamics.march.log import Control, Floats, Log, Memory, Pace, Plan, Tally, allocate
-from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES, RUNNING, STOPPED, Outcome
+from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
 from xdynamics.schema import EVENT_AFTER
@@ -72,6 +72,7 @@ class March:
         self.stopping_event = ""
         self.event_pairs = 0
         self._failure: Failure | None = None
+        self._advice = ""
 
     @cached_property
     def source(self) -> str:
@@ -195,7 +196,7 @@ class March:
         scale = self.settings.scales.of(TIME)
         cause = self._failure.cause if self._failure else self.stopping_event
         t, h = self.memory.t * scale, self.memory.h * scale
-        return self.outcome.sentence.format(t=f"{t:.15g}", h=f"{h:.6g}", cause=cause)
+        return self.outcome.sentence.format(t=f"{t:.15g}", h=f"{h:.6g}", cause=cause) + self._advice
 
     def _fill(self, run: Callable[..., Memory], log: Log, base: Tally) -> None:
         """Fill one log, looking up now and then."""
@@ -216,6 +217,8 @@ class March:
             self.stopping_event = " and ".join(f"'{names[i]}'" for i in detectors if self.plan.stops[i])
         elif self.memory.status != RUNNING and not OUTCOMES[self.memory.status].good:
             self._failure = diagnose(self, log, base)
+        if self.memory.status in (COMPLETED, STOPPED, STEP_LIMIT):
+            self._advice = advice_on_stiffness(self, log, base)
 
     def _is_over(self) -> bool:
         return self.memory.status != RUNNING or self.interrupted

@@ -45,12 +45,11 @@ def modes(subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[st
     Returns
     -------
     xarray.Dataset
-        Along `mode`, of the undamped system K u = w**2 M u: `frequency` w (rad s-1, 0 of a rigid motion, nan where
-        w**2 is not a number >= 0: no oscillation), `period`, and `shape_<q>` of each coordinate; a shape is a
-        displacement in SI units whose largest number is 1. Along `eigenvalue`, of the whole Jacobian with its damping
-        and first-order states: `eigenvalue_real`, `eigenvalue_imag`. `fastest_time_scale`, one over the largest
-        eigenvalue. Along `method`: `method_name` (a flag), `oscillator_limit`, `decay_limit`, `largest_stable_step` and
-        `suggested_step`. The state itself, without a dimension, in SI units.
+        Along `mode`, of K u = w**2 M u: `frequency` w (rad s-1; 0 of a rigid motion, nan where w**2 is not a number
+        >= 0: no oscillation), `period` and `shape_<q>`, a displacement in SI units whose largest number is 1. Along
+        `eigenvalue`, of the whole Jacobian: `eigenvalue_real`, `eigenvalue_imag`. Along `method`: `method_name` (a
+        flag), `oscillator_limit`, `decay_limit`, `largest_stable_step`, `suggested_step`. Without a dimension:
+        `fastest_time_scale`, and the state in SI units.
 
     Raises
     ------
@@ -76,6 +75,10 @@ def modes(subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[st
         state |= {name: replaced.initial[name].si for name in at}
     found = linearise(model, state)
     _check_finite(model, found, state["t"])
+    return _dataset(model, state, found)
+
+
+def _dataset(model: Model, state: Mapping[str, float], found: Linearisation) -> xr.Dataset:
     eigenvalues = np.linalg.eigvals(found.jacobian).astype(np.complex128)
     eigenvalues = eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))]
     filled = [

@@ -1,0 +1,126 @@
+"""A step that failed, made again in plain Python: every force evaluation with what it used and what it gave."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isfinite
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xdynamics.expressions import Binary, Call, Node, exponent_of, limits_domain, text_of
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.tree import children
+from xdynamics.kernels.writer import constants_of
+from xdynamics.methods import Evaluation, Solve
+from xdynamics.model import Function
+from xdynamics.schema import acceleration, force, rate, velocity
+
+if TYPE_CHECKING:
+    from xdynamics.march.runner import March
+
+Values = dict[str, float]
+Vectors = dict[str, dict[str, float]]
+
+
+def retraced(march: March) -> Iterator[Values]:
+    """Yield the force evaluations of the step last tried, in internal units; of an implicit one, the first alone.
+
+    Each is a mapping with `t`, what was used, drives, force components, accelerations and rates.
+    """
+    memory, layout = march.memory, march.layout
+    state = dict(zip(layout.state, memory.state, strict=True))
+    if memory.h == 0.0:
+        yield evaluated(march, memory.t, state)
+        return
+    scalars = {"t": memory.t, "h": memory.h, "t1": memory.t + memory.h}
+    vectors: Vectors = {
+        "q": {one: state[one] for one in layout.coordinates},
+        "v": {one: state[velocity(one)] for one in layout.coordinates},
+        "a": {one: state[acceleration(one)] for one in layout.coordinates},
+        "x": {one: state[one] for one in layout.states},
+        "r": {one: state[rate(one)] for one in layout.states},
+    }
+    for line in march.settings.method.statements:
+        if isinstance(line, Solve):
+            return
+        if isinstance(line, Evaluation):
+            used = vectors[line.position] | {velocity(k): v for k, v in vectors[line.velocity].items()}
+            found = evaluated(march, evaluate_text(line.time, scalars), used | vectors[line.state])
+            yield found
+            vectors[line.acceleration] = {one: found[acceleration(one)] for one in layout.coordinates}
+            vectors[line.rate] = {one: found[rate(one)] for one in layout.states}
+        else:
+            owners = layout.states if line.of_states else layout.coordinates
+            vectors[line.target] = {
+                one: evaluate(line.expression, scalars | {name: vectors[name][one] for name in line.vectors})
+                for one in owners
+            }
+
+
+def evaluate_text(text: str, values: Values) -> float:
+    """Evaluate a time as a method writes it."""
+    from xdynamics.expressions import parse
+
+    return evaluate(parse(text), values)
+
+
+def evaluated(march: March, t: float, used: Values) -> Values:
+    """Evaluate forces and rates at one state, from the trees."""
+    model = march.model
+    values = dict(zip(constants_of(model), march.problem.parameters, strict=True)) | {"t": t}
+    values |= {name: used[name] for name in march.layout.used}
+    for i, (name, drive) in enumerate(model.drives.items()):
+        values[name] = _looked_up(march.problem.tables[i], values[drive.argument])
+    totals = dict.fromkeys(model.coordinates, 0.0)
+    for term, parts in model.force_components.items():
+        for name, one in parts.items():
+            values[force(term, name)] = _component(march, one, values)
+            totals[name] += values[force(term, name)]
+    masses = [[evaluate(model.expanded(entry), values) for entry in row] for row in model.mass]
+    values |= dict(zip(map(acceleration, totals), _solved(masses, list(totals.values())), strict=True))
+    return values | {rate(name): evaluate(model.expanded(one.rate), values) for name, one in model.states.items()}
+
+
+def undefined_part(node: Node, values: Values) -> str:
+    """Name the function of an expression that has no value at its argument; empty where there is none."""
+    if not limits_domain(node):
+        return ""
+    for child in children(node):
+        if found := undefined_part(child, values):
+            return found
+    if isinstance(node, Call | Binary) and not isfinite(evaluate(node, values)):
+        argument = node.arguments[0] if isinstance(node, Call) else node.left
+        of_power = (
+            isinstance(node, Binary) and node.operator == "**" and (exponent_of(node.right) or 1).denominator != 1
+        )
+        if (of_power or isinstance(node, Call)) and isfinite(at := evaluate(argument, values)):
+            return f"{text_of(node)} has no value where {text_of(argument)} = {at:.6g}"
+    return ""
+
+
+def _component(march: March, one: Node | Function, values: Values) -> float:
+    if isinstance(one, Function):
+        return float(march.model.functions[one.name](*(values[name] for name in one.arguments)))
+    return evaluate(march.model.expanded(one), values)
+
+
+def _looked_up(table: tuple[np.ndarray, np.ndarray], x: float) -> float:
+    """Evaluate a drive's piecewise polynomial."""
+    origin, powers = table
+    piece = max(0, int(np.searchsorted(origin[1:], x, side="right")))
+    if x == origin[-1]:
+        piece = len(origin) - 2
+    return float(np.polyval(powers[:, piece], x - origin[piece]))
+
+
+def _solved(masses: list[list[float]], totals: list[float]) -> list[float]:
+    """Solve M a = F; nan where the mass is not positive definite."""
+    if not totals:
+        return []
+    try:
+        np.linalg.cholesky(masses)
+        found: list[float] = np.linalg.solve(masses, totals).tolist()
+    except np.linalg.LinAlgError:
+        return [float("nan")] * len(totals)
+    return found
