@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
 import xdynamics as xd
-from problems import EPS, oscillator
+from problems import EPS, MODELS, ROOT, damped, oscillator
 from xdynamics.march.outcomes import WORDS
 
 
@@ -161,3 +163,133 @@ def reasons(run: object) -> list[str]:
     """Return the reason of every rejected trial."""
     words = run.trial_reason.attrs["flag_meanings"].split()
     return [words[int(one)] for one in run.trial_reason.values]
+
+
+def test_accepted_steps_replayed_give_the_same_bits() -> None:
+    """Assert that an adaptive run's steps, handed over as a grid, lead to the same states and errors to the bit."""
+    for more in ({}, {"method": "rk4", "estimator": "step_doubling"}):
+        chosen = run_of(damped().model, 5.0, **more)
+        asked = {"method": "dormand_prince", "until": 5.0, "step": chosen.step_size[1:]} | more
+        given = xd.simulate(damped().model, **asked)
+        for name in ("time", "x", "v_x", "s", "a_x", "step_size", "error_x"):
+            assert np.array_equal(chosen[name], given[name]), name
+        assert np.array_equal(chosen.sample_x[2:], given.sample_x[1:])  # but for the probe of the first step
+        assert given.attrs["solver_step_control"] == "given"
+
+
+def test_replay_of_given_steps_is_reproduced_from_the_file(tmp_path: object) -> None:
+    """Assert that given steps, like chosen ones, are marched again from the file alone."""
+    for kind, asked in (("given", {"step": [0.1, 0.2, 0.3, 0.4]}), ("chosen", {"rtol": 1e-6, "atol": {"x": "1 um"}})):
+        run = xd.simulate(damped().model, method="dormand_prince", until=1.0, **asked)
+        xd.save(run, tmp_path / f"{kind}.nc")
+        assert xd.reproduce(tmp_path / f"{kind}.nc").attrs["identical"] == 1
+
+
+def test_same_rows_in_another_process() -> None:
+    """Assert that another process accepts and rejects the same trials, by the content digest."""
+    code = (
+        "import sys; sys.path.insert(0, 'tests'); import xdynamics as xd; from problems import damped;"
+        "print(xd.content_digest(xd.simulate(damped().model, method='dormand_prince', rtol=1e-8, atol=1e-8, until=5.0)))"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert told.strip() == xd.content_digest(run_of(damped().model, 5.0))
+
+
+def test_every_accepted_step_passes_and_every_error_rejection_fails() -> None:
+    """Assert that norms are at most 1 where accepted and above 1 where rejected by the error test."""
+    run = run_of(xd.Model.from_toml(MODELS / "kepler.toml"), 10.0)
+    assert float(run.error_norm.max()) <= 1.0
+    assert run.sizes["trial"] > 0
+    assert (run.trial_error_norm.values[np.array(reasons(run)) == "error_test"] > 1.0).all()
+
+
+def test_norm_is_the_largest_scaled_component() -> None:
+    """Assert that the recorded norm is what the recorded errors and tolerances say."""
+    run = run_of(damped().model, 5.0, atol={"x": 1e-6, "v_x": 1e-7})
+    parts = []
+    for name in ("x", "v_x", "s"):
+        size = np.maximum(np.abs(run[name].values[:-1]), np.abs(run[name].values[1:]))
+        parts.append(np.abs(run[f"error_{name}"].values[1:]) / (run[name].attrs["atol"] + 1e-8 * size))
+    assert np.allclose(np.max(parts, axis=0), run.error_norm.values[1:], rtol=4 * EPS, atol=0)
+    assert run.s.attrs["atol"] == 1e-8  # what has no tolerance of its own has rtol's number
+
+
+def test_no_growth_right_after_a_rejection() -> None:
+    """Assert that the step behind a rejected trial's repetition is no longer than it, and none outgrows the limit."""
+    run = run_of(xd.Model.from_toml(MODELS / "kepler.toml"), 10.0)
+    h = run.step_size.values[1:]
+    assert (h[1:-1] <= 10 * h[:-2] * (1 + 4 * EPS)).all()
+    for row in np.unique(run.trial_step.values):
+        if row + 2 < len(h):
+            assert h[row + 1] <= h[row] * (1 + 1e-6)  # t + h is rounded
+
+
+def test_first_step_is_recorded_and_can_be_given() -> None:
+    """Assert that the first step is chosen by the book's rule, or given, and that the record says which."""
+    chosen, given = run_of(oscillator().model, 1.0), run_of(oscillator().model, 1.0, step="1 ms")
+    assert "section II.4" in chosen.attrs["solver_first_step_choice"]
+    assert chosen.attrs["solver_first_step"] == pytest.approx(float(chosen.step_size[1]), rel=1e-12)
+    assert (given.attrs["solver_first_step"], given.attrs["solver_first_step_choice"]) == (1e-3, "given")
+    assert float(given.step_size[1]) == pytest.approx(1e-3, rel=1e-12)
+
+
+def test_steps_keep_to_their_limits_and_land_on_nodes() -> None:
+    """Assert that no step is longer than max_step, and that chosen steps end on the breakpoints of a drive."""
+    model = xd.Model.from_toml(MODELS / "rocket_c6.toml")
+    run = run_of(model, 3.0, max_step="50 ms")
+    assert run.attrs["run_outcome"] == "completed"
+    assert float(run.step_size.max()) <= 0.05 + EPS * 3  # t + h is rounded, and h is what that makes it
+    nodes = model.drives["thrust"].table.argument
+    inside = nodes[(nodes > 0) & (nodes < 3.0)]
+    assert np.isin(inside, run.time).all()
+
+
+@pytest.mark.parametrize("estimator", ["step_doubling", "step_doubling_extrapolated"])
+def test_step_doubling_estimates_the_error_it_makes(estimator: str) -> None:
+    """Assert that the estimate of two half steps is their true local error to leading order; extrapolation gains one."""
+    model = oscillator().model
+    run = xd.simulate(model, method="rk4", step=0.05, until=0.05, estimator=estimator, force_samples="none")
+    true = -2 * np.sin(0.1) - float(run.v_x[-1])
+    if estimator == "step_doubling":
+        assert float(run.error_v_x[-1]) == pytest.approx(true, rel=0.01)
+    else:
+        assert abs(true) < abs(float(run.error_v_x[-1])) / 100
+    assert run.attrs["solver_estimator"] == estimator
+
+
+def test_global_error_follows_the_tolerance() -> None:
+    """Assert that a thousandfold tighter tolerance lowers the error of every pair at least a hundredfold."""
+    for method in ("dormand_prince", "verlet"):
+        more = {} if method == "dormand_prince" else {"method": "velocity_verlet", "estimator": "step_doubling"}
+        errors = []
+        for tolerance in (1e-4, 1e-7):
+            run = run_of(oscillator().model, 5.0, rtol=tolerance, atol=tolerance, **more)
+            errors.append(float(np.abs(run.x - np.cos(2 * run.time)).max()))
+        assert errors[1] < errors[0] / 100
+        assert errors[1] < 1e-4
+
+
+def test_events_are_located_in_chosen_steps() -> None:
+    """Assert that a falling ball's landing is found to its tolerance whatever step control proposes."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    run = run_of(model, 5.0, rtol=1e-12, atol=1e-12)
+    assert run.attrs["run_outcome"] == "stopped_by_event"
+    assert float(run.event_time[-1]) == pytest.approx(3.711199198904777, abs=1e-11)
+    assert "event_substep" in reasons(run)
+
+
+def test_a_step_asked_for_sets_the_file_s_tolerance_aside() -> None:
+    """Assert how arguments and [run] join: the newest word on steps wins."""
+    model = xd.Model.from_text(oscillator().model.to_toml().replace("step = ", "rtol = 1e-6\nstep = "))
+    assert xd.simulate(model, method="dormand_prince", until=1.0).attrs["solver_step_control"] == "adaptive"
+    assert xd.simulate(model, method="dormand_prince", until=1.0, step=0.1).attrs["solver_step_control"] == "fixed"
+
+
+def test_a_step_beyond_the_stability_limit_is_warned_of_once() -> None:
+    """Assert that the warning names step, limit, method and remedy, and that a shorter step is silent."""
+    with pytest.warns(
+        xd.StabilityWarning, match=r"step 1.1 s is beyond the stability limit 1.00\d* s of 'velocity_verlet'"
+    ) as told:
+        xd.simulate(oscillator().model, method="velocity_verlet", step=1.1, until=20.0)
+    assert len(told) == 1
+    xd.simulate(oscillator().model, method="velocity_verlet", step=0.9, until=20.0)

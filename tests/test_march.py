@@ -105,7 +105,9 @@ def test_outside_its_table_a_drive_ends_the_run() -> None:
     """Assert that the outcome names drive, argument and table, and keeps the rows up to there."""
     run = xd.simulate(driven("linear"), method="midpoint", step=0.2, until=2.0)
     assert run.attrs["run_outcome"] == "outside_drive_table"
-    assert "drive 'pull' was asked at t = 1, and its table 'f.csv' reaches from 0 to 1" in run.attrs["run_outcome_text"]
+    assert (
+        "drive 'pull' was asked at t = 1.1, and its table 'f.csv' reaches from 0 to 1" in run.attrs["run_outcome_text"]
+    )
     assert run.time.values[-1] == 1.0
     held = xd.simulate(driven("linear", "hold"), method="midpoint", step=0.2, until=2.0)
     assert held.attrs["run_outcome"] == "completed"
@@ -219,7 +221,7 @@ def test_bad_end_is_a_named_outcome(model, method, step, until, word, text) -> N
 def test_blocks_go_on_to_the_same_bits() -> None:
     """Assert that small blocks, events at their borders included, hold what one block holds."""
     model = xd.Model.from_text(oscillator().model.to_toml() + '\n[events.passage]\nfunction = "x"\n')
-    settings = Settings(xd.METHODS["velocity_verlet"], 0.05, 40.0)
+    settings = Settings(xd.METHODS["velocity_verlet"], until=40.0, step=0.05)
     whole, parts = copied(March(model, settings), None), copied(March(model, settings), 7)
     assert len(parts) > 50
     for at, table in enumerate(("rows", "samples", "events")):

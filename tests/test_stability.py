@@ -91,6 +91,7 @@ def test_a_step_ends_with_the_forces_of_its_end(method: Method) -> None:
     assert method.implicit or whole or {Trait.VELOCITY_DEPENDENT, Trait.COUPLED_STATES} <= set(method.refuses)
 
 
+@pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")
 @pytest.mark.parametrize("name", ["euler_cromer", "velocity_verlet", "rk4"])
 def test_a_march_blows_up_beyond_the_limit_only(name: str) -> None:
     """Assert that marches of an oscillator stay bounded just below the limit, and not above it."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from xdynamics.archive import open_run, save, verify
     from xdynamics.comparison import compare
-    from xdynamics.faults import ArchiveError, InputError, ModelError
+    from xdynamics.faults import ArchiveError, InputError, ModelError, StabilityWarning
     from xdynamics.figures import plot
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 # public name -> the room it lives in, entered when the name is first used
 _ROOMS = {
-    "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults",
+    "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "StabilityWarning": "faults",
     "check": "record", "compare": "comparison", "content_digest": "seals", "modes": "normal_modes", "open_run": "archive", "plot": "figures",
     "reproduce": "simulation", "sample": "sampling", "save": "archive", "simulate": "simulation", "verify": "archive",
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "ArchiveError", "InputError", "Model", "ModelError", "check", "compare", "content_digest", "modes", "open_run",
+    "METHODS", "ArchiveError", "InputError", "Model", "ModelError", "StabilityWarning", "check", "compare", "content_digest", "modes", "open_run",
     "plot", "reproduce", "sample", "save", "simulate", "verify",
 ]  # fmt: skip
 

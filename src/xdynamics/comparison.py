@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.record import own_attributes, plain
-from xdynamics.schema import EVENT_AFTER, ROOT_DIGEST, STEPS, VOLATILE
+from xdynamics.schema import COUNTS, EVENT_AFTER, ROOT_DIGEST, STEPS, VOLATILE
 
 SLAB = 1_000_000
 
@@ -87,12 +87,12 @@ def compare(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 
 
 def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
-    """List the attributes that two runs do not share; dates, versions and machine do not count."""
-    outside = {*VOLATILE, ROOT_DIGEST}
+    """List the attributes that two runs do not share; dates, versions, machine and counts of what came out do not count."""
+    outside = {*VOLATILE, *COUNTS, ROOT_DIGEST}
     names = [name for name in {**first.attrs, **second.attrs} if name not in outside]
     found = []
     for name in names:
-        one, other = first.attrs.get(name, "absent"), second.attrs.get(name, "absent")
+        one, other = (plain(run.attrs).get(name, "absent") for run in (first, second))
         if one != other:
             found.append(f"{name}: {_short(one)} | {_short(other)}")
     return found

@@ -181,7 +181,7 @@ def _wanted(times: Any) -> Floats:
     try:
         wanted = np.atleast_1d(np.asarray(times, dtype=float))
     except (TypeError, ValueError):
-        raise InputError(f"times are {str(times)[:60]!r}, need numbers in s") from None
+        raise InputError(f"times are {str(times)[:60]}, need numbers in s") from None
     if wanted.ndim != 1 or not wanted.size:
         raise InputError(f"times have the shape {wanted.shape}, need one row with at least one time")
     if np.isnan(wanted).any():
@@ -196,7 +196,7 @@ def _located(time: xr.DataArray, wanted: Floats, *, after: bool) -> tuple[NDArra
     outside = np.flatnonzero((wanted < first) | (wanted > last))
     if outside.size:
         raise InputError(
-            f"times[{int(outside[0])}] = {wanted[outside[0]]!r} s is outside the run, from {first!r} s to {last!r} s;"
+            f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r} s is outside the run, from {first!r} s to {last!r} s;"
             " a run is never extrapolated"
         )
     rows = np.empty(wanted.size, np.int64)
@@ -233,7 +233,9 @@ def _blockwise(function: Callable[[Floats, Floats], Floats], where: Floats, colu
     """Apply a function to columns side by side, lazily where they are lazy."""
     if not any(one.chunks for one in columns):
         return function(where, np.stack([np.asarray(one) for one in columns]))
-    import dask.array as da
+    import dask.array
+
+    da: Any = dask.array  # its functions are not typed
 
     stacked = da.stack([da.asarray(one.data) for one in columns]).rechunk({0: -1})
     places = da.from_array(where, chunks=(len(where), stacked.chunks[1]))

@@ -241,8 +241,6 @@ def _absolute(model: Model, name: str, value: Any) -> float:
 
 def _number(value: Any, name: str) -> float:
     try:
-        if isinstance(value, bool):
-            raise TypeError
         return float(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} is {value!r}, needs a number") from None

@@ -55,7 +55,7 @@ def _steps(used: Mapping[str, Any]) -> str:
         return f"step {float(used['solver_step'])!r} s"
     if used["solver_step_control"] == "given":
         return "steps as given"
-    return f"adaptive, rtol {float(used['solver_rtol']):g}, {used['solver_force_evaluations']} force evaluations"
+    return f"adaptive, rtol {float(used['solver_rtol']):g}, {used['run_force_evaluations']} force evaluations"
 
 
 def _counts(run: xr.Dataset) -> str:

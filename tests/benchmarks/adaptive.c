@@ -19,6 +19,8 @@ enum { N = 2, M = 2 * N, COLUMNS = 2 + 4 * N + 1 + M, ROWS = 400037, MOST_REPEAT
 /* Log: t, h, q, v, a, Q, error norm, error estimate by component. Rejected trials: t, h, error norm. Allocated once. */
 static double *column[COLUMNS], *trial[3];
 static double q_force[N]; /* generalized forces at the last evaluation */
+static volatile double given_mass = 1.0; /* a parameter, as in a model: the compiler does not know it */
+static double mass;
 
 typedef void Rates(const double *restrict y, double *restrict dy);
 
@@ -29,16 +31,20 @@ static inline __attribute__((always_inline)) void arenstorf(const double *restri
     double k1 = mup / (d1 * sqrt(d1)), k2 = mu / (d2 * sqrt(d2));
     dy[0] = y[2];
     dy[1] = y[3];
-    dy[2] = q_force[0] = y[0] + 2.0 * y[3] - k1 * e - k2 * f;
-    dy[3] = q_force[1] = y[1] - 2.0 * y[2] - (k1 + k2) * y[1];
+    q_force[0] = mass * (y[0] + 2.0 * y[3] - k1 * e - k2 * f);
+    q_force[1] = mass * (y[1] - 2.0 * y[2] - (k1 + k2) * y[1]);
+    dy[2] = q_force[0] / mass;
+    dy[3] = q_force[1] / mass;
 }
 
 static inline __attribute__((always_inline)) void kepler(const double *restrict y, double *restrict dy) {
     double r2 = y[0] * y[0] + y[1] * y[1], k = -1.0 / (r2 * sqrt(r2));
     dy[0] = y[2];
     dy[1] = y[3];
-    dy[2] = q_force[0] = k * y[0];
-    dy[3] = q_force[1] = k * y[1];
+    q_force[0] = mass * k * y[0];
+    q_force[1] = mass * k * y[1];
+    dy[2] = q_force[0] / mass;
+    dy[3] = q_force[1] / mass;
 }
 
 static inline __attribute__((always_inline)) void double_pendulum(const double *restrict y, double *restrict dy) {
@@ -252,6 +258,7 @@ static int ascending(const void *a, const void *b) {
 }
 
 int main(int count, char **words) {
+    mass = given_mass;
     if (count != 4 && count != 5) return 2;
     int p = 0;
     while (p < 3 && strcmp(words[1], PROBLEMS[p].name)) p++;

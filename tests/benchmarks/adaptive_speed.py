@@ -106,8 +106,8 @@ def our_runs(problem: str, method: str, tolerance: float, end: float | None = No
             pass
         return time.perf_counter() - begin
 
-    steps, rejected = run.attrs["solver_accepted_steps"], run.attrs["solver_rejected_trials"]
-    counts = (steps, rejected, run.attrs["solver_force_evaluations"], one.error(one.last_of(run)))
+    steps, rejected = run.attrs["run_accepted_steps"], run.attrs["run_rejected_trials"]
+    counts = (steps, rejected, run.attrs["run_force_evaluations"], one.error(one.last_of(run)))
     whole, inner = spent(lambda: xd.simulate(model, **asked)), [alone() for _ in range(100)]
     return {
         f"xdynamics {method}": Point(min(inner), median(inner), *counts),

@@ -60,7 +60,7 @@ def fixed_settings(benchmark: Benchmark, method: str, steps: int) -> dict[str, o
 
 def evaluations_of(run: xr.Dataset, method: str) -> int:
     """Return the force evaluations of a run, those of rejected trials included where the record tells them."""
-    told = run.attrs.get("solver_force_evaluations")
+    told = run.attrs.get("run_force_evaluations")
     return int(told) if told is not None else (run.sizes["step"] - 1) * METHODS[method].evaluations
 
 

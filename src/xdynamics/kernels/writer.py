@@ -250,6 +250,8 @@ class _Writer:
         first = len(layout.accelerations) + len(layout.rates)
         state = [*write.state("1"), *write.rates("1"), *(f"_f[{first + i}]" for i in range(len(layout.forces)))]
         error = tuple_of(write.state("e") if embedded else ["0.0"])
+        # in the loop itself where that is the only place, or where it is small
+        once = method.evaluations <= FEW_EVALUATIONS or not self.model.events
         staged = ", _stage" if name == "advance" else ""
         begin = (
             f"_evaluations, _iterations = {evaluations}, 0"
@@ -259,7 +261,7 @@ class _Writer:
         return _function(
             f"{name}(t, t1, h, _state, {CONTEXT}, _log, _at, _step{staged})", f"One step by {method.name}.",
             [begin, *lines, f"return {tuple_of(state)}, {error}, _at, (_evaluations, _iterations)"],
-            "compiled" if method.evaluations <= FEW_EVALUATIONS and not staged else "shared",
+            "compiled" if once and not staged else "shared",
         )  # fmt: skip
 
     def _doubled(self, method: Method) -> str:
@@ -409,14 +411,11 @@ class _Writer:
 
     def _substituted(self, unknowns: list[str], right: list[str]) -> list[str]:
         """Solve L D L^T u = right, forward and back."""
-        n, lines = len(unknowns), []
-        for i in range(n):
-            lines.append(f"_z{i} = {right[i]}" + "".join(f" - _l{i}_{k}*_z{k}" for k in range(i)))
-        for i in reversed(range(n)):
-            lines.append(
-                f"{unknowns[i]} = _z{i}/_d{i}" + "".join(f" - _l{k}_{i}*{unknowns[k]}" for k in range(i + 1, n))
-            )
-        return lines
+        n = len(unknowns)
+        taken = ["".join(f" - _l{i}_{k}*_z{k}" for k in range(i)) for i in range(n)]
+        lines = [f"_z{i} = {right[i]}{taken[i]}" for i in range(n)]
+        taken = ["".join(f" - _l{k}_{i}*{unknowns[k]}" for k in range(i + 1, n)) for i in range(n)]
+        return lines + [f"{unknowns[i]} = _z{i}/_d{i}{taken[i]}" for i in reversed(range(n))]
 
     def _returned(self, trees: Mapping[str, Node]) -> list[str]:
         """Compute expressions of a whole state and return them as a tuple."""

@@ -52,9 +52,11 @@ class Tolerances:
             elif not isfinite(value) or value < 0:
                 of = f" of '{name}'" if name else ""
                 found.append(f"atol{of} is {value!r}, needs a finite non-negative number")
-        for name in names:
-            if self.of(name) == 0 and model.initial[name].si == 0:
-                found.append(f"atol of '{name}' is 0 and {name} starts at 0: its error would have no scale; give it a positive one")  # fmt: skip
+        found += [
+            f"atol of '{name}' is 0 and {name} starts at 0: its error would have no scale; give it a positive one"
+            for name in names
+            if self.of(name) == 0 and model.initial[name].si == 0
+        ]
         return found
 
 

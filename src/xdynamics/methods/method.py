@@ -234,7 +234,7 @@ def printed(lines: Iterable[Line], model: Model | None = None) -> str:
 
 
 def spread(text: str) -> str:
-    """Write lines for y' = k, as textbooks have them, out for the vectors of a mechanical system.
+    r"""Write lines for y' = k, as textbooks have them, out for the vectors of a mechanical system.
 
     ``y2 = y + h/2*k`` becomes a line each for q (with q' = v), v (with v' = a) and x (with x' = r).
 
