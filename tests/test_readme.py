@@ -15,7 +15,7 @@ import xdynamics as xd
 from problems import ROOT
 
 README = (ROOT / "README.md").read_text()
-BLOCKS = dict(re.findall(r"```(\w+)\n(.*?)```", README, re.DOTALL))
+BLOCKS = {kind: "".join(re.findall(rf"```{kind}\n(.*?)```", README, re.DOTALL)) for kind in ("python", "sh")}
 RUN = next(line.strip() for line in README.splitlines() if "pip install -q . &&" in line)
 
 
@@ -50,6 +50,7 @@ def test_example_prints_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Assert that the comments behind the example's prints are what it prints."""
+    (tmp_path / "data").symlink_to(ROOT / "data")
     monkeypatch.chdir(tmp_path)
     exec(compile(BLOCKS["python"], "README", "exec"), {})
     said = re.findall(r"print\(.*\)  # (.*)", BLOCKS["python"])
@@ -58,7 +59,7 @@ def test_example_prints_what_it_says(
 
 def test_methods_table_is_the_registry() -> None:
     """Assert that name, order, symplecticity and evaluations in the table are the methods' own."""
-    rows = re.findall(r"^\| `(\w+)` \| (\d) \| (yes|no) \| (\d) \|", README, re.MULTILINE)
+    rows = re.findall(r"^\| `(\w+)` \| (\d) \| (yes|no) \| (\d+) \|", README, re.MULTILINE)
     assert rows == [
         (one.name, str(one.order), "yes" if one.symplectic else "no", str(one.evaluations))
         for one in xd.METHODS.values()

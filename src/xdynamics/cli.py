@@ -13,6 +13,8 @@ import click
 if TYPE_CHECKING:
     import xarray as xr
 
+    from xdynamics.methods import Method
+
 IN_MEMORY = 2_000_000  # rows up to which a run is marched in memory and saved; longer ones are streamed
 DONE, BADLY, WRONG_INPUT = 0, 1, 2
 
@@ -145,18 +147,20 @@ def plot(archive: str, output: str) -> None:
 def methods() -> None:
     """Print the table of methods."""
     from xdynamics.methods import METHODS
+    from xdynamics.summary import shortened
 
     for one in METHODS.values():
         kind = "symplectic" if one.symplectic else "not symplectic"
         click.echo(
             f"{one.name}: order {one.order}, {kind}, {one.evaluations} force evaluations {'an iteration' if one.implicit else 'a step'}"
         )
-        click.echo(f"    update    {one.equations()}")
+        click.echo(f"    update    {shortened(one.equations())}")
         click.echo(f"    in words  {one.words}")
         click.echo(
             f"    estimate  {f'embedded formula of order {one.estimate_order}' if one.estimate else 'by step doubling'}"
         )
-        click.echo(f"    between   order {one.interpolation_order}, {one.interpolation}")
+        click.echo(f"    between   {one.interpolation}; order {one.interpolation_order}")
+        click.echo(f"    stable    {', '.join(_limits(one))}")
         click.echo(f"    refuses   {'; '.join(one.refuses) or 'nothing'}")
         click.echo(f"    also      {', '.join(one.synonyms)}")
         click.echo(f"    source    {one.reference}")
@@ -206,6 +210,16 @@ def compare(first: str, second: str) -> None:
     table = compared(open_run(first), open_run(second))
     _say(lines_of(table))
     sys.exit(DONE if table.attrs["identical"] else BADLY)
+
+
+def _limits(method: Method) -> Iterable[str]:
+    """Say how long a step may be, from the method's own lines."""
+    from xdynamics.methods.stability import decay_limit, oscillator_limit
+
+    for limit, words in ((oscillator_limit(method), "oscillation, w*h"), (decay_limit(method), "decay, h/tau")):
+        if limit == limit:  # nan where the method refuses such forces
+            bound = "any" if limit == float("inf") else "none" if limit == 0 else f"up to {limit:.4g}"
+            yield f"{bound} ({words})"
 
 
 def _marched(model: Any, output: str, asked: dict[str, Any]) -> xr.Dataset:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS = (".png", ".svg", ".pdf")
+FEW_ROWS = 400  # up to which every accepted state is a dot
 DRAWN = 4000  # points of a line; what is longer is thinned
 MOST_LABELLED = 12
 
@@ -100,6 +101,8 @@ def _panels(run: xr.Dataset) -> Iterator[Callable[[Axes], None]]:
     if "total_energy" in run:
         yield partial(_energy, run)
     yield partial(_steps, run)
+    if "error_norm" in run:
+        yield partial(_errors, run)
 
 
 def _against_time(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
@@ -107,7 +110,8 @@ def _against_time(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> N
     for colour, name in zip(_cycled(names), names, strict=True):
         values = run[name].values
         rows = thinned(values)
-        axes.plot(time[rows], values[rows], color=colour, linewidth=1.2, label=name)
+        dots = "." if len(values) < FEW_ROWS else ""  # between long steps the line is only a line
+        axes.plot(time[rows], values[rows], dots + "-", color=colour, linewidth=1.2, markersize=4, label=name)
     axes.set(xlabel="time (s)", ylabel=f"{_joined(names)} ({run[names[0]].attrs['units']})")
     axes.set_title(what, loc="left", fontsize=10)
     _mark_events(run, names, axes)
@@ -165,11 +169,31 @@ def _steps(run: xr.Dataset, axes: Axes) -> None:
     size, time = run["step_size"].values, run["time"].values
     taken = np.flatnonzero(size > 0)
     rows = taken[thinned(size[taken])] if len(taken) else taken
-    axes.plot(time[rows], size[rows], ".", color=_COLOURS[5], markersize=2.5)
+    axes.plot(time[rows], size[rows], ".", color=_COLOURS[5], markersize=2.5, label="accepted")
+    reasons = run["trial_reason"].attrs["flag_meanings"].split()
+    chosen = np.flatnonzero(run["trial_reason"].values == reasons.index("error_test"))
+    if len(chosen):
+        chosen = chosen[thinned(run["trial_step_size"].values[chosen])]
+        axes.plot(run["trial_time"].values[chosen], run["trial_step_size"].values[chosen], "x", color=_COLOURS[1],
+                  markersize=3.5, markeredgewidth=0.8, label="rejected by the error test")  # fmt: skip
+        axes.legend(fontsize=8, frameon=False)
     if len(rows):
         axes.set_yscale("log")
     axes.set(xlabel="time (s)", ylabel="step size (s)")
     axes.set_title("step used to reach each state", loc="left", fontsize=10)
+
+
+def _errors(run: xr.Dataset, axes: Axes) -> None:
+    """Draw the error norm of every accepted step; 1 is what the tolerances allow."""
+    norm, time = run["error_norm"].values, run["time"].values
+    taken = np.flatnonzero(norm > 0)
+    rows = taken[thinned(norm[taken])] if len(taken) else taken
+    axes.plot(time[rows], norm[rows], ".", color=_COLOURS[2], markersize=2.5)
+    axes.axhline(1.0, color="#777777", linewidth=0.8, linestyle="--")
+    if len(rows):
+        axes.set_yscale("log")
+    axes.set(xlabel="time (s)", ylabel="scaled local error (1)")
+    axes.set_title("local error over what the tolerances allow", loc="left", fontsize=10)
 
 
 def _with_role(run: xr.Dataset, role: str) -> list[str]:

@@ -11,6 +11,7 @@ import xarray as xr
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
 
 MOST_EVENTS = 20
+LONGEST = 400  # characters of a setting that are shown
 
 
 def summary(run: xr.Dataset) -> list[str]:
@@ -46,7 +47,13 @@ def details(run: xr.Dataset) -> list[str]:
     keys += [
         key for key in ("date_created", "xdynamics_version", "python_version", "numba_version") if key in run.attrs
     ]
-    return lines + [f"  {key} = {run.attrs[key]}" for key in keys]
+    return lines + [f"  {key} = {shortened(run.attrs[key])}" for key in keys]
+
+
+def shortened(value: Any) -> str:
+    """Cut the equations of methods with many stages; the archive has them whole."""
+    text = str(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} … ({len(text)} characters)"
 
 
 def _steps(used: Mapping[str, Any]) -> str:
