@@ -23,10 +23,14 @@ class _Command(click.Group):
     """Turns wrong input into one line and exit code 2, damage found into exit code 1."""
 
     def invoke(self, ctx: click.Context) -> Any:
+        import warnings
+
         from xdynamics.faults import ArchiveError, InputError
 
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.showwarning = lambda message, *_rest: _complain(f"warning: {message}")
+                return super().invoke(ctx)
         except ArchiveError as error:
             _complain(error)
             ctx.exit(BADLY)
@@ -35,7 +39,7 @@ class _Command(click.Group):
             ctx.exit(WRONG_INPUT)
 
 
-def _complain(error: Exception) -> None:
+def _complain(error: Exception | str) -> None:
     click.echo(f"xdynamics: {error}", err=True)
 
 

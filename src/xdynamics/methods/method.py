@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import takewhile
 from textwrap import dedent
 
@@ -209,6 +209,7 @@ def method_named(name: str, model: Model, methods: Mapping[str, Method]) -> Meth
     return methods[name]
 
 
+@lru_cache(maxsize=256)
 def read_lines(text: str) -> tuple[Line, ...]:
     """Read lines of vector statements; indented ones belong to the `solve` above them."""
     lines = dedent(text).strip("\n").splitlines()

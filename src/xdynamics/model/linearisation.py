@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +117,7 @@ def variables(model: Model) -> tuple[str, ...]:
     return (*model.coordinates, *(velocity(name) for name in model.coordinates), *model.states)
 
 
+@lru_cache(maxsize=64)
 def force_totals(model: Model) -> dict[str, Node]:
     """Return the whole force of each coordinate as ``force_<coordinate>`` and the rate of each state as ``rate_<state>``.
 
@@ -138,6 +140,7 @@ def force_totals(model: Model) -> dict[str, Node]:
     return totals | {rate(name): model.expanded(state.rate) for name, state in model.states.items()}
 
 
+@lru_cache(maxsize=64)
 def force_derivatives(model: Model) -> dict[tuple[str, str], Node]:
     """Differentiate every force total and rate by every coordinate, velocity and state.
 
@@ -159,6 +162,7 @@ def force_derivatives(model: Model) -> dict[tuple[str, str], Node]:
     }  # fmt: skip
 
 
+@lru_cache(maxsize=64)
 def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
     """Differentiate every mass entry by every coordinate, velocity and state.
 
