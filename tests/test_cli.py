@@ -58,6 +58,10 @@ def test_settings_reach_the_record(tmp_path: Path) -> None:
         (["run", BALL, "-o", "."], "is a directory"),
         (["run", BALL, "-o", "x.nc", "--method", "velocity_verlet"], "these fit"),
         (["run", BALL, "-o", "x.nc", "--step", "1 m"], "needs 's'"),
+        (["run", BALL, "-o", "x.nc", "--rtol", "1e-20"], "rtol is 1e-20, needs at least 10 eps"),
+        (["run", BALL, "-o", "x.nc", "--atol", "1e-9", "--atol", "1e-8"], "--atol is given 2 times without a name"),
+        (["run", BALL, "-o", "x.nc", "--atol", "y=1 s"], "atol of 'y' is '1 s', needs the unit 'm'"),
+        (["run", BALL, "-o", "x.nc", "--rtol", "1e-6", "--estimator", "guess"], "there are none, embedded"),
         (["run", BALL, "-o", "x.nc", "--step", "-1 ms"], "needs a positive time"),
         (["run", BALL, "-o", "x.nc", "--set", "mass=3"], "no such parameter"),
         (["run", BALL, "-o", "x.nc", "--set", "m"], "needs NAME=VALUE"),
@@ -79,6 +83,29 @@ def test_wrong_input_is_one_line_and_two(
     assert message in done.output
     assert "Traceback" not in done.output
     assert list(tmp_path.iterdir()) == []
+
+
+def test_tolerances_reach_the_record(tmp_path: Path) -> None:
+    """Assert that a bare atol is for every variable, a named one for its own, and that the end says so."""
+    path = tmp_path / "ball.nc"
+    done = call("run", BALL, "-o", path, "--rtol", "1e-8", "--atol", "1e-9", "--atol", "y=1 um", "--max-step", "0.1 s",
+                "--until", "1 s")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "adaptive, rtol 1e-08" in done.output
+    run = xd.open_run(path)
+    assert (run.y.attrs["atol_si"], run.v_y.attrs["atol_si"], run.attrs["solver_rtol"]) == (1e-6, 1e-9, 1e-8)
+    assert run.attrs["solver_max_step"] == 0.1
+    assert call("reproduce", path).exit_code == 0
+
+
+@pytest.mark.filterwarnings("always::xdynamics.faults.StabilityWarning")
+def test_an_unstable_step_is_warned_of_in_one_line(tmp_path: Path) -> None:
+    """Assert that the warning goes to the error stream and the run is made all the same."""
+    model = MODELS / "harmonic_oscillator.toml"
+    done = call("run", model, "-o", tmp_path / "x.nc", "--step", "1.2 s")
+    assert done.exit_code == 0
+    assert done.stderr.startswith("xdynamics: warning: step 1.2 s is beyond the stability limit 1.0003 s")
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_bad_end_is_one(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from xdynamics.kernels.elementary import MATH_FUNCTIONS
 from xdynamics.kernels.layout import EMBEDDED, NO_ESTIMATE
 from xdynamics.kernels.stepping import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march import March
-from xdynamics.march.control import CONTROLLERS, ERROR_NORM, FIRST_STEP, SPACINGS
+from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, SPACINGS
 from xdynamics.march.events import ROOT_METHOD
 from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.settings import UNSCALED
@@ -154,7 +154,7 @@ def _steps(march: March) -> dict[str, Any]:
     scale = settings.scales.of(TIME)
     return {
         "solver_step_control": "adaptive",
-        "solver_controller": CONTROLLERS[True],
+        "solver_controller": CONTROLLER,
         "solver_first_step": march.memory.pace.first * scale,
         "solver_first_step_units": "s",
         "solver_first_step_choice": "given" if settings.step else FIRST_STEP,

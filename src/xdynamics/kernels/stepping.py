@@ -10,11 +10,11 @@ from itertools import chain
 from xdynamics.expressions import Name, Node, Number, derivative, expand
 from xdynamics.kernels.arithmetic import Arithmetic
 from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.text import CONTEXT, tuple_of
 from xdynamics.methods import Evaluation, Solve, Statement
 from xdynamics.methods.method import Line
 from xdynamics.schema import rate
 
-CONTEXT = "_p, _tables, _pieces"
 MOST_ITERATIONS = 25
 NEWTON_TOLERANCE = 1e-10  # of a correction against the size of its unknown; what is left is of the order of its square
 
@@ -173,9 +173,3 @@ def _coefficient(node: Node, name: str) -> str:
     found = derivative(node, {name: Number(1.0)})
     text = Arithmetic([]).text(found)
     return text if isinstance(found, Number) else f"({text})"
-
-
-def tuple_of(items: Iterable[str]) -> str:
-    """Write a tuple."""
-    listed = list(items)
-    return f"({listed[0]},)" if len(listed) == 1 else f"({', '.join(listed)})"

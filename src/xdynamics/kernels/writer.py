@@ -7,10 +7,12 @@ from functools import lru_cache
 
 from xdynamics import schema
 from xdynamics.expressions import Node, free_names, limits_domain
+from xdynamics.kernels import estimates
 from xdynamics.kernels.arithmetic import Arithmetic
-from xdynamics.kernels.layout import EMBEDDED, EXTRAPOLATED, NO_ESTIMATE, Layout
-from xdynamics.kernels.stepping import CONTEXT, Stepping, tuple_of
-from xdynamics.methods import Evaluation, Method, Solve
+from xdynamics.kernels.layout import EMBEDDED, NO_ESTIMATE, Layout
+from xdynamics.kernels.stepping import Stepping
+from xdynamics.kernels.text import CONTEXT, function_of, tuple_of
+from xdynamics.methods import Method
 from xdynamics.methods.method import read_lines
 from xdynamics.model import Function, Model
 from xdynamics.model.linearisation import force_derivatives, mass_derivatives
@@ -83,7 +85,7 @@ def write_source(layout: Layout, method: Method, *, samples: bool) -> str:
         write.sample(logged=samples),
         write.begin(),
         write.propose(method),
-        write.judgement(),
+        estimates.judgement(layout),
         write.event_functions("detect", {name: model.expanded(one.function) for name, one in model.events.items()}),
         write.event_functions("slopes", {name: model.rate_of(one.function) for name, one in model.events.items()}),
         write.note(),
@@ -142,7 +144,7 @@ class _Writer:
     def forces(self) -> str:
         """M a = F: drives, force terms, accelerations, rates."""
         lines = self._evaluated({})
-        return _function(f"forces(t, _y, {CONTEXT})", "Accelerations, rates, force components and drives.",
+        return function_of(f"forces(t, _y, {CONTEXT})", "Accelerations, rates, force components and drives.",
                          [*lines, f"return {tuple_of(self.layout.evaluation)}"])  # fmt: skip
 
     def linearised(self) -> str:
@@ -153,7 +155,7 @@ class _Writer:
         lines = [*self._evaluated(trees), *self._acceleration_derivatives(set(forces), set(masses))]
         rates = set(self.layout.rates)
         names = [f"_dF_{one}_{by}" if one in rates else f"_da_{one}_{by}" for one, by in self.layout.jacobian]
-        return _function(f"linearised(t, _y, {CONTEXT})", "What `forces` returns, and its derivatives.",
+        return function_of(f"linearised(t, _y, {CONTEXT})", "What `forces` returns, and its derivatives.",
                          [*lines, f"return {tuple_of(self.layout.evaluation)}, {tuple_of(names or ['0.0'])}"])  # fmt: skip
 
     def _evaluated(self, more: Mapping[str, Node]) -> list[str]:
@@ -204,14 +206,14 @@ class _Writer:
     def sample(self, *, logged: bool) -> str:
         """Log one force evaluation, with the time and the state that it used."""
         if not logged:
-            return _function("sample(_log, _at, t, _step, _stage, _y, _f)", "Samples are off.", ["return _at"])
+            return function_of("sample(_log, _at, t, _step, _stage, _y, _f)", "Samples are off.", ["return _at"])
         n, first = len(self.layout.used), len(self.layout.accelerations) + len(self.layout.rates)
         lines = ["_log.samples[0, _at] = t", "_log.samples[1, _at] = _step", "_log.samples[2, _at] = _stage"]
         lines += [f"_log.samples[{3 + i}, _at] = _y[{i}]" for i in range(n)]
         rest = len(self.layout.evaluation) - first
         lines += [f"_log.samples[{3 + n + i}, _at] = _f[{first + i}]" for i in range(rest)]
         lines += ["return _at + 1"]
-        return _function("sample(_log, _at, t, _step, _stage, _y, _f)", "Log one force evaluation.", lines)
+        return function_of("sample(_log, _at, t, _step, _stage, _y, _f)", "Log one force evaluation.", lines)
 
     def begin(self) -> str:
         """Evaluate the forces at a state anew: at the start, and after a node of a drive."""
@@ -222,19 +224,19 @@ class _Writer:
             "_at = sample(_log, _at, t, _step, 0, _y, _f)",
             f"return {tuple_of([f'_y[{i}]' for i in range(n)] + [f'_f[{i}]' for i in range(kept)])}, _at",
         ]
-        return _function(f"begin(t, _state, {CONTEXT}, _log, _at, _step)", "Evaluate the forces at a state.", lines)
+        return function_of(f"begin(t, _state, {CONTEXT}, _log, _at, _step)", "Evaluate the forces at a state.", lines)
 
     def propose(self, method: Method) -> str:
         """One step of the method, with the estimate of its error."""
         if self.layout.estimator in (NO_ESTIMATE, EMBEDDED):
             return self._step("propose", method, method.evaluations)
-        return self._step("advance", method, method.evaluations) + self._doubled(method)
+        return self._step("advance", method, method.evaluations) + estimates.doubled(self.layout, method)
 
     def interpolate(self, method: Method, extension: str) -> str:
         """Write the state inside a step: the update, then the lines of its extension."""
         write = Stepping(self.layout)
         lines = [*self._unpacked_state(), *write.written(method.statements), *write.written(read_lines(extension))]
-        return _function(
+        return function_of(
             f"interpolate(t, t1, h, s, _state, {CONTEXT}, _log, _at, _step)",
             "The state at t + s*h.",
             ["_evaluations, _iterations, _stage = 0, 0, 0", *lines, f"return {tuple_of(write.state('s'))}"],
@@ -258,84 +260,22 @@ class _Writer:
             if staged
             else f"_evaluations, _iterations, _stage = {evaluations}, 0, 0"
         )
-        return _function(
+        return function_of(
             f"{name}(t, t1, h, _state, {CONTEXT}, _log, _at, _step{staged})", f"One step by {method.name}.",
             [begin, *lines, f"return {tuple_of(state)}, {error}, _at, (_evaluations, _iterations)"],
             "compiled" if once and not staged else "shared",
         )  # fmt: skip
-
-    def _doubled(self, method: Method) -> str:
-        """Two half steps against a whole one; their difference over 2**p - 1 is the error of the two."""
-        layout = self.layout
-        n, stages = len(layout.used), sum(isinstance(one, Evaluation) for one in method.statements)
-        stages += sum(len(one.evaluations) for one in method.statements if isinstance(one, Solve))
-        rest = f"{CONTEXT}, _log, _at, _step"
-        lines = [
-            "_middle = t + h/2.0",
-            f"_whole, _, _at, _one = advance(t, t1, h, _state, {rest}, 0)",
-            f"_half, _, _at, _two = advance(t, _middle, h/2.0, _state, {rest}, {stages})",
-            f"_both, _, _at, _three = advance(_middle, t1, h/2.0, _half, {rest}, {2 * stages})",
-            f"_error = {tuple_of(f'(_both[{i}] - _whole[{i}])/{2.0**method.order - 1.0!r}' for i in range(n))}",
-            "_evaluations = _one[0] + _two[0] + _three[0]",
-            "_iterations = _one[1] + _two[1] + _three[1] if _least(_least(_one[1], _two[1]), _three[1]) >= 0 else -1",
-        ]
-        if layout.estimator == EXTRAPOLATED:
-            kept = len(layout.state) - n
-            lines += [
-                f"_y = {tuple_of(f'_both[{i}] + _error[{i}]' for i in range(n))}",
-                f"_f = forces(t1, _y, {CONTEXT})",
-                f"_at = sample(_log, _at, t1, _step, {3 * stages + 1}, _y, _f)",
-                f"_both = {tuple_of([f'_y[{i}]' for i in range(n)] + [f'_f[{i}]' for i in range(kept)])}",
-                "_evaluations += 1",
-            ]
-        return _function(f"propose(t, t1, h, _state, {CONTEXT}, _log, _at, _step)", "Two half steps, and a whole one to judge them by.",
-                         [*lines, "return _both, _error, _at, (_evaluations, _iterations)"])  # fmt: skip
 
     def _unpacked_state(self) -> list[str]:
         write = Stepping(self.layout)
         names = [*write.state(""), *write.rates("")]
         return [f"{tuple_of([*names, *('_' for _ in self.layout.forces)])} = _state"]
 
-    def judgement(self) -> str:
-        """Write the error norm, and what the choice of a first step needs."""
-        layout = self.layout
-        n = len(layout.used)
-        if not layout.estimates:
-            norm = ["return 0.0"]
-            probe = ["return _state", "return 0.0, 0.0, 0.0"]
-        else:
-            norm = ["_norm = 0.0"]
-            for i in range(n):
-                scale = f"_atol[{i}] + _rtol*_greatest(abs(_state[{i}]), abs(_trial[{i}]))"
-                # a component that is zero and stays so has no error, whatever its scale
-                norm += [f"_norm = _greatest(_norm, abs(_error[{i}])/({scale}) if _error[{i}] != 0.0 else 0.0)"]
-            norm += ["return _norm"]
-            q, v = len(layout.coordinates), len(layout.velocities)
-            slopes = [f"_state[{q + i}]" for i in range(v)] + [f"_state[{n + i}]" for i in range(n - q)]
-            others = [one.replace("_state", "_other") for one in slopes]
-            moved = [f"_state[{i}] + h*{slope}" for i, slope in enumerate(slopes)]
-            moved += [f"_state[{i}]" for i in range(n, len(layout.state))]
-            norms = ["_size, _slope, _change = 0.0, 0.0, 0.0"]
-            for i, (slope, other) in enumerate(zip(slopes, others, strict=True)):
-                norms += [
-                    f"_scale = _atol[{i}] + _rtol*abs(_state[{i}])",
-                    f"_size = _greatest(_size, abs(_state[{i}])/_scale)",
-                    f"_slope = _greatest(_slope, abs({slope})/_scale)",
-                    f"_change = _greatest(_change, abs({other} - {slope})/_scale)",
-                ]
-            probe = [f"return {tuple_of(moved)}", *norms, "return _size, _slope, _change"]
-        signature = "error_norm(_state, _trial, _error, _rtol, _atol)"
-        return (
-            _function(signature, "The largest error over its scale.", norm)
-            + _function("moved(_state, h)", "A state moved by one Euler step.", probe[:1])
-            + _function("sizes(_state, _other, _rtol, _atol)", "Scaled sizes of a state, its slope, and the slope's change.", probe[1:])
-        )  # fmt: skip
-
     def event_functions(self, name: str, trees: Mapping[str, Node]) -> str:
         """Evaluate the events' functions, or their time derivatives; a model without events has one that never is."""
         if not trees:
-            return _function(f"{name}(t, _state, {CONTEXT})", "No events.", ["return (1.0,)"])
-        return _function(f"{name}(t, _state, {CONTEXT})", "One number for each event.", self._returned(trees))
+            return function_of(f"{name}(t, _state, {CONTEXT})", "No events.", ["return (1.0,)"])
+        return function_of(f"{name}(t, _state, {CONTEXT})", "One number for each event.", self._returned(trees))
 
     def note(self) -> str:
         """Write one row of the log."""
@@ -355,7 +295,7 @@ class _Writer:
             lines += [f"_log.rows[{at + len(layout.errors)}, _row] = _iterations"]
         lines += ["_log.row_flags[0, _row] = _kind", "_log.row_flags[1, _row] = 0"]
         lines += ["return all_finite(_derived)" if layout.derived else "return True"]
-        return _function(
+        return function_of(
             f"note(_log, _row, t, h, _kind, _state, _norm, _error, _iterations, {CONTEXT})",
             "Write one row of the log; tell whether its energies and observables are finite.",
             lines,
@@ -365,7 +305,7 @@ class _Writer:
         """Find the piece of every drive of time that a step from t goes through."""
         drives = self.layout.drives
         found = [f"piece_after(t, _tables[{drives.index(name)}])" for name in self.layout.time_drives]
-        return _function(
+        return function_of(
             "pieces_at(t, _tables)", "The piece of every drive of time, from t on.", [f"return {tuple_of(found)}"]
         )
 
@@ -447,8 +387,3 @@ class _Writer:
                 if target in used:
                     lines.append(f"{target} = {rule}({drive.argument}, {table}, {piece})")
         return lines
-
-
-def _function(signature: str, docstring: str, lines: list[str], decorator: str = "compiled") -> str:
-    body = "\n".join(f"    {line}" for line in lines)
-    return f'\n@{decorator}\ndef {signature}:\n    """{docstring}"""\n{body}\n'

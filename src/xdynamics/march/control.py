@@ -14,10 +14,7 @@ SPACINGS = 10.0  # of t that the shortest step has at least, like scipy's
 NONFINITE_FACTOR = 0.25
 STRETCH = 1.01  # of a step that would end just before a node
 SMALLEST_NORM = 1e-4  # that the next step remembers
-CONTROLLERS = {
-    True: "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1 (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)",
-    False: "none: the steps were given",
-}
+CONTROLLER = "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1 (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
 ERROR_NORM = "largest component of |error|/(atol + rtol*max(|value before|, |value after|))"
 FIRST_STEP = "Hairer, Norsett, Wanner I, section II.4, a)-f), with the norm above; 1e-6 of the span stands for its 1e-6"
 
