@@ -156,7 +156,7 @@ def test_methods_prints_the_table() -> None:
     table = call("methods").output
     for one in xd.METHODS.values():
         assert f"{one.name}: order {one.order}" in table
-        assert one.equations() in table
+        assert one.equations()[:300] in table
 
 
 def test_start_imports_little() -> None:

@@ -87,6 +87,7 @@ def test_numeric_frequency(name: str) -> None:
     assert np.abs(x[2:] - 2 * cosine * x[1:-1] + x[:-2]).max() < 16 * EPS
 
 
+@pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")  # the longest steps are far off
 @pytest.mark.parametrize("problem", [coupled_springs, damped], ids=lambda one: one.__name__)
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
 def test_observed_order(method: object, problem: Callable[[], Problem]) -> None:
@@ -96,6 +97,7 @@ def test_observed_order(method: object, problem: Callable[[], Problem]) -> None:
     assert abs(slope(problem(), method, grid_errors) - method.order) < 0.1
 
 
+@pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")  # the longest steps are far off
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
 def test_observed_order_between_steps(method: object) -> None:
     """Assert that between steps no component falls slower than method and interpolant promise together."""

@@ -241,7 +241,7 @@ def spread(text: str) -> str:
 
     Examples
     --------
-    >>> print(spread("y1 = y + h*k\\nk1 = f(t1, y1)"))
+    >>> print(spread("y1 = y + h*k\nk1 = f(t1, y1)"))
     q1 = q + h*v
     v1 = v + h*a
     x1 = x + h*r
