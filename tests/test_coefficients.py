@@ -37,7 +37,7 @@ FUNCTIONS = {
     "number": mp.mpf,
     "where": np.where,
     "abs": np.abs,
-    "sqrt": mp.sqrt,
+    "sqrt": np.frompyfunc(mp.sqrt, 1, 1),
     "hypot": np.frompyfunc(mp.hypot, 2, 1),
 }
 

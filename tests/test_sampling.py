@@ -110,6 +110,27 @@ def test_behind_a_jump_the_drive_s_new_piece_counts() -> None:
     assert found.x.values == pytest.approx([0.0, 0.0625, 0.81], abs=4 * EPS)
 
 
+@pytest.mark.parametrize("estimator", ["none", "embedded", "step_doubling", "step_doubling_extrapolated"])
+def test_dense_output_ends_in_the_accepted_state(estimator: str) -> None:
+    """Assert that just before the end of every step the interpolant is at the state that was accepted."""
+    run = run_of("bogacki_shampine", rtol=None, atol=None, step=0.5, estimator=estimator)
+    found = xd.sample(run, run.time.values[1:] * (1 - 1e-12))
+    assert np.abs(found.x.values - run.x.values[1:]).max() < 1e-10
+
+
+def test_a_thinned_or_converted_record_is_refused() -> None:
+    """Assert that missing rows and other units are named, not interpolated over."""
+    run = run_of()
+    with pytest.raises(xd.InputError, match="rows are missing between t = .* s and .* s"):
+        xd.sample(run.isel(step=slice(None, None, 2)), run.time.values[1])
+    with pytest.raises(xd.InputError, match="'x' is in 'mm', needs 'm' as it was recorded"):
+        xd.sample(run.assign(x=run.x.assign_attrs(units="mm")), 1.0)
+    with pytest.raises(xd.InputError, match="the record has no variable 'x'"):
+        xd.sample(run.drop_vars("x"), 1.0)
+    with pytest.raises(xd.InputError, match="of size 0, needs rows along 'step'"):
+        xd.sample(run.isel(step=slice(0, 0)), 1.0)
+
+
 @pytest.mark.parametrize(
     ("times", "message"),
     [

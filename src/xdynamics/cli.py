@@ -59,7 +59,7 @@ def main() -> None:
 @click.option("-o", "--output", required=True, metavar="RUN.nc", help="The archive to write.")
 @click.option("--method", help="Name of a method; see `xdynamics methods`.")
 @click.option("--step", help="Step of the time grid, like '1 ms'; with a tolerance, the first step.")
-@click.option("--rtol", type=float, help="Relative tolerance, like 1e-8: steps are chosen by the error test.")
+@click.option("--rtol", help="Relative tolerance, like 1e-8: steps are chosen by the error test.")
 @click.option(
     "--atol",
     "atols",
@@ -70,7 +70,7 @@ def main() -> None:
 @click.option("--estimator", help="embedded, step_doubling, step_doubling_extrapolated or none.")
 @click.option("--min-step", help="Shortest step that control may take, like '1 ns'.")
 @click.option("--max-step", help="Longest step that control may take.")
-@click.option("--max-steps", type=int, help="Accepted and rejected steps after which the run ends.")
+@click.option("--max-steps", help="Accepted and rejected steps after which the run ends.")
 @click.option("--until", help="End, like '5 s', unless an event stops the run before.")
 @click.option(
     "--set",
@@ -94,12 +94,12 @@ def run(
     output: str,
     method: str | None,
     step: str | None,
-    rtol: float | None,
+    rtol: str | None,
     atols: tuple[str, ...],
     estimator: str | None,
     min_step: str | None,
     max_step: str | None,
-    max_steps: int | None,
+    max_steps: str | None,
     until: str | None,
     changes: tuple[str, ...],
     force_samples: str | None,

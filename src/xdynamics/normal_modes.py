@@ -74,6 +74,7 @@ def modes(subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[st
         replaced = model.replace(initial=at)
         state |= {name: replaced.initial[name].si for name in at}
     found = linearise(model, state)
+    _check_state(model, found, state)
     _check_finite(model, found, state["t"])
     return _dataset(model, state, found)
 
@@ -122,6 +123,24 @@ def _recorded(run: xr.Dataset, name: str, row: int) -> float:
         raise InputError(f"run record has no variable '{name}', which its model needs; give the whole record")
     one = run.variables[name]
     return parse_unit(str(one.attrs["units"])).to_si(float(one[row].values))
+
+
+def _check_state(model: Model, found: Linearisation, state: Mapping[str, float]) -> None:
+    """Refuse a state at which a drive has no value or the mass is none."""
+    for name, drive in model.drives.items():
+        low, high = float(drive.table.argument[0]), float(drive.table.argument[-1])
+        if drive.outside == "error" and not low <= state[drive.argument] <= high:
+            raise InputError(
+                f"model '{model.name}' cannot be linearised: drive '{name}' has no value at {drive.argument} ="
+                f" {state[drive.argument]:.15g}, its table reaches from {low:.15g} to {high:.15g} (SI units)"
+            )
+    try:
+        np.linalg.cholesky(found.mass)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"model '{model.name}' cannot be linearised at t = {state['t']!r} s: its mass matrix"
+            f" {found.mass.tolist()} is not positive definite there"
+        ) from None
 
 
 def _check_finite(model: Model, found: Linearisation, t: float) -> None:

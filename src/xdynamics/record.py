@@ -103,15 +103,25 @@ def check_kind(run: Any) -> None:
     """
     needed = ("time", "row_kind", "step_size", "model_toml")
     missing = [name for name in needed if name not in getattr(run, "variables", ())]
-    if missing or "solver_method" not in run.attrs:
-        raise InputError(f"this is no run record: it has no {', '.join(missing) or 'solver_method'}")
+    attributes = ("solver_method", "solver_estimator", "solver_interpolation")
+    missing += [name for name in attributes if name not in getattr(run, "attrs", ())]
+    if missing:
+        raise InputError(f"this is no run record: it has no {', '.join(missing)}")
+    if run["time"].dims != (STEPS,) or not run["time"].size:
+        raise InputError(
+            f"the record has time along {run['time'].dims} of size {run['time'].size}, needs rows along '{STEPS}'"
+        )
 
 
 def factors(model: Model, scales: Scales) -> dict[str, float]:
     """Return the factor from a march's numbers to the record's, for every coordinate, velocity and state."""
-    units = {name: one.unit for name, one in (model.coordinates | model.states).items()}
-    units |= {schema.velocity(name): one.unit.per_second() for name, one in model.coordinates.items()}
-    return {name: scales.of(unit.dimension) / float(unit.factor) for name, unit in units.items()}
+    return {name: scales.of(unit.dimension) / float(unit.factor) for name, unit in units_of(model).items()}
+
+
+def units_of(model: Model) -> dict[str, Unit]:
+    """Return the unit that every coordinate, velocity and state is recorded in."""
+    units: dict[str, Unit] = {name: one.unit for name, one in (model.coordinates | model.states).items()}
+    return units | {schema.velocity(name): one.unit.per_second() for name, one in model.coordinates.items()}
 
 
 def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:

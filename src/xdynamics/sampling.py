@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 INSTANTS = "instant"
+EPS = float(np.finfo(float).eps)
 SIDES = ("before", "after")
 ROUTE = "re-integration: one step of the run's method from the archived state to the instant; the error is its distance from the interpolated value"
 
@@ -75,12 +76,11 @@ def sample(
     >>> abs(found.x - np.cos(2 * found.time)).max().item() < 1e-6
     True
     """
-    record.check_kind(run)
+    inside = _Inside.of(run, functions)
     wanted = _wanted(times)
     if side not in SIDES:
         raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
     rows, starts, ends = _located(run["time"], wanted, after=side == "after")
-    inside = _Inside(run, functions or {})
     return inside.dataset(wanted, rows, starts, ends)
 
 
@@ -90,6 +90,29 @@ class _Inside:
 
     run: xr.Dataset
     functions: Mapping[str, Callable[..., float]]
+
+    @classmethod
+    def of(cls, run: Any, functions: Any) -> _Inside:
+        """Check that a Dataset is a whole run record, in the units of its model.
+
+        Raises
+        ------
+        InputError
+            Naming what is missing or differs.
+        """
+        record.check_kind(run)
+        if run.attrs["solver_method"] not in METHODS:
+            raise InputError(f"the record's method '{run.attrs['solver_method']}' is not known to this version")
+        if not isinstance(functions, Mapping | None):
+            raise InputError(f"functions are {str(functions)[:40]!r}, need a mapping of names to functions")
+        inside = cls(run, functions or {})
+        units = {name: unit.text for name, unit in record.units_of(inside.model).items()}
+        for name in inside.layout.used:
+            if name not in run.variables:
+                raise InputError(f"the record has no variable '{name}' of its model; sample the whole record")
+            if run[name].attrs.get("units") != units[name]:
+                raise InputError(f"'{name}' is in {run[name].attrs.get('units')!r}, needs '{units[name]}' as it was recorded; convert what was sampled")  # fmt: skip
+        return inside
 
     @cached_property
     def model(self) -> Model:
@@ -140,6 +163,7 @@ class _Inside:
         run = compile_march(self._source, self.model.functions)
         problem = pose(self.model, self._scales)
         scale, factors = self._scales.of(TIME), self._factors
+        _check_whole(where, columns[0])
         times, starts, ends = (np.ascontiguousarray(one) / scale for one in where)
         steps, states = columns[0] / scale, columns[1:] / factors
         found = np.empty((2 * len(states), times.size))
@@ -174,11 +198,26 @@ _KEPT = ("title", "solver_method", "solver_order", "solver_interpolation", "solv
          "model_digest", "force_digest", "content_digest")  # fmt: skip
 
 
+def _check_whole(where: Floats, steps: Floats) -> None:
+    """Refuse a record with rows left out: its steps would not reach from one row to the next."""
+    times, starts, ends = where
+    gaps = np.abs(ends - starts - steps)
+    torn = np.flatnonzero((times > starts) & (gaps > 8 * EPS * np.maximum(np.abs(starts), np.abs(ends))))
+    if torn.size:
+        i = int(torn[0])
+        raise InputError(
+            f"rows are missing between t = {starts[i]:.15g} s and {ends[i]:.15g} s: the step to the later one is"
+            f" {steps[i]:.15g} s; sample the whole record, and choose among its rows afterwards"
+        )
+
+
 def _wanted(times: Any) -> Floats:
     """Read the times that are asked for."""
     if isinstance(times, str):
         times = parse_time(times, "times")
     try:
+        if np.asarray(times).dtype == bool:
+            raise TypeError(times)  # noqa: TRY301 - answered right below
         wanted = np.atleast_1d(np.asarray(times, dtype=float))
     except (TypeError, ValueError):
         raise InputError(f"times are {str(times)[:60]}, need numbers in s") from None

@@ -132,7 +132,7 @@ FIXED_TRIALS = (
 FIXED_EVENTS = (
     Variable("event_time", (EVENTS,), "f8", "s", "accepted time of the event: the right end of its bracket", "event", {"ancillary_variables": "event_time_uncertainty"}),
     Variable("event_time_bounds", (EVENTS, BOUNDS), "f8", "s", "final bracket of the event time", "event"),
-    Variable("event_time_uncertainty", (EVENTS,), "f8", "s", "bracket width, residual over time derivative, and interpolation part (0: substeps are re-integrated)", "event"),
+    Variable("event_time_uncertainty", (EVENTS,), "f8", "s", "uncertainty of locating the event: bracket width, residual over time derivative, and interpolation part (0: substeps are re-integrated); the error of the integration is not in it", "event"),
     Variable("event_row_before", (EVENTS,), "i8", "1", "row of `step` with the state before the event", "event"),
     Variable("event_row_after", (EVENTS,), "i8", "1", "row of `step` with the state after the event", "event"),
     Variable("event_kind", (EVENTS,), "i1", "1", "kind of the event", "flag", flags(dict(enumerate(EVENT_KINDS)))),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
+PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 SAFE_STEP = 0.1  # over the fastest time scale: what every method of order 2 and more bears for long
 
 
@@ -57,7 +59,7 @@ def simulate(
     ----------
     model : Model
     method : str
-        Name of a method; `xdynamics methods` lists them. Like all that follows, it may stand in the model's `[run]`.
+        Name of a method; `xdynamics methods` lists them. Like all that follows but arrays, it may stand in `[run]`.
     step : str, float or array of float
         Step of the grid t0 + n h: ``"1 ms"``, or a number of seconds. An array gives every step, like
         ``step=run.step_size[1:]``. With a tolerance, the first step to try.
@@ -121,6 +123,10 @@ def simulate(
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
     }  # fmt: skip
     settings = settings_for(model, **named)
+    if path is not None and not isinstance(path, str | PathLike):
+        raise InputError(f"path is {path!r}, needs the name of a file")
+    if progress is not None and not callable(progress):
+        raise InputError(f"progress is {progress!r}, needs a function")
     _warn_of_instability(model, settings)
     march = March(model, settings, progress)
     if path is not None:
@@ -133,12 +139,16 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
     if not isinstance(settings.step, float | int) or settings.adaptive or model.python_forces:
         return
     state = initial_state(model)
-    jacobian = linearise(model, state).jacobian
+    try:
+        jacobian = linearise(model, state).jacobian
+    except InputError:
+        return  # the march will say what is wrong with the forces at the start
     size = float(np.sqrt(np.abs(jacobian @ jacobian).sum(axis=1).max(initial=0.0)))  # no eigenvalue is larger
     if settings.method.order > 1 and not settings.step * size > SAFE_STEP:
         return
     longest = stable_step(model, settings.method, state, growth=1.0 / (settings.until - state["t"]))
     if settings.step > longest:
+        longest = stable_step(model, settings.method, state) or longest  # the limit itself, where there is one
         warnings.warn(
             f"step {settings.step:.6g} s is beyond the stability limit {longest:.6g} s of '{settings.method.name}' for"
             f" '{model.name}' at its start: errors grow from step to step; take a shorter step, or see"
@@ -171,6 +181,9 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         if not method.estimate:
             raise InputError(f"model '{model.name}' has no step in its [run]; give step=…, or rtol=… for chosen steps")
         tolerances = Tolerances(DEFAULT_RTOL, {})
+    paced = [key for key in PACING if key in chosen]
+    if paced and tolerances is None:
+        raise InputError(f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give rtol or atol too")  # fmt: skip
     settings = Settings(
         method,
         parse_time(chosen["until"], "until"),
@@ -188,10 +201,10 @@ def settings_for(model: Model, **asked: Any) -> Settings:
 def _joined(defaults: Mapping[str, Any], asked: dict[str, Any]) -> dict[str, Any]:
     """Join; a step that is asked for sets the defaults' tolerances aside, and tolerances their step."""
     kept = dict(defaults)
-    if "step" in asked or "rtol" in asked or "atol" in asked:
-        for key in ("step", "rtol", "atol"):
-            if not (key in ("rtol", "atol") and ("rtol" in asked or "atol" in asked)):
-                kept.pop(key, None)
+    tolerant = "rtol" in asked or "atol" in asked
+    if tolerant or "step" in asked:
+        for key in ("step",) if tolerant else ("step", "rtol", "atol", *PACING):
+            kept.pop(key, None)
     return {"force_samples": "all", "scales": None} | kept | asked
 
 
@@ -218,6 +231,8 @@ def _tolerances(model: Model, chosen: Mapping[str, Any]) -> Tolerances | None:
     relative = DEFAULT_RTOL if rtol is None else _number(rtol, "rtol")
     if atol is None:
         return Tolerances(relative, {})
+    if isinstance(atol, Mapping) and not atol:
+        raise InputError("atol is an empty mapping, needs a number or at least one name")
     if not isinstance(atol, Mapping):
         return Tolerances(relative, {"": _number(atol, "atol")})
     absolute = {}
@@ -232,7 +247,10 @@ def _tolerances(model: Model, chosen: Mapping[str, Any]) -> Tolerances | None:
 def _absolute(model: Model, name: str, value: Any) -> float:
     if not isinstance(value, str):
         return _number(value, f"atol of '{name}'")
-    quantity = parse_quantity(value)
+    try:
+        quantity = parse_quantity(value)
+    except InputError as error:
+        raise InputError(f"atol of '{name}': {error}") from None
     needed = model.dimensions[name] if name else NONE
     if quantity.unit.text != "1" and quantity.unit.dimension != needed:
         raise InputError(f"atol of '{name}' is {value!r}, needs the unit '{needed}'")
@@ -240,10 +258,13 @@ def _absolute(model: Model, name: str, value: Any) -> float:
 
 
 def _number(value: Any, name: str) -> float:
+    if isinstance(value, bool):
+        raise InputError(f"{name} is {value!r}, needs a number")
     try:
         return float(value)
     except (TypeError, ValueError):
-        raise InputError(f"{name} is {value!r}, needs a number") from None
+        remedy = "; for one variable write {'y': '1 um'}" if name == "atol" else ""
+        raise InputError(f"{name} is {value!r}, needs a number{remedy}") from None
 
 
 def _pacing(chosen: Mapping[str, Any]) -> Pacing:
@@ -252,12 +273,15 @@ def _pacing(chosen: Mapping[str, Any]) -> Pacing:
         given["safety"] = _number(chosen["safety"], "safety")
     if "growth_limits" in chosen:
         limits = chosen["growth_limits"]
-        if not isinstance(limits, list | tuple) or len(limits) != 2:
+        if not isinstance(limits, list | tuple | np.ndarray) or len(limits) != 2:
             raise InputError(f"growth_limits are {limits!r}, need two factors, like (0.2, 10)")
         given["growth_limits"] = tuple(_number(one, "growth_limits") for one in limits)
     given |= {key: parse_time(chosen[key], key) for key in ("min_step", "max_step") if key in chosen}
     if "max_steps" in chosen:
-        given["max_steps"] = int(_number(chosen["max_steps"], "max_steps"))
+        most = _number(chosen["max_steps"], "max_steps")
+        if not most.is_integer():
+            raise InputError(f"max_steps is {chosen['max_steps']!r}, needs a whole number")
+        given["max_steps"] = int(most)
     return Pacing(**given)
 
 

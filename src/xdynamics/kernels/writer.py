@@ -229,37 +229,40 @@ class _Writer:
     def propose(self, method: Method) -> str:
         """One step of the method, with the estimate of its error."""
         if self.layout.estimator in (NO_ESTIMATE, EMBEDDED):
-            return self._step("propose", method, method.evaluations)
-        return self._step("advance", method, method.evaluations) + estimates.doubled(self.layout, method)
+            return self._step("propose", method)
+        return self._step("advance", method) + estimates.doubled(self.layout, method)
 
     def interpolate(self, method: Method, extension: str) -> str:
-        """Write the state inside a step: the update, then the lines of its extension."""
-        write = Stepping(self.layout)
-        lines = [*self._unpacked_state(), *write.written(method.statements), *write.written(read_lines(extension))]
-        return function_of(
-            f"interpolate(t, t1, h, s, _state, {CONTEXT}, _log, _at, _step)",
-            "The state at t + s*h.",
-            ["_evaluations, _iterations, _stage = 0, 0, 0", *lines, f"return {tuple_of(write.state('s'))}"],
-        )
+        """Write the state inside a step: the update, or where half steps went on what they led to; then the extension."""
+        write, layout = Stepping(self.layout), self.layout
+        lines = ["_evaluations, _iterations, _stage = 0, 0, 0", *self._unpacked_state()]
+        if layout.estimator in (NO_ESTIMATE, EMBEDDED):
+            lines += write.written(method.statements)
+        else:
+            end = [*write.state("1"), *write.rates("1"), *("_" for _ in layout.forces)]
+            lines += [
+                f"_end, _, _, _ = propose(t, t1, h, _state, {CONTEXT}, _log, _at, _step)",
+                f"{tuple_of(end)} = _end",
+            ]
+        lines += write.written(read_lines(extension))
+        signature = f"interpolate(t, t1, h, s, _state, {CONTEXT}, _log, _at, _step)"
+        return function_of(signature, "The state at t + s*h.", [*lines, f"return {tuple_of(write.state('s'))}"])
 
-    def _step(self, name: str, method: Method, evaluations: int) -> str:
+    def _step(self, name: str, method: Method) -> str:
         """Write the lines of a method out."""
         write, layout = Stepping(self.layout), self.layout
-        lines = [*self._unpacked_state(), *write.written(method.statements)]
+        lines = [*self._unpacked_state(), *write.written(method.statements), "_end = _f"]
         embedded = layout.estimator == EMBEDDED
         if embedded:
             lines += write.written(read_lines(method.estimate))
         first = len(layout.accelerations) + len(layout.rates)
-        state = [*write.state("1"), *write.rates("1"), *(f"_f[{first + i}]" for i in range(len(layout.forces)))]
+        state = [*write.state("1"), *write.rates("1"), *(f"_end[{first + i}]" for i in range(len(layout.forces)))]
         error = tuple_of(write.state("e") if embedded else ["0.0"])
         # in the loop itself where that is the only place, or where it is small
         once = method.evaluations <= FEW_EVALUATIONS or not self.model.events
         staged = ", _stage" if name == "advance" else ""
-        begin = (
-            f"_evaluations, _iterations = {evaluations}, 0"
-            if staged
-            else f"_evaluations, _iterations, _stage = {evaluations}, 0, 0"
-        )
+        begin = f"_evaluations, _iterations = {write.stage}, 0"
+        begin += "" if staged else "; _stage = 0"
         return function_of(
             f"{name}(t, t1, h, _state, {CONTEXT}, _log, _at, _step{staged})", f"One step by {method.name}.",
             [begin, *lines, f"return {tuple_of(state)}, {error}, _at, (_evaluations, _iterations)"],

@@ -6,9 +6,6 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from xdynamics.kernels.stepping import MOST_ITERATIONS
 from xdynamics.march import outcomes
 from xdynamics.march.outcomes import (
@@ -21,6 +18,7 @@ from xdynamics.march.outcomes import (
     Outcome,
 )
 from xdynamics.march.retrace import retraced, undefined_part
+from xdynamics.march.settings import UNSCALED
 from xdynamics.methods.stability import stiffness
 from xdynamics.model import Function
 from xdynamics.schema import force, rate, velocity
@@ -28,9 +26,9 @@ from xdynamics.units import TIME
 
 if TYPE_CHECKING:
     from xdynamics.march.log import Log, Tally
-    from xdynamics.march.runner import March
+    from xdynamics.march.runner import March, Witness
 
-FEW_ROWS = 100  # of the last block, from which on stiffness is looked for
+FEW_ROWS = 100  # of a run, from which on stiffness is looked for
 
 
 @dataclass(frozen=True)
@@ -54,34 +52,33 @@ def diagnose(march: March, log: Log, base: Tally) -> Failure:
         return Failure(OUTCOMES[NONFINITE_EVENT], cause)
     if memory.status == NONFINITE_OBSERVABLE:
         return _in_row(march, log, base)
-    if memory.status != NONFINITE:
+    if memory.status not in (NONFINITE, outcomes.UNSOLVED):
         return Failure(OUTCOMES[memory.status], _cause(march))
     for values in retraced(march):
         if failure := _in_evaluation(march, values):
             return failure
+    if memory.status == outcomes.UNSOLVED:
+        return Failure(OUTCOMES[memory.status], _cause(march))
     return _in_state(march, dict(zip(march.layout.state, memory.trial, strict=True)))
 
 
-def advice_on_stiffness(march: March, log: Log, base: Tally) -> str:
-    """Say so where an explicit method's chosen steps stand at the edge of its region of stability."""
-    method, model, layout = march.settings.method, march.model, march.layout
-    rows = march.memory.tally.rows - base.rows
-    if not march.settings.adaptive or method.implicit or model.python_forces or rows < FEW_ROWS:
+def advice_on_stiffness(march: March, rows: list[Witness]) -> str:
+    """Say so where an explicit method's chosen steps stand at the edge of its region of stability for most of a run."""
+    method, model = march.settings.method, march.model
+    if not march.settings.adaptive or method.implicit or model.python_forces or march.memory.tally.rows < FEW_ROWS:
         return ""
-    scales = march.settings.scales
-    factors = {name: scales.of(model.dimensions[name]) for name in layout.used}
-    places = {name: layout.row.index(name) for name in layout.used}
+    scales, names = march.settings.scales, march.layout.used
+    time, factors = scales.of(TIME), [scales.of(model.dimensions[name]) for name in names]
 
-    def limited(chosen: NDArray[np.int64]) -> float:
+    def limited(chosen: list[Witness]) -> float:
         states = [
-            {"t": float(log.rows[0, i]) * scales.of(TIME)}
-            | {name: float(log.rows[at, i]) * factors[name] for name, at in places.items()}
-            for i in chosen
+            {"t": one.t * time} | {name: x * f for name, x, f in zip(names, one.state, factors, strict=True)}
+            for one in chosen
         ]
-        return stiffness(model, method, states, (log.rows[1, chosen] * scales.of(TIME)).tolist())
+        return stiffness(model, method, states, [one.h * time for one in chosen])
 
     # one row first: it costs a millisecond, and most runs are not stiff
-    if limited(np.array([rows // 2])) and limited(np.linspace(1, rows - 2, 25).astype(np.int64)) > 0.5:
+    if limited([rows[len(rows) // 2]]) and limited(rows) > 0.5:
         return (
             f"; stiffness suspected: stability, not accuracy, limits the steps of '{method.name}' for most of the run;"
             " radau_iia takes longer ones"
@@ -96,12 +93,11 @@ def _cause(march: March) -> str:
         case outcomes.ERROR_AT_MINIMUM:
             return f"the error test fails at the minimum step, with norm {norm:.3g}; the tolerance or the minimum step does not suit the model"
         case outcomes.STEP_LIMIT:
-            return (
-                f"{control.most_steps:.0f} accepted and rejected steps are used up; raise max_steps or the tolerances"
-            )
+            return f"{control.most_steps:.0f} accepted steps and rejected trials are used up; raise max_steps or the tolerances"
         case outcomes.UNSOLVED:
-            return f"Newton's method does not solve the step's equations in {MOST_ITERATIONS} iterations; take a shorter step"
-        case outcomes.STEP_TOO_SMALL if control.adaptive:
+            remedy = "the model is not smooth enough here" if control.adaptive else "take a shorter step"
+            return f"Newton's method, of at most {MOST_ITERATIONS} iterations, does not solve the step's equations; {remedy}"
+        case outcomes.STEP_TOO_SMALL if control.adaptive and norm > 1.0:
             return (
                 f"the error test fails, with norm {norm:.3g}, at the shortest step that t resolves; the solution has a"
                 " singularity here, or t is too large for its time scale"
@@ -157,6 +153,7 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
     for name, tree in trees.items():
         if not isfinite(values[name]):
             why = "" if isinstance(tree, Function) else undefined_part(model.expanded(tree), values)
+            why = why if march.settings.scales == UNSCALED else ""  # in SI numbers, or not at all
             return Failure(NONFINITE_FORCE, f"{name} is {values[name]} {when}" + (f": {why}" if why else ""))
     return None
 
@@ -166,8 +163,8 @@ def _outside(march: March, name: str, asked: float) -> str:
     asked *= march.settings.scales.of(march.model.dimensions[drive.argument])
     low, high = drive.table.argument[0], drive.table.argument[-1]
     return (
-        f"drive '{name}' was asked at {drive.argument} = {asked:.9g}, and its table '{drive.table.name}' reaches from"
-        f' {low:.9g} to {high:.9g} (SI units); set outside = "zero" or "hold", or stay inside'
+        f"drive '{name}' was asked at {drive.argument} = {asked:.15g}, and its table '{drive.table.name}' reaches from"
+        f' {low:.15g} to {high:.15g} (SI units); set outside = "zero" or "hold", or stay inside'
     )
 
 

@@ -82,6 +82,8 @@ def _bracket(
         tried, _error, _at, effort = propose(memory.t, memory.t + s, s, memory.state, plan.parameters, plan.tables,
                                               memory.pieces, log, at, memory.tally.rows)  # fmt: skip
         evaluations += effort[0]
+        if effort[1] < 0:  # equations that were not solved tell nothing: the bracket stays as wide as it is
+            break
         found = detect(memory.t + s, tried, plan.parameters, plan.tables, memory.pieces)
         if crosses(plan.directions[i], memory.values[i], found[i]):
             high, trial, values = s, tried, found

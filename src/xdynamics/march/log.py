@@ -116,7 +116,7 @@ def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
     # an odd stride: columns a power of two apart would share one cache set
     rows = (rows + 4) | 1
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 1
-    trials = min(rows, 20_000) + events * MOST_SUBSTEPS
+    trials = min(rows, 20_000) + events * MOST_SUBSTEPS + 1
     event_rows = min(rows, 4_000) + events
     return Log(
         _pages((len(layout.row), rows), np.float64),

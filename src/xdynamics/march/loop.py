@@ -136,7 +136,7 @@ def _has_room(plan: Plan, log: Log, base: Tally, tally: Tally) -> bool:
     events = log.lows.shape[0]
     return (
         tally.rows - base.rows + 2 <= log.rows.shape[1]
-        and tally.trials - base.trials + events * MOST_SUBSTEPS <= log.trials.shape[1]
+        and tally.trials - base.trials + events * MOST_SUBSTEPS + 1 <= log.trials.shape[1]
         and tally.events - base.events + events <= log.events.shape[1]
         and tally.samples - base.samples + plan.sampled + 1 <= log.samples.shape[1]
     )
@@ -149,8 +149,10 @@ def _aim(plan: Plan, memory: Memory) -> tuple[float, float, int]:
         return _aim_freely(plan, memory, node_time)
     if plan.step_size > 0.0:
         grid_time, step = plan.start + (memory.grid + 1) * plan.step_size, plan.step_size
-    else:
+    elif memory.grid < plan.grid.shape[0]:
         grid_time, step = plan.grid[memory.grid], plan.steps[memory.grid]
+    else:
+        return node_time, node_time - memory.t, AT_NODE
     if node_time > grid_time + plan.snap:
         return grid_time, step if memory.on_grid else grid_time - memory.t, AT_GRID
     if node_time >= grid_time - plan.snap:
@@ -161,9 +163,9 @@ def _aim(plan: Plan, memory: Memory) -> tuple[float, float, int]:
 def _aim_freely(plan: Plan, memory: Memory, node_time: float) -> tuple[float, float, int]:
     """Take the step that control proposes, or what is left to the next node."""
     h, rest = memory.pace.step, node_time - memory.t
-    if rest <= h or (rest <= STRETCH * h and rest <= plan.control.max_step):
-        return node_time, rest, AT_NODE
     target = memory.t + h
+    if target >= node_time - plan.snap or (rest <= STRETCH * h and rest <= plan.control.max_step):
+        return node_time, rest, AT_NODE
     return target, target - memory.t, AT_GRID  # so that t + h is the target to the bit
 
 
@@ -191,8 +193,8 @@ def _reject(
     memory = _counted(memory, 1)
     if not (ESTIMATES and plan.control.adaptive):
         return _ended(memory, verdict, h, trial, values)
-    if h <= shortest(plan, memory.t):
-        if verdict == ERROR_AT_MINIMUM and plan.control.min_step < h:
+    if min(h, memory.pace.step) <= shortest(plan, memory.t):  # h has the rounding of t + h, the proposal has not
+        if verdict == ERROR_AT_MINIMUM and plan.control.min_step < shortest(plan, memory.t):
             verdict = STEP_TOO_SMALL
         return _ended(memory, verdict, h, trial, values)
     pace = reduced(plan, memory.pace, memory.t, h, memory.norm, verdict == ERROR_AT_MINIMUM)
@@ -289,8 +291,10 @@ def _land_on_event(
     at = memory.tally.samples - base.samples
     state, error, at, effort = propose(memory.t, time, s, memory.state, p, tables, pieces, log, at, memory.tally.rows)
     values = detect(time, state, p, tables, pieces)
-    norm = error_norm(memory.state, state, error, plan.control.rtol, plan.control.atol)
+    verdict, norm = _judge(plan, memory, state, error, values, effort)
     memory = _worked(memory, norm, (tried + effort[0], effort[1]))
+    if verdict != RUNNING:
+        return _reject(plan, _counted(memory, trials - memory.tally.trials), log, base, s, state, values, verdict)
     row, events, status = memory.tally.rows, memory.tally.events, RUNNING
     if not note(log, row - base.rows, time, s, EVENT_BEFORE, state, norm, error, effort[1], p, tables, pieces):
         return _ended(_counted(memory, trials - memory.tally.trials), NONFINITE_OBSERVABLE, s, state, values)

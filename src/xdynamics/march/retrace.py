@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.expressions import Binary, Call, Node, exponent_of, limits_domain, text_of
+from xdynamics.expressions import Binary, Call, Node, exponent_of, limits_domain, parse, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import children
+from xdynamics.kernels.layout import EXTRAPOLATED, STEP_DOUBLING
 from xdynamics.kernels.writer import constants_of
-from xdynamics.methods import Evaluation, Solve
+from xdynamics.methods import Evaluation, Solve, Statement
 from xdynamics.model import Function
+from xdynamics.model.drives import looked_up
 from xdynamics.schema import acceleration, force, rate, velocity
 
 if TYPE_CHECKING:
@@ -24,16 +26,28 @@ Vectors = dict[str, dict[str, float]]
 
 
 def retraced(march: March) -> Iterator[Values]:
-    """Yield the force evaluations of the step last tried, in internal units; of an implicit one, the first alone.
+    """Yield the force evaluations of the step last tried, in internal units.
 
-    Each is a mapping with `t`, what was used, drives, force components, accelerations and rates.
+    Each is a mapping with `t`, what was used, drives, force components, accelerations and rates. Where half steps go on,
+    they follow the whole one; of equations that are solved there is the first iteration, and nothing behind them.
     """
     memory, layout = march.memory, march.layout
     state = dict(zip(layout.state, memory.state, strict=True))
-    if memory.h == 0.0:
-        yield evaluated(march, memory.t, state)
+    t, h = memory.t, memory.h
+    if h == 0.0:
+        yield evaluated(march, t, state)
         return
-    scalars = {"t": memory.t, "h": memory.h, "t1": memory.t + memory.h}
+    yield from _step(march, t, h, state)
+    if march.settings.estimator in (STEP_DOUBLING, EXTRAPOLATED):
+        half = yield from _step(march, t, h / 2.0, state)
+        if half:
+            yield from _step(march, t + h / 2.0, h / 2.0, half)
+
+
+def _step(march: March, t: float, h: float, state: Values) -> Generator[Values, None, Values]:
+    """Make one step of the method, yielding its evaluations; return the new state, empty where it was not reached."""
+    layout = march.layout
+    scalars = {"t": t, "h": h, "t1": t + h}
     vectors: Vectors = {
         "q": {one: state[one] for one in layout.coordinates},
         "v": {one: state[velocity(one)] for one in layout.coordinates},
@@ -41,28 +55,26 @@ def retraced(march: March) -> Iterator[Values]:
         "x": {one: state[one] for one in layout.states},
         "r": {one: state[rate(one)] for one in layout.states},
     }
+    found: Values = {}
     for line in march.settings.method.statements:
+        inner: tuple[Statement | Evaluation, ...]
+        inner = (*line.definitions, *line.evaluations) if isinstance(line, Solve) else (line,)
+        for one in inner:
+            if isinstance(one, Evaluation):
+                used = vectors[one.position] | {velocity(k): v for k, v in vectors[one.velocity].items()}
+                found = evaluated(march, evaluate(parse(one.time), scalars), used | vectors[one.state])
+                yield found
+                vectors[one.acceleration] = {name: found[acceleration(name)] for name in layout.coordinates}
+                vectors[one.rate] = {name: found[rate(name)] for name in layout.states}
+            else:
+                owners = layout.states if one.of_states else layout.coordinates
+                vectors[one.target] = {
+                    name: evaluate(one.expression, scalars | {vector: vectors[vector][name] for vector in one.vectors})
+                    for name in owners
+                }
         if isinstance(line, Solve):
-            return
-        if isinstance(line, Evaluation):
-            used = vectors[line.position] | {velocity(k): v for k, v in vectors[line.velocity].items()}
-            found = evaluated(march, evaluate_text(line.time, scalars), used | vectors[line.state])
-            yield found
-            vectors[line.acceleration] = {one: found[acceleration(one)] for one in layout.coordinates}
-            vectors[line.rate] = {one: found[rate(one)] for one in layout.states}
-        else:
-            owners = layout.states if line.of_states else layout.coordinates
-            vectors[line.target] = {
-                one: evaluate(line.expression, scalars | {name: vectors[name][one] for name in line.vectors})
-                for one in owners
-            }
-
-
-def evaluate_text(text: str, values: Values) -> float:
-    """Evaluate a time as a method writes it."""
-    from xdynamics.expressions import parse
-
-    return evaluate(parse(text), values)
+            return {}
+    return found | vectors["q1"] | {velocity(k): v for k, v in vectors["v1"].items()} | vectors["x1"]
 
 
 def evaluated(march: March, t: float, used: Values) -> Values:
@@ -71,7 +83,7 @@ def evaluated(march: March, t: float, used: Values) -> Values:
     values = dict(zip(constants_of(model), march.problem.parameters, strict=True)) | {"t": t}
     values |= {name: used[name] for name in march.layout.used}
     for i, (name, drive) in enumerate(model.drives.items()):
-        values[name] = _looked_up(march.problem.tables[i], values[drive.argument])
+        values[name], _ = looked_up(march.problem.tables[i], values[drive.argument], of_time=drive.argument == "t")
     totals = dict.fromkeys(model.coordinates, 0.0)
     for term, parts in model.force_components.items():
         for name, one in parts.items():
@@ -103,15 +115,6 @@ def _component(march: March, one: Node | Function, values: Values) -> float:
     if isinstance(one, Function):
         return float(march.model.functions[one.name](*(values[name] for name in one.arguments)))
     return evaluate(march.model.expanded(one), values)
-
-
-def _looked_up(table: tuple[np.ndarray, np.ndarray], x: float) -> float:
-    """Evaluate a drive's piecewise polynomial."""
-    origin, powers = table
-    piece = max(0, int(np.searchsorted(origin[1:], x, side="right")))
-    if x == origin[-1]:
-        piece = len(origin) - 2
-    return float(np.polyval(powers[:, piece], x - origin[piece]))
 
 
 def _solved(masses: list[list[float]], totals: list[float]) -> list[float]:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from types import FrameType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,17 +20,26 @@ from xdynamics.kernels.layout import EXTRAPOLATED, STEP_DOUBLING
 from xdynamics.march.diagnosis import Failure, advice_on_stiffness, diagnose
 from xdynamics.march.log import Control, Floats, Log, Memory, Pace, Plan, Tally, allocate
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
-from xdynamics.march.settings import Settings
+from xdynamics.march.settings import Settings, given_times
 from xdynamics.model import Model
 from xdynamics.schema import EVENT_AFTER
 from xdynamics.units import TIME
 
 PAUSE_ROWS = 250_000  # between two looks at the clock and the keyboard
 LARGEST_BLOCK = 1 << 24
+MOST_WITNESSES = 50
 FIRST_BLOCK = 1 << 12  # rows, where nobody knows how many there will be
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
+
+
+class Witness(NamedTuple):
+    """A row that is looked at again when the run is over, in internal units."""
+
+    t: float
+    h: float
+    state: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -73,6 +83,7 @@ class March:
         self.event_pairs = 0
         self._failure: Failure | None = None
         self._advice = ""
+        self._witnesses: dict[int, Witness] = {}
 
     @cached_property
     def source(self) -> str:
@@ -93,7 +104,8 @@ class March:
         inner = self.problem.nodes[(self.problem.nodes > start) & (self.problem.nodes < end)]
         nodes, step = np.append(inner, end), self.settings.step
         snap = 4.0 * float(np.finfo(float).eps) * max(abs(start), abs(end))
-        grid, steps = _given(start, step, scale, nodes, snap) if isinstance(step, tuple) else (np.empty(0), np.empty(0))
+        given = tuple(one / scale for one in step) if isinstance(step, tuple) else ()
+        grid, steps = _given(start, given, nodes, snap)
         events = self.model.events.values()
         uniform = step / scale if isinstance(step, float | int) and not self.settings.adaptive else 0.0
         return Plan(
@@ -172,6 +184,7 @@ class March:
                     kept.reverse()
                 base = self.memory.tally
                 self._fill(run, log, base)
+                self._remember(log, base)
                 self._look_at_the_end(log, base)
                 now = self.memory.tally
                 self.event_pairs += int(np.count_nonzero(log.row_flags[0, : now.rows - base.rows] == EVENT_AFTER))
@@ -208,6 +221,18 @@ class March:
                 done = (self.memory.t - self.plan.start) / (self.plan.nodes[-1] - self.plan.start)
                 self.progress(done, self.memory.t * self.settings.scales.of(TIME), self.memory.tally.rows)
 
+    def _remember(self, log: Log, base: Tally) -> None:
+        """Keep some rows of the whole run, the same whatever its blocks: those whose number a power of two divides."""
+        if not self.settings.adaptive:
+            return
+        rows = self.memory.tally.rows
+        stride = 1 << max(0, (rows // MOST_WITNESSES).bit_length())
+        self._witnesses = {row: one for row, one in self._witnesses.items() if row % stride == 0}
+        n = len(self.layout.used)
+        for row in range(-(-base.rows // stride) * stride, rows, stride):
+            column = log.rows[: 2 + n, row - base.rows].tolist()
+            self._witnesses[row] = Witness(column[0], column[1], tuple(column[2:]))
+
     def _look_at_the_end(self, log: Log, base: Tally) -> None:
         """Find out, while its log is at hand, which event stopped the run or what failed."""
         if self.memory.status == STOPPED:
@@ -218,7 +243,7 @@ class March:
         elif self.memory.status != RUNNING and not OUTCOMES[self.memory.status].good:
             self._failure = diagnose(self, log, base)
         if self.memory.status in (COMPLETED, STOPPED, STEP_LIMIT):
-            self._advice = advice_on_stiffness(self, log, base)
+            self._advice = advice_on_stiffness(self, list(self._witnesses.values()))
 
     def _is_over(self) -> bool:
         return self.memory.status != RUNNING or self.interrupted
@@ -268,12 +293,12 @@ class March:
             signal.signal(signal.SIGINT, previous)
 
 
-def _given(start: float, steps: tuple[float, ...], scale: float, nodes: Floats, snap: float) -> tuple[Floats, Floats]:
+def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -> tuple[Floats, Floats]:
     """Return the times that given steps lead to, those close to a node being that node, and the steps."""
-    times, t = [], start
-    for step in steps:
-        t = t + step / scale
+    times, t, end = [], start, float(nodes[-1])
+    for aim, step in zip(given_times(start, steps, end), steps, strict=True):
+        t = end if aim == end else t + step
         near = nodes[np.abs(nodes - t) <= snap]
         t = float(near[0]) if near.size else t
         times.append(t)
-    return np.array(times), np.array(steps) / scale
+    return np.array(times), np.array(steps)

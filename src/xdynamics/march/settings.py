@@ -16,8 +16,19 @@ from xdynamics.model import Model
 from xdynamics.units import Scales
 
 UNSCALED = Scales()
-LEAST_RTOL = 10 * float(np.finfo(float).eps)
+EPS = float(np.finfo(float).eps)
+LEAST_RTOL = 10 * EPS
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
+
+
+def given_times(start: float, steps: tuple[float, ...], end: float) -> list[float]:
+    """Return the times that steps lead to, one after the other; one as close to the end as rounding goes is the end."""
+    times, t = [], start
+    slack = 4 * EPS * len(steps) * max(abs(start), abs(end))
+    for step in steps:
+        t = t + step
+        times.append(end if abs(t - end) <= slack else t)
+    return times
 
 
 @dataclass(frozen=True)
@@ -41,10 +52,8 @@ class Tolerances:
     def faults(self, model: Model) -> list[str]:
         """List what no error test could use."""
         found = []
-        if not isfinite(self.rtol) or self.rtol < 0:
-            found.append(f"rtol is {self.rtol!r}, needs a finite non-negative number")
-        elif self.rtol < LEAST_RTOL:
-            found.append(f"rtol is {self.rtol!r}, needs at least 10 eps = {LEAST_RTOL:.3g}: rounding alone is as large")
+        if not LEAST_RTOL <= self.rtol < 1:
+            found.append(f"rtol is {self.rtol!r}, needs a number from 10 eps = {LEAST_RTOL:.3g}, below which rounding is as large, to 1")  # fmt: skip
         names = Layout(model).used
         for name, value in self.atol.items():
             if name and name not in names:
@@ -166,6 +175,10 @@ class Settings:
         faults = [*self._grid_faults(start), *self._estimator_faults(), *self.pacing.faults()]
         if self.tolerances is not None:
             faults += self.tolerances.faults(model)
+        if self.pacing.min_step > self.until - start > 0:
+            faults.append(
+                f"min_step is {self.pacing.min_step!r} s, needs to be at most the span of {self.until - start!r} s"
+            )
         if not isfinite(self.until) or self.until <= start:
             faults.append(f"until is {self.until!r} s, needs a time after the start at t = {start!r} s")
         if self.scales != UNSCALED and model.python_forces:
@@ -182,14 +195,16 @@ class Settings:
             bad = [one for one in self.step if not (isfinite(one) and one > 0)]
             if not self.step or bad:
                 return [f"step has {f'{bad[0]!r} s' if bad else 'no entry'}, needs positive times"]
-            total = start + sum(self.step)
-            if total < self.until * (1 - 1e-12):
+            last = given_times(start, self.step, self.until)[-1]
+            if last < self.until:
                 return [
-                    f"step has {len(self.step)} steps up to t = {total!r} s, needs to reach until = {self.until!r} s"
+                    f"step has {len(self.step)} steps up to t = {last!r} s, needs to reach until = {self.until!r} s"
                 ]
             return []
         if not isfinite(self.step) or self.step <= 0:
             return [f"step is {self.step!r} s, needs a positive time"]
+        if self.adaptive and not self.pacing.min_step <= self.step <= self.pacing.max_step:
+            return [f"step, the first one, is {self.step!r} s, needs to be from min_step = {self.pacing.min_step!r} s to max_step = {self.pacing.max_step!r} s"]  # fmt: skip
         if not self.adaptive and (self.until - start) / self.step > 2**53:
             return [f"step {self.step!r} s makes over 2**53 steps to {self.until!r} s; take a longer one"]
         return []

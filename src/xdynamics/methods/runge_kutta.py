@@ -254,8 +254,8 @@ DOP853 = Method(
     estimate=spread(f"""
         yu = {_DOP853.increment(_FIFTH)}
         yw = {_DOP853.increment(differences(_DOP853.b, _OF_THIRD))}
-        yz = hypot(yu, yw/10)
-        ye = yu*(abs(yu)/where(yz > 0, yz, 1))
+        yz = yw/where(yu != 0, yu, 1)/10
+        ye = yu/sqrt(1 + yz**2)
     """),
     estimate_order=7,
     extension=spread(

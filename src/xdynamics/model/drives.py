@@ -161,3 +161,14 @@ def _rows(name: str, lines: list[tuple[int, str]]) -> list[tuple[float, float]]:
         ledger.note(f"has {len(rows)} rows, needs 2 or more")
     ledger.settle()
     return rows
+
+
+def looked_up(table: tuple[Floats, Floats], x: float, *, of_time: bool) -> tuple[float, float]:
+    """Return value and slope of a table's piecewise polynomial, from the piece that a march would take at x."""
+    origin, powers = table
+    last = len(origin) - 1
+    piece = max(int(np.searchsorted(origin, x, side="right")) - 1, 0)
+    if x == origin[last] and not of_time:
+        piece = last - 1  # the last point of a table still belongs to it
+    u, (cubic, square, slope, value) = x - origin[piece], powers[:, piece]
+    return float(((cubic * u + square) * u + slope) * u + value), float((3.0 * cubic * u + 2.0 * square) * u + slope)

@@ -14,7 +14,7 @@ from xdynamics.expressions import Name, Node, derivative
 from xdynamics.expressions.calculus import ONE, ZERO, add
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
-from xdynamics.model.drives import coefficients
+from xdynamics.model.drives import coefficients, looked_up
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Function
 from xdynamics.schema import rate, velocity
@@ -220,15 +220,9 @@ def _looked_up(
 ) -> dict[str, float]:
     """Return every drive and its slope, from the piece that a march would take at these values."""
     found = {}
-    for name, (origin, powers) in tables.items():
-        of_time = model.drives[name].argument == "t"
-        x, last = values[model.drives[name].argument], len(origin) - 1
-        piece = max(int(np.searchsorted(origin, x, side="right")) - 1, 0)
-        if x == origin[last] and not of_time:
-            piece = last - 1  # the last point of a table still belongs to it
-        u, (cubic, square, slope, value) = x - origin[piece], powers[:, piece]
-        found[name] = float(((cubic * u + square) * u + slope) * u + value)
-        found[f"_slope_{name}"] = float((3.0 * cubic * u + 2.0 * square) * u + slope)
+    for name, table in tables.items():
+        argument = model.drives[name].argument
+        found[name], found[f"_slope_{name}"] = looked_up(table, values[argument], of_time=argument == "t")
     return found
 
 
