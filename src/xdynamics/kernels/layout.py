@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number
@@ -15,6 +15,12 @@ from xdynamics.units import Dimension
 NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
     "none", "embedded", "step_doubling", "step_doubling_extrapolated",
 )  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def layout_of(model: Model, estimator: str, *, implicit: bool) -> Layout:
+    """Return a layout, made once for a model and what is estimated."""
+    return Layout(model, estimator, implicit)
 
 
 @dataclass(frozen=True)

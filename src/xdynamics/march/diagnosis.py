@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from xdynamics.kernels.stepping import MOST_ITERATIONS
 from xdynamics.march import outcomes
 from xdynamics.march.outcomes import (
@@ -26,7 +29,7 @@ from xdynamics.units import TIME
 
 if TYPE_CHECKING:
     from xdynamics.march.log import Log, Tally
-    from xdynamics.march.runner import March, Witness
+    from xdynamics.march.runner import March
 
 FEW_ROWS = 100  # of a run, from which on stiffness is looked for
 
@@ -62,23 +65,31 @@ def diagnose(march: March, log: Log, base: Tally) -> Failure:
     return _in_state(march, dict(zip(march.layout.state, memory.trial, strict=True)))
 
 
-def advice_on_stiffness(march: March, rows: list[Witness]) -> str:
-    """Say so where an explicit method's chosen steps stand at the edge of its region of stability for most of a run."""
-    method, model = march.settings.method, march.model
+def advice_on_stiffness(march: March, rows: NDArray[np.float64]) -> str:
+    """Say so where an explicit method's chosen steps stand at the edge of its region of stability for most of a run.
+
+    Parameters
+    ----------
+    march : March
+    rows : ndarray, shape (2 + n, k)
+        Time, step and state of some rows of the run, in internal units.
+    """
+    method, model, names = march.settings.method, march.model, march.layout.used
     if not march.settings.adaptive or method.implicit or model.python_forces or march.memory.tally.rows < FEW_ROWS:
         return ""
-    scales, names = march.settings.scales, march.layout.used
+    scales = march.settings.scales
     time, factors = scales.of(TIME), [scales.of(model.dimensions[name]) for name in names]
 
-    def limited(chosen: list[Witness]) -> float:
+    def limited(chosen: NDArray[np.float64]) -> float:
         states = [
-            {"t": one.t * time} | {name: x * f for name, x, f in zip(names, one.state, factors, strict=True)}
-            for one in chosen
+            {"t": t * time} | {name: x * f for name, x, f in zip(names, state, factors, strict=True)}
+            for t, _, *state in chosen.T.tolist()
         ]
-        return stiffness(model, method, states, [one.h * time for one in chosen])
+        return stiffness(model, method, states, (chosen[1] * time).tolist())
 
     # one row first: it costs a millisecond, and most runs are not stiff
-    if limited([rows[len(rows) // 2]]) and limited(rows) > 0.5:
+    middle = rows.shape[1] // 2
+    if limited(rows[:, middle : middle + 1]) and limited(rows) > 0.5:
         return (
             f"; stiffness suspected: stability, not accuracy, limits the steps of '{method.name}' for most of the run;"
             " radau_iia takes longer ones"

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from types import FrameType
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,14 +31,6 @@ FIRST_BLOCK = 1 << 12  # rows, where nobody knows how many there will be
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
-
-
-class Witness(NamedTuple):
-    """A row that is looked at again when the run is over, in internal units."""
-
-    t: float
-    h: float
-    state: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -82,8 +73,7 @@ class March:
         self.stopping_event = ""
         self.event_pairs = 0
         self._failure: Failure | None = None
-        self._advice = ""
-        self._witnesses: dict[int, Witness] = {}
+        self._witnesses: Floats = np.empty((3 + len(self.layout.used), 0))  # row number, time, step, state
 
     @cached_property
     def source(self) -> str:
@@ -211,6 +201,13 @@ class March:
         t, h = self.memory.t * scale, self.memory.h * scale
         return self.outcome.sentence.format(t=f"{t:.15g}", h=f"{h:.6g}", cause=cause) + self._advice
 
+    @cached_property
+    def _advice(self) -> str:
+        """What a run that got on, or ran out of steps, has to say about its steps."""
+        if self.memory.status not in (COMPLETED, STOPPED, STEP_LIMIT):
+            return ""
+        return advice_on_stiffness(self, self._witnesses[1:])
+
     def _fill(self, run: Callable[..., Memory], log: Log, base: Tally) -> None:
         """Fill one log, looking up now and then."""
         before = None
@@ -225,13 +222,11 @@ class March:
         """Keep some rows of the whole run, the same whatever its blocks: those whose number a power of two divides."""
         if not self.settings.adaptive:
             return
-        rows = self.memory.tally.rows
+        rows, n = self.memory.tally.rows, len(self.layout.used)
         stride = 1 << max(0, (rows // MOST_WITNESSES).bit_length())
-        self._witnesses = {row: one for row, one in self._witnesses.items() if row % stride == 0}
-        n = len(self.layout.used)
-        for row in range(-(-base.rows // stride) * stride, rows, stride):
-            column = log.rows[: 2 + n, row - base.rows].tolist()
-            self._witnesses[row] = Witness(column[0], column[1], tuple(column[2:]))
+        new = np.arange(-(-base.rows // stride) * stride, rows, stride)
+        kept = self._witnesses[:, self._witnesses[0] % stride == 0]
+        self._witnesses = np.hstack([kept, np.vstack([new, log.rows[: 2 + n, new - base.rows]])])
 
     def _look_at_the_end(self, log: Log, base: Tally) -> None:
         """Find out, while its log is at hand, which event stopped the run or what failed."""
@@ -242,8 +237,6 @@ class March:
             self.stopping_event = " and ".join(f"'{names[i]}'" for i in detectors if self.plan.stops[i])
         elif self.memory.status != RUNNING and not OUTCOMES[self.memory.status].good:
             self._failure = diagnose(self, log, base)
-        if self.memory.status in (COMPLETED, STOPPED, STEP_LIMIT):
-            self._advice = advice_on_stiffness(self, list(self._witnesses.values()))
 
     def _is_over(self) -> bool:
         return self.memory.status != RUNNING or self.interrupted

@@ -10,7 +10,7 @@ import numpy as np
 
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout
-from xdynamics.kernels.layout import EMBEDDED, ESTIMATORS, NO_ESTIMATE
+from xdynamics.kernels.layout import EMBEDDED, ESTIMATORS, NO_ESTIMATE, layout_of
 from xdynamics.methods import Method
 from xdynamics.model import Model
 from xdynamics.units import Scales
@@ -161,7 +161,7 @@ class Settings:
 
     def layout(self, model: Model) -> Layout:
         """Return where each number of the march stands."""
-        return Layout(model, self.estimator, self.method.implicit)
+        return layout_of(model, self.estimator, implicit=self.method.implicit)
 
     def check(self, model: Model) -> None:
         """Refuse what no march could use.
