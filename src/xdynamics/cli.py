@@ -229,7 +229,8 @@ def _limits(method: Method) -> Iterable[str]:
 def _marched(model: Any, output: str, asked: dict[str, Any]) -> xr.Dataset:
     """March in memory and save, or straight to disk where the run is long; show progress on what lasts."""
     from xdynamics import archive
-    from xdynamics.simulation import settings_for, simulate
+    from xdynamics.march.asking import settings_for
+    from xdynamics.simulation import simulate
 
     archive.check_target(Path(output))
     settings = settings_for(model, **asked)

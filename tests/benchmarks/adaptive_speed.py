@@ -87,7 +87,7 @@ def our_runs(problem: str, method: str, tolerance: float, end: float | None = No
     """March by xdynamics: from a Model to the whole Dataset in memory, and the compiled march with its log alone."""
     import xdynamics as xd
     from xdynamics.march import March
-    from xdynamics.simulation import settings_for
+    from xdynamics.march.asking import settings_for
 
     one = PROBLEMS[problem]
     model = one.model()

@@ -25,8 +25,8 @@ from adaptive_problems import PROBLEMS, Benchmark
 import xdynamics as xd
 from xdynamics.faults import InputError
 from xdynamics.march import March
+from xdynamics.march.asking import settings_for
 from xdynamics.methods import METHODS
-from xdynamics.simulation import settings_for
 
 if TYPE_CHECKING:
     import xarray as xr

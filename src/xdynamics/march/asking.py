@@ -1,0 +1,154 @@
+"""From what is asked of a march, in words and units, to its settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from xdynamics.faults import InputError
+from xdynamics.kernels import Layout
+from xdynamics.kernels.layout import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
+from xdynamics.march.settings import Pacing, Settings, Tolerances
+from xdynamics.methods import METHODS, Method, method_named
+from xdynamics.model import Model
+from xdynamics.units import NONE, Scales, parse_quantity, parse_time
+
+FORCE_SAMPLES = ("all", "none")
+DEFAULT_RTOL = 1e-6
+PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
+
+
+def settings_for(model: Model, **asked: Any) -> Settings:
+    """Join what is asked with the model's `[run]` defaults, and check it.
+
+    Raises
+    ------
+    InputError
+        Naming what is missing or wrong.
+    """
+    if not isinstance(model, Model):
+        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    chosen = _joined(model.run, {k: v for k, v in asked.items() if v is not None})
+    for key in ("method", "until"):
+        if chosen.get(key) is None:
+            raise InputError(f"model '{model.name}' has no {key} in its [run]; give {key}=…")
+    if chosen["force_samples"] not in FORCE_SAMPLES:
+        raise InputError(f"force_samples is {chosen['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
+    method = method_named(str(chosen["method"]), model, METHODS)
+    step = _step(chosen.get("step"))
+    tolerances = _tolerances(model, chosen)
+    if step is None and tolerances is None:
+        if not method.estimate:
+            raise InputError(f"model '{model.name}' has no step in its [run]; give step=…, or rtol=… for chosen steps")
+        tolerances = Tolerances(DEFAULT_RTOL, {})
+    paced = [key for key in PACING if key in chosen]
+    if paced and tolerances is None:
+        raise InputError(f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give rtol or atol too")  # fmt: skip
+    settings = Settings(
+        method,
+        parse_time(chosen["until"], "until"),
+        step,
+        tolerances,
+        _pacing(chosen),
+        str(chosen.get("estimator") or _estimator(method, tolerances)),
+        chosen["force_samples"] == "all",
+        Scales.parse(chosen["scales"]),
+    )
+    settings.check(model)
+    return settings
+
+
+def _joined(defaults: Mapping[str, Any], asked: dict[str, Any]) -> dict[str, Any]:
+    """Join; a step that is asked for sets the defaults' tolerances aside, and tolerances their step."""
+    kept = dict(defaults)
+    tolerant = "rtol" in asked or "atol" in asked
+    if tolerant or "step" in asked:
+        for key in ("step",) if tolerant else ("step", "rtol", "atol", *PACING):
+            kept.pop(key, None)
+    return {"force_samples": "all", "scales": None} | kept | asked
+
+
+def _step(given: Any) -> float | tuple[float, ...] | None:
+    if given is None or isinstance(given, str | int | float):
+        return None if given is None else parse_time(given, "step")
+    try:
+        steps = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"step is {str(given)[:60]!r}, needs a time like '1 ms', seconds, or a row of seconds"
+        ) from None
+    if steps.ndim == 0:
+        return float(steps)
+    if steps.ndim > 1:
+        raise InputError(f"step has the shape {steps.shape}, needs one row of seconds")
+    return tuple(steps[steps != 0.0].tolist())  # the row behind an event has no step
+
+
+def _tolerances(model: Model, chosen: Mapping[str, Any]) -> Tolerances | None:
+    rtol, atol = chosen.get("rtol"), chosen.get("atol")
+    if rtol is None and atol is None:
+        return None
+    relative = DEFAULT_RTOL if rtol is None else _number(rtol, "rtol")
+    if atol is None:
+        return Tolerances(relative, {})
+    if isinstance(atol, Mapping) and not atol:
+        raise InputError("atol is an empty mapping, needs a number or at least one name")
+    if not isinstance(atol, Mapping):
+        return Tolerances(relative, {"": _number(atol, "atol")})
+    absolute = {}
+    for name, value in atol.items():
+        known = Layout(model).used
+        if name not in ("", *known):
+            raise InputError(f"atol names {name!r}; there are {', '.join(known)}")
+        absolute[name] = _absolute(model, name, value)
+    return Tolerances(relative, absolute)
+
+
+def _absolute(model: Model, name: str, value: Any) -> float:
+    if not isinstance(value, str):
+        return _number(value, f"atol of '{name}'")
+    try:
+        quantity = parse_quantity(value)
+    except InputError as error:
+        raise InputError(f"atol of '{name}': {error}") from None
+    needed = model.dimensions[name] if name else NONE
+    if quantity.unit.text != "1" and quantity.unit.dimension != needed:
+        raise InputError(f"atol of '{name}' is {value!r}, needs the unit '{needed}'")
+    return quantity.si
+
+
+def _number(value: Any, name: str) -> float:
+    if isinstance(value, bool):
+        raise InputError(f"{name} is {value!r}, needs a number")
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        remedy = "; for one variable write {'y': '1 um'}" if name == "atol" else ""
+        raise InputError(f"{name} is {value!r}, needs a number{remedy}") from None
+
+
+def _pacing(chosen: Mapping[str, Any]) -> Pacing:
+    given: dict[str, Any] = {}
+    if "safety" in chosen:
+        given["safety"] = _number(chosen["safety"], "safety")
+    if "growth_limits" in chosen:
+        limits = chosen["growth_limits"]
+        if not isinstance(limits, list | tuple | np.ndarray) or len(limits) != 2:
+            raise InputError(f"growth_limits are {limits!r}, need two factors, like (0.2, 10)")
+        given["growth_limits"] = tuple(_number(one, "growth_limits") for one in limits)
+    given |= {key: parse_time(chosen[key], key) for key in ("min_step", "max_step") if key in chosen}
+    if "max_steps" in chosen:
+        most = _number(chosen["max_steps"], "max_steps")
+        if not most.is_integer():
+            raise InputError(f"max_steps is {chosen['max_steps']!r}, needs a whole number")
+        given["max_steps"] = int(most)
+    return Pacing(**given)
+
+
+def _estimator(method: Method, tolerances: Tolerances | None) -> str:
+    """Return the estimator where none is asked for."""
+    if method.estimate:
+        return EMBEDDED
+    return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
