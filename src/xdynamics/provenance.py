@@ -155,7 +155,7 @@ def _steps(march: March) -> dict[str, Any]:
     return {
         "solver_step_control": "adaptive",
         "solver_controller": CONTROLLER,
-        "solver_first_step": march.memory.pace.first * scale,
+        "solver_first_step": settings.step or march.memory.pace.first * scale,
         "solver_first_step_units": "s",
         "solver_first_step_choice": "given" if settings.step else FIRST_STEP,
         "solver_safety": pacing.safety,
@@ -175,7 +175,7 @@ def _errors(march: March) -> dict[str, Any]:
     said: dict[str, Any] = {"solver_estimator": settings.estimator}
     if settings.estimator != NO_ESTIMATE:
         said["solver_error_estimate"] = ESTIMATES[settings.estimator]
-        said["solver_error_estimate_order"] = settings.error_order
+        said["solver_error_exponent"] = settings.error_order  # k of an estimate that falls as h**k
     if settings.estimator == EMBEDDED:
         said["solver_error_equations"] = printed(read_lines(method.estimate), march.model)
     if settings.tolerances is not None:

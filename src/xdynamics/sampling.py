@@ -46,7 +46,7 @@ def sample(
         A run record, in memory or opened from an archive. On dask arrays the result is lazy: `time` is searched by
         bisection over its chunks, and of the states those chunks are read that hold a wanted step.
     times : array_like of float, shape (n,), s; or a time like ``"1.5 s"``
-        In any order. At an accepted time the accepted state is returned as it is.
+        In any order; one time makes one instant. At an accepted time the accepted state is returned as it is.
     side : {"after", "before"}
         Which of the two states of an event to return at its very time. A step never reaches over an event.
     functions : mapping of str to callable, optional

@@ -87,6 +87,19 @@ class Memory(NamedTuple):
     tally: Tally
 
 
+class Trial(NamedTuple):
+    """A step that was made and is yet to be judged."""
+
+    t: float  # where it ends
+    h: float
+    landing: int  # on a grid time, a node or both
+    state: tuple[float, ...]
+    error: tuple[float, ...]
+    values: tuple[float, ...]  # of the event functions
+    effort: tuple[int, int]  # force evaluations, Newton iterations
+    samples: int  # of the run, with those of this step
+
+
 class Log(NamedTuple):
     """Blocks of a log; one row of a table is one column here, so that a variable is contiguous.
 

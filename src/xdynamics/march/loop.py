@@ -27,7 +27,7 @@ from xdynamics.march.interface import (
     propose,
     slopes,
 )
-from xdynamics.march.log import MOST_SUBSTEPS, Log, Memory, Pace, Plan, Tally, note_trial
+from xdynamics.march.log import MOST_SUBSTEPS, Log, Memory, Pace, Plan, Tally, Trial, note_trial
 from xdynamics.march.outcomes import (
     COMPLETED,
     ERROR_AT_MINIMUM,
@@ -86,19 +86,17 @@ def march(plan: Plan, memory: Memory, log: Log, base: Tally, pause: int) -> Memo
             return _ended(memory, STEP_TOO_SMALL, h, memory.state, memory.values)
         if memory.tally.rows + memory.tally.trials > plan.control.most_steps:
             return _ended(memory, STEP_LIMIT, h, memory.state, memory.values)
-        p, tables, pieces, tally, node = plan.parameters, plan.tables, memory.pieces, memory.tally, memory.node
-        at = tally.samples - base.samples
-        trial, error, at, effort = propose(memory.t, target, h, memory.state, p, tables, pieces, log, at, tally.rows)
-        values = detect(target, trial, p, tables, pieces)
-        verdict, norm = _judge(plan, memory, trial, error, values, effort)
-        memory = _worked(memory, norm, effort)
+        node = memory.node
+        trial = _attempt(plan, memory, log, base, target, h, landing)
+        verdict, norm = _judge(plan, memory, trial)
+        memory = _worked(memory, norm, trial.effort)
         if verdict != RUNNING:
-            memory = _reject(plan, memory, log, base, h, trial, values, verdict)
-        elif EVENTFUL and crosses_any(plan.directions, memory.values, values):
+            memory = _reject(plan, memory, log, base, trial, verdict)
+        elif EVENTFUL and crosses_any(plan.directions, memory.values, trial.values):
             if EVENTFUL:  # a branch on a constant alone is not even compiled
-                memory = _land_on_event(plan, memory, log, base, target, h, landing, trial, values)
+                memory = _land_on_event(plan, memory, log, base, trial)
         else:
-            memory = _accept(plan, memory, log, base, target, h, landing, trial, error, values, effort, at)
+            memory = _accept(plan, memory, log, base, trial)
         if memory.status == RUNNING and memory.node != node:
             memory = _cross_node(plan, memory, log, base)
     return memory
@@ -169,37 +167,42 @@ def _aim_freely(plan: Plan, memory: Memory, node_time: float) -> tuple[float, fl
     return target, target - memory.t, AT_GRID  # so that t + h is the target to the bit
 
 
-def _judge(
-    plan: Plan, memory: Memory, trial: State, error: State, values: State, effort: Effort
-) -> tuple[int, float]:  # fmt: skip
+def _attempt(plan: Plan, memory: Memory, log: Log, base: Tally, target: float, h: float, landing: int) -> Trial:
+    """Make one step from the state where the march stands, which stays as it is."""
+    p, tables, pieces, at = plan.parameters, plan.tables, memory.pieces, memory.tally.samples - base.samples
+    state, error, at, effort = propose(memory.t, target, h, memory.state, p, tables, pieces, log, at, memory.tally.rows)
+    return Trial(target, h, landing, state, error, detect(target, state, p, tables, pieces), effort, at + base.samples)
+
+
+def _judge(plan: Plan, memory: Memory, trial: Trial) -> tuple[int, float]:
     """Return RUNNING for a trial that may be accepted, else how the run ends if it cannot be repeated; and its norm."""
-    if effort[1] < 0:
+    if trial.effort[1] < 0:
         return UNSOLVED, nan
-    if not all_finite(trial):
+    if not all_finite(trial.state):
         return NONFINITE, nan
-    if not all_finite(values):
+    if not all_finite(trial.values):
         return NONFINITE_EVENT, nan
     if not ESTIMATES:
         return RUNNING, 0.0
-    norm = error_norm(memory.state, trial, error, plan.control.rtol, plan.control.atol)
+    norm = error_norm(memory.state, trial.state, trial.error, plan.control.rtol, plan.control.atol)
     return ERROR_AT_MINIMUM if plan.control.adaptive and not accepts(norm) else RUNNING, norm
 
 
-def _reject(
-    plan: Plan, memory: Memory, log: Log, base: Tally, h: float, trial: State, values: State, verdict: int
-) -> Memory:
+def _reject(plan: Plan, memory: Memory, log: Log, base: Tally, trial: Trial, verdict: int) -> Memory:
     """Note a trial that failed; repeat it shorter from the unchanged state, or end the run."""
-    note_trial(log, memory.tally.trials - base.trials, memory, h, memory.norm, _reason(verdict, trial))
+    reason = _reason(verdict, trial.state)
+    note_trial(log, memory.tally.trials - base.trials, memory, trial.h, memory.norm, reason)
     memory = _counted(memory, 1)
     if not (ESTIMATES and plan.control.adaptive):
-        return _ended(memory, verdict, h, trial, values)
-    if min(h, memory.pace.step) <= shortest(plan, memory.t):  # h has the rounding of t + h, the proposal has not
-        if verdict == ERROR_AT_MINIMUM and plan.control.min_step < shortest(plan, memory.t):
+        return _ended(memory, verdict, trial.h, trial.state, trial.values)
+    least = shortest(plan, memory.t)
+    if min(trial.h, memory.pace.step) <= least:  # h has the rounding of t + h, the proposal has not
+        if verdict == ERROR_AT_MINIMUM and plan.control.min_step < least:
             verdict = STEP_TOO_SMALL
-        return _ended(memory, verdict, h, trial, values)
-    pace = reduced(plan, memory.pace, memory.t, h, memory.norm, verdict == ERROR_AT_MINIMUM)
+        return _ended(memory, verdict, trial.h, trial.state, trial.values)
+    pace = reduced(plan, memory.pace, memory.t, trial.h, memory.norm, verdict == ERROR_AT_MINIMUM)
     return Memory(
-        RUNNING, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, memory.state, trial,
+        RUNNING, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, memory.state, trial.state,
         memory.values, memory.pieces, memory.norm, pace, memory.evaluations, memory.tally,
     )  # fmt: skip
 
@@ -216,31 +219,17 @@ def _reason(verdict: int, trial: State) -> int:
     return REASON_DOMAIN if undefined and DOMAIN_LIMITED else REASON_NONFINITE
 
 
-def _accept(
-    plan: Plan,
-    memory: Memory,
-    log: Log,
-    base: Tally,
-    target: float,
-    h: float,
-    landing: int,
-    trial: State,
-    error: State,
-    values: State,
-    effort: Effort,
-    at: int,
-) -> Memory:
+def _accept(plan: Plan, memory: Memory, log: Log, base: Tally, trial: Trial) -> Memory:
     """Note an accepted state and go on from it."""
-    kind = STEP if landing == AT_GRID else NODE
-    if landing != AT_GRID and memory.node == plan.nodes.shape[0] - 1:
+    kind = STEP if trial.landing == AT_GRID else NODE
+    if trial.landing != AT_GRID and memory.node == plan.nodes.shape[0] - 1:
         kind = STEP  # the end of the run is no breakpoint
-    p, tables, tally = plan.parameters, plan.tables, memory.tally
-    row = tally.rows - base.rows
-    if not note(log, row, target, h, kind, trial, memory.norm, error, effort[1], p, tables, memory.pieces):
-        return _ended(memory, NONFINITE_OBSERVABLE, h, trial, values)
-    memory = _paced(plan, memory, h, landing != AT_GRID)
-    tally = Tally(tally.rows + 1, tally.trials, tally.events, at + base.samples)
-    return _landed(plan, memory, RUNNING, target, h, landing, trial, values, tally)
+    p, tables, was = plan.parameters, plan.tables, memory.tally
+    if not note(log, was.rows - base.rows, trial.t, trial.h, kind, trial.state, memory.norm, trial.error,
+                trial.effort[1], p, tables, memory.pieces):  # fmt: skip
+        return _ended(memory, NONFINITE_OBSERVABLE, trial.h, trial.state, trial.values)
+    memory = _paced(plan, memory, trial.h, trial.landing != AT_GRID)
+    return _landed(plan, memory, RUNNING, trial, Tally(was.rows + 1, was.trials, was.events, trial.samples))
 
 
 def _paced(plan: Plan, memory: Memory, h: float, cut: bool) -> Memory:
@@ -254,64 +243,51 @@ def _paced(plan: Plan, memory: Memory, h: float, cut: bool) -> Memory:
     )  # fmt: skip
 
 
-def _landed(
-    plan: Plan, memory: Memory, status: int, t: float, h: float, landing: int, state: State, values: State, tally: Tally
-) -> Memory:
-    """Accept a state at a grid time or a node."""
-    grid = memory.grid + (1 if landing != AT_NODE else 0)
-    node = memory.node + (1 if landing != AT_GRID else 0)
+def _landed(plan: Plan, memory: Memory, status: int, trial: Trial, tally: Tally) -> Memory:
+    """Go on from a state at a grid time or a node."""
+    grid = memory.grid + (1 if trial.landing != AT_NODE else 0)
+    node = memory.node + (1 if trial.landing != AT_GRID else 0)
     if status == RUNNING and node == plan.nodes.shape[0]:
         status = COMPLETED
     return Memory(
-        status, t, h, grid, node, landing != AT_NODE, state, state, values, memory.pieces, memory.norm,
-        memory.pace, memory.evaluations, tally,
+        status, trial.t, trial.h, grid, node, trial.landing != AT_NODE, trial.state, trial.state, trial.values,
+        memory.pieces, memory.norm, memory.pace, memory.evaluations, tally,
     )  # fmt: skip
 
 
-def _land_on_event(
-    plan: Plan,
-    memory: Memory,
-    log: Log,
-    base: Tally,
-    target: float,
-    h: float,
-    landing: int,
-    trial: State,
-    values: State,
-) -> Memory:
+def _land_on_event(plan: Plan, memory: Memory, log: Log, base: Tally, trial: Trial) -> Memory:
     """Locate the first event of a step, advance to it, and note the state on either side."""
     p, tables, pieces = plan.parameters, plan.tables, memory.pieces
-    note_trial(log, memory.tally.trials - base.trials, memory, h, memory.norm if ESTIMATES else nan, REASON_EVENT)
-    memory = _paced(plan, memory, h, landing != AT_GRID)
-    s, trials, tried = locate(plan, memory, log, base, h, trial, values)
+    norm = memory.norm if ESTIMATES else nan
+    note_trial(log, memory.tally.trials - base.trials, memory, trial.h, norm, REASON_EVENT)
+    memory = _paced(plan, memory, trial.h, trial.landing != AT_GRID)
+    s, trials, evaluations = locate(plan, memory, log, base, trial.h, trial.state, trial.values)
     # two events closer than the spacing of t are two rows all the same
     time = max(memory.t + s, np.nextafter(memory.t, np.inf))
-    reached = s == h or time >= target
-    time = target if reached else time
-    at = memory.tally.samples - base.samples
-    state, error, at, effort = propose(memory.t, time, s, memory.state, p, tables, pieces, log, at, memory.tally.rows)
-    values = detect(time, state, p, tables, pieces)
-    verdict, norm = _judge(plan, memory, state, error, values, effort)
-    memory = _worked(memory, norm, (tried + effort[0], effort[1]))
+    reached = s == trial.h or time >= trial.t
+    cut = _attempt(plan, memory, log, base, trial.t if reached else time, s, trial.landing)
+    verdict, norm = _judge(plan, memory, cut)
+    memory = _counted(_worked(memory, norm, (evaluations + cut.effort[0], 0)), trials - memory.tally.trials)
     if verdict != RUNNING:
-        return _reject(plan, _counted(memory, trials - memory.tally.trials), log, base, s, state, values, verdict)
-    row, events, status = memory.tally.rows, memory.tally.events, RUNNING
-    if not note(log, row - base.rows, time, s, EVENT_BEFORE, state, norm, error, effort[1], p, tables, pieces):
-        return _ended(_counted(memory, trials - memory.tally.trials), NONFINITE_OBSERVABLE, s, state, values)
-    note(log, row + 1 - base.rows, time, 0.0, EVENT_AFTER, state, 0.0, NO_ERROR, 0, p, tables, pieces)
-    rates = slopes(time, state, p, tables, pieces)
-    for i in range(len(values)):
-        if crosses(plan.directions[i], memory.values[i], values[i]):
-            rising = memory.values[i] < 0.0
-            _note_event(log, events - base.events, i, time, memory.t + log.lows[i], values[i], rates[i], row, rising)
+        return _reject(plan, memory, log, base, cut, verdict)
+    was, status = memory.tally, RUNNING
+    row, events = was.rows - base.rows, was.events
+    if not note(log, row, cut.t, s, EVENT_BEFORE, cut.state, norm, cut.error, cut.effort[1], p, tables, pieces):
+        return _ended(memory, NONFINITE_OBSERVABLE, s, cut.state, cut.values)
+    note(log, row + 1, cut.t, 0.0, EVENT_AFTER, cut.state, 0.0, NO_ERROR, 0, p, tables, pieces)
+    rates = slopes(cut.t, cut.state, p, tables, pieces)
+    for i in range(len(cut.values)):
+        if crosses(plan.directions[i], memory.values[i], cut.values[i]):
+            left, rising = memory.t + log.lows[i], memory.values[i] < 0.0
+            _note_event(log, events - base.events, i, cut.t, left, cut.values[i], rates[i], was.rows, rising)
             events += 1
             if plan.stops[i]:
                 status = STOPPED
-    tally = Tally(row + 2, trials, events, at + base.samples)
+    tally = Tally(was.rows + 2, was.trials, events, cut.samples)
     if reached:
-        return _landed(plan, memory, status, time, s, landing, state, values, tally)
+        return _landed(plan, memory, status, cut, tally)
     return Memory(
-        status, time, s, memory.grid, memory.node, False, state, state, values, pieces, norm, memory.pace,
+        status, cut.t, s, memory.grid, memory.node, False, cut.state, cut.state, cut.values, pieces, norm, memory.pace,
         memory.evaluations, tally,
     )  # fmt: skip
 
