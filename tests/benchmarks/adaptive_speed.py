@@ -84,10 +84,11 @@ def our_lack() -> str:
 
 
 def our_runs(problem: str, method: str, tolerance: float, end: float | None = None) -> dict[str, Point]:
-    """March by xdynamics: from a Model to the whole Dataset in memory, and the compiled march with its log alone."""
+    """March by xdynamics: the compiled loop into a log that is there, like C; with blocks of its own; to the Dataset."""
     import xdynamics as xd
     from xdynamics.march import March
     from xdynamics.march.asking import settings_for
+    from xdynamics.march.log import allocate
 
     one = PROBLEMS[problem]
     model = one.model()
@@ -106,10 +107,15 @@ def our_runs(problem: str, method: str, tolerance: float, end: float | None = No
             pass
         return time.perf_counter() - begin
 
+    march = March(model, settings_for(model, **asked))
+    loop, before = march._compiled(), march._before()
+    log = allocate(march.layout, run.sizes["step"] + 5, sampled=0)
+    looped = spent(lambda: loop(march.plan, before, log, before.tally, 1 << 30), most=2000)
     steps, rejected = run.attrs["run_accepted_steps"], run.attrs["run_rejected_trials"]
     counts = (steps, rejected, run.attrs["run_force_evaluations"], one.error(one.last_of(run)))
     whole, inner = spent(lambda: xd.simulate(model, **asked)), [alone() for _ in range(100)]
     return {
+        f"xdynamics {method}, loop": Point(min(looped), median(looped), *counts),
         f"xdynamics {method}": Point(min(inner), median(inner), *counts),
         f"xdynamics {method}, Dataset": Point(min(whole), median(whole), *counts),
     }
@@ -280,7 +286,14 @@ def measured(program: Path, tolerances: tuple[float, ...], *, ours: bool) -> Poi
 def solvers_of(points: Points) -> list[str]:
     """Return the solvers in the order of the tables: each family after the other."""
     families = [
-        [f"C {one}", f"xdynamics {one}", f"xdynamics {one}, Dataset", f"scipy {SCIPY[one]}", f"diffrax {DIFFRAX[one]}"]
+        [
+            f"C {one}",
+            f"xdynamics {one}, loop",
+            f"xdynamics {one}",
+            f"xdynamics {one}, Dataset",
+            f"scipy {SCIPY[one]}",
+            f"diffrax {DIFFRAX[one]}",
+        ]
         for one in METHODS
     ]
     known = [solver for family in families for solver in family]

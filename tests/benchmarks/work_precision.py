@@ -155,6 +155,7 @@ def draw(found: dict[str, dict[str, list[Point]]], path: Path) -> None:
     """Draw a row of two diagrams for every problem: over evaluations and over time."""
     mpl.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullFormatter
 
     figure, axes = plt.subplots(
         len(found), 2, figsize=(9, 3.2 * len(found)), squeeze=False, sharey="row", layout="constrained"
@@ -169,6 +170,7 @@ def draw(found: dict[str, dict[str, list[Point]]], path: Path) -> None:
             row[1].loglog([one.seconds * 1e3 for one in shown], [one.error for one in shown], **look)
         row[0].set(title=PROBLEMS[problem].title, ylabel="error of the final state", xlabel="force evaluations")
         row[1].set(xlabel="time / ms")
+        row[1].xaxis.set_minor_formatter(NullFormatter())
         for one in row:
             one.grid(alpha=0.3)
     handles = {label: line for row in axes for line, label in zip(*row[0].get_legend_handles_labels(), strict=True)}
