@@ -10,7 +10,7 @@ import numpy as np
 from xdynamics import schema
 from xdynamics.kernels import Layout
 from xdynamics.kernels.elementary import MATH_FUNCTIONS
-from xdynamics.kernels.layout import EMBEDDED, NO_ESTIMATE
+from xdynamics.kernels.layout import EMBEDDED, EXTRAPOLATED, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.kernels.stepping import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march import March
 from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, SPACINGS
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 ESTIMATES = {
     EMBEDDED: "difference from an embedded formula; the higher order goes on (local extrapolation)",
-    "step_doubling": "two half steps less one whole step, over 2**order - 1; the two half steps go on",
-    "step_doubling_extrapolated": "two half steps less one whole step, over 2**order - 1, added to the two half steps (local extrapolation)",
+    STEP_DOUBLING: "two half steps less one whole step, over 2**order - 1; the two half steps go on",
+    EXTRAPOLATED: "two half steps less one whole step, over 2**order - 1, added to the two half steps (local extrapolation)",
 }
 _SCALES = {"length": "m", "time": "s", "mass": "kg"}
 

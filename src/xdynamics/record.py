@@ -177,15 +177,11 @@ class _Units:
         self.march = march
         self.scales = march.settings.scales
         self.time = self.scales.of(TIME)
-        self.known: dict[str, Unit] = {}
+        self.known = units_of(march.model)
         model = march.model
         for name, one in model.coordinates.items():
             known = model.dimensions
-            self.known |= {
-                name: one.unit,
-                schema.velocity(name): one.unit.per_second(),
-                schema.acceleration(name): one.unit.per_second(2),
-            }
+            self.known[schema.acceleration(name)] = one.unit.per_second(2)
             i = march.layout.coordinates.index(name)
             mass = dimension_of(model.mass[i][i], known)
             needed = spell(mass * known[name] / TIME**2, angle=known[name] == NONE)
@@ -193,7 +189,7 @@ class _Units:
                 if name in parts:
                     self.known[schema.force(term, name)] = needed
         for name, state in model.states.items():
-            self.known |= {name: state.unit, schema.rate(name): state.unit.per_second()}
+            self.known[schema.rate(name)] = state.unit.per_second()
         self.known |= {name: drive.table.value_unit for name, drive in model.drives.items()}
 
     def factor(self, unit: Unit) -> float:
