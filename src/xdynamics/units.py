@@ -355,3 +355,6 @@ def _power(base: float, exponent: Fraction) -> float:
     for _ in range(abs(int(exponent))):
         result *= base
     return result if exponent > 0 else 1.0 / result
+
+
+UNSCALED = Scales()

@@ -56,7 +56,7 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
         case Call(function="min" | "max"):
             return reduce(_CHOICES[node.function], (evaluate(one, values) for one in node.arguments))
         case Call():
-            return _FUNCTIONS[node.function](*(evaluate(one, values) for one in node.arguments))
+            return NUMERIC[node.function](*(evaluate(one, values) for one in node.arguments))
 
 
 def power(base: float, exponent: Fraction) -> float:
@@ -69,7 +69,7 @@ def power(base: float, exponent: Fraction) -> float:
     if rest == 0:
         return _product(base, whole)
     if rest == Fraction(1, 2):
-        root = _FUNCTIONS["sqrt"](base)
+        root = NUMERIC["sqrt"](base)
         return _product(base, whole) * root if whole else root
     try:
         return math.pow(base, float(exponent))
@@ -136,10 +136,10 @@ _CHOICES: dict[str, Callable[[float, float], float]] = {
     "min": lambda x, y: x if x < y or math.isnan(x) else y,
     "max": lambda x, y: x if x > y or math.isnan(x) else y,
 }
-_FUNCTIONS: dict[str, Callable[..., float]] = {
+NUMERIC: dict[str, Callable[..., float]] = {
     "abs": abs, "sign": lambda x: 1.0 if x > 0.0 else (-1.0 if x < 0.0 else x), "sqrt": _defined(math.sqrt),
     "exp": _bounded(math.exp, 0.0), "log": _log, "sin": _defined(math.sin), "cos": _defined(math.cos),
     "tan": _defined(math.tan), "asin": _defined(math.asin), "acos": _defined(math.acos), "atan": math.atan,
     "atan2": math.atan2, "sinh": _bounded(math.sinh, -1.0), "cosh": _bounded(math.cosh, 1.0), "tanh": math.tanh,
-    "hypot": _hypot,
+    "hypot": _hypot, "positive": lambda x: x if x > 0.0 else math.nan,
 }  # fmt: skip

@@ -1,107 +1,103 @@
-"""Generated source in real files, so that numba keeps the machine code from one process to the next."""
+"""Files that spare a compilation: written whole or not at all, believed only if their digest holds."""
 
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import os
-import sys
+import shutil
 import tempfile
-from collections.abc import Callable, Mapping
-from functools import lru_cache
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
-from typing import Any
-
-from xdynamics.faults import ModelError
-from xdynamics.kernels.compiling import compiled
-from xdynamics.kernels.writer import PYTHON
 
 ENVIRONMENT = "XDYNAMICS_CACHE"
+ROOM = 8_000_000  # bytes that are free where an engine is to be kept
+_SEAL = "sealed"
 
 
-def source_digest(source: str) -> str:
-    """sha256 of generated source: the revision of the force function."""
-    return hashlib.sha256(source.encode()).hexdigest()
-
-
-def compile_march(source: str, functions: Mapping[str, Callable[..., float]]) -> Callable[..., Any]:
-    """Return the compiled `run` of generated source.
-
-    Parameters
-    ----------
-    source : str
-        What `write_source` wrote.
-    functions : mapping of str to callable
-        The Python functions that the source calls; with any, nothing is kept on disk.
-    """
-    digest = hashlib.sha256((source + _engine_digest()).encode()).hexdigest()
-    name = f"xdynamics_march_{digest[:32]}"
-    module = _from_memory(name, source, functions) if functions else sys.modules.get(name) or _from_file(name, source)
-    run: Callable[..., Any] = module.run
-    return run
-
-
-def cache_folder() -> Path:
-    """Return the folder of generated files: $XDYNAMICS_CACHE, or `xdynamics` in the user's cache folder."""
+def folder() -> Path:
+    """Return the folder of compiled code: $XDYNAMICS_CACHE, or `xdynamics` in the user's cache folder."""
     if chosen := os.environ.get(ENVIRONMENT):
         return Path(chosen)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "xdynamics"
 
 
-def _from_file(name: str, source: str) -> ModuleType:
-    path = _written(cache_folder(), name, source) or _written(Path(tempfile.mkdtemp(prefix="xdynamics_")), name, source)
-    assert path is not None  # noqa: S101 - a fresh temporary folder can be written
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None  # noqa: S101
-    assert spec.loader is not None  # noqa: S101
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
+def digest(*parts: str) -> str:
+    """sha256 of texts, each kept apart from the next."""
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
-def _written(folder: Path, name: str, source: str) -> Path | None:
-    """Write the file unless it is there; None where the folder cannot be written."""
-    path = folder / f"{name}.py"
+def read(name: str) -> bytes | None:
+    """Return what a file holds; None where it is not there, cannot be read or is not what was written."""
     try:
-        if path.exists() and path.read_text() == source:
-            return path
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False) as part:
-            part.write(source)
-        Path(part.name).replace(path)
+        whole = (folder() / name).read_bytes()
     except OSError:
         return None
-    return path
+    seal, content = whole[:32], whole[32:]
+    return content if hashlib.sha256(content).digest() == seal else None
 
 
-def _from_memory(name: str, source: str, functions: Mapping[str, Callable[..., float]]) -> ModuleType:
-    module = ModuleType(name)
-    for key, function in functions.items():
-        setattr(module, PYTHON + key, function if hasattr(function, "py_func") else compiled(function))
-    exec(compile(source, f"<{name}>", "exec"), module.__dict__)  # noqa: S102 - written by `writer`, from checked trees
-    return module
+def write(name: str, content: bytes) -> None:
+    """Keep a file with its digest in front; a folder that cannot be written costs a compilation each time, no more."""
+    try:
+        folder().mkdir(parents=True, exist_ok=True)
+        handle, part = tempfile.mkstemp(dir=folder(), suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(hashlib.sha256(content).digest() + content)
+            Path(part).replace(folder() / name)
+        except BaseException:
+            Path(part).unlink(missing_ok=True)
+            raise
+    except OSError:
+        return
 
 
-@lru_cache
-def _engine_digest() -> str:
-    """sha256 of the rooms whose code is compiled into a march."""
-    package = Path(__file__).parents[1]
-    files = sorted([*(package / "kernels").glob("*.py"), *(package / "march").glob("*.py")])
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+def sealed(name: str) -> Path | None:
+    """Return a folder of files that are all as they were written; None where it is not there or damaged."""
+    place = folder() / name
+    try:
+        seal = (place / _SEAL).read_text()
+        return place if seal == _seal_of(place) else None
+    except OSError:
+        return None
 
 
-def missing_functions(names: list[str], functions: Mapping[str, Any]) -> None:
-    """Refuse to march a model whose Python functions are not at hand.
+@contextmanager
+def filling(name: str) -> Iterator[Path | None]:
+    """Give a new folder to write files to, and when they are written its name; it is whole or not there.
 
-    Raises
-    ------
-    ModelError
-        Naming them.
+    Where nothing can be written, there is no folder: None.
     """
-    missing = [name for name in names if name not in functions]
-    if missing:
-        raise ModelError(
-            f"the forces call the Python functions {', '.join(missing)}; hand them over as functions={{name: function}}"
-        )
+    try:
+        folder().mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(dir=folder(), prefix=f"{name[:20]}-", suffix=".part"))
+        _probe(part)
+    except OSError:
+        yield None
+        return
+    yield part
+    try:
+        (part / _SEAL).write_text(_seal_of(part))
+        if sealed(name) is None:
+            remove(name)  # what bears the name is damaged
+        part.rename(folder() / name)
+    except OSError:  # another process was first, or the disk is full: this process has what it compiled
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def remove(name: str) -> None:
+    """Remove a folder that is damaged, so that a whole one can take its name."""
+    shutil.rmtree(folder() / name, ignore_errors=True)
+
+
+def _probe(place: Path) -> None:
+    """Raise now, not in the middle of a compilation, where the disk has no room for an engine."""
+    (place / "probe").write_bytes(bytes(ROOM))
+    (place / "probe").unlink()
+
+
+def _seal_of(place: Path) -> str:
+    files = sorted(one for one in place.rglob("*") if one.is_file() and one.name != _SEAL)
+    lines = (f"{one.relative_to(place)} {hashlib.sha256(one.read_bytes()).hexdigest()}\n" for one in files)
+    return "".join(lines)

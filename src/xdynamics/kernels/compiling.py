@@ -1,23 +1,26 @@
-"""How every compiled function of this package is compiled: IEEE arithmetic in the order written."""
+"""How the engine is compiled: IEEE arithmetic in the order written, and calls of laws by their addresses."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from llvmlite import ir
-from numba import config, njit
+from numba import config, njit, types
 from numba.extending import intrinsic
 
 # fastmath stays off and "numpy" makes 1/0 an infinity instead of an exception: the march judges it
 OPTIONS: Any = {"error_model": "numpy", "fastmath": False, "nogil": True}
 
 # called from compiled code only: without a way in from Python it compiles twice as fast
-_INNER: Any = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-compiled: Any = njit(**_INNER, **OPTIONS)
-# large and called from several places: one copy, not one at every place
-shared: Any = njit(**{**_INNER, "forceinline": False}, **OPTIONS)
+_INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+compiled: Any = njit(forceinline=True, **_INNER, **OPTIONS)
+# large or rare: one copy, not one at every place
+shared: Any = njit(**_INNER, **OPTIONS)
 entry: Any = njit(cache=True, **OPTIONS)
 entry_in_memory: Any = njit(**OPTIONS)
+
+_POINTER = types.CPointer(types.float64)
+_COUNT = 9  # pointers that a law is called with
 
 
 def _borrowed(_typing: Any, array: Any) -> Any:
@@ -35,9 +38,43 @@ def _borrowed(_typing: Any, array: Any) -> Any:
     return array(array), generate
 
 
+def _called(_typing: Any, address: Any, at: Any, y: Any, p: Any, tables: Any, pieces: Any, z: Any, e: Any, samples: Any, first: Any, w: Any) -> Any:  # fmt: skip
+    """Call the program at an address with pointers to arrays; `first` is how far into `samples` it may write."""
+    signature = types.void(address, at, y, p, tables, pieces, z, e, samples, first, w)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = ir.IntType(8).as_pointer()
+        data = []
+        for kind, one in zip(signature.args[1:], arguments[1:], strict=True):
+            if isinstance(kind, types.Array):
+                data.append(context.make_array(kind)(context, builder, one).data)
+            else:
+                data[-1] = builder.gep(data[-1], [one])
+        data = [builder.bitcast(one, pointer) for one in data]
+        kind = ir.FunctionType(ir.VoidType(), [pointer] * _COUNT)
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), data)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
 def _itself(array: Any) -> Any:
     return array
 
 
-# without numba's compiler, as NUMBA_DISABLE_JIT asks for, a march is plain Python and an array is an array
-borrowed: Any = _itself if config.DISABLE_JIT else intrinsic(_borrowed)  # type: ignore[attr-defined]
+def _called_plainly(address: int, at: Any, y: Any, p: Any, tables: Any, pieces: Any, z: Any, e: Any, samples: Any, first: int, w: Any) -> None:  # fmt: skip
+    """Call the Python function that stands for an address where nothing is compiled."""
+    from xdynamics.kernels.law import PLAIN
+
+    PLAIN[int(address)](at, y, p, tables, pieces, z, e, samples[first:], w)
+
+
+# without numba's compiler, as NUMBA_DISABLE_JIT asks for, the engine is plain Python and an array is an array
+if config.DISABLE_JIT:  # type: ignore[attr-defined]
+    borrowed: Any = _itself
+    called: Any = _called_plainly
+else:
+    borrowed = intrinsic(_borrowed)
+    called = intrinsic(_called)
+    # how a test runs compiled phases as plain Python, with a law of plain functions
+    borrowed.plain, called.plain = _itself, _called_plainly

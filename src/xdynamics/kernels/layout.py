@@ -8,37 +8,37 @@ from functools import cached_property, lru_cache
 
 from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number
-from xdynamics.model import Model
-from xdynamics.model.linearisation import force_derivatives, mass_derivatives
+from xdynamics.methods.scheme import Scheme
+from xdynamics.model import Model, motion
 from xdynamics.units import Dimension
-
-NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
-    "none", "embedded", "step_doubling", "step_doubling_extrapolated",
-)  # fmt: skip
 
 
 @lru_cache(maxsize=64)
-def layout_of(model: Model, estimator: str, *, implicit: bool) -> Layout:
-    """Return a layout, made once for a model and what is estimated."""
-    return Layout(model, estimator, implicit)
+def layout_of(model: Model, scheme: Scheme | None = None) -> Layout:
+    """Return a layout, made once for a model and a scheme."""
+    return Layout(model, scheme)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The order of names in the tuples and blocks of a compiled march.
+    """The order of names in the arrays of a march.
 
-    A state is one tuple: coordinates, velocities, first-order states, then what the force evaluation at that state
-    gave: accelerations, rates, force components. It is all that the next step needs.
+    A state is one array: coordinates, velocities, first-order states, then what the force evaluation at that state
+    gave: accelerations, rates, force components, drives. It is all that the next step needs.
     """
 
     model: Model
-    estimator: str = NO_ESTIMATE
-    implicit: bool = False
+    scheme: Scheme | None = None
 
     @property
     def estimates(self) -> bool:
         """Whether a step comes with an estimate of its local error."""
-        return self.estimator != NO_ESTIMATE
+        return self.scheme is not None and self.scheme.estimates
+
+    @property
+    def implicit(self) -> bool:
+        """Whether a step solves equations."""
+        return self.scheme is not None and self.scheme.method.implicit
 
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
@@ -71,32 +71,37 @@ class Layout:
         terms = self.model.force_components
         return tuple(schema.force(term, name) for term, parts in terms.items() for name in parts)
 
-    @property
+    @cached_property
     def drives(self) -> tuple[str, ...]:
         """Names of the drives."""
         return tuple(self.model.drives)
 
-    @property
+    @cached_property
     def used(self) -> tuple[str, ...]:
         """What a force evaluation uses besides time."""
         return self.coordinates + self.velocities + self.states
 
-    @property
+    @cached_property
     def state(self) -> tuple[str, ...]:
-        """Everything in a state tuple."""
+        """What a row of the log keeps of a state, and the next step starts from."""
         return self.used + self.accelerations + self.rates + self.forces
 
-    @property
+    @cached_property
     def evaluation(self) -> tuple[str, ...]:
-        """What a force evaluation returns."""
+        """What a force evaluation gives."""
         return self.accelerations + self.rates + self.forces + self.drives
+
+    @cached_property
+    def record(self) -> tuple[str, ...]:
+        """Everything in a state of the march: what a force evaluation used, and behind it what it gave."""
+        return self.used + self.evaluation
 
     @cached_property
     def derived(self) -> dict[str, Node]:
         """Energies and observables, computed when a row is noted."""
         return self._energies() | {name: self.model.expanded(node) for name, node in self.model.observables.items()}
 
-    @property
+    @cached_property
     def row(self) -> tuple[str, ...]:
         """The float columns of a logged row."""
         return ("time", "step_size", *self.state, *self.derived, *self.errors, *self.effort)
@@ -118,15 +123,9 @@ class Layout:
     @cached_property
     def jacobian(self) -> tuple[tuple[str, str], ...]:
         """What depends on what: pairs of a coordinate (for its acceleration) or a rate, and a name it depends on."""
-        forces, masses = force_derivatives(self.model), mass_derivatives(self.model)
-        rates = [key for key in forces if key[0] in self.rates]
-        if self.model.mass_is_full:
-            return (*((one, by) for one in self.coordinates for by in self.used), *rates)
-        found = {(one, by) for one in self.coordinates for by in self.used if (f"force_{one}", by) in forces}
-        found |= {(self.coordinates[i], by) for (i, _), by in masses}
-        return (*((one, by) for one in self.coordinates for by in self.used if (one, by) in found), *rates)
+        return tuple(motion.jacobian(self.model))
 
-    @property
+    @cached_property
     def sample(self) -> tuple[str, ...]:
         """The float columns of a logged force sample."""
         return ("time", "step", "stage", *self.used, *self.forces, *self.drives)

@@ -1,175 +1,349 @@
-"""A method's vector lines, written out by component: the part of a compiled march that makes one step."""
+"""A method's vector lines as programs: the step, the iterations of what it solves, the state inside the step."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
-from functools import lru_cache
-from itertools import chain
+from dataclasses import dataclass
 
 from xdynamics.expressions import Name, Node, Number, derivative, expand
-from xdynamics.kernels.arithmetic import Arithmetic
+from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.text import CONTEXT, tuple_of
-from xdynamics.methods import Evaluation, Solve, Statement
-from xdynamics.methods.method import Line
+from xdynamics.kernels.program import AT, Call, Compute, Each, Instruction, Load, Operand, Place, Program, Store
+from xdynamics.methods.method import HERMITE, SCALARS, Evaluation, Solve, Statement, read_lines
+from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.walk import Walker
 from xdynamics.schema import rate
 
-MOST_ITERATIONS = 25
-NEWTON_TOLERANCE = 1e-10  # of a correction against the size of its unknown; what is left is of the order of its square
+DIRECT = -1  # in the place of a derivative: a coefficient that stands by itself
 
 
-class Stepping:
-    """Writes lines of a method, with the stages counted as they come.
+@dataclass(frozen=True)
+class Equations:
+    """What Newton's method needs to know of one `solve`, as places in the working memory `w` and in the state `y`.
 
-    Parameters
+    Attributes
     ----------
-    layout : Layout
+    evaluations : int
+        Force evaluations of one iteration.
+    residuals : int
+        Where the first residual stands; the others follow.
+    unknowns : tuple of (int, int, int)
+        For each: its place in `w`, and in `y` the value and the slope at the start of the step, which give its size.
+    entries : tuple of (int, int, int, int)
+        What is taken from the unit matrix: row, column, place of a coefficient, place of a derivative or `DIRECT`.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    evaluations: int
+    residuals: int
+    unknowns: tuple[tuple[int, int, int], ...]
+    entries: tuple[tuple[int, int, int, int], ...]
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The programs of one step.
+
+    Attributes
+    ----------
+    programs : tuple of Program
+        One of an explicit method. Where equations are solved: what comes before, one iteration, what comes behind, and
+        so on.
+    equations : tuple of Equations
+    memory : int
+        Numbers of the working memory.
+    """
+
+    programs: tuple[Program, ...]
+    equations: tuple[Equations, ...]
+    memory: int
+
+
+def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
+    """Write one step of a method, with the estimate of its error where an embedded formula gives it."""
+    write = _Stepping(layout, sampled=sampled, working=scheme.method.implicit)
+    write.walk(scheme.method.statements)
+    write.end()
+    write.walk(scheme.error_lines)
+    if scheme.error_lines:
+        write.out("e", [f"{letter}e" for letter in "qvx"], layout.used)
+    return write.finished("propose", f"One step by {scheme.method.name}.")
+
+
+def inside(layout: Layout, scheme: Scheme) -> Program:
+    """Write the state at t + s*h, to `e`: from the states at both ends of the step, or with the step's own stages."""
+    write = _Stepping(layout, sampled=False, working=False)
+    if scheme.extension == HERMITE:
+        write.ends_given()
+    else:
+        write.walk(scheme.method.statements)
+        write.end()
+    write.walk(read_lines(scheme.extension))
+    write.out("e", [f"{letter}s" for letter in "qvx"], layout.used)
+    return write.finished("inside", f"The state inside a step by {scheme.method.name}.").programs[0]
+
+
+class _Stepping(Walker):
+    """Writes lines as they come; vectors are arrays, and a line of vectors is one line for each of their components."""
+
+    def __init__(self, layout: Layout, *, sampled: bool, working: bool) -> None:
         self.layout = layout
+        self.sampled = sampled
+        self.working = working  # whether vectors live in `w`, to be there in the next program too
         self.stage = 0
+        self._memory = 0
+        self._views: dict[str, tuple[str, int, int]] = {}
+        self._local: dict[str, int] = {}
+        self._bodies: list[list[Instruction]] = []
+        self._equations: list[Equations] = []
+        self._last = ""
+        self._begin()
+        first = 0
+        for name, count in zip("qvxar", self._counts("qvxar"), strict=True):
+            self._views[name] = ("y", first, count)
+            first += count
 
-    def written(self, lines: Iterable[Line]) -> list[str]:
-        """Write lines out, one assignment for each component."""
-        return list(chain.from_iterable(self._line(one) for one in lines))
+    # ------------------------------------------------------------------------------------------------ kinds of line
 
-    def vector(self, name: str) -> list[str]:
-        """Name the components of a vector: ``q1`` of y is ``q1_y``."""
-        return [f"{name}_{one}" for one in self._owners(name)]
+    def assign(self, line: Statement) -> None:
+        """Write one vector from others."""
+        self._vector(line.target)
+        self._each(line.target, line.expression)
 
-    def state(self, suffix: str) -> list[str]:
-        """Name what a force evaluation uses: coordinates, velocities, states."""
-        return [one for letter in "qvx" for one in self.vector(letter + suffix)]
+    def evaluate(self, line: Evaluation) -> None:
+        """Evaluate the forces at a state that is put together for it."""
+        self._evaluation(line, "forces")
 
-    def rates(self, suffix: str) -> list[str]:
-        """Name what a force evaluation gives: accelerations, rates."""
-        return [*self.vector("a" + suffix), *self.vector("r" + suffix)]
-
-    def _owners(self, name: str) -> tuple[str, ...]:
-        return self.layout.states if name[0] in "xr" else self.layout.coordinates
-
-    def _line(self, one: Line) -> list[str]:
-        if isinstance(one, Evaluation):
-            return self._evaluation(one, "forces", ("_f",))
-        if isinstance(one, Solve):
-            return self._solve(one)
-        lines = []
-        for owner, (shared, text) in self._components(one):
-            lines += [*shared, f"{one.target}_{owner} = {text}"]
-        return lines
-
-    def _components(self, one: Statement) -> list[tuple[str, tuple[list[str], str]]]:
-        """Return, for each component, the lines that a vector statement needs and its right-hand side."""
-        shared, text = _in_vectors(one)
-        vectors = re.compile(rf"\b({'|'.join(sorted(one.vectors)) or '-'})\b")
-
-        def named(line: str, owner: str) -> str:
-            return vectors.sub(rf"\1_{owner}", line)
-
-        return [
-            (owner, ([named(line, owner) for line in shared], named(text, owner))) for owner in self._owners(one.target)
+    def solve(self, line: Solve) -> None:
+        """Write one iteration of Newton's method as a program of its own, and go on behind it."""
+        unknowns = [(name, i) for name in line.unknowns for i in range(self._count(name))]
+        self._begin()
+        self.walk(line.definitions)
+        slopes = [self._evaluation(one, "linearised") for one in line.evaluations]
+        residuals = self._memory
+        for one in line.equations:
+            target = f"b_{one.target}"
+            self._vector(target, self._count(one.target))
+            self._each(target, one.expression, taken_from=one.target)
+        coupling = _Coupling(self, line, slopes)
+        entries = [
+            entry
+            for row, target in enumerate((one.target, i) for one in line.equations for i in range(self._count(one.target)))
+            for column, unknown in enumerate(unknowns)
+            for entry in coupling.entries(row, column, target, unknown)
         ]
+        places = tuple((self._views[name][1] + i, *self._start(name, i)) for name, i in unknowns)
+        self._equations.append(Equations(len(line.evaluations), residuals, places, tuple(entries)))
+        self._begin()
+        self.walk(line.definitions)
 
-    def _evaluation(self, one: Evaluation, function: str, results: tuple[str, ...]) -> list[str]:
+    # ------------------------------------------------------------------------------------------------------- ends
+
+    def end(self) -> None:
+        """Put the new state into `z`: what the step led to, and what its last force evaluation gave."""
+        self.out("z", ["q1", "v1", "x1", "a1", "r1"], (*self.layout.used, *self.layout.accelerations, *self.layout.rates))
+        first = len(self.layout.used) + len(self.layout.accelerations) + len(self.layout.rates)
+        self._copy(Place("z", first), Place(self._last, first), len(self.layout.record) - first)
+
+    def ends_given(self) -> None:
+        """Take the state at the end of the step as given in `z`."""
+        for name in "qvxar":
+            self._views[f"{name}1"] = ("z", *self._views[name][1:])
+
+    def out(self, array: str, vectors: Iterable[str], names: tuple[str, ...]) -> None:
+        """Copy vectors, one behind the other, into an array that was given."""
+        first = 0
+        for name in vectors:
+            self._copy(Place(array, first), Place(name), self._count(name))
+            first += self._count(name)
+        assert first == len(names)  # noqa: S101 - vectors and names are two spellings of one order
+
+    def finished(self, name: str, about: str) -> Steps:
+        """Return what was written."""
+        self._flush()
+        programs = []
+        for i, body in enumerate(self._bodies):
+            own = name if not i else f"{name}{i // 2}" if i % 2 == 0 else f"iterate{i // 2}"
+            said = about if i % 2 == 0 else "One iteration: residuals, coefficients and derivatives of the equations."
+            used = {place for line in body for place in _arrays(line)}
+            views = {one: view for one, view in self._views.items() if one in used}
+            used |= {array for array, _, _ in views.values()}
+            local = {one: count for one, count in self._local.items() if one in used}
+            programs.append(Program(own, said, tuple(body), views, local))
+        return Steps(tuple(programs), tuple(self._equations), self._memory)
+
+    # ---------------------------------------------------------------------------------------------------- in parts
+
+    def coefficient(self, weight: Node, inside: Node | None = None) -> int:
+        """Compute a number of the matrix that all components share, and return its place in `w`."""
+        value = self._scalars.value(weight)
+        if inside is not None:
+            value = self._scalars.compute("multiply", value, self._scalars.value(inside))
+        place = self._memory
+        self._memory += 1
+        self._scalars.store(Place("w", place), value)
+        return place
+
+    def _begin(self) -> None:
+        """Begin a program."""
+        if self._bodies:
+            self._flush()
+        self._bodies.append([])
+        self._scalars = Assignments(lambda lines, name: lines.load(Place("at", AT.index(name)), name), "_")
+
+    def _flush(self) -> None:
+        self._bodies[-1] += self._scalars.lines
+        self._scalars.lines.clear()
+
+    def _each(self, target: str, expression: Node, taken_from: str = "") -> None:
+        """Compute an expression for every component of a vector; or how far another vector is from it."""
+
+        def find(lines: Assignments, name: str) -> Operand:
+            return self._scalars.named(name) if name in SCALARS else lines.load(Place(name))
+
+        lines = Assignments(find, f"_{len(self._bodies[-1])}_")
+        value = lines.value(expression)
+        if taken_from:
+            value = lines.compute("subtract", lines.load(Place(taken_from)), value)
+        lines.store(Place(target), value)
+        self._flush()
+        self._bodies[-1].append(Each(self._count(target), tuple(lines.lines)))
+
+    def _copy(self, target: Place, source: Place, count: int) -> None:
+        self._flush()
+        name = f"_{len(self._bodies[-1])}_"
+        self._bodies[-1].append(Each(count, (Load(name, source), Store(target, name))))
+
+    def _evaluation(self, line: Evaluation, program: str) -> int:
+        """Call the forces at a state; return the place of the derivatives that `linearised` gives."""
         self.stage += 1
-        used = [*self.vector(one.position), *self.vector(one.velocity), *self.vector(one.state)]
-        named = [*self.vector(one.acceleration), *self.vector(one.rate)]
-        return [
-            f"_y = {tuple_of(used)}",
-            f"{', '.join(results)} = {function}({one.time}, _y, {CONTEXT})",
-            f"_at = sample(_log, _at, {one.time}, _step, _stage + {self.stage}, _y, _f)",
-            *(f"{name} = _f[{i}]" for i, name in enumerate(named)),
-        ]
+        record, at = self._array(f"f{self.stage}", len(self.layout.record)), self._array(f"at{self.stage}", len(AT), own=True)
+        first = 0
+        for name in (line.position, line.velocity, line.state):
+            self._copy(Place(record, first), Place(name), self._count(name))
+            first += self._count(name)
+        time = self._scalars.value(_read(line.time))
+        self._scalars.store(Place(at, AT.index("t")), time)
+        self._scalars.store(Place(at, AT.index("regime")), self._scalars.load(Place("at", AT.index("regime")), "regime"))
+        self._flush()
+        slopes = self._memory
+        if program == "linearised":
+            self._array(f"j{self.stage}", len(self.layout.jacobian))
+        self._bodies[-1].append(Call(program, at, record, record, f"j{self.stage}" if program == "linearised" else "e"))
+        for name, count in zip((line.acceleration, line.rate), self._counts("ar"), strict=True):
+            self._part(name, record, first, count)
+            first += count
+        self._last = record
+        if self.sampled:
+            self._sample(time, record)
+        return slopes
 
-    def _solve(self, one: Solve) -> list[str]:
-        """Newton's method for the unknowns, with the exact Jacobian at every iteration."""
-        unknowns = [(name, owner) for name in one.unknowns for owner in self._owners(name)]
-        n = len(unknowns)
-        if not n:
-            return []
-        definitions = self.written(one.definitions)
-        body = [*definitions]
-        for i, evaluation in enumerate(one.evaluations):
-            body += self._evaluation(evaluation, "linearised", ("_f", f"_j{i}"))
-        body += self._residuals(one)
-        body += self._matrix(one, unknowns)
-        body += ["if not solve_linear(_m, _b):", "    break", "_w = 0.0"]
-        for i, (name, owner) in enumerate(unknowns):
-            start, slope = ("x", "r") if name[0] == "x" else ("v", "a")
-            size = f"abs({name}_{owner}) + abs({start}_{owner}) + abs(h*{slope}_{owner})"
-            body += [
-                f"{name}_{owner} -= _b[{i}]",
-                f"_w = _greatest(_w, abs(_b[{i}])/({size}) if _b[{i}] != 0.0 else 0.0)",
-            ]
-        body += [f"_solved = _w <= {NEWTON_TOLERANCE!r}"]
-        evaluations = len(one.evaluations)
-        return [
-            f"_m, _b = empty(({n}, {n})), empty({n})",
-            "_turns, _solved, _first = 0, False, _at",
-            f"while _turns < {MOST_ITERATIONS} and not _solved:",
-            *(f"    {line}" for line in ["_turns, _at = _turns + 1, _first", *body]),
-            *definitions,
-            f"_evaluations += (_turns - 1)*{evaluations}",
-            "_iterations = _iterations + _turns if _solved and _iterations >= 0 else -1",
-        ]
+    def _sample(self, time: Operand, record: str) -> None:
+        """Keep time, state, force components and drives of an evaluation."""
+        layout = self.layout
+        n, sample, forces = len(layout.used), f"sample{self.stage}", len(layout.forces) + len(layout.drives)
+        width = 1 + n + forces
+        self._views[sample] = ("samples", (self.stage - 1) * width, width)
+        self._bodies[-1].append(Store(Place(sample), time))
+        self._copy(Place(sample, 1), Place(record), n)
+        self._copy(Place(sample, 1 + n), Place(record, len(layout.record) - forces), forces)
 
-    def _residuals(self, one: Solve) -> list[str]:
-        lines, row = [], 0
-        for equation in one.equations:
-            for owner, (shared, text) in self._components(equation):
-                lines += [*shared, f"_b[{row}] = {equation.target}_{owner} - ({text})"]
-                row += 1
-        return lines
+    def _vector(self, name: str, count: int | None = None) -> None:
+        if name not in self._views and name not in self._local:
+            self._array(name, self._count(name) if count is None else count)
 
-    def _matrix(self, one: Solve, unknowns: list[tuple[str, str]]) -> list[str]:
-        """Derivative of every residual by every unknown: what is linear directly, the rest through the forces."""
-        inner = {line.target: line.expression for line in one.definitions}
-        lines, row = [], 0
-        for equation in one.equations:
-            outer = expand(equation.expression, inner)
-            for owner in self._owners(equation.target):
-                for column, unknown in enumerate(unknowns):
-                    text = self._entry(one, outer, (equation.target, owner), unknown, inner)
-                    lines.append(f"_m[{row}, {column}] = {text}")
-                row += 1
-        return lines
+    def _array(self, name: str, count: int, *, own: bool = False) -> str:
+        """Make room for an array: of the program itself, or in the working memory."""
+        if self.working and not own:
+            self._views[name] = ("w", self._memory, count)
+            self._memory += count
+        else:
+            self._local[name] = count
+        return name
 
-    def _entry(
-        self, one: Solve, outer: Node, target: tuple[str, str], unknown: tuple[str, str], inner: Mapping[str, Node]
-    ) -> str:
-        """Write one entry of the matrix."""
-        text = "1.0" if target == unknown else "0.0"
-        same = target[1] == unknown[1] and (target[0][0] == "x") == (unknown[0][0] == "x")
-        direct = _coefficient(outer, unknown[0])
-        if same and direct != "0.0":
-            text += f" - {direct}"
-        of_state = target[0][0] == "x"
-        given = rate(target[1]) if of_state else target[1]
-        for i, evaluation in enumerate(one.evaluations):
-            weight = _coefficient(outer, evaluation.rate if of_state else evaluation.acceleration)
-            if weight == "0.0":
-                continue
-            used = (evaluation.state,) if unknown[0][0] == "x" else (evaluation.position, evaluation.velocity)
-            for vector in used:
-                inside = _coefficient(expand(Name(vector), inner), unknown[0])
-                by = self.layout.argument(vector[0], unknown[1])
-                if inside != "0.0" and (given, by) in self.layout.jacobian:
-                    text += f" - {weight}*{inside}*_j{i}[{self.layout.jacobian.index((given, by))}]"
-        return text
+    def _part(self, name: str, array: str, first: int, count: int) -> None:
+        outer, start, _ = self._views.get(array, (array, 0, 0))
+        self._views[name] = (outer, start + first, count)
+
+    def _start(self, name: str, i: int) -> tuple[int, int]:
+        """Where the value and the slope of an unknown's component stand at the start of the step."""
+        value, slope = ("x", "r") if name[0] == "x" else ("v", "a")
+        return self._views[value][1] + i, self._views[slope][1] + i
+
+    def _count(self, name: str) -> int:
+        letter = name.removeprefix("b_")[0]
+        return len(self.layout.states) if letter in "xr" else len(self.layout.coordinates)
+
+    def _counts(self, letters: str) -> list[int]:
+        return [self._count(one) for one in letters]
+
+    @property
+    def layout_jacobian(self) -> dict[tuple[str, str], int]:
+        """Where each derivative stands behind the first."""
+        return {pair: i for i, pair in enumerate(self.layout.jacobian)}
 
 
-@lru_cache(maxsize=4096)
-def _in_vectors(one: Statement) -> tuple[list[str], str]:
-    """Write a statement in its vectors, for any component: the parts that stand in it twice, and the rest."""
-    arithmetic = Arithmetic([one.expression])
-    text = arithmetic.text(one.expression)
-    return arithmetic.lines, text
+class _Coupling:
+    """The matrix of Newton's method: what is linear in the lines directly, the rest through the forces."""
+
+    def __init__(self, write: _Stepping, line: Solve, slopes: list[int]) -> None:
+        self._write, self._line, self._slopes = write, line, slopes
+        self._inner: Mapping[str, Node] = {one.target: one.expression for one in line.definitions}
+        self._outer = {one.target: expand(one.expression, self._inner) for one in line.equations}
+        self._jacobian = write.layout_jacobian
+        self._places: dict[tuple[str, ...], int | None] = {}
+
+    def entries(
+        self, row: int, column: int, target: tuple[str, int], unknown: tuple[str, int]
+    ) -> list[tuple[int, int, int, int]]:
+        """Return what is taken from one entry of the unit matrix, in the order written."""
+        (name, i), (other, k) = target, unknown
+        of_state, by_state = name[0] == "x", other[0] == "x"
+        found = []
+        if i == k and of_state == by_state and (place := self._direct(name, other)) is not None:
+            found.append((row, column, place, DIRECT))
+        layout = self._write.layout
+        given = rate(layout.states[i]) if of_state else layout.coordinates[i]
+        for number, one in enumerate(self._line.evaluations):
+            for vector in (one.state,) if by_state else (one.position, one.velocity):
+                owner = layout.states[k] if by_state else layout.coordinates[k]
+                slope = self._jacobian.get((given, layout.argument(vector[0], owner)))
+                place = None if slope is None else self._through(name, one.rate if of_state else one.acceleration, vector, other)
+                if slope is not None and place is not None:
+                    found.append((row, column, place, self._slopes[number] + slope))
+        return found
+
+    def _direct(self, name: str, unknown: str) -> int | None:
+        return self._placed((name, unknown), derivative(self._outer[name], {unknown: Number(1.0)}))
+
+    def _through(self, name: str, slope: str, vector: str, unknown: str) -> int | None:
+        weight = derivative(self._outer[name], {slope: Number(1.0)})
+        inside = derivative(expand(Name(vector), self._inner), {unknown: Number(1.0)})
+        return None if inside == Number(0.0) else self._placed((name, slope, vector, unknown), weight, inside)
+
+    def _placed(self, key: tuple[str, ...], weight: Node, inside: Node | None = None) -> int | None:
+        """Return where a coefficient stands; None where it is zero."""
+        if key not in self._places:
+            zero = weight == Number(0.0)
+            self._places[key] = None if zero else self._write.coefficient(weight, inside)
+        return self._places[key]
 
 
-def _coefficient(node: Node, name: str) -> str:
-    """Return what a vector is multiplied with in a linear expression, as text in parentheses."""
-    found = derivative(node, {name: Number(1.0)})
-    text = Arithmetic([]).text(found)
-    return text if isinstance(found, Number) else f"({text})"
+def _read(time: str) -> Node:
+    from xdynamics.expressions import parse
+
+    return parse(time)
+
+
+def _arrays(line: Instruction) -> set[str]:
+    match line:
+        case Load() | Store():
+            return {line.place.array}
+        case Call():
+            return {line.at, line.y, line.z, line.e}
+        case Each() if line.count:
+            return {array for one in line.body for array in _arrays(one)}
+        case Compute() | Each():
+            return set()
+
+
+__all__ = ["DIRECT", "Equations", "Steps", "inside", "step"]

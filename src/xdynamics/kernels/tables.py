@@ -1,27 +1,45 @@
-"""Piecewise polynomials of measured tables, evaluated in compiled code; built by `model.drives.coefficients`."""
+"""Measured tables as piecewise polynomials: one flat row of numbers, looked up by compiled laws and by plain ones.
+
+For drive i, ``places[3*i]`` is where its table begins in `tables`, ``places[3*i + 1]`` the number of its pieces, and
+``places[3*i + 2]`` the piece that a drive of time goes through. A table is the origins of its pieces, then their
+coefficients from the cubic one down; `model.drives.coefficients` makes it.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled
 
-Table = tuple[NDArray[np.float64], NDArray[np.float64]]  # origin, powers
+Floats = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+
+def flattened(tables: Iterable[tuple[Floats, Floats]]) -> tuple[Floats, Whole]:
+    """Lay tables one behind the other; return them and where each begins."""
+    parts, places, first = [np.empty(0)], [], 0
+    for origin, powers in tables:
+        parts += [origin, powers.ravel()]
+        places += [first, origin.size, 0]
+        first += origin.size + powers.size
+    return np.concatenate(parts), np.array(places, np.int64)
 
 
 @compiled
-def find_piece(x: float, table: Table) -> int:
+def find_piece(x: float, tables: Floats, first: int, pieces: int) -> int:
     """Return the piece that holds from x on; the table's last point still belongs to its last inner piece."""
-    origin = table[0]
-    low, high = 0, origin.shape[0] - 1
-    if x == origin[high]:
+    low, high = 0, pieces - 1
+    if x == tables[first + high]:
         return high - 1
-    if not x >= origin[1]:
+    if not x >= tables[first + 1]:
         return 0
     while low < high:
         middle = (low + high + 1) // 2
-        if origin[middle] <= x:
+        if tables[first + middle] <= x:
             low = middle
         else:
             high = middle - 1
@@ -29,24 +47,39 @@ def find_piece(x: float, table: Table) -> int:
 
 
 @compiled
-def piece_after(x: float, table: Table) -> int:
-    """Return the piece that a march starting at time x goes through."""
-    origin = table[0]
-    last = origin.shape[0] - 1
-    return last if x >= origin[last] else find_piece(x, table)
+def enter_pieces(t: float, tables: Floats, places: Whole, of_time: Whole) -> None:
+    """Note, for every drive of time, the piece that a march starting at t goes through."""
+    for k in range(of_time.shape[0]):
+        i = of_time[k]
+        first, last = places[3 * i], places[3 * i + 1] - 1
+        places[3 * i + 2] = last if t >= tables[first + last] else find_piece(t, tables, first, last + 1)
 
 
-@compiled
-def value_at(x: float, table: Table, piece: int) -> float:
-    """Evaluate one piece of the polynomial by Horner's rule."""
-    origin, powers = table
-    u = x - origin[piece]
-    return ((powers[0, piece] * u + powers[1, piece]) * u + powers[2, piece]) * u + powers[3, piece]
+def _found(tables: Floats, places: Whole, x: float, drive: int) -> int:
+    plain: Any = getattr(find_piece, "py_func", find_piece)
+    return int(plain(x, tables, places[3 * drive], places[3 * drive + 1]))
 
 
-@compiled
-def slope_at(x: float, table: Table, piece: int) -> float:
-    """Evaluate the derivative of one piece."""
-    origin, powers = table
-    u = x - origin[piece]
-    return (3.0 * powers[0, piece] * u + 2.0 * powers[1, piece]) * u + powers[2, piece]
+def _piece(tables: Floats, places: Whole, x: float, piece: int, drive: int) -> tuple[Any, Any]:
+    first, count = places[3 * drive], places[3 * drive + 1]
+    powers = tables[first + count : first + 5 * count].reshape(4, count)[:, piece]
+    return x - tables[first + piece], powers
+
+
+def _value(tables: Floats, places: Whole, x: float, piece: int, drive: int) -> Any:
+    u, (cubic, square, slope, value) = _piece(tables, places, x, piece, drive)
+    return ((cubic * u + square) * u + slope) * u + value
+
+
+def _slope(tables: Floats, places: Whole, x: float, piece: int, drive: int) -> Any:
+    u, (cubic, square, slope, _) = _piece(tables, places, x, piece, drive)
+    return (3.0 * cubic * u + 2.0 * square) * u + slope
+
+
+# what printed Python calls
+PYTHON_TABLES = {
+    "_find_piece": _found,
+    "_piece_of": lambda _tables, places, drive: int(places[3 * drive + 2]),
+    "_value_at": _value,
+    "_slope_at": _slope,
+}

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from xdynamics.faults import InputError
-from xdynamics.kernels import Layout
-from xdynamics.kernels.layout import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.march.settings import Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
+from xdynamics.methods.scheme import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.model import Model
+from xdynamics.model.motion import variables
 from xdynamics.units import NONE, Scales, parse_quantity, parse_time
 
 FORCE_SAMPLES = ("all", "none")
@@ -99,7 +99,7 @@ def _tolerances(model: Model, chosen: Mapping[str, Any]) -> Tolerances | None:
         return Tolerances(relative, {"": _number(atol, "atol")})
     absolute = {}
     for name, value in atol.items():
-        known = Layout(model).used
+        known = variables(model)
         if name not in ("", *known):
             raise InputError(f"atol names {name!r}; there are {', '.join(known)}")
         absolute[name] = _absolute(model, name, value)

@@ -1,14 +1,17 @@
-"""Step control: the error test, the next step, the first step. Plain Python that numba compiles with the loop."""
+"""Step control: the error test, the next step, the first step."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from xdynamics.kernels.elementary import power
-from xdynamics.march.interface import State, begin, moved, sizes
-from xdynamics.march.log import Control, Log, Memory, Pace, Plan
+from xdynamics.kernels.compiling import called, compiled, shared
+from xdynamics.kernels.law import FORCES
+from xdynamics.march.log import note_sample
+from xdynamics.march.run import Run
 
 SPACINGS = 10.0  # of t that the shortest step has at least, like scipy's
 NONFINITE_FACTOR = 0.25
@@ -19,59 +22,106 @@ ERROR_NORM = "largest component of |error|/(atol + rtol*max(|value before|, |val
 FIRST_STEP = "Hairer, Norsett, Wanner I, section II.4, a)-f), with the norm above; 1e-6 of the span stands for its 1e-6"
 
 
+@compiled
 def accepts(norm: float) -> bool:
     """Whether a trial passes the error test; one whose error is not a number does not."""
     return norm <= 1.0
 
 
-def shortest(plan: Plan, t: float) -> float:
-    """Return the shortest step that may be tried at t."""
-    return max(plan.control.min_step, SPACINGS * (np.nextafter(t, np.inf) - t))
+@compiled
+def larger(x: float, y: float) -> float:
+    """Return the larger; nan if the first is: a norm that is lost stays lost."""
+    return x if x > y or x != x else y  # noqa: PLR0124
 
 
-def grown(control: Control, pace: Pace, h: float, norm: float, cut: bool) -> Pace:
-    """Return the pace after an accepted step: no growth right after a rejection, and none lost to a cut step."""
-    k = control.order
+@compiled
+def error_norm(run: Run) -> float:
+    """Return the largest error of the trial over its scale: 1 is what the tolerances allow."""
+    rtol, norm = run.plan[0].rtol, 0.0
+    for i in range(run.plan[0].used):
+        if run.e[i] != 0.0:  # a component that is zero and stays so has no error, whatever its scale
+            scale = run.atol[i] + rtol * larger(abs(run.y[i]), abs(run.z[i]))
+            norm = larger(norm, abs(run.e[i]) / scale)
+        else:
+            norm = larger(norm, 0.0)
+    return norm
+
+
+@compiled
+def shortest(run: Run) -> float:
+    """Return the shortest step that may be tried where the march stands."""
+    t = run.now[0].t
+    return max(run.plan[0].min_step, SPACINGS * (np.nextafter(t, np.inf) - t))
+
+
+@compiled
+def grow(run: Run, h: float, cut: bool) -> None:
+    """Choose the step after one that passed: no growth right after a rejection, and none lost to a cut step."""
+    plan, now = run.plan[0], run.now[0]
+    k, norm = plan.order, now.norm
     beta = 0.2 / k
-    factor = control.greatest
+    factor = plan.greatest
     if norm > 0.0:
-        factor = control.safety * power(norm, 0.75 * beta - 1.0 / k) * power(pace.norm, beta)
-        factor = min(control.greatest, max(control.least, factor))
-    if pace.rejected:
+        factor = plan.safety * math.pow(norm, 0.75 * beta - 1.0 / k) * math.pow(now.step_norm, beta)
+        factor = min(plan.greatest, max(plan.least, factor))
+    if now.rejected:
         factor = min(factor, 1.0)
     step = h * factor
-    if cut and not pace.rejected:
-        step = max(step, pace.step)
-    step = min(control.max_step, max(control.min_step, step))
-    return Pace(step, max(norm, SMALLEST_NORM), False, pace.first)
+    if cut and not now.rejected:
+        step = max(step, now.step)
+    now.step = min(plan.max_step, max(plan.min_step, step))
+    now.step_norm = max(norm, SMALLEST_NORM)
+    now.rejected = 0
 
 
-def reduced(plan: Plan, pace: Pace, t: float, h: float, norm: float, finite: bool) -> Pace:
-    """Return the pace after a rejected trial of step h."""
-    control = plan.control
+@compiled
+def reduce(run: Run, h: float, failed_test: bool) -> None:
+    """Choose the step after a trial of step h that was rejected."""
+    plan, now = run.plan[0], run.now[0]
     factor = NONFINITE_FACTOR
-    if finite and math.isfinite(norm):
-        factor = max(control.least, min(0.9, control.safety * power(norm, -1.0 / control.order)))
-    return Pace(max(h * factor, shortest(plan, t)), pace.norm, True, pace.first)
+    if failed_test and math.isfinite(now.norm):
+        factor = max(plan.least, min(0.9, plan.safety * math.pow(now.norm, -1.0 / plan.order)))
+    now.step = max(h * factor, shortest(run))
+    now.rejected = 1
 
 
-def first_step(plan: Plan, memory: Memory, state: State, log: Log) -> float:
+@shared
+def first_step(run: Run) -> float:
     """Choose the first step from the sizes of the state, its slope and its curvature.
 
     Hairer, Norsett, Wanner I, section II.4; the Euler probe is logged as a force sample behind the initial one.
     """
-    control, t, pieces = plan.control, memory.t, memory.pieces
-    span = plan.nodes[plan.nodes.shape[0] - 1] - t
-    size, slope, _ = sizes(state, state, control.rtol, control.atol)
+    plan, t, y, probe = run.plan[0], run.now[0].t, run.y, run.half
+    span = plan.end - t
+    size, slope, change = 0.0, 0.0, 0.0
+    for i in range(plan.used):
+        scale = run.atol[i] + plan.rtol * abs(y[i])
+        size = larger(size, abs(y[i]) / scale)
+        slope = larger(slope, abs(_slope(run, y, i)) / scale)
     guess = 1e-6 * span if size < 1e-5 or slope < 1e-5 else 0.01 * size / slope
-    guess = min(guess, plan.nodes[memory.node] - t, control.max_step)
-    probe, _at = begin(t + guess, moved(state, guess), plan.parameters, plan.tables, pieces, log, 1, 0)
-    _, _, change = sizes(state, probe, control.rtol, control.atol)
+    node = run.nodes[run.now[0].node] if run.now[0].node < run.nodes.shape[0] else plan.end
+    guess = min(guess, node - t, plan.max_step)
+    for i in range(plan.used):
+        probe[i] = y[i] + guess * _slope(run, y, i)
+    run.at[0] = t + guess
+    called(run.law[FORCES], run.at, probe, run.p, run.tables, run.places, probe, run.e, run.samples, 0, run.w)
+    run.now[0].evaluations += 1
+    note_sample(run, t + guess, probe, 0)
+    for i in range(plan.used):
+        scale = run.atol[i] + plan.rtol * abs(y[i])
+        change = larger(change, abs(_slope(run, probe, i) - _slope(run, y, i)) / scale)
     steepest = max(slope, change / guess)
     if not math.isfinite(steepest):
         step = guess
     elif steepest <= 1e-15:
         step = max(1e-6 * span, guess * 1e-3)
     else:
-        step = power(0.01 / steepest, 1.0 / control.order)
-    return min(max(min(100.0 * guess, step), shortest(plan, t)), control.max_step)
+        step = math.pow(0.01 / steepest, 1.0 / plan.order)
+    return min(max(min(100.0 * guess, step), shortest(run)), plan.max_step)
+
+
+@compiled
+def _slope(run: Run, state: NDArray[Any], i: int) -> float:
+    """The time derivative of what a force evaluation uses: v of q, then a of v and the rates."""
+    n, used = run.plan[0].coordinates, run.plan[0].used
+    return state[n + i] if i < n else state[used + i - n]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from math import nan
 
-from xdynamics.march.interface import State, detect, propose
-from xdynamics.march.log import MOST_SUBSTEPS, Log, Memory, Plan, Tally, note_trial
+from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.march.log import MOST_SUBSTEPS, note_trial
+from xdynamics.march.proposing import propose
+from xdynamics.march.run import Run
 from xdynamics.schema import REASON_EVENT
 
 ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
@@ -13,6 +15,7 @@ EPS = 2.220446049250313e-16
 RISING, FALLING = 1, -1
 
 
+@compiled
 def crosses(direction: int, before: float, after: float) -> bool:
     """Whether an event function changed its sign in the direction watched; one that starts at zero did not."""
     if direction == RISING:
@@ -22,53 +25,41 @@ def crosses(direction: int, before: float, after: float) -> bool:
     return before < 0.0 <= after or before > 0.0 >= after
 
 
-def crosses_any(directions: tuple[int, ...], before: State, after: State) -> bool:
-    """Whether any event function crossed."""
+@compiled
+def crosses_any(run: Run) -> bool:
+    """Whether any event function crossed in the trial."""
     crossed = False
-    for i in range(len(before)):
-        crossed = crossed or crosses(directions[i], before[i], after[i])
+    for i in range(run.detectors.shape[0]):
+        crossed = crossed or crosses(run.detectors[i].direction, run.g[i], run.g1[i])
     return crossed
 
 
-def locate(
-    plan: Plan, memory: Memory, log: Log, base: Tally, h: float, trial: State, values: State,
-) -> tuple[float, int, int]:  # fmt: skip
-    """Shrink the step until it ends just behind its first event.
-
-    Returns
-    -------
-    s : float
-        The step from the unchanged state to the event.
-    trials : int
-        Rejected trials of the run so far; each substep is one.
-    evaluations : int
-        Force evaluations of the substeps.
-    """
-    trials, evaluations = memory.tally.trials + 1, 0
-    for i in range(len(values)):
-        log.lows[i] = 0.0
-        if crosses(plan.directions[i], memory.values[i], values[i]):
-            h, trial, values, trials, more = _bracket(i, plan, memory, log, base, h, trial, values, trials)
-            evaluations += more
-    return h, trials, evaluations
+@shared
+def locate(run: Run) -> None:
+    """Shrink the trial until it ends just behind its first event; every substep on the way is a rejected trial."""
+    keep(run)
+    for i in range(run.detectors.shape[0]):
+        run.lows[i] = 0.0
+        if crosses(run.detectors[i].direction, run.g[i], run.located_g[i]):
+            bracket(run, i)
+    take(run)
 
 
-def _bracket(
-    i: int, plan: Plan, memory: Memory, log: Log, base: Tally, high: float, trial: State, values: State, trials: int,
-) -> tuple[float, State, State, int, int]:  # fmt: skip
+@shared
+def bracket(run: Run, i: int) -> None:
     """Narrow one event's bracket [low, high] of steps to its time tolerance, by the ITP method.
 
-    Event i has not crossed after `low` and has after `high`; where another event crosses earlier, a later call
-    narrows further.
+    Event i has not crossed after `low` and has after `high`, where the located trial ends; where another event crosses
+    earlier, a later call narrows further.
     """
-    low, at_low, evaluations = 0.0, memory.values[i], 0
-    tolerance = max(plan.tolerances[i], 2.0 * EPS * max(abs(memory.t), abs(memory.t + high)))
-    slack = _reach(high, tolerance)
-    scale = 0.2 / high
+    t, direction = run.now[0].t, run.detectors[i].direction
+    low, high, at_low = 0.0, run.located[0].h, run.g[i]
+    tolerance = max(run.detectors[i].tolerance, 2.0 * EPS * max(abs(t), abs(t + high)))
+    slack, scale = reach(high, tolerance), 0.2 / high
     for _ in range(MOST_SUBSTEPS - 1):
         if high - low <= tolerance:
             break
-        s = _itp(low, high, at_low, values[i], scale, slack - (high - low) / 2.0)
+        s = itp(low, high, at_low, run.located_g[i], scale, slack - (high - low) / 2.0)
         slack = slack / 2.0
         if s >= high:  # the point fell on an end of the bracket: probe a tolerance inside it
             s = max((low + high) / 2.0, high - tolerance)
@@ -76,24 +67,50 @@ def _bracket(
             s = min((low + high) / 2.0, low + tolerance)
         if not low < s < high:
             break
-        note_trial(log, trials - base.trials, memory, s, nan, REASON_EVENT)
-        trials += 1
-        at = memory.tally.samples - base.samples
-        tried, _error, _at, effort = propose(memory.t, memory.t + s, s, memory.state, plan.parameters, plan.tables,
-                                              memory.pieces, log, at, memory.tally.rows)  # fmt: skip
-        evaluations += effort[0]
-        if effort[1] < 0:  # equations that were not solved tell nothing: the bracket stays as wide as it is
+        note_trial(run, s, nan, REASON_EVENT)
+        propose(run, t + s, s)
+        if run.trial[0].iterations < 0:  # equations that were not solved tell nothing: the bracket stays as wide as it is
             break
-        found = detect(memory.t + s, tried, plan.parameters, plan.tables, memory.pieces)
-        if crosses(plan.directions[i], memory.values[i], found[i]):
-            high, trial, values = s, tried, found
+        if crosses(direction, run.g[i], run.g1[i]):
+            high = s
+            keep(run)
         else:
-            low, at_low = s, found[i]
-    log.lows[i] = low
-    return high, trial, values, trials, evaluations
+            low, at_low = s, run.g1[i]
+    run.lows[i] = low
 
 
-def _reach(width: float, tolerance: float) -> float:
+@shared
+def keep(run: Run) -> None:
+    """Take the trial for the one that ends at the event."""
+    one, other = run.located[0], run.trial[0]
+    one.t, one.h, one.landing, one.iterations = other.t, other.h, other.landing, other.iterations
+    for i in range(run.z.shape[0]):
+        run.located_z[i] = run.z[i]
+    for i in range(run.e.shape[0]):
+        run.located_e[i] = run.e[i]
+    for i in range(run.g.shape[0]):
+        run.located_g[i] = run.g1[i]
+    for i in range(run.samples.shape[0]):
+        run.located_samples[i] = run.samples[i]
+
+
+@shared
+def take(run: Run) -> None:
+    """Go back to the trial that ends at the event: it is not made a second time."""
+    one, other = run.trial[0], run.located[0]
+    one.t, one.h, one.landing, one.iterations = other.t, other.h, other.landing, other.iterations
+    for i in range(run.z.shape[0]):
+        run.z[i] = run.located_z[i]
+    for i in range(run.e.shape[0]):
+        run.e[i] = run.located_e[i]
+    for i in range(run.g.shape[0]):
+        run.g1[i] = run.located_g[i]
+    for i in range(run.samples.shape[0]):
+        run.samples[i] = run.located_samples[i]
+
+
+@compiled
+def reach(width: float, tolerance: float) -> float:
     """(tolerance/2) * 2**(n + 1), with n the halvings that bisection needs: the slack of ITP's first step."""
     slack = tolerance
     while slack < width:
@@ -101,7 +118,8 @@ def _reach(width: float, tolerance: float) -> float:
     return slack
 
 
-def _itp(low: float, high: float, at_low: float, at_high: float, scale: float, slack: float) -> float:
+@compiled
+def itp(low: float, high: float, at_low: float, at_high: float, scale: float, slack: float) -> float:
     """Interpolate, truncate towards the middle, project: one step of ITP with kappa_2 = 2, n_0 = 1."""
     middle = (low + high) / 2.0
     secant = (at_high * low - at_low * high) / (at_high - at_low)

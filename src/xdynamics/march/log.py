@@ -3,141 +3,117 @@
 from __future__ import annotations
 
 import mmap
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels import Layout
-
-Floats = NDArray[np.float64]
-Words = NDArray[np.int8]
+from xdynamics.kernels.compiling import called, compiled, shared
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.law import DERIVED
+from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Log, Run
 
 MOST_SUBSTEPS = 200  # of one event's bracket; halving alone needs 60
 
 
-class Control(NamedTuple):
-    """How steps are chosen; without `adaptive` they are given and the tolerances only scale the errors."""
-
-    adaptive: bool
-    rtol: float
-    atol: tuple[float, ...]  # of everything a force evaluation uses
-    order: float  # k: the error of a step falls as h**k
-    safety: float
-    least: float  # factors between one step and the next
-    greatest: float
-    min_step: float
-    max_step: float
-    first: float  # first step; 0 has it chosen
-    most_steps: float  # accepted and rejected
+@compiled
+def has_room(run: Run) -> bool:
+    """Whether one more step, with every event and node it may hold, fits the blocks."""
+    now, base, log, events = run.now[0], run.log.base[0], run.log, run.detectors.shape[0]
+    return (
+        now.rows - base.rows + 2 <= log.rows.shape[1]
+        and now.trials - base.trials + events * MOST_SUBSTEPS + 1 <= log.trials.shape[0]
+        and now.events - base.events + events <= log.events.shape[0]
+        and now.samples - base.samples + run.plan[0].samples + 2 <= log.samples.shape[1]
+    )
 
 
-class Plan(NamedTuple):
-    """What a march does not change."""
-
-    start: float
-    step_size: float  # of the uniform grid; 0 where the grid is given
-    grid: Floats  # times of a given grid, from the start on
-    steps: Floats  # the step to each of them
-    control: Control
-    nodes: Floats  # times to land on; the end is the last
-    snap: float  # a grid time this close to a node is that node
-    directions: tuple[int, ...]
-    tolerances: tuple[float, ...]
-    stops: tuple[bool, ...]
-    parameters: tuple[float, ...]
-    tables: tuple[tuple[Floats, Floats], ...]
-    sampled: int  # force samples that a step logs; 0 where they are off
-
-
-class Tally(NamedTuple):
-    """How many rows of each kind there are since the run began."""
-
-    rows: int
-    trials: int
-    events: int
-    samples: int
-
-
-class Pace(NamedTuple):
-    """What step control remembers."""
-
-    step: float  # to try next
-    norm: float  # of the error of the last accepted step
-    rejected: bool  # whether the last trial was
-    first: float  # the first step
+@compiled
+def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
+    """Write one row of the log, and count it if its energies and observables are finite."""
+    now, plan, rows = run.now[0], run.plan[0], run.log.rows
+    row = now.rows - run.log.base[0].rows
+    rows[0, row], rows[1, row] = t, h
+    column = 2
+    for i in range(plan.state):
+        rows[column + i, row] = state[i]
+    column += plan.state
+    finite = True
+    if run.d.shape[0] > 0:
+        run.at[0] = t
+        called(run.law[DERIVED], run.at, state, run.p, run.tables, run.places, run.d, run.e, run.samples, 0, run.w)
+        for i in range(run.d.shape[0]):
+            rows[column + i, row] = run.d[i]
+            finite = finite and np.isfinite(run.d[i])
+        column += run.d.shape[0]
+    reached = h > 0.0  # by a step, which has an error
+    if plan.estimates:
+        rows[column, row] = now.norm if reached else 0.0
+        for i in range(plan.used):
+            rows[column + 1 + i, row] = run.e[i] if reached else 0.0
+        column += 1 + plan.used
+    if run.equations.shape[0] > 0:
+        rows[column, row] = run.trial[0].iterations if reached else 0
+    run.log.flags[0, row], run.log.flags[1, row] = kind, now.regime
+    if finite:
+        now.rows += 1
+    return finite
 
 
-class Memory(NamedTuple):
-    """All that a march knows between two blocks; it goes on from this to the same bits."""
-
-    status: int
-    t: float
-    h: float  # the step last tried
-    grid: int  # grid times passed
-    node: int  # nodes passed
-    on_grid: bool  # whether t is a grid time
-    state: tuple[float, ...]
-    trial: tuple[float, ...]  # the state last proposed
-    values: tuple[float, ...]  # of the event functions at t
-    pieces: tuple[int, ...]  # of the drives of time
-    norm: float  # of the error of the trial last proposed
-    pace: Pace
-    evaluations: int  # of the forces, those of rejected trials included
-    tally: Tally
-
-
-class Trial(NamedTuple):
-    """A step that was made and is yet to be judged."""
-
-    t: float  # where it ends
-    h: float
-    landing: int  # on a grid time, a node or both
-    state: tuple[float, ...]
-    error: tuple[float, ...]
-    values: tuple[float, ...]  # of the event functions
-    effort: tuple[int, int]  # force evaluations, Newton iterations
-    samples: int  # of the run, with those of this step
-
-
-class Log(NamedTuple):
-    """Blocks of a log; one row of a table is one column here, so that a variable is contiguous.
-
-    Whole numbers stand among the floats, which hold them exactly; the record gives them their own type.
-    """
-
-    rows: Floats  # `Layout.row`: time, step_size, the state, energies, observables
-    row_flags: Words  # kind, regime
-    samples: Floats  # `Layout.sample`: time, step, stage, what was used, what was found
-    trials: Floats  # time, step_size, error_norm, step, reason
-    events: Floats  # time, left, right, residual, slope, row before, row after, detector, kind, direction
-    lows: Floats  # scratch: left end of each event's bracket, as a step
-
-
-def note_trial(log: Log, at: int, memory: Memory, h: float, norm: float, reason: int) -> None:
+@compiled
+def note_trial(run: Run, h: float, norm: float, reason: int) -> None:
     """Write one rejected trial."""
-    log.trials[0, at] = memory.t
-    log.trials[1, at] = h
-    log.trials[2, at] = norm
-    log.trials[3, at] = memory.tally.rows - 1
-    log.trials[4, at] = reason
+    now = run.now[0]
+    row = run.log.trials[now.trials - run.log.base[0].trials]
+    row.time, row.step_size, row.error_norm, row.step, row.reason = now.t, h, norm, now.rows - 1, reason
+    now.trials += 1
+
+
+@compiled
+def note_samples(run: Run, row: int) -> None:
+    """Keep the force evaluations of an accepted trial, which led to a row."""
+    now, plan, samples = run.now[0], run.plan[0], run.log.samples
+    width = samples.shape[0] - 2
+    first = now.samples - run.log.base[0].samples
+    for stage in range(plan.samples):
+        samples[0, first + stage] = run.samples[stage * width]
+        samples[1, first + stage] = row
+        samples[2, first + stage] = stage + 1
+        for i in range(1, width):
+            samples[2 + i, first + stage] = run.samples[stage * width + i]
+    now.samples += plan.samples
+
+
+@shared
+def note_sample(run: Run, t: float, state: NDArray[Any], row: int) -> None:
+    """Keep one force evaluation that belongs to no step: at the start, and behind a node of a drive."""
+    now, plan, samples = run.now[0], run.plan[0], run.log.samples
+    if plan.samples == 0:
+        return
+    at, used = now.samples - run.log.base[0].samples, plan.used
+    samples[0, at], samples[1, at], samples[2, at] = t, row, 0
+    for i in range(used):
+        samples[3 + i, at] = state[i]
+    found = samples.shape[0] - 3 - used
+    for i in range(found):
+        samples[3 + used + i, at] = state[state.shape[0] - found + i]
+    now.samples += 1
 
 
 def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
     """Return an empty log for `rows` rows, with `sampled` force samples a step."""
-    events = max(1, len(layout.model.events))
+    events = len(layout.model.events)
     # an odd stride: columns a power of two apart would share one cache set
     rows = (rows + 4) | 1
-    samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 1
+    samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
     trials = min(rows, 20_000) + events * MOST_SUBSTEPS + 1
-    event_rows = min(rows, 4_000) + events
     return Log(
+        np.zeros(1, BASE),
         _pages((len(layout.row), rows), np.float64),
         _pages((2, rows), np.int8),
         _pages((len(layout.sample), samples), np.float64),
-        np.empty((5, trials)),
-        np.empty((10, event_rows)),
-        np.zeros(events),
+        np.zeros(trials, TRIAL_ROW),
+        np.zeros((min(rows, 4_000) if events else 0) + events, EVENT_ROW),
     )
 
 

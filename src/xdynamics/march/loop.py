@@ -1,6 +1,7 @@
-"""The time loop: aim, propose, judge, reject or locate and accept, note.
+"""The time loop: aim, propose, judge, reject or locate, accept, hand over.
 
-Plain Python that numba compiles together with the functions of one model and one method; see `march.interface`.
+Each phase is a procedure on a run and says only what changes. Compiled once for all models: what a model and a method
+compute stands behind the addresses of `run.law`.
 """
 
 from __future__ import annotations
@@ -9,37 +10,15 @@ from math import nan
 
 import numpy as np
 
-from xdynamics.march.control import STRETCH, accepts, first_step, grown, reduced, shortest
+from xdynamics.kernels.compiling import called, compiled, shared
+from xdynamics.kernels.law import DETECT, SLOPES
+from xdynamics.kernels.tables import enter_pieces
+from xdynamics.march.control import STRETCH, accepts, error_norm, first_step, grow, reduce, shortest
 from xdynamics.march.events import crosses, crosses_any, locate
-from xdynamics.march.finite import all_finite
-from xdynamics.march.interface import (
-    DOMAIN_LIMITED,
-    ESTIMATES,
-    EVENTFUL,
-    NO_ERROR,
-    Effort,
-    State,
-    begin,
-    detect,
-    error_norm,
-    note,
-    pieces_at,
-    propose,
-    slopes,
-)
-from xdynamics.march.log import MOST_SUBSTEPS, Log, Memory, Pace, Plan, Tally, Trial, note_trial
-from xdynamics.march.outcomes import (
-    COMPLETED,
-    ERROR_AT_MINIMUM,
-    NONFINITE,
-    NONFINITE_EVENT,
-    NONFINITE_OBSERVABLE,
-    RUNNING,
-    STEP_LIMIT,
-    STEP_TOO_SMALL,
-    STOPPED,
-    UNSOLVED,
-)
+from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
+from xdynamics.march.outcomes import COMPLETED, NONFINITE_OBSERVABLE, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
+from xdynamics.march.proposing import evaluate, propose
+from xdynamics.march.run import Run
 from xdynamics.schema import (
     CROSSING,
     EVENT_AFTER,
@@ -49,6 +28,7 @@ from xdynamics.schema import (
     REASON_DOMAIN,
     REASON_ERROR,
     REASON_EVENT,
+    REASON_EVENT_FUNCTION,
     REASON_NEWTON,
     REASON_NONFINITE,
     STEP,
@@ -57,293 +37,275 @@ from xdynamics.schema import (
 AT_GRID, AT_NODE, AT_BOTH = 1, 2, 3
 
 
-def march(plan: Plan, memory: Memory, log: Log, base: Tally, pause: int) -> Memory:
-    """March until the log is full, `pause` rows are written, or the run ends.
+@compiled
+def march(run: Run, rows: int) -> None:
+    """March until the log is full, `rows` more rows are written, or the run ends.
 
     Parameters
     ----------
-    plan : Plan
-    memory : Memory
-        Where the march stands; with no rows yet, it begins.
-    log : Log
-        Blocks that are filled from the start.
-    base : Tally
-        The tally at the log's first row.
-    pause : int
+    run : Run
+        With no rows yet, the march begins; with status RUNNING afterwards it can go on.
+    rows : int
         Rows after which to return.
-
-    Returns
-    -------
-    Memory
-        With status RUNNING where the march can go on.
     """
-    if memory.tally.rows == 0:
-        memory = _start(plan, memory, log)
-    paused = memory.tally.rows + pause
-    while memory.status == RUNNING and memory.tally.rows < paused and _has_room(plan, log, base, memory.tally):
-        target, h, landing = _aim(plan, memory)
-        if not (memory.t + h > memory.t and target > memory.t):
-            return _ended(memory, STEP_TOO_SMALL, h, memory.state, memory.values)
-        if memory.tally.rows + memory.tally.trials > plan.control.most_steps:
-            return _ended(memory, STEP_LIMIT, h, memory.state, memory.values)
-        node = memory.node
-        trial = _attempt(plan, memory, log, base, target, h, landing)
-        verdict, norm = _judge(plan, memory, trial)
-        memory = _worked(memory, norm, trial.effort)
-        if verdict != RUNNING:
-            memory = _reject(plan, memory, log, base, trial, verdict)
-        elif EVENTFUL and crosses_any(plan.directions, memory.values, trial.values):
-            if EVENTFUL:  # a branch on a constant alone is not even compiled
-                memory = _land_on_event(plan, memory, log, base, trial)
+    now = run.now[0]
+    if now.rows == 0 and now.status == RUNNING:
+        start(run)
+    pause = now.rows + rows
+    while now.status == RUNNING and now.rows < pause and has_room(run):
+        node = now.node
+        aim(run)
+        if now.status != RUNNING:
+            break
+        propose(run, run.trial[0].t, run.trial[0].h)
+        reason = judge(run)
+        if reason != SOUND:
+            reject(run, reason)
+        elif run.detectors.shape[0] > 0 and crosses_any(run):
+            hand_over(run)
         else:
-            memory = _accept(plan, memory, log, base, trial)
-        if memory.status == RUNNING and memory.node != node:
-            memory = _cross_node(plan, memory, log, base)
-    return memory
+            accept(run)
+        if now.status == RUNNING and now.node != node:
+            cross_node(run)
 
 
-def _start(plan: Plan, memory: Memory, log: Log) -> Memory:
+@shared
+def start(run: Run) -> None:
     """Evaluate and note the initial state; choose the first step."""
-    t, p, tables = memory.t, plan.parameters, plan.tables
-    pieces = pieces_at(t, tables)
-    state, samples = begin(t, memory.state, p, tables, pieces, log, 0, 0)
-    values = detect(t, state, p, tables, pieces)
-    noted = note(log, 0, t, 0.0, INITIAL, state, 0.0, NO_ERROR, 0, p, tables, pieces)
-    status = NONFINITE if not all_finite(state) else RUNNING if all_finite(values) else NONFINITE_EVENT
-    if status == RUNNING and not noted:
-        status = NONFINITE_OBSERVABLE
-    pace, evaluations = memory.pace, 1
-    memory = Memory(
-        status, t, 0.0, 0, 0, True, state, state, values, pieces, 0.0, pace, evaluations, Tally(1, 0, 0, samples)
-    )
-    if not (ESTIMATES and plan.control.adaptive and status == RUNNING):
-        return memory
-    first = plan.control.first
-    if first == 0.0:
-        first = first_step(plan, memory, state, log)
-        evaluations += 1
-        samples += samples
-    pace = Pace(first, 1.0, False, first)
-    return Memory(
-        status, t, 0.0, 0, 0, True, state, state, values, pieces, 0.0, pace, evaluations, Tally(1, 0, 0, samples)
-    )
+    now, plan = run.now[0], run.plan[0]
+    enter_pieces(now.t, run.tables, run.places, run.of_time)
+    evaluate(run, now.t, run.y)
+    note_sample(run, now.t, run.y, 0)
+    if run.detectors.shape[0] > 0:
+        run.at[0] = now.t
+        called(run.law[DETECT], run.at, run.y, run.p, run.tables, run.places, run.g, run.e, run.samples, 0, run.w)
+    for i in range(run.z.shape[0]):
+        run.z[i] = run.y[i]
+    for i in range(run.g.shape[0]):
+        run.g1[i] = run.g[i]
+    noted = note(run, INITIAL, now.t, 0.0, run.y)
+    if not finite_state(run):
+        now.status = nonfinite(run)
+    elif not finite_events(run):
+        now.status = REASON_EVENT_FUNCTION
+    elif not noted:
+        now.status = NONFINITE_OBSERVABLE
+    now.rows = 1  # there is no run without an initial row, be it as it may
+    if plan.adaptive and now.status == RUNNING:
+        now.step = plan.first_step if plan.first_step > 0.0 else first_step(run)
+        now.first_step = now.step
 
 
-def _has_room(plan: Plan, log: Log, base: Tally, tally: Tally) -> bool:
-    """Whether one more step, with every event and node it may hold, fits the blocks."""
-    events = log.lows.shape[0]
-    return (
-        tally.rows - base.rows + 2 <= log.rows.shape[1]
-        and tally.trials - base.trials + events * MOST_SUBSTEPS + 1 <= log.trials.shape[1]
-        and tally.events - base.events + events <= log.events.shape[1]
-        and tally.samples - base.samples + plan.sampled + 1 <= log.samples.shape[1]
-    )
-
-
-def _aim(plan: Plan, memory: Memory) -> tuple[float, float, int]:
-    """Choose where the next step ends: a grid time or an earlier node; the step; what is landed on."""
-    node_time = plan.nodes[memory.node]
-    if ESTIMATES and plan.control.adaptive:
-        return _aim_freely(plan, memory, node_time)
-    if plan.step_size > 0.0:
-        grid_time, step = plan.start + (memory.grid + 1) * plan.step_size, plan.step_size
-    elif memory.grid < plan.grid.shape[0]:
-        grid_time, step = plan.grid[memory.grid], plan.steps[memory.grid]
+@compiled
+def aim(run: Run) -> None:
+    """Choose where the next step ends, and its size; end the run where it cannot advance, or may not."""
+    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
+    node = run.nodes[now.node] if now.node < run.nodes.shape[0] else plan.end
+    if plan.adaptive:
+        aim_freely(run, node)
     else:
-        return node_time, node_time - memory.t, AT_NODE
-    if node_time > grid_time + plan.snap:
-        return grid_time, step if memory.on_grid else grid_time - memory.t, AT_GRID
-    if node_time >= grid_time - plan.snap:
-        return node_time, step if memory.on_grid else node_time - memory.t, AT_BOTH
-    return node_time, node_time - memory.t, AT_NODE
+        aim_at_grid(run, node)
+    if not (now.t + trial.h > now.t and trial.t > now.t):
+        end(run, STEP_TOO_SMALL)
+    elif now.rows + now.trials > plan.most_steps:
+        end(run, STEP_LIMIT)
 
 
-def _aim_freely(plan: Plan, memory: Memory, node_time: float) -> tuple[float, float, int]:
+@compiled
+def aim_at_grid(run: Run, node: float) -> None:
+    """Aim at the next grid time or an earlier node; from a grid time the step is the grid's, to the bit."""
+    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
+    if plan.step_size > 0.0:
+        time, step = plan.start + (now.grid + 1) * plan.step_size, plan.step_size
+    elif now.grid < run.grid.shape[0]:
+        time, step = run.grid[now.grid], run.steps[now.grid]
+    else:
+        time, step = np.inf, np.inf
+    if node > time + plan.snap:
+        trial.t, trial.landing = time, AT_GRID
+    elif node >= time - plan.snap:
+        trial.t, trial.landing = node, AT_BOTH
+    else:
+        trial.t, trial.landing = node, AT_NODE
+    trial.h = step if now.on_grid and trial.landing != AT_NODE else trial.t - now.t
+
+
+@compiled
+def aim_freely(run: Run, node: float) -> None:
     """Take the step that control proposes, or what is left to the next node."""
-    h, rest = memory.pace.step, node_time - memory.t
-    target = memory.t + h
-    if target >= node_time - plan.snap or (rest <= STRETCH * h and rest <= plan.control.max_step):
-        return node_time, rest, AT_NODE
-    return target, target - memory.t, AT_GRID  # so that t + h is the target to the bit
+    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
+    rest = node - now.t
+    trial.t = now.t + now.step
+    if trial.t >= node - plan.snap or (rest <= STRETCH * now.step and rest <= plan.max_step):
+        trial.t, trial.h, trial.landing = node, rest, AT_NODE
+    else:
+        trial.h, trial.landing = trial.t - now.t, AT_GRID  # so that t + h is the target to the bit
 
 
-def _attempt(plan: Plan, memory: Memory, log: Log, base: Tally, target: float, h: float, landing: int) -> Trial:
-    """Make one step from the state where the march stands, which stays as it is."""
-    p, tables, pieces, at = plan.parameters, plan.tables, memory.pieces, memory.tally.samples - base.samples
-    state, error, at, effort = propose(memory.t, target, h, memory.state, p, tables, pieces, log, at, memory.tally.rows)
-    return Trial(target, h, landing, state, error, detect(target, state, p, tables, pieces), effort, at + base.samples)
-
-
-def _judge(plan: Plan, memory: Memory, trial: Trial) -> tuple[int, float]:
-    """Return RUNNING for a trial that may be accepted, else how the run ends if it cannot be repeated; and its norm."""
-    if trial.effort[1] < 0:
-        return UNSOLVED, nan
-    if not all_finite(trial.state):
-        return NONFINITE, nan
-    if not all_finite(trial.values):
-        return NONFINITE_EVENT, nan
-    if not ESTIMATES:
-        return RUNNING, 0.0
-    norm = error_norm(memory.state, trial.state, trial.error, plan.control.rtol, plan.control.atol)
-    return ERROR_AT_MINIMUM if plan.control.adaptive and not accepts(norm) else RUNNING, norm
-
-
-def _reject(plan: Plan, memory: Memory, log: Log, base: Tally, trial: Trial, verdict: int) -> Memory:
-    """Note a trial that failed; repeat it shorter from the unchanged state, or end the run."""
-    reason = _reason(verdict, trial.state)
-    note_trial(log, memory.tally.trials - base.trials, memory, trial.h, memory.norm, reason)
-    memory = _counted(memory, 1)
-    if not (ESTIMATES and plan.control.adaptive):
-        return _ended(memory, verdict, trial.h, trial.state, trial.values)
-    least = shortest(plan, memory.t)
-    if min(trial.h, memory.pace.step) <= least:  # h has the rounding of t + h, the proposal has not
-        if verdict == ERROR_AT_MINIMUM and plan.control.min_step < least:
-            verdict = STEP_TOO_SMALL
-        return _ended(memory, verdict, trial.h, trial.state, trial.values)
-    pace = reduced(plan, memory.pace, memory.t, trial.h, memory.norm, verdict == ERROR_AT_MINIMUM)
-    return Memory(
-        RUNNING, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, memory.state, trial.state,
-        memory.values, memory.pieces, memory.norm, pace, memory.evaluations, memory.tally,
-    )  # fmt: skip
-
-
-def _reason(verdict: int, trial: State) -> int:
-    """Name the reason of a rejection; a number that is none comes from outside the domain of a function or table."""
-    if verdict == ERROR_AT_MINIMUM:
-        return REASON_ERROR
-    if verdict == UNSOLVED:
+@compiled
+def judge(run: Run) -> int:
+    """Return SOUND for a trial that may be accepted, else the reason why not; keep the norm of its error."""
+    now = run.now[0]
+    now.norm = nan
+    if run.trial[0].iterations < 0:
         return REASON_NEWTON
+    if not finite_state(run):
+        return nonfinite(run)
+    if not finite_events(run):
+        return REASON_EVENT_FUNCTION
+    now.norm = error_norm(run) if run.plan[0].estimates else 0.0
+    return REASON_ERROR if run.plan[0].adaptive and not accepts(now.norm) else SOUND
+
+
+@compiled
+def finite_state(run: Run) -> bool:
+    """Whether the trial's state is: times zero, what is infinite or none is no zero."""
+    zero = 0.0
+    for i in range(run.plan[0].state):
+        zero += run.z[i] * 0.0
+    return zero == 0.0
+
+
+@compiled
+def finite_events(run: Run) -> bool:
+    """Whether the trial's event functions are."""
+    zero = 0.0
+    for i in range(run.detectors.shape[0]):
+        zero += run.g1[i] * 0.0
+    return zero == 0.0
+
+
+@shared
+def nonfinite(run: Run) -> int:
+    """Tell why a state is not finite: a number that is none comes from outside the domain of a function or table."""
     undefined = False
-    for value in trial:
-        undefined = undefined or value != value
-    return REASON_DOMAIN if undefined and DOMAIN_LIMITED else REASON_NONFINITE
+    for i in range(run.plan[0].state):
+        undefined = undefined or np.isnan(run.z[i])
+    return REASON_DOMAIN if undefined and run.plan[0].limited else REASON_NONFINITE
 
 
-def _accept(plan: Plan, memory: Memory, log: Log, base: Tally, trial: Trial) -> Memory:
+@shared
+def reject(run: Run, reason: int) -> None:
+    """Note a trial that failed; repeat it shorter from the unchanged state, or end the run."""
+    now, plan, h = run.now[0], run.plan[0], run.trial[0].h
+    note_trial(run, h, now.norm, reason)
+    if not plan.adaptive:
+        end(run, reason)
+        return
+    least = shortest(run)
+    if min(h, now.step) > least:  # h has the rounding of t + h, the proposal has not
+        reduce(run, h, reason == REASON_ERROR)
+    elif reason == REASON_ERROR and plan.min_step < least:
+        end(run, STEP_TOO_SMALL)
+    else:
+        end(run, reason)
+
+
+@compiled
+def accept(run: Run) -> None:
     """Note an accepted state and go on from it."""
-    kind = STEP if trial.landing == AT_GRID else NODE
-    if trial.landing != AT_GRID and memory.node == plan.nodes.shape[0] - 1:
-        kind = STEP  # the end of the run is no breakpoint
-    p, tables, was = plan.parameters, plan.tables, memory.tally
-    if not note(log, was.rows - base.rows, trial.t, trial.h, kind, trial.state, memory.norm, trial.error,
-                trial.effort[1], p, tables, memory.pieces):  # fmt: skip
-        return _ended(memory, NONFINITE_OBSERVABLE, trial.h, trial.state, trial.values)
-    memory = _paced(plan, memory, trial.h, trial.landing != AT_GRID)
-    return _landed(plan, memory, RUNNING, trial, Tally(was.rows + 1, was.trials, was.events, trial.samples))
+    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
+    inner = now.node < run.nodes.shape[0]  # the end of the run is no breakpoint
+    kind = NODE if trial.landing != AT_GRID and inner else STEP
+    if not note(run, kind, trial.t, trial.h, run.z):
+        end(run, NONFINITE_OBSERVABLE)
+        return
+    note_samples(run, now.rows - 1)
+    if plan.adaptive:
+        grow(run, trial.h, trial.landing != AT_GRID)
+    land(run)
+    move(run)
 
 
-def _paced(plan: Plan, memory: Memory, h: float, cut: bool) -> Memory:
-    """Choose the step after an accepted one."""
-    if not (ESTIMATES and plan.control.adaptive):
-        return memory
-    pace = grown(plan.control, memory.pace, h, memory.norm, cut)
-    return Memory(
-        memory.status, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, memory.state, memory.trial,
-        memory.values, memory.pieces, memory.norm, pace, memory.evaluations, memory.tally,
-    )  # fmt: skip
+@compiled
+def land(run: Run) -> None:
+    """Count the grid time or node that the trial ends at; behind the last one the run is complete."""
+    now, trial = run.now[0], run.trial[0]
+    if trial.landing != AT_NODE:
+        now.grid += 1
+    if trial.landing != AT_GRID:
+        now.node += 1
+        if now.node > run.nodes.shape[0]:
+            now.status = COMPLETED
+    now.on_grid = trial.landing != AT_NODE
 
 
-def _landed(plan: Plan, memory: Memory, status: int, trial: Trial, tally: Tally) -> Memory:
-    """Go on from a state at a grid time or a node."""
-    grid = memory.grid + (1 if trial.landing != AT_NODE else 0)
-    node = memory.node + (1 if trial.landing != AT_GRID else 0)
-    if status == RUNNING and node == plan.nodes.shape[0]:
-        status = COMPLETED
-    return Memory(
-        status, trial.t, trial.h, grid, node, trial.landing != AT_NODE, trial.state, trial.state, trial.values,
-        memory.pieces, memory.norm, memory.pace, memory.evaluations, tally,
-    )  # fmt: skip
+@compiled
+def move(run: Run) -> None:
+    """Take the trial's end for the place where the march stands."""
+    now, trial = run.now[0], run.trial[0]
+    now.t, now.h = trial.t, trial.h
+    for i in range(run.y.shape[0]):  # a loop: a slice assignment takes numba seconds to compile
+        run.y[i] = run.z[i]
+    for i in range(run.g.shape[0]):
+        run.g[i] = run.g1[i]
 
 
-def _land_on_event(plan: Plan, memory: Memory, log: Log, base: Tally, trial: Trial) -> Memory:
-    """Locate the first event of a step, advance to it, and note the state on either side."""
-    p, tables, pieces = plan.parameters, plan.tables, memory.pieces
-    norm = memory.norm if ESTIMATES else nan
-    note_trial(log, memory.tally.trials - base.trials, memory, trial.h, norm, REASON_EVENT)
-    memory = _paced(plan, memory, trial.h, trial.landing != AT_GRID)
-    s, trials, evaluations = locate(plan, memory, log, base, trial.h, trial.state, trial.values)
+@shared
+def hand_over(run: Run) -> None:
+    """Locate the first event of the trial, land on it, and note the state on either side."""
+    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
+    whole, target, landing = trial.h, trial.t, trial.landing
+    note_trial(run, whole, now.norm if plan.estimates else nan, REASON_EVENT)
+    if plan.adaptive:
+        grow(run, whole, landing != AT_GRID)
+    locate(run)
     # two events closer than the spacing of t are two rows all the same
-    time = max(memory.t + s, np.nextafter(memory.t, np.inf))
-    reached = s == trial.h or time >= trial.t
-    cut = _attempt(plan, memory, log, base, trial.t if reached else time, s, trial.landing)
-    verdict, norm = _judge(plan, memory, cut)
-    memory = _counted(_worked(memory, norm, (evaluations + cut.effort[0], 0)), trials - memory.tally.trials)
-    if verdict != RUNNING:
-        return _reject(plan, memory, log, base, cut, verdict)
-    was, status = memory.tally, RUNNING
-    row, events = was.rows - base.rows, was.events
-    if not note(log, row, cut.t, s, EVENT_BEFORE, cut.state, norm, cut.error, cut.effort[1], p, tables, pieces):
-        return _ended(memory, NONFINITE_OBSERVABLE, s, cut.state, cut.values)
-    note(log, row + 1, cut.t, 0.0, EVENT_AFTER, cut.state, 0.0, NO_ERROR, 0, p, tables, pieces)
-    rates = slopes(cut.t, cut.state, p, tables, pieces)
-    for i in range(len(cut.values)):
-        if crosses(plan.directions[i], memory.values[i], cut.values[i]):
-            left, rising = memory.t + log.lows[i], memory.values[i] < 0.0
-            _note_event(log, events - base.events, i, cut.t, left, cut.values[i], rates[i], was.rows, rising)
-            events += 1
-            if plan.stops[i]:
-                status = STOPPED
-    tally = Tally(was.rows + 2, was.trials, events, cut.samples)
+    trial.t = max(trial.t, np.nextafter(now.t, np.inf))
+    reached = trial.h == whole or trial.t >= target
+    trial.t = target if reached else trial.t
+    reason = judge(run)
+    if reason != SOUND:
+        reject(run, reason)
+        return
+    before = now.rows
+    if not note(run, EVENT_BEFORE, trial.t, trial.h, run.z):
+        end(run, NONFINITE_OBSERVABLE)
+        return
+    note(run, EVENT_AFTER, trial.t, 0.0, run.z)
+    note_samples(run, before)
+    note_events(run, before)
     if reached:
-        return _landed(plan, memory, status, cut, tally)
-    return Memory(
-        status, cut.t, s, memory.grid, memory.node, False, cut.state, cut.state, cut.values, pieces, norm, memory.pace,
-        memory.evaluations, tally,
-    )  # fmt: skip
+        completed = now.status
+        land(run)
+        now.status = completed if completed == STOPPED else now.status
+    else:
+        now.on_grid = 0
+    move(run)
 
 
-def _note_event(
-    log: Log, at: int, detector: int, time: float, left: float, residual: float, slope: float, row: int, rising: bool
-) -> None:
-    log.events[0, at] = time
-    log.events[1, at] = left
-    log.events[2, at] = time
-    log.events[3, at] = residual
-    log.events[4, at] = slope
-    log.events[5, at] = row
-    log.events[6, at] = row + 1
-    log.events[7, at] = detector
-    log.events[8, at] = CROSSING
-    log.events[9, at] = 1 if rising else -1
+@shared
+def note_events(run: Run, row: int) -> None:
+    """Write a row for each event that the trial ends at, between the rows `row` and the next; stop where one says so."""
+    now, trial = run.now[0], run.trial[0]
+    run.at[0] = trial.t
+    called(run.law[SLOPES], run.at, run.z, run.p, run.tables, run.places, run.slopes, run.e, run.samples, 0, run.w)
+    for i in range(run.detectors.shape[0]):
+        if not crosses(run.detectors[i].direction, run.g[i], run.g1[i]):
+            continue
+        one = run.log.events[now.events - run.log.base[0].events]
+        one.time, one.left, one.residual, one.slope = trial.t, now.t + run.lows[i], run.g1[i], run.slopes[i]
+        one.row_before, one.row_after, one.detector, one.kind = row, row + 1, i, CROSSING
+        one.direction = 1 if run.g[i] < 0.0 else -1
+        now.events += 1
+        if run.detectors[i].stops:
+            now.status = STOPPED
 
 
-def _cross_node(plan: Plan, memory: Memory, log: Log, base: Tally) -> Memory:
+@shared
+def cross_node(run: Run) -> None:
     """Behind a node, evaluate the forces on its far side; the next step starts with those."""
-    pieces = pieces_at(memory.t, plan.tables)
-    at = memory.tally.samples - base.samples
-    p, row = plan.parameters, memory.tally.rows - 1
-    state, at = begin(memory.t, memory.state, p, plan.tables, pieces, log, at, row)
-    if not all_finite(state):
-        return _ended(memory, NONFINITE, memory.h, state, memory.values)
-    was = memory.tally
-    tally = Tally(was.rows, was.trials, was.events, at + base.samples)
-    return Memory(
-        RUNNING, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, state, state, memory.values, pieces,
-        memory.norm, memory.pace, memory.evaluations + 1, tally,
-    )  # fmt: skip
+    now = run.now[0]
+    enter_pieces(now.t, run.tables, run.places, run.of_time)
+    evaluate(run, now.t, run.y)
+    note_sample(run, now.t, run.y, now.rows - 1)
+    for i in range(run.z.shape[0]):
+        run.z[i] = run.y[i]
+    if not finite_state(run):
+        now.status = nonfinite(run)
 
 
-def _ended(memory: Memory, status: int, h: float, trial: State, values: State) -> Memory:
-    """Stop where the march stands."""
-    return Memory(
-        status, memory.t, h, memory.grid, memory.node, memory.on_grid, memory.state, trial, values, memory.pieces,
-        memory.norm, memory.pace, memory.evaluations, memory.tally,
-    )  # fmt: skip
-
-
-def _counted(memory: Memory, trials: int) -> Memory:
-    """Count rejected trials."""
-    was = memory.tally
-    tally = Tally(was.rows, was.trials + trials, was.events, was.samples)
-    return Memory(
-        memory.status, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, memory.state, memory.trial,
-        memory.values, memory.pieces, memory.norm, memory.pace, memory.evaluations, tally,
-    )  # fmt: skip
-
-
-def _worked(memory: Memory, norm: float, effort: Effort) -> Memory:
-    """Count force evaluations and keep the norm of the error."""
-    return Memory(
-        memory.status, memory.t, memory.h, memory.grid, memory.node, memory.on_grid, memory.state, memory.trial,
-        memory.values, memory.pieces, norm, memory.pace, memory.evaluations + effort[0], memory.tally,
-    )  # fmt: skip
+@compiled
+def end(run: Run, why: int) -> None:
+    """Stop where the march stands; `h` is the step that failed."""
+    run.now[0].status, run.now[0].h = why, run.trial[0].h

@@ -1,11 +1,25 @@
-"""How a run can end: every way has a word, a code and a sentence."""
+"""Why a trial was rejected and how a run ended: one vocabulary, from the loop to the record."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-RUNNING, COMPLETED, STOPPED, NONFINITE, NONFINITE_EVENT, STEP_TOO_SMALL, INTERRUPTED, NONFINITE_OBSERVABLE = range(8)
-ERROR_AT_MINIMUM, UNSOLVED, STEP_LIMIT = range(8, 11)
+from xdynamics.schema import (
+    REASON_CONTACT,
+    REASON_DOMAIN,
+    REASON_ERROR,
+    REASON_EVENT,
+    REASON_EVENT_FUNCTION,
+    REASON_NEWTON,
+    REASON_NONFINITE,
+    TRIAL_REASONS,
+)
+
+SOUND, RUNNING = -1, -1
+# what ends a run without a trial that was rejected; the reasons of trials stand before them
+COMPLETED, STOPPED, STEP_TOO_SMALL, STEP_LIMIT, NONFINITE_OBSERVABLE, INTERRUPTED = range(
+    len(TRIAL_REASONS), len(TRIAL_REASONS) + 6
+)
 
 
 @dataclass(frozen=True)
@@ -27,21 +41,29 @@ class Outcome:
     good: bool = False
 
 
+_FINITE = "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"
+_ACCEPTED = "at t = {t} s, h = {h} s: {cause}; the last accepted state is kept"
+NONFINITE = Outcome("nonfinite_state", _FINITE)
+
+# by what ended the run: the reason of a trial that could not be repeated, or what stands above
 OUTCOMES: dict[int, Outcome] = {
+    REASON_ERROR: Outcome("error_test_at_minimum_step", _ACCEPTED),
+    REASON_NONFINITE: NONFINITE,
+    REASON_DOMAIN: NONFINITE,
+    REASON_NEWTON: Outcome("equations_unsolved", _ACCEPTED),
+    REASON_EVENT_FUNCTION: Outcome("nonfinite_event", _FINITE),
     COMPLETED: Outcome("completed", "reached t = {t} s", good=True),
     STOPPED: Outcome("stopped_by_event", "event {cause} stopped the run at t = {t} s", good=True),
-    NONFINITE: Outcome("nonfinite_state", "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"),
-    NONFINITE_EVENT: Outcome("nonfinite_event", "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"),
-    NONFINITE_OBSERVABLE: Outcome("nonfinite_observable", "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"),
     STEP_TOO_SMALL: Outcome("step_below_spacing", "at t = {t} s, h = {h} s: {cause}"),
-    ERROR_AT_MINIMUM: Outcome("error_test_at_minimum_step", "at t = {t} s, h = {h} s: {cause}; the last accepted state is kept"),
-    UNSOLVED: Outcome("equations_unsolved", "at t = {t} s, h = {h} s: {cause}; the last accepted state is kept"),
     STEP_LIMIT: Outcome("step_limit", "at t = {t} s, h = {h} s: {cause}"),
+    NONFINITE_OBSERVABLE: Outcome("nonfinite_observable", _FINITE),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t} s; the rows up to there are kept"),
-}  # fmt: skip
+}
 
-# refinements of NONFINITE, told apart after the march from the state that failed
-NONFINITE_FORCE = Outcome("nonfinite_force", OUTCOMES[NONFINITE].sentence)
-OUTSIDE_TABLE = Outcome("outside_drive_table", OUTCOMES[NONFINITE].sentence)
+# refinements of a state that is not finite, told apart after the march from the step that failed
+NONFINITE_FORCE = Outcome("nonfinite_force", _FINITE)
+OUTSIDE_TABLE = Outcome("outside_drive_table", _FINITE)
 
 WORDS = {one.word: one for one in (*OUTCOMES.values(), NONFINITE_FORCE, OUTSIDE_TABLE)}
+
+__all__ = ["OUTCOMES", "REASON_CONTACT", "REASON_EVENT", "RUNNING", "SOUND", "WORDS", "Outcome"]

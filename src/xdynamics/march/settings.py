@@ -9,13 +9,13 @@ from math import isfinite
 import numpy as np
 
 from xdynamics.faults import InputError, numbered
-from xdynamics.kernels import Layout
-from xdynamics.kernels.layout import EMBEDDED, ESTIMATORS, NO_ESTIMATE, layout_of
+from xdynamics.kernels import Layout, layout_of
 from xdynamics.methods import Method
+from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, NO_ESTIMATE, Scheme
 from xdynamics.model import Model
-from xdynamics.units import Scales
+from xdynamics.model.motion import variables
+from xdynamics.units import UNSCALED, Scales
 
-UNSCALED = Scales()
 EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
@@ -54,7 +54,7 @@ class Tolerances:
         found = []
         if not LEAST_RTOL <= self.rtol < 1:
             found.append(f"rtol is {self.rtol!r}, needs a number from 10 eps = {LEAST_RTOL:.3g}, below which rounding is as large, to 1")  # fmt: skip
-        names = Layout(model).used
+        names = variables(model)
         for name, value in self.atol.items():
             if name and name not in names:
                 found.append(f"atol names '{name}', which is none of {', '.join(names)}")
@@ -147,9 +147,9 @@ class Settings:
         return self.tolerances is not None and not isinstance(self.step, tuple)
 
     @property
-    def error_order(self) -> int:
-        """The k of a local error that falls as h**k."""
-        return 1 + (self.method.estimate_order if self.estimator == EMBEDDED else self.method.order)
+    def scheme(self) -> Scheme:
+        """The method with its estimator."""
+        return Scheme(self.method, self.estimator)
 
     def expected_steps(self, model: Model) -> float:
         """Return how many steps there will be; where they are chosen, how many there may be."""
@@ -161,7 +161,7 @@ class Settings:
 
     def layout(self, model: Model) -> Layout:
         """Return where each number of the march stands."""
-        return layout_of(model, self.estimator, implicit=self.method.implicit)
+        return layout_of(model, self.scheme)
 
     def check(self, model: Model) -> None:
         """Refuse what no march could use.

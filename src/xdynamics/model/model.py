@@ -134,6 +134,20 @@ class Model:
         """The Python functions that are at hand, by name."""
         return {one.name: one.callable for one in self.python_forces if one.callable is not None}
 
+    def require_functions(self) -> None:
+        """Refuse to march without the Python functions that the forces call.
+
+        Raises
+        ------
+        ModelError
+            Naming those that are not at hand.
+        """
+        missing = [one.name for one in self.python_forces if one.callable is None]
+        if missing:
+            raise ModelError(
+                f"the forces call the Python functions {', '.join(missing)}; hand them over as functions={{name: function}}"
+            )
+
     @property
     def python_forces(self) -> list[Function]:
         """Every force component that is written in Python."""

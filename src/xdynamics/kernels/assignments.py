@@ -1,0 +1,145 @@
+"""Syntax trees to instructions, in the order written; what stands twice is computed once."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable
+from fractions import Fraction
+
+from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, Number, exponent_of
+from xdynamics.kernels.program import Compute, Load, Operand, Place, Store
+
+_OPERATIONS = {
+    "+": "add", "-": "subtract", "*": "multiply", "/": "divide",
+    "<": "less", "<=": "at_most", ">": "more", ">=": "at_least", "==": "equal", "!=": "unequal",
+}  # fmt: skip
+_FOLDED: dict[str, Callable[..., float]] = {
+    "add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "negative": operator.neg,
+}  # fmt: skip
+_CALLED = {"min": "least", "max": "greatest", "where": "choose"}
+
+Line = Compute | Load | Store
+
+
+class Assignments:
+    """Turns trees into lines.
+
+    Powers are products and square roots: ``x**3`` is ``x*x*x``, ``r**-1.5`` is ``1/(r*sqrt(r))``. Neither this nor the
+    sharing of equal parts changes a bit against computing each part where it stands.
+
+    Parameters
+    ----------
+    find : callable
+        Called with these assignments and a name that they meet for the first time; returns its operand.
+    prefix : str
+        What the names of parts begin with.
+    """
+
+    def __init__(self, find: Callable[[Assignments, str], Operand], prefix: str = "_") -> None:
+        self.lines: list[Line] = []
+        self._find = find
+        self._prefix = prefix
+        self._named: dict[str, Operand] = {}
+        self._known: dict[tuple[str, tuple[Operand, ...]], str] = {}
+        self._loaded: dict[Place, str] = {}
+        self._unnamed: set[Operand] = set()
+
+    def value(self, tree: Node) -> Operand:
+        """Write what a tree needs and return what stands for it."""
+        match tree:
+            case Number():
+                return tree.value
+            case Name():
+                return self.named(tree.name)
+            case Negative():
+                return self.compute("negative", self.value(tree.operand))
+            case Binary(operator="**"):
+                return self._power(self.value(tree.left), exponent_of(tree.right) or Fraction(0))
+            case Binary() | Compare():
+                return self.compute(_OPERATIONS[tree.operator], self.value(tree.left), self.value(tree.right))
+            case Call(function="hypot"):
+                x, y = (self.value(one) for one in tree.arguments)
+                squares = self.compute("add", self.compute("multiply", x, x), self.compute("multiply", y, y))
+                return self.compute("sqrt", squares)
+            case Call():
+                return self._called(tree)
+
+    def assign(self, name: str, tree: Node) -> Operand:
+        """Compute a tree and give it a name."""
+        return self.name(name, self.value(tree))
+
+    def name(self, name: str, value: Operand) -> Operand:
+        """Give a value a name, which stands in the text where nothing else named it before."""
+        self._named[name] = value
+        last = self.lines[-1] if self.lines else None
+        if isinstance(last, Compute) and last.target == value and value in self._unnamed:
+            self._unnamed.discard(value)
+            self.lines[-1] = Compute(name, last.operation, last.arguments)
+            self._known[last.operation, last.arguments] = name
+            self._named[name] = name
+        return self._named[name]
+
+    def named(self, name: str) -> Operand:
+        """Return the operand of a name."""
+        if name not in self._named:
+            self.name(name, self._find(self, name))
+        return self._named[name]
+
+    def compute(self, operation: str, *arguments: Operand) -> Operand:
+        """Write one operation, unless its value is there already."""
+        if operation in _FOLDED and all(isinstance(one, float) for one in arguments):
+            folded = _FOLDED[operation](*arguments)
+            if math.isfinite(folded):  # 1/(2 - 2) is then a division by a zero that can be seen
+                return folded
+        key = (operation, arguments)
+        if key not in self._known:
+            self._known[key] = f"{self._prefix}{len(self._known)}"
+            self._unnamed.add(self._known[key])
+            self.lines.append(Compute(self._known[key], operation, arguments))
+        return self._known[key]
+
+    def load(self, place: Place, name: str = "") -> Operand:
+        """Read a place, once."""
+        if place not in self._loaded:
+            self._loaded[place] = name or f"{self._prefix}l{len(self._loaded)}"
+            self.lines.append(Load(self._loaded[place], place))
+        return self._loaded[place]
+
+    def store(self, place: Place, value: Operand) -> None:
+        """Write to a place."""
+        self.lines.append(Store(place, value))
+
+    def _called(self, tree: Call) -> Operand:
+        operation = _CALLED.get(tree.function, tree.function)
+        values = [self.value(one) for one in tree.arguments]
+        if tree.function not in ("min", "max"):
+            return self.compute(operation, *values)
+        found = values[0]
+        for further in values[1:]:
+            found = self.compute(operation, found, further)
+        return found
+
+    def _power(self, base: Operand, exponent: Fraction) -> Operand:
+        if exponent == 0:
+            return 1.0
+        if exponent < 0:
+            return self.compute("divide", 1.0, self._power(base, -exponent))
+        whole, rest = divmod(exponent, 1)
+        if rest == 0:
+            return self._product(base, whole)
+        if rest == Fraction(1, 2):
+            root = self.compute("sqrt", base)
+            return self.compute("multiply", self._product(base, whole), root) if whole else root
+        return self.compute("power", base, float(exponent))
+
+    def _product(self, base: Operand, times: int) -> Operand:
+        """x**2, x**3 by products, more by squaring."""
+        if times == 1:
+            return base
+        if times <= 3:
+            square = self.compute("multiply", base, base)
+            return square if times == 2 else self.compute("multiply", square, base)
+        half = self._product(base, times // 2)
+        square = self.compute("multiply", half, half)
+        return self.compute("multiply", square, base) if times % 2 else square

@@ -1,0 +1,121 @@
+"""The law of a march: what one model and one method compute, as text and behind addresses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import count
+from typing import Any
+
+import numpy as np
+from numba import config
+from numpy.typing import NDArray
+
+from xdynamics.kernels import machine, quantities, stepping
+from xdynamics.kernels.elementary import PYTHON
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.program import Program
+from xdynamics.kernels.python_text import SIGNATURE, python_of
+from xdynamics.kernels.stepping import Equations, Steps
+from xdynamics.kernels.tables import PYTHON_TABLES
+from xdynamics.methods.scheme import Scheme
+
+# what stands where in the addresses of a law; the programs of a step are the last
+FORCES, DETECT, SLOPES, DERIVED, INSIDE, PROPOSE = range(6)
+HEADER = '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
+
+PLAIN: dict[int, Callable[..., None]] = {}  # where nothing is compiled, an address is a key of these
+_KEYS = count(1)
+
+
+@dataclass(frozen=True)
+class Law:
+    """The programs of a model and a method.
+
+    Attributes
+    ----------
+    layout : Layout
+        Of the model with a scheme.
+    sampled : bool
+        Whether a step keeps every force evaluation.
+    """
+
+    layout: Layout
+    sampled: bool
+
+    @property
+    def scheme(self) -> Scheme:
+        """The method with its estimator."""
+        assert self.layout.scheme is not None  # noqa: S101 - a layout without one has no steps
+        return self.layout.scheme
+
+    @cached_property
+    def steps(self) -> Steps:
+        """The programs of one step."""
+        return stepping.step(self.layout, self.scheme, sampled=self.sampled)
+
+    @cached_property
+    def entries(self) -> tuple[Program, ...]:
+        """What is called from outside, in the order of the addresses."""
+        layout = self.layout
+        own = (quantities.forces(layout), quantities.events(layout), quantities.event_rates(layout), quantities.derived(layout))
+        return (*own, stepping.inside(layout, self.scheme), *self.steps.programs)
+
+    @cached_property
+    def programs(self) -> tuple[Program, ...]:
+        """Every program, each behind those that it calls."""
+        inner = (quantities.linearised(self.layout),) if self.scheme.method.implicit else ()
+        return (self.entries[0], *inner, *self.entries[1:])
+
+    @cached_property
+    def source(self) -> str:
+        """The law as Python: quoted in the record, and what runs where nothing is compiled."""
+        title = f"A step by {self.scheme.method.name}, and the forces that it asks for."
+        return "\n\n".join([HEADER.format(title=title), *map(python_of, self.programs)])
+
+    @property
+    def equations(self) -> tuple[Equations, ...]:
+        """What the step solves by Newton's method."""
+        return self.steps.equations
+
+    @cached_property
+    def addresses(self) -> NDArray[np.int64]:
+        """Where the programs begin, compiled; without a compiler, keys of `PLAIN`."""
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+            return self.plain
+        return np.array([self._code.addresses[one.name] for one in self.entries], np.int64)
+
+    @cached_property
+    def plain(self) -> NDArray[np.int64]:
+        """Keys under which the programs stand in `PLAIN` as Python functions."""
+        functions = {f"_{quantities.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
+        scope: dict[str, Any] = PYTHON | PYTHON_TABLES | functions | {"_empty": np.empty, "_zero": np.float64(0.0)}
+        exec(compile(self.source, "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees, never from a file
+        keys = [next(_KEYS) for _ in self.entries]
+        PLAIN.update(zip(keys, (scope[one.name] for one in self.entries), strict=True))
+        return np.array(keys, np.int64)
+
+    def text(self, lanes: int = 1) -> str:
+        """Return the law as LLVM text."""
+        functions = [(one.name, len(one.arguments)) for one in self.layout.model.python_forces]
+        return llvm_of(self.programs, lanes, functions)
+
+    def compiled(self, lanes: int = 1) -> machine.Code:
+        """Compile the law for a number of lanes."""
+        functions = {f"_{quantities.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
+        return machine.compiled(self.text(lanes), [one.name for one in self.entries], functions)
+
+    @cached_property
+    def _code(self) -> machine.Code:
+        return self.compiled()
+
+
+@lru_cache(maxsize=128)
+def law_of(layout: Layout, *, sampled: bool) -> Law:
+    """Return a law, made once for a model, a method and what is kept."""
+    return Law(layout, sampled)
+
+
+__all__ = ["DERIVED", "DETECT", "FORCES", "INSIDE", "PLAIN", "PROPOSE", "SIGNATURE", "SLOPES", "Law", "law_of"]

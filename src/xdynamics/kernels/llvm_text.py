@@ -1,0 +1,288 @@
+"""A program as LLVM text, with any number of lanes: one lane is what a single run calls.
+
+In lanes every number is a vector with one element for each run, and an operation acts on each element by itself: nothing
+is summed across lanes, contracted or reordered, so that a lane holds the bits that a run alone would have.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from string import ascii_lowercase
+
+from xdynamics.kernels.elementary import COMPARISONS, COMPOSED, INFIX, INTRINSICS, LIBRARY, LIBRARY_INTRINSICS
+from xdynamics.kernels.program import ARRAYS, Call, Compute, Each, Instruction, Load, Operand, Place, Program, Store
+
+UNROLLED = 8  # components up to which vectors are written out; more are a loop
+INLINED = 4000  # instructions up to which a program is put in the place of its calls
+_SIGNATURE = ", ".join(f"ptr noalias %_{name}" for name in ARRAYS)
+_TABLES = """
+define internal i64 @find_piece(double %x, ptr %origin, i64 %count) #1 {
+  %last = sub i64 %count, 1
+  %end_at = getelementptr double, ptr %origin, i64 %last
+  %end = load double, ptr %end_at
+  %at_end = fcmp oeq double %x, %end
+  %before_last = sub i64 %last, 1
+  br i1 %at_end, label %last_piece, label %inside
+last_piece:
+  ret i64 %before_last
+inside:
+  %first_at = getelementptr double, ptr %origin, i64 1
+  %first = load double, ptr %first_at
+  %reached = fcmp oge double %x, %first
+  br i1 %reached, label %search, label %before
+before:
+  ret i64 0
+search:
+  %low = phi i64 [ 0, %inside ], [ %new_low, %halve ]
+  %high = phi i64 [ %last, %inside ], [ %new_high, %halve ]
+  %open = icmp ult i64 %low, %high
+  br i1 %open, label %halve, label %found
+halve:
+  %sum = add i64 %low, %high
+  %sum1 = add i64 %sum, 1
+  %middle = lshr i64 %sum1, 1
+  %middle_at = getelementptr double, ptr %origin, i64 %middle
+  %start = load double, ptr %middle_at
+  %starts_before = fcmp ole double %start, %x
+  %below = sub i64 %middle, 1
+  %new_low = select i1 %starts_before, i64 %middle, i64 %low
+  %new_high = select i1 %starts_before, i64 %high, i64 %below
+  br label %search
+found:
+  ret i64 %low
+}
+define internal double @power_of(ptr %origin, i64 %count, i64 %row, i64 %piece) #1 {
+  %rows = add i64 %row, 1
+  %skipped = mul i64 %rows, %count
+  %index = add i64 %skipped, %piece
+  %place = getelementptr double, ptr %origin, i64 %index
+  %value = load double, ptr %place
+  ret double %value
+}
+define internal double @value_at(double %x, i64 %piece, ptr %origin, i64 %count) #1 {
+  %c3 = call double @power_of(ptr %origin, i64 %count, i64 0, i64 %piece)
+  %c2 = call double @power_of(ptr %origin, i64 %count, i64 1, i64 %piece)
+  %c1 = call double @power_of(ptr %origin, i64 %count, i64 2, i64 %piece)
+  %c0 = call double @power_of(ptr %origin, i64 %count, i64 3, i64 %piece)
+  %start_at = getelementptr double, ptr %origin, i64 %piece
+  %start = load double, ptr %start_at
+  %u = fsub double %x, %start
+  %a = fmul double %c3, %u
+  %b = fadd double %a, %c2
+  %c = fmul double %b, %u
+  %d = fadd double %c, %c1
+  %e = fmul double %d, %u
+  %f = fadd double %e, %c0
+  ret double %f
+}
+define internal double @slope_at(double %x, i64 %piece, ptr %origin, i64 %count) #1 {
+  %c3 = call double @power_of(ptr %origin, i64 %count, i64 0, i64 %piece)
+  %c2 = call double @power_of(ptr %origin, i64 %count, i64 1, i64 %piece)
+  %c1 = call double @power_of(ptr %origin, i64 %count, i64 2, i64 %piece)
+  %start_at = getelementptr double, ptr %origin, i64 %piece
+  %start = load double, ptr %start_at
+  %u = fsub double %x, %start
+  %a = fmul double %c3, 3.0
+  %b = fmul double %a, %u
+  %c = fmul double %c2, 2.0
+  %d = fadd double %b, %c
+  %e = fmul double %d, %u
+  %f = fadd double %e, %c1
+  ret double %f
+}
+"""
+
+
+def llvm_of(programs: Iterable[Program], lanes: int = 1, functions: Iterable[tuple[str, int]] = ()) -> str:
+    """Print programs as one LLVM module.
+
+    Parameters
+    ----------
+    programs : iterable of Program
+        Each behind those that it calls.
+    lanes : int
+        Runs that go side by side, each number of theirs an element of a vector.
+    functions : iterable of (str, int)
+        Python functions that are called, with how many arguments each takes.
+    """
+    known = {one.name: one for one in programs}
+    text = [_declarations(lanes, functions), _TABLES if any(map(_looks_up, known.values())) else ""]
+    calls = {name: sum(_calls(one, name) for one in known.values()) for name in known}
+    for one in known.values():
+        called = calls[one.name] and one.size * calls[one.name] <= INLINED
+        text.append(_Printer(one, lanes).function("#2" if called else "#0"))
+    # "prefer-vector-width": without it 16 lanes are made of 256 bits each where 512 are there
+    text.append('attributes #0 = { nounwind "prefer-vector-width"="512" }')
+    text.append("attributes #1 = { nounwind alwaysinline }")
+    text.append('attributes #2 = { nounwind alwaysinline "prefer-vector-width"="512" }')
+    return "\n".join(one for one in text if one) + "\n"
+
+
+def _declarations(lanes: int, functions: Iterable[tuple[str, int]]) -> str:
+    number, suffix = _types(lanes)
+    lines = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in INTRINSICS.values()]
+    lines += [
+        f"declare double @llvm.{name}.f64({'double, double' if name == 'pow' else 'double'})"
+        for name in LIBRARY_INTRINSICS.values()
+    ]
+    lines += [f"declare double @{name}({'double, double' if name == 'atan2' else 'double'}) #3" for name in LIBRARY]
+    lines += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
+    if lanes > 1:
+        lines += ["declare double @llvm.sqrt.f64(double)"]
+    return "\n".join([*lines, "attributes #3 = { nounwind memory(none) }"])
+
+
+def _types(lanes: int) -> tuple[str, str]:
+    return ("double", "f64") if lanes == 1 else (f"<{lanes} x double>", f"v{lanes}f64")
+
+
+def _looks_up(program: Program) -> bool:
+    return any(isinstance(one, Compute) and one.operation in ("value_at", "slope_at", "find_piece") for one in program.body)
+
+
+def _calls(program: Program, name: str) -> int:
+    return sum(isinstance(one, Call) and one.program == name for one in program.body)
+
+
+class _Printer:
+    """Prints one program; values of its own are numbered, names of the program's are kept apart by a prefix."""
+
+    def __init__(self, program: Program, lanes: int) -> None:
+        self._program = program
+        self._lanes = lanes
+        self._number, self._suffix = _types(lanes)
+        self._truth = "i1" if lanes == 1 else f"<{lanes} x i1>"
+        self._whole = "i64" if lanes == 1 else f"<{lanes} x i64>"
+        self._lines: list[str] = []
+        self._values: dict[str, str] = {}
+        self._count = 0
+        self._block = "entry"
+
+    def function(self, attributes: str) -> str:
+        """Print the whole function."""
+        for name, count in self._program.local.items():
+            self._lines.append(f"%{name} = alloca double, i64 {max(1, count) * self._lanes}, align 8")
+        for line in self._program.body:
+            if isinstance(line, Each) and line.count > UNROLLED:
+                self._loop(line)
+            elif isinstance(line, Each):
+                for i in range(line.count):
+                    self._each(line, "", i)
+            else:
+                self._print(line, "", 0)
+        body = "\n".join(f"  {line}" if not line.endswith(":") else line for line in self._lines)
+        return f"define void @{self._program.name}({_SIGNATURE}) {attributes} {{\nentry:\n{body}\n  ret void\n}}"
+
+    def _each(self, line: Each, index: str, shift: int) -> None:
+        outside = dict(self._values)
+        for one in line.body:
+            self._print(one, index, shift)
+        self._values = outside
+
+    def _loop(self, line: Each) -> None:
+        """The lines for i from 0 to count - 1, as a loop."""
+        self._count += 1
+        here, before = f"each{self._count}", self._block
+        index = f"%i{self._count}"
+        self._lines += [f"br label %{here}", f"{here}:", f"{index} = phi i64 [ 0, %{before} ], [ {index}n, %{here} ]"]
+        self._block = here
+        self._each(line, index, 0)
+        self._lines += [
+            f"{index}n = add i64 {index}, 1",
+            f"{index}c = icmp ult i64 {index}n, {line.count}",
+            f"br i1 {index}c, label %{here}, label %{here}end",
+            f"{here}end:",
+        ]
+        self._block = f"{here}end"
+
+    def _print(self, line: Instruction, index: str, shift: int) -> None:
+        match line:
+            case Load():
+                place = self._pointer(line.place, index, shift)
+                self._values[line.target] = self._new(f"load {self._number}, ptr {place}, align 8")
+            case Store():
+                place = self._pointer(line.place, index, shift)
+                self._lines.append(f"store {self._number} {self._operand(line.value)}, ptr {place}, align 8")
+            case Compute():
+                self._values[line.target] = self._computed(line)
+            case Call():
+                given = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
+                arrays = (self._pointer(Place(given.get(one, one)), "", 0) for one in ARRAYS)
+                self._lines.append(f"call void @{line.program}({', '.join(f'ptr {one}' for one in arrays)})")
+
+    def _pointer(self, place: Place, index: str, shift: int) -> str:
+        """Return the address of an element: of an array that is given, of a view of one, or of a local array."""
+        views = self._program.views
+        array, first, _ = views.get(place.array, (place.array, 0, 0))
+        base = f"%_{array}" if array in ARRAYS else f"%{array}"
+        offset = (first + place.index + shift) * self._lanes
+        if index:
+            moved = self._new(f"mul i64 {index}, {self._lanes}") if self._lanes > 1 else index
+            base = self._new(f"getelementptr double, ptr {base}, i64 {moved}")
+        return self._new(f"getelementptr double, ptr {base}, i64 {offset}") if offset else base
+
+    def _computed(self, line: Compute) -> str:
+        name, arguments, number = line.operation, line.arguments, self._number
+        if name in ("value_at", "slope_at", "find_piece", "piece_of"):
+            return self._looked_up(name, arguments)
+        given = [self._operand(one) for one in arguments]
+        if name in INFIX:
+            return self._new(f"{INFIX[name][2]} {number} {given[0]}, {given[1]}")
+        if name in COMPARISONS:
+            return self._new(f"fcmp {COMPARISONS[name][1]} {number} {given[0]}, {given[1]}")
+        if name == "choose":
+            return self._new(f"select {self._truth} {given[0]}, {number} {given[1]}, {number} {given[2]}")
+        if name in INTRINSICS:
+            return self._new(f"call {number} @llvm.{INTRINSICS[name]}.{self._suffix}({number} {given[0]})")
+        if name in COMPOSED:
+            return self._composed(COMPOSED[name], given)
+        function = f"llvm.{LIBRARY_INTRINSICS[name]}.f64" if name in LIBRARY_INTRINSICS else name
+        return self._by_lane("double", [(number, one) for one in given], lambda scalars: f"call double @{function}({scalars})")
+
+    def _composed(self, lines: tuple[str, ...], given: list[str]) -> str:
+        constants = {"zero": 0.0, "one": 1.0, "minus": -1.0, "nan": float("nan")}
+        filled = {"T": self._number, "B": self._truth} | {key: self._operand(one) for key, one in constants.items()}
+        for letter, line in zip(ascii_lowercase, lines, strict=False):
+            right = line.split(" = ", 1)[1].format(*given, **filled)
+            filled[letter] = self._new(right)
+        return filled[ascii_lowercase[len(lines) - 1]]
+
+    def _looked_up(self, name: str, arguments: tuple[Operand, ...]) -> str:
+        """Find a piece of a table, or evaluate one; each lane may be in a piece of its own."""
+        drive = arguments[-1]
+        assert isinstance(drive, int)  # noqa: S101 - which table is known when the program is written
+        if name == "piece_of":
+            place = self._new(f"getelementptr i64, ptr %_pieces, i64 {(3 * drive + 2) * self._lanes}")
+            return self._new(f"load {self._whole}, ptr {place}, align 8")
+        where = [self._new(f"getelementptr i64, ptr %_pieces, i64 {(3 * drive + k) * self._lanes}") for k in (0, 1)]
+        first, count = (self._new(f"load i64, ptr {one}, align 8") for one in where)
+        origin = self._new(f"getelementptr double, ptr %_tables, i64 {first}")
+        typed = [(self._number, self._operand(arguments[0]))]
+        typed += [(self._whole, self._operand(one)) for one in arguments[1:-1]]
+        result = "i64" if name == "find_piece" else "double"
+        return self._by_lane(result, typed, lambda given: f"call {result} @{name}({given}, ptr {origin}, i64 {count})")
+
+    def _by_lane(self, result: str, given: list[tuple[str, str]], call: object) -> str:
+        """Call what knows of no lanes, once for each."""
+        assert callable(call)  # noqa: S101
+        scalar = {self._number: "double", self._whole: "i64"}
+        if self._lanes == 1:
+            return self._new(call(", ".join(f"{kind} {one}" for kind, one in given)))
+        found = "poison"
+        for lane in range(self._lanes):
+            parts = [(scalar[kind], self._new(f"extractelement {kind} {one}, i64 {lane}")) for kind, one in given]
+            value = self._new(call(", ".join(f"{kind} {one}" for kind, one in parts)))
+            found = self._new(f"insertelement <{self._lanes} x {result}> {found}, {result} {value}, i64 {lane}")
+        return found
+
+    def _new(self, text: str) -> str:
+        self._count += 1
+        self._lines.append(f"%r{self._count} = {text}")
+        return f"%r{self._count}"
+
+    def _operand(self, operand: Operand) -> str:
+        if isinstance(operand, str):
+            return self._values[operand]
+        bits = "0x%016X" % struct.unpack("<Q", struct.pack("<d", float(operand)))[0]
+        return bits if self._lanes == 1 else "<" + ", ".join([f"double {bits}"] * self._lanes) + ">"

@@ -1,0 +1,109 @@
+"""LLVM text to machine code: compiled at once, kept as an object file, loaded by digest."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
+from typing import Any
+
+import llvmlite.binding as llvm
+
+from xdynamics.kernels import cache
+
+
+class Code:
+    """Machine code in memory, and where its functions begin.
+
+    Parameters
+    ----------
+    content : bytes
+        An object file.
+    names : iterable of str
+    """
+
+    def __init__(self, content: bytes, names: Iterable[str]) -> None:
+        module = llvm.parse_assembly("")
+        module.triple = llvm.get_process_triple()
+        self._engine = llvm.create_mcjit_compiler(module, _machine())
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(content))
+        self._engine.finalize_object()
+        self.addresses = {name: int(self._engine.get_function_address(name)) for name in names}
+
+
+def compiled(text: str, names: Iterable[str], functions: Mapping[str, Callable[..., float]] | None = None) -> Code:
+    """Compile LLVM text, or find the machine code that was kept of it.
+
+    Parameters
+    ----------
+    text : str
+    names : iterable of str
+        The functions that are called from outside.
+    functions : mapping of str to callable, optional
+        Functions of floats that the text calls by these names, compiled by numba; nothing is kept of such a text.
+    """
+    if functions:
+        symbols = _symbols(text, functions)
+        return Code(_object(symbols), names)
+    key = cache.digest(text, *_processor())
+    kept = cache.read(f"law-{key}.o")
+    if kept is None:
+        kept = _object(text)
+        cache.write(f"law-{key}.o", kept)
+    return Code(kept, names)
+
+
+def _symbols(text: str, functions: Mapping[str, Callable[..., float]]) -> str:
+    """Give the functions' addresses names of this process alone, which a later text cannot mean by accident."""
+    for name, function in functions.items():
+        address = ctypes.cast(_entry(function), ctypes.c_void_p).value
+        symbol = f"xdynamics_function_{address:x}"
+        llvm.add_symbol(symbol, address)
+        text = text.replace(f"@{name}(", f"@{symbol}(")
+    return text
+
+
+def _entry(function: Any) -> Any:
+    """Compile a Python function to one that takes and returns doubles; it stays as long as the process."""
+    from numba import cfunc, types
+
+    from xdynamics.kernels.compiling import OPTIONS, entry_in_memory
+
+    inner = function if hasattr(function, "py_func") else entry_in_memory(function)
+    if inner not in _KEPT:
+        count = inner.py_func.__code__.co_argcount
+        arguments = ", ".join(f"_{i}" for i in range(count))
+        scope: dict[str, Any] = {"inner": inner}
+        # cfunc takes no *arguments: the text depends on their number alone
+        exec(f"def called({arguments}): return float(inner({arguments}))", scope)  # noqa: S102
+        signature = types.float64(*[types.float64] * count)
+        _KEPT[inner] = cfunc(signature, error_model=OPTIONS["error_model"])(scope["called"])
+    return _KEPT[inner].ctypes
+
+
+_KEPT: dict[Any, Any] = {}
+
+
+def _object(text: str) -> bytes:
+    module = llvm.parse_assembly(text)
+    module.triple = llvm.get_process_triple()
+    module.verify()
+    machine = _machine()  # of its own, like that of every engine: an engine frees the one it was given
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
+    builder.getModulePassManager().run(module, builder)
+    return bytes(machine.emit_object(module))
+
+
+@lru_cache
+def _processor() -> tuple[str, str, str]:
+    """What machine code depends on besides its text: LLVM's version, the processor and what it can do."""
+    version = ".".join(map(str, llvm.llvm_version_info))
+    return version, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def _machine() -> Any:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    _, name, features = _processor()
+    # no contraction: LLVM fuses a product and a sum only where a text asks for it, and none does
+    return llvm.Target.from_default_triple().create_target_machine(cpu=name, features=features, opt=2, jit=True)

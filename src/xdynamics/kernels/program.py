@@ -1,0 +1,99 @@
+"""Single-assignment programs: what a law computes, before it is printed as Python or as LLVM text.
+
+A program is a list of instructions in the order in which the model and the method were written. Every value is computed
+once and never changed, so that both printers, and any number of lanes, do the same operations in the same order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+Operand = str | float | int  # a value by its name, a number, or the number of a table
+
+# what every program is given: pointers to numbers, in lanes with one number a lane
+ARRAYS = ("at", "y", "p", "tables", "pieces", "z", "e", "samples", "w")
+AT = ("t", "t1", "h", "s", "regime")  # the numbers of `at`: ends and size of a step, place in it from 0 to 1, regime
+
+
+@dataclass(frozen=True)
+class Place:
+    """An element of an array or of a view; inside `Each` the element this far behind the i-th."""
+
+    array: str
+    index: int = 0
+
+
+@dataclass(frozen=True)
+class Compute:
+    """``target = operation(arguments)``; the operations stand in `kernels.elementary`."""
+
+    target: str
+    operation: str
+    arguments: tuple[Operand, ...]
+
+
+@dataclass(frozen=True)
+class Load:
+    """``target = place``."""
+
+    target: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Store:
+    """``place = value``."""
+
+    place: Place
+    value: Operand
+
+
+@dataclass(frozen=True)
+class Call:
+    """Another program of the same text, at another state: its `at` and `y` are given, and where it puts what it finds."""
+
+    program: str
+    at: str
+    y: str
+    z: str
+    e: str = "e"
+
+
+@dataclass(frozen=True)
+class Each:
+    """The same lines for every component i of vectors of one length."""
+
+    count: int
+    body: tuple[Compute | Load | Store, ...]
+
+
+Instruction = Compute | Load | Store | Call | Each
+
+
+@dataclass(frozen=True)
+class Program:
+    """A function of the law.
+
+    Attributes
+    ----------
+    name : str
+    about : str
+        One sentence.
+    body : tuple of Instruction
+    views : mapping of str to (str, int, int)
+        Names for parts of the arrays: array, first element, length.
+    local : mapping of str to int
+        Arrays of its own, with their lengths.
+    """
+
+    name: str
+    about: str
+    body: tuple[Instruction, ...]
+    views: Mapping[str, tuple[str, int, int]] = field(default_factory=dict)
+    local: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """How many instructions it has when it is written out."""
+        return sum(one.count * len(one.body) if isinstance(one, Each) else 1 for one in self.body)

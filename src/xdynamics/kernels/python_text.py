@@ -1,0 +1,121 @@
+"""A program as Python: what a record quotes, and what runs where nothing is compiled."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from xdynamics.kernels.elementary import COMPARISONS, INFIX
+from xdynamics.kernels.program import ARRAYS, Call, Compute, Each, Load, Operand, Place, Program, Store
+
+_PLAIN = {"abs", "sqrt", "sign", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log"}
+_ATOM = 9
+SIGNATURE = ", ".join(f"_{name}" for name in ARRAYS)
+
+Text = tuple[str, int]  # an expression and how strongly it binds
+
+
+def python_of(program: Program) -> str:
+    """Print a program as a function of arrays; values that are used once stand where they are used."""
+    lines = [f'"""{program.about}"""']
+    given = {name: view for name, view in program.views.items() if view[0] in ARRAYS}
+    own = {name: view for name, view in program.views.items() if name not in given}
+    lines += [_view(name, *view) for name, view in given.items()]
+    lines += [f"{name} = _empty({count})" for name, count in program.local.items()]
+    lines += [_view(name, *view) for name, view in own.items()]
+    lines += _Printer(program.body).lines
+    body = "\n".join(f"    {line}" for line in lines)
+    return f"def {program.name}({SIGNATURE}):\n{body}\n"
+
+
+class _Printer:
+    """Prints lines of one scope; what is read once and has no name of its own is not given a line."""
+
+    def __init__(self, body: tuple[object, ...], known: dict[str, Text] | None = None, index: str = "") -> None:
+        self.lines: list[str] = []
+        self._index = index
+        self._texts: dict[str, Text] = dict(known or {})
+        self._uses = Counter(_operands(body))
+        for line in body:
+            self._print(line)
+
+    def _print(self, line: object) -> None:
+        match line:
+            case Load():
+                self._define(line.target, (self._place(line.place), _ATOM))
+            case Compute():
+                self._define(line.target, self._computed(line))
+            case Store():
+                self.lines.append(f"{self._place(line.place)} = {self._text(line.value)}")
+            case Call():
+                given = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
+                places = (given.get(one, one) for one in ARRAYS)
+                self.lines.append(f"{line.program}({', '.join(_array(one) for one in places)})")
+            case Each() if line.count:
+                inner = _Printer(line.body, self._texts, "i").lines
+                self.lines += [f"for i in range({line.count}):", *(f"    {one}" for one in inner)]
+
+    def _define(self, target: str, text: Text) -> None:
+        if target.startswith("_") and self._uses[target] == 1:
+            self._texts[target] = text
+            return
+        self._texts[target] = (target, _ATOM)
+        if target != text[0]:
+            self.lines.append(f"{target} = {text[0]}")
+
+    def _computed(self, line: Compute) -> Text:
+        name, arguments = line.operation, line.arguments
+        if name in INFIX:
+            sign, strength, _ = INFIX[name]
+            if name == "divide" and arguments[1] == 0.0:
+                return f"{self._bound(arguments[0], 2)}/_zero", 2
+            return f"{self._bound(arguments[0], strength)}{sign}{self._bound(arguments[1], strength + 1)}", strength
+        if name in COMPARISONS:
+            return f"{self._bound(arguments[0], 1)}{COMPARISONS[name][0]}{self._bound(arguments[1], 1)}", 0
+        if name == "negative":
+            return f"-{self._bound(arguments[0], 3)}", 3
+        if name == "choose":
+            condition, yes, no = (self._bound(one, 1) for one in arguments)
+            return f"{yes} if {condition} else {no}", 0
+        if name in ("find_piece", "value_at", "slope_at", "piece_of"):
+            extra = ", ".join(["_tables, _pieces", *(self._text(one) for one in arguments)])
+            return f"_{name}({extra})", _ATOM
+        called = name if name in _PLAIN else f"_{name}"
+        return f"{called}({', '.join(self._text(one) for one in arguments)})", _ATOM
+
+    def _bound(self, operand: Operand, needed: int) -> str:
+        text, strength = self._expression(operand)
+        return f"({text})" if strength < needed else text
+
+    def _text(self, operand: Operand) -> str:
+        return self._expression(operand)[0]
+
+    def _expression(self, operand: Operand) -> Text:
+        if isinstance(operand, str):
+            return self._texts.get(operand, (operand, _ATOM))
+        return repr(operand), _ATOM if operand >= 0 else 3
+
+    def _place(self, place: Place) -> str:
+        at = f"{place.index} + {self._index}" if self._index and place.index else self._index or str(place.index)
+        return f"{_array(place.array)}[{at}]"
+
+
+def _view(name: str, array: str, first: int, count: int) -> str:
+    return f"{name} = {_array(array)}[{first}:{first + count}]"
+
+
+def _array(name: str) -> str:
+    return f"_{name}" if name in ARRAYS else name
+
+
+def _operands(body: tuple[object, ...]) -> Iterator[Operand]:
+    for line in body:
+        match line:
+            case Compute():
+                yield from line.arguments
+            case Store():
+                yield line.value
+            case Each():
+                # what a loop reads from outside is computed before it
+                yield from (one for one in _operands(line.body) for _ in range(2))
+

@@ -1,0 +1,95 @@
+"""The functions of a model's law: forces, their derivatives, event functions, energies and observables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from xdynamics.expressions import Node
+from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.program import AT, Operand, Place, Program
+from xdynamics.model import Function
+from xdynamics.model.motion import Assignment, constants, jacobian, motion, slope, slopes
+
+PYTHON = "python_"  # in front of the names of functions handed over
+
+
+def forces(layout: Layout) -> Program:
+    """Write M a = F: what a force evaluation gives goes behind the state that it used."""
+    lines = _moved(layout, motion(layout.model))
+    first = len(layout.used)
+    for i, name in enumerate(layout.evaluation):
+        lines.store(Place("z", first + i), lines.named(name))
+    return Program("forces", "Accelerations, rates, force components and drives of a state.", tuple(lines.lines))
+
+
+def linearised(layout: Layout) -> Program:
+    """Write the forces with their exact derivatives, which go to `e`."""
+    model = layout.model
+    lines = _moved(layout, (*motion(model), *slopes(model)))
+    first = len(layout.used)
+    for i, name in enumerate(layout.evaluation):
+        lines.store(Place("z", first + i), lines.named(name))
+    for i, name in enumerate(jacobian(model).values()):
+        lines.store(Place("e", i), lines.named(name))
+    return Program("linearised", "What `forces` gives, and its derivatives by the state.", tuple(lines.lines))
+
+
+def events(layout: Layout) -> Program:
+    """Write the event functions."""
+    trees = [layout.model.expanded(one.function) for one in layout.model.events.values()]
+    return _returning("detect", "The function of every event.", layout, trees)
+
+
+def event_rates(layout: Layout) -> Program:
+    """Write the time derivatives of the event functions along the motion."""
+    trees = [layout.model.rate_of(one.function) for one in layout.model.events.values()]
+    return _returning("slopes", "The time derivative of every event function.", layout, trees)
+
+
+def derived(layout: Layout) -> Program:
+    """Write energies and observables."""
+    return _returning("derived", "Energies and observables.", layout, layout.derived.values())
+
+
+def _returning(name: str, about: str, layout: Layout, trees: Iterable[Node]) -> Program:
+    lines = Assignments(_Names(layout, layout.record))
+    for i, tree in enumerate(trees):
+        lines.store(Place("z", i), lines.value(tree))
+    return Program(name, about, tuple(lines.lines))
+
+
+def _moved(layout: Layout, assignments: Iterable[Assignment]) -> Assignments:
+    lines = Assignments(_Names(layout, layout.used))
+    for one in assignments:
+        if isinstance(one.value, Function):
+            given = (lines.named(argument) for argument in one.value.arguments)
+            lines.name(one.name, lines.compute(PYTHON + one.value.name, *given))
+        else:
+            lines.assign(one.name, one.value)
+    return lines
+
+
+class _Names:
+    """Where a law finds what its expressions name: in `at`, in the state, among the constants, in a table."""
+
+    def __init__(self, layout: Layout, known: Iterable[str]) -> None:
+        self._layout = layout
+        self._drives = {name: i for i, name in enumerate(layout.drives)}
+        self._places: Mapping[str, Place] = {
+            **{name: Place("p", i) for i, name in enumerate(constants(layout.model))},
+            **{name: Place("y", i) for i, name in enumerate(known) if name not in self._drives},
+            "t": Place("at", AT.index("t")),
+        }
+
+    def __call__(self, lines: Assignments, name: str) -> Operand:
+        if name in self._places:
+            return lines.load(self._places[name], name)
+        drive = name.removeprefix(slope(""))
+        number, argument = self._drives[drive], self._layout.model.drives[drive].argument
+        at = lines.named(argument)
+        if argument == "t":  # one piece throughout a step, so that a jump falls between steps
+            piece = lines.compute("piece_of", number)
+        else:
+            piece = lines.compute("find_piece", at, number)
+        return lines.compute("value_at" if drive == name else "slope_at", at, piece, number)

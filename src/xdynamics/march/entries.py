@@ -1,0 +1,145 @@
+"""The ways into the compiled engine: one march, many marches, states inside steps. Their arguments are the same for every model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import borrowed, called, compiled
+from xdynamics.kernels.law import INSIDE
+from xdynamics.kernels.tables import enter_pieces
+from xdynamics.march.loop import march
+from xdynamics.march.outcomes import RUNNING
+from xdynamics.march.proposing import evaluate, propose
+from xdynamics.march.run import Log, Run
+
+Floats = NDArray[np.float64]
+Records = NDArray[Any]
+
+END = 1 << 62  # rows that no run has
+
+
+@compiled
+def lend(run: Run) -> Run:
+    """Return the run with arrays that are not counted."""
+    log = run.log
+    lent = Log(borrowed(log.base), borrowed(log.rows), borrowed(log.flags), borrowed(log.samples), borrowed(log.trials), borrowed(log.events))  # fmt: skip
+    return Run(
+        borrowed(run.plan), borrowed(run.now), borrowed(run.trial), borrowed(run.located), borrowed(run.at),
+        borrowed(run.y), borrowed(run.z), borrowed(run.e), borrowed(run.g), borrowed(run.g1), borrowed(run.d),
+        borrowed(run.samples), borrowed(run.half), borrowed(run.whole), borrowed(run.located_z),
+        borrowed(run.located_e), borrowed(run.located_g), borrowed(run.located_samples), borrowed(run.lows),
+        borrowed(run.slopes), borrowed(run.p), borrowed(run.tables), borrowed(run.places), borrowed(run.of_time),
+        borrowed(run.atol), borrowed(run.nodes), borrowed(run.grid), borrowed(run.steps), borrowed(run.detectors),
+        borrowed(run.w), borrowed(run.matrix), borrowed(run.right), borrowed(run.equations), borrowed(run.unknowns),
+        borrowed(run.entries), borrowed(run.law), lent,
+    )  # fmt: skip
+
+
+def march_one(run: Run, rows: int) -> None:
+    """March one run; see `loop.march`."""
+    march(lend(run), rows)
+
+
+def march_many(run: Run, plans: Records, starts: Floats, parameters: Floats, ends: Records, states: Floats, first: int, kept: bool) -> int:  # fmt: skip
+    """March one run after the other through one `Run`, from its arrays of starts and parameters to the ends.
+
+    Parameters
+    ----------
+    run : Run
+        Of their model and method; what the runs share stands in it.
+    plans : ndarray of PLAN, shape (n,)
+    starts, parameters : ndarray, shape (n, …)
+    ends : ndarray of NOW, shape (n,)
+        Where each run stands when it is over; filled.
+    states : ndarray, shape (n, …)
+        The last state of each; filled.
+    first : int
+        The run to begin with, or to go on with where it is already marching.
+    kept : bool
+        Whether the log is kept from run to run; otherwise its rows are written over, and events are kept.
+
+    Returns
+    -------
+    int
+        The run that stopped for want of room in the log, which is to be emptied; n when all are over.
+    """
+    run = lend(run)
+    now, base = run.now[0], run.log.base[0]
+    for k in range(first, starts.shape[0]):
+        if now.status != RUNNING or now.rows == 0:
+            begin(run, plans, starts, parameters, k)
+        while now.status == RUNNING:
+            march(run, END)
+            if now.status == RUNNING:
+                if kept or now.events - base.events + run.detectors.shape[0] > run.log.events.shape[0]:
+                    return k
+                base.rows, base.trials, base.samples = now.rows, now.trials, now.samples
+        ends[k] = run.now[0]
+        for i in range(states.shape[1]):
+            states[k, i] = run.y[i]
+    return int(starts.shape[0])
+
+
+@compiled
+def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, k: int) -> None:
+    """Set a run to its start; the log goes on behind the run before."""
+    now, base = run.now[0], run.log.base[0]
+    base.rows, base.trials, base.events, base.samples = (
+        base.rows - now.rows, base.trials - now.trials, base.events - now.events, base.samples - now.samples,
+    )  # fmt: skip
+    run.plan[0] = plans[k]
+    now.t, now.h, now.norm, now.step, now.step_norm, now.first_step = plans[k].start, 0.0, 0.0, 0.0, 1.0, 0.0
+    now.status, now.rows, now.trials, now.events, now.samples = RUNNING, 0, 0, 0, 0
+    now.grid, now.node, now.on_grid, now.rejected, now.evaluations = 0, 0, 1, 0, 0
+    for i in range(starts.shape[1]):
+        run.y[i] = starts[k, i]
+    for i in range(parameters.shape[1]):
+        run.p[i] = parameters[k, i]
+
+
+def states_inside(run: Run, steps: Floats, states: Floats, found: Floats) -> None:
+    """Evaluate the state at each time inside its step, by interpolation and by re-integration.
+
+    Parameters
+    ----------
+    run : Run
+    steps : ndarray, shape (4, k)
+        For each time: start and end of its step, its size, the time.
+    states : ndarray, shape (n, k)
+        The state at the start.
+    found : ndarray, shape (2*n, k)
+        Filled: the interpolated state, and the one that a shorter step leads to.
+    """
+    run = lend(run)
+    n, before = states.shape[0], np.nan
+    for k in range(steps.shape[1]):
+        t, t1, h, time = steps[0, k], steps[1, k], steps[2, k], steps[3, k]
+        if k == 0 or t != before or changed(run, states, k):
+            before = t
+            run.now[0].t = t
+            enter_pieces(t, run.tables, run.places, run.of_time)
+            for i in range(n):
+                run.y[i] = states[i, k]
+            evaluate(run, t, run.y)
+            propose(run, t1, h)
+            for i in range(run.z.shape[0]):
+                run.located_z[i] = run.z[i]
+        run.at[0], run.at[1], run.at[2], run.at[3] = t, t1, h, (time - t) / h
+        called(run.law[INSIDE], run.at, run.y, run.p, run.tables, run.places, run.located_z, run.e, run.samples, 0, run.w)
+        for i in range(n):
+            found[i, k] = run.e[i]
+        propose(run, time, time - t)
+        for i in range(n):
+            found[n + i, k] = run.z[i]
+
+
+@compiled
+def changed(run: Run, states: Floats, k: int) -> bool:
+    """Whether a step starts from another state than the one before."""
+    other = False
+    for i in range(states.shape[0]):
+        other = other or states[i, k] != run.y[i]
+    return other

@@ -1,0 +1,184 @@
+"""A model and its settings as the numbers of a run, in the march's internal units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import limits_domain
+from xdynamics.kernels import Law
+from xdynamics.kernels.tables import flattened
+from xdynamics.march.log import Log
+from xdynamics.march.outcomes import RUNNING
+from xdynamics.march.run import BASE, DETECTOR, EQUATIONS, NOW, PLAN, TRIAL, Run
+from xdynamics.march.settings import Settings, given_times
+from xdynamics.methods.scheme import EXTRAPOLATED
+from xdynamics.model import Function, Model
+from xdynamics.model.drives import coefficients
+from xdynamics.model.motion import constants
+from xdynamics.units import TIME, Scales
+
+Floats = NDArray[np.float64]
+
+_DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
+
+
+def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArray[np.int64]) -> Run:
+    """Return a run that has not begun."""
+    layout, scales = law.layout, settings.scales
+    sizes = {name: scales.of(model.dimensions[name]) for name in layout.used}
+    plan = planned(model, settings, law)
+    start, end = float(plan["start"][0]), float(plan["end"][0])
+    tables, places = flattened(tables_of(model, scales))
+    nodes = nodes_of(model, scales)
+    nodes = nodes[(nodes > start) & (nodes < end)]
+    given = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
+    grid = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
+    n, record, events = len(layout.used), len(layout.record), len(model.events)
+    sampled = int(plan["samples"][0]) * (1 + n + len(layout.forces) + len(layout.drives))
+    initial = np.zeros(record)
+    initial[:n] = [model.initial[name].si / sizes[name] for name in layout.used]
+    equations, unknowns, entries = _equations(law)
+    largest = max((one.unknowns for one in equations), default=0)
+    asked = settings.tolerances
+    now = np.zeros(1, NOW)
+    now["t"], now["step_norm"], now["on_grid"], now["status"] = start, 1.0, 1, RUNNING
+    return Run(
+        plan=plan,
+        now=now,
+        trial=np.zeros(1, TRIAL),
+        located=np.zeros(1, TRIAL),
+        at=np.zeros(5),
+        y=initial,
+        z=np.zeros(record),
+        e=np.zeros(n),
+        g=np.zeros(events),
+        g1=np.zeros(events),
+        d=np.zeros(len(layout.derived)),
+        samples=np.zeros(sampled),
+        half=np.zeros(record),
+        whole=np.zeros(record),
+        located_z=np.zeros(record),
+        located_e=np.zeros(n),
+        located_g=np.zeros(events),
+        located_samples=np.zeros(sampled),
+        lows=np.zeros(events),
+        slopes=np.zeros(events),
+        p=np.array(list(constants(model, scales).values())),
+        tables=tables,
+        places=places,
+        of_time=np.array([i for i, one in enumerate(model.drives.values()) if one.argument == "t"], np.int64),
+        # without tolerances nothing is asked of an error
+        atol=np.array([asked.of(name) / sizes[name] if asked else np.inf for name in layout.used]),
+        nodes=nodes,
+        grid=grid[0],
+        steps=grid[1],
+        detectors=_detectors(model, scales),
+        w=np.zeros(law.steps.memory),
+        matrix=np.zeros(largest * largest),
+        right=np.zeros(largest),
+        equations=equations,
+        unknowns=unknowns,
+        entries=entries,
+        law=addresses,
+        log=log,
+    )
+
+
+def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
+    """Return what the march does not change."""
+    scale, scheme, pacing, layout = settings.scales.of(TIME), law.scheme, settings.pacing, law.layout
+    start, end = model.initial["t"].si / scale, settings.until / scale
+    adaptive, asked = settings.adaptive, settings.tolerances
+    single = settings.step / scale if isinstance(settings.step, float | int) else 0.0
+    plan = np.zeros(1, PLAN)
+    values = {
+        "start": start,
+        "end": end,
+        "snap": 4.0 * float(np.finfo(float).eps) * max(abs(start), abs(end)),
+        "step_size": 0.0 if adaptive else single,
+        "rtol": asked.rtol if asked else 0.0,
+        "order": scheme.error_order,
+        "safety": pacing.safety,
+        "least": pacing.growth_limits[0],
+        "greatest": pacing.growth_limits[1],
+        "min_step": pacing.min_step / scale,
+        "max_step": min(pacing.max_step / scale, end - start),
+        "first_step": single if adaptive else 0.0,
+        "most_steps": pacing.max_steps if adaptive else np.inf,
+        "divisor": 2.0**scheme.method.order - 1.0,
+        "adaptive": adaptive,
+        "estimates": scheme.estimates,
+        "halved": scheme.halved,
+        "extrapolated": scheme.estimator == EXTRAPOLATED,
+        "limited": _limits_domain(model),
+        "stages": scheme.stages,
+        "samples": scheme.samples if law.sampled else 0,
+        "coordinates": len(layout.coordinates),
+        "used": len(layout.used),
+        "state": len(layout.state),
+    }
+    for name, value in values.items():
+        plan[name] = value
+    return plan
+
+
+def tables_of(model: Model, scales: Scales) -> list[tuple[Floats, Floats]]:
+    """Return the pieces of every drive."""
+    found = []
+    for name, drive in model.drives.items():
+        argument = drive.table.argument / scales.of(model.dimensions[drive.argument])
+        value = drive.table.value / scales.of(model.dimensions[name])
+        found.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=drive.argument == "t"))
+    return found
+
+
+def nodes_of(model: Model, scales: Scales) -> Floats:
+    """Return the times at which a drive of time changes its piece, ascending."""
+    times = [drive.table.argument / scales.of(TIME) for drive in model.drives.values() if drive.argument == "t"]
+    return np.unique(np.concatenate([np.empty(0), *times]))
+
+
+def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -> tuple[Floats, Floats]:
+    """Return the times that given steps lead to, those close to a node being that node, and the steps."""
+    times, t, end = [], start, float(nodes[-1])
+    for aim, step in zip(given_times(start, steps, end), steps, strict=True):
+        t = end if aim == end else t + step
+        near = nodes[np.abs(nodes - t) <= snap]
+        t = float(near[0]) if near.size else t
+        times.append(t)
+    return np.array(times, np.float64), np.array(steps, np.float64)
+
+
+def _detectors(model: Model, scales: Scales) -> NDArray[np.void]:
+    found = np.zeros(len(model.events), DETECTOR)
+    for one, event in zip(found, model.events.values(), strict=True):
+        one.direction, one.stops = _DIRECTIONS[event.direction], event.action == "stop"
+        one.tolerance = event.time_tolerance.si / scales.of(TIME)
+    return found
+
+
+def _equations(law: Law) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.int64]]:
+    """Lay what Newton's method has to know of a step's equations into flat lists."""
+    found, unknowns, entries = np.zeros(len(law.equations), EQUATIONS), [], []
+    for row, one in zip(found, law.equations, strict=True):
+        row.evaluations, row.residuals = one.evaluations, one.residuals
+        row.first_unknown, row.unknowns = len(unknowns), len(one.unknowns)
+        row.first_entry, row.entries = len(entries), len(one.entries)
+        unknowns += one.unknowns
+        entries += one.entries
+    return found, np.array(unknowns, np.int64).reshape(-1, 3), np.array(entries, np.int64).reshape(-1, 4)
+
+
+def _limits_domain(model: Model) -> bool:
+    """Whether the model has functions or tables that are not defined everywhere."""
+    parts: Iterable[object] = (one for terms in model.force_components.values() for one in terms.values())
+    trees = [one for one in parts if not isinstance(one, Function)]
+    trees += [entry for row in model.mass for entry in row] + [one.rate for one in model.states.values()]
+    limited = any(limits_domain(model.expanded(tree)) for tree in trees)  # type: ignore[arg-type]
+    return limited or any(drive.outside == "error" for drive in model.drives.values())
+
+
+__all__ = ["BASE", "nodes_of", "planned", "posed", "tables_of"]

@@ -1,0 +1,130 @@
+"""One trial: the method's step, with step doubling or the solution of its equations where it asks for them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import called, compiled, shared
+from xdynamics.kernels.law import DETECT, FORCES, PROPOSE
+from xdynamics.kernels.linear import solve_linear
+from xdynamics.kernels.stepping import DIRECT
+from xdynamics.march.run import Run
+
+MOST_ITERATIONS = 25
+NEWTON_TOLERANCE = 1e-10  # of a correction against the size of its unknown; what is left is of the order of its square
+
+State = NDArray[Any]
+
+
+@compiled
+def evaluate(run: Run, t: float, state: State) -> None:
+    """Evaluate the forces at a state, behind which they are put."""
+    run.at[0] = t
+    called(run.law[FORCES], run.at, state, run.p, run.tables, run.places, state, run.e, run.samples, 0, run.w)
+    run.now[0].evaluations += 1
+
+
+@compiled
+def propose(run: Run, t1: float, h: float) -> None:
+    """Make one step from the state where the march stands, which stays as it is; look what the events are there."""
+    run.trial[0].t, run.trial[0].h, run.trial[0].iterations = t1, h, 0
+    if run.plan[0].halved:
+        double(run, t1, h)
+    else:
+        advance(run, run.now[0].t, t1, h, run.y, run.z, 0)
+    if run.detectors.shape[0] > 0:
+        run.at[0] = t1
+        called(run.law[DETECT], run.at, run.z, run.p, run.tables, run.places, run.g1, run.e, run.samples, 0, run.w)
+
+
+@compiled
+def advance(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
+    """Make one step by the lines of the method, its force evaluations kept from place `sample` on."""
+    run.at[0], run.at[1], run.at[2] = t, t1, h
+    called(run.law[PROPOSE], run.at, y, run.p, run.tables, run.places, z, run.e, run.samples, sample, run.w)
+    run.now[0].evaluations += run.plan[0].stages
+    if run.equations.shape[0] > 0:
+        solve(run, y, z, sample)
+
+
+@shared
+def solve(run: Run, y: State, z: State, sample: int) -> None:
+    """Solve the equations of a step one after the other, and do what stands behind each."""
+    for k in range(run.equations.shape[0]):
+        turns = newton(run, k, y, z, sample)
+        trial = run.trial[0]
+        trial.iterations = trial.iterations + turns if turns >= 0 and trial.iterations >= 0 else -1
+        called(run.law[PROPOSE + 2 * k + 2], run.at, y, run.p, run.tables, run.places, z, run.e, run.samples, sample, run.w)
+
+
+@shared
+def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
+    """Solve by Newton's method with the exact Jacobian at every iteration; return the iterations, -1 if in vain."""
+    one, w = run.equations[k], run.w
+    n = one.unknowns
+    matrix, right = run.matrix[: n * n].reshape(n, n), run.right[:n]
+    turns, solved = 0, n == 0
+    while turns < MOST_ITERATIONS and not solved:
+        turns += 1
+        called(run.law[PROPOSE + 2 * k + 1], run.at, y, run.p, run.tables, run.places, z, run.e, run.samples, sample, w)
+        assemble(run, k)
+        for i in range(n):
+            right[i] = w[one.residuals + i]
+        if not solve_linear(matrix, right):
+            break
+        solved = True
+        for i in range(n):
+            at = run.unknowns[one.first_unknown + i]
+            w[at[0]] -= right[i]
+            if right[i] != 0.0:
+                size = abs(w[at[0]]) + abs(y[at[1]]) + abs(run.at[2] * y[at[2]])
+                solved = solved and abs(right[i]) / size <= NEWTON_TOLERANCE
+    run.now[0].evaluations += max(0, turns - 1) * one.evaluations
+    return turns if solved else -1
+
+
+@shared
+def assemble(run: Run, k: int) -> None:
+    """Put the matrix together: the unit matrix less what the equations have by themselves and through the forces."""
+    one, w = run.equations[k], run.w
+    n, matrix = one.unknowns, run.matrix
+    for i in range(n * n):
+        matrix[i] = 0.0
+    for i in range(n):
+        matrix[i * n + i] = 1.0
+    for i in range(one.first_entry, one.first_entry + one.entries):
+        row, column, place, slope = run.entries[i, 0], run.entries[i, 1], run.entries[i, 2], run.entries[i, 3]
+        # an entry left out has no such term at all: a derivative that is not a number must not reach the others
+        matrix[row * n + column] -= w[place] if slope == DIRECT else w[place] * w[slope]
+
+
+@shared
+def double(run: Run, t1: float, h: float) -> None:
+    """Make two half steps, and a whole one to judge them by: their difference over 2**p - 1 is the error of the two."""
+    plan, t = run.plan[0], run.now[0].t
+    width = plan.stages * (run.log.samples.shape[0] - 2)
+    middle = t + h / 2.0
+    advance(run, t, t1, h, run.y, run.whole, 0)
+    advance(run, t, middle, h / 2.0, run.y, run.half, width)
+    advance(run, middle, t1, h / 2.0, run.half, run.z, 2 * width)
+    for i in range(plan.used):
+        run.e[i] = (run.z[i] - run.whole[i]) / plan.divisor
+    if plan.extrapolated:
+        for i in range(plan.used):
+            run.z[i] = run.z[i] + run.e[i]
+        evaluate(run, t1, run.z)
+        if plan.samples > 0:
+            _sample(run, t1, 3 * width)
+
+
+@shared
+def _sample(run: Run, t: float, first: int) -> None:
+    """Keep the force evaluation at the trial's end as its last one."""
+    used, samples, found = run.plan[0].used, run.samples, run.log.samples.shape[0] - 3 - run.plan[0].used
+    samples[first] = t
+    for i in range(used):
+        samples[first + 1 + i] = run.z[i]
+    for i in range(found):
+        samples[first + 1 + used + i] = run.z[run.z.shape[0] - found + i]

@@ -1,0 +1,80 @@
+"""A method with its estimator: what steps, what judges a step, what interpolates inside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from xdynamics.methods.method import HERMITE, HERMITE_WORDS, Evaluation, Line, Method, Solve, read_lines
+
+NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
+    "none", "embedded", "step_doubling", "step_doubling_extrapolated",
+)  # fmt: skip
+ESTIMATE_WORDS = {
+    EMBEDDED: "difference from an embedded formula; the higher order goes on (local extrapolation)",
+    STEP_DOUBLING: "two half steps less one whole step, over 2**order - 1; the two half steps go on",
+    EXTRAPOLATED: "two half steps less one whole step, over 2**order - 1, added to the two half steps (local extrapolation)",
+}
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A method, and where the estimate of its error comes from.
+
+    Attributes
+    ----------
+    method : Method
+    estimator : str
+        One of `ESTIMATORS`.
+    """
+
+    method: Method
+    estimator: str = NO_ESTIMATE
+
+    @property
+    def estimates(self) -> bool:
+        """Whether a step comes with an estimate of its local error."""
+        return self.estimator != NO_ESTIMATE
+
+    @property
+    def halved(self) -> bool:
+        """Whether a step is made as a whole and as two halves, which go on."""
+        return self.estimator in (STEP_DOUBLING, EXTRAPOLATED)
+
+    @property
+    def error_order(self) -> int:
+        """The k of a local error that falls as h**k."""
+        return 1 + (self.method.estimate_order if self.estimator == EMBEDDED else self.method.order)
+
+    @property
+    def error_lines(self) -> tuple[Line, ...]:
+        """The lines of the embedded formula, where that is what judges."""
+        return read_lines(self.method.estimate) if self.estimator == EMBEDDED else ()
+
+    @property
+    def stages(self) -> int:
+        """Force evaluations of one step by the method's lines; of equations that are solved, those of one iteration."""
+        return sum(_evaluations(line) for line in (*self.method.statements, *self.error_lines))
+
+    @property
+    def samples(self) -> int:
+        """Force evaluations that one trial keeps."""
+        return self.stages * (3 if self.halved else 1) + (self.estimator == EXTRAPOLATED)
+
+    @property
+    def extension(self) -> str:
+        """The lines of the dense output: the method's own, or Hermite's where half steps went on."""
+        return HERMITE if self.halved else self.method.extension
+
+    @property
+    def interpolation(self) -> str:
+        """The dense output in words."""
+        return HERMITE_WORDS if self.halved else self.method.interpolation
+
+    @property
+    def interpolation_order(self) -> int:
+        """Order of the local error of the interpolant, less one."""
+        return 3 if self.halved else self.method.interpolation_order
+
+
+def _evaluations(line: Line) -> int:
+    return len(line.evaluations) if isinstance(line, Solve) else int(isinstance(line, Evaluation))

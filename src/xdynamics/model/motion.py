@@ -1,0 +1,274 @@
+"""M a = F as trees: every quantity of one force evaluation, each after those that it reads.
+
+Compiled laws are printed from these assignments, and the same assignments are evaluated where one state is looked at:
+a linearisation, the search for what failed. There is no other place that says how a force becomes an acceleration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache, reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import Binary, Call, Name, Node, Number, derivative
+from xdynamics.expressions.calculus import ONE, ZERO, add
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.faults import InputError
+from xdynamics.model.drives import looked_up
+from xdynamics.model.model import Model
+from xdynamics.model.parts import Function
+from xdynamics.schema import acceleration, force, rate, velocity
+from xdynamics.units import CONSTANTS, UNSCALED, Scales, constant
+
+Table = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """``name = value``, of an expression without definitions or a function written in Python."""
+
+    name: str
+    value: Node | Function
+
+
+def variables(model: Model) -> tuple[str, ...]:
+    """Return what the forces use and the motion is differentiated by: coordinates, velocities, first-order states."""
+    return (*model.coordinates, *(velocity(name) for name in model.coordinates), *model.states)
+
+
+def slope(drive: str) -> str:
+    """Name the slope of a drive by its argument."""
+    return f"_slope_{drive}"
+
+
+@lru_cache(maxsize=64)
+def motion(model: Model) -> tuple[Assignment, ...]:
+    """Write force terms, accelerations and rates.
+
+    A diagonal mass divides; a full one is taken apart as L D L^T (Golub and Van Loan, Matrix Computations, 4th ed.,
+    section 4.1.2). A mass that is not positive gives nan, which ends a run.
+    """
+    found = [
+        Assignment(force(term, name), one if isinstance(one, Function) else model.expanded(one))
+        for term, parts in model.force_components.items()
+        for name, one in parts.items()
+    ]
+    totals = {name: _total(model, name) for name in model.coordinates}
+    found += _mass(model)
+    found += _solved(model, {acceleration(name): total for name, total in totals.items()})
+    return (*found, *(Assignment(rate(name), model.expanded(one.rate)) for name, one in model.states.items()))
+
+
+@lru_cache(maxsize=64)
+def slopes(model: Model) -> tuple[Assignment, ...]:
+    """Write the derivatives of accelerations and rates, to follow `motion`: M da = dF - dM a.
+
+    Names: ``_dF_x_by`` for what a force total or rate has by itself, ``_s_x_by`` for dF - dM a, ``_da_x_by``.
+
+    Raises
+    ------
+    InputError
+        If a force is written in Python.
+    """
+    forces, masses = force_derivatives(model), mass_derivatives(model)
+    found = [Assignment(f"_dF_{key}_{by}", tree) for (key, by), tree in forces.items()]
+    found += [Assignment(f"_dM_{i}_{j}_{by}", tree) for ((i, j), by), tree in masses.items()]
+    for by in variables(model):
+        right = {}
+        for i, name in enumerate(model.coordinates):
+            terms: list[Node] = [Name(f"_dF_force_{name}_{by}") if (f"force_{name}", by) in forces else ZERO]
+            terms += [
+                Binary("*", Name(f"_dM_{i}_{j}_{by}"), Name(acceleration(other)))
+                for j, other in enumerate(model.coordinates)
+                if ((i, j), by) in masses
+            ]
+            if model.mass_is_full or terms != [ZERO]:
+                right[name] = _less(terms[0], terms[1:])
+        found += [Assignment(f"_s_{name}_{by}", tree) for name, tree in right.items()]
+        found += _solved(model, {f"_da_{name}_{by}": Name(f"_s_{name}_{by}") for name in right}, list(right))
+    return tuple(found)
+
+
+def jacobian(model: Model) -> dict[tuple[str, str], str]:
+    """Return the name of every derivative of an acceleration or rate that is not zero throughout.
+
+    Returns
+    -------
+    dict of (str, str) to str
+        By a coordinate (for its acceleration) or the rate of a state, and what it is differentiated by.
+    """
+    given = {one.name for one in slopes(model)}
+    pairs = {(name, by): f"_da_{name}_{by}" for name in model.coordinates for by in variables(model)}
+    pairs |= {(rate(name), by): f"_dF_{rate(name)}_{by}" for name in model.states for by in variables(model)}
+    return {key: name for key, name in pairs.items() if name in given}
+
+
+@lru_cache(maxsize=64)
+def force_totals(model: Model) -> dict[str, Node]:
+    """Return the whole force of each coordinate as ``force_<coordinate>`` and the rate of each state as ``rate_<state>``.
+
+    Raises
+    ------
+    InputError
+        If a force is written in Python: it has no tree.
+    """
+    if functions := model.python_forces:
+        named = ", ".join(f"'{one.name}'" for one in functions)
+        raise InputError(
+            f"model '{model.name}' has forces written in Python, {named}, which have no derivative;"
+            " write them as expressions to linearise the model"
+        )
+    totals: dict[str, Node] = {f"force_{name}": ZERO for name in model.coordinates}
+    for parts in model.force_components.values():
+        for name, one in parts.items():
+            if not isinstance(one, Function):
+                totals[f"force_{name}"] = add(totals[f"force_{name}"], model.expanded(one))
+    return totals | {rate(name): model.expanded(state.rate) for name, state in model.states.items()}
+
+
+@lru_cache(maxsize=64)
+def force_derivatives(model: Model) -> dict[tuple[str, str], Node]:
+    """Differentiate every force total and rate by every coordinate, velocity and state.
+
+    Returns
+    -------
+    dict of (str, str) to Node
+        By what is differentiated, ``force_<coordinate>`` or ``rate_<state>``, and by what; zeros are left out. The
+        slope of a drive of a coordinate or velocity stands as the name ``_slope_<drive>``; a drive of time has none.
+
+    Raises
+    ------
+    InputError
+        If a force is written in Python.
+    """
+    return {
+        (name, by): found
+        for name, tree in force_totals(model).items()
+        for by, found in _derivatives(model, tree)
+    }  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
+    """Differentiate every mass entry by every coordinate, velocity and state.
+
+    Returns
+    -------
+    dict of ((int, int), str) to Node
+        By row and column, from 0, and by what; zeros are left out. Slopes of drives are named as in `force_derivatives`.
+    """
+    return {
+        ((i, j), by): found
+        for i, row in enumerate(model.mass)
+        for j, entry in enumerate(row)
+        if entry != ZERO
+        for by, found in _derivatives(model, model.expanded(entry))
+    }
+
+
+def constants(model: Model, scales: Scales = UNSCALED) -> dict[str, float]:
+    """Return parameters, unit constants and pi, in SI units over the scales; their order is that of a law's `p`."""
+    sizes = {name: scales.of(dimension) for name, dimension in model.dimensions.items()}
+    values = {name: one.quantity.si / sizes[name] for name, one in model.parameters.items()}
+    return values | {name: float(constant(name).factor) / sizes[name] for name in CONSTANTS} | {"pi": math.pi}
+
+
+def evaluated(
+    model: Model, state: Mapping[str, float], known: Mapping[str, float], tables: Iterable[Table], *, sloped: bool = False
+) -> dict[str, float]:
+    """Evaluate forces, accelerations and rates at one state, by the operations that a compiled law does.
+
+    Parameters
+    ----------
+    model : Model
+    state : mapping of str to float
+        A number for `t`, every coordinate, velocity and first-order state.
+    known : mapping of str to float
+        `constants` in the same units.
+    tables : iterable of (ndarray, ndarray)
+        Each drive's `coefficients`, in the same units.
+    sloped : bool
+        Whether to evaluate the derivatives too.
+
+    Returns
+    -------
+    dict of str to float
+        Everything by its name, drives among it.
+    """
+    values = dict(known) | {name: state[name] for name in ("t", *variables(model))}
+    for (name, drive), table in zip(model.drives.items(), tables, strict=True):
+        values[name], values[slope(name)] = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
+    for one in (*motion(model), *(slopes(model) if sloped else ())):
+        values[one.name] = _number(model, one.value, values)
+    return values
+
+
+def _number(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:
+    if isinstance(value, Function):
+        return float(model.functions[value.name](*(values[name] for name in value.arguments)))
+    return evaluate(value, values)
+
+
+def _total(model: Model, name: str) -> Node:
+    """Add the force terms of a coordinate, in their order."""
+    acting: list[Node] = [Name(force(term, name)) for term, parts in model.force_components.items() if name in parts]
+    return reduce(lambda one, other: Binary("+", one, other), acting) if acting else ZERO
+
+
+def _mass(model: Model) -> Iterator[Assignment]:
+    """Write what dividing by the mass needs: its diagonal, or the factors of M = L D L^T."""
+    mass = [[model.expanded(entry) for entry in row] for row in model.mass]
+    for i, row in enumerate(mass):
+        if not model.mass_is_full:
+            yield Assignment(f"_m{i}", Call("positive", (row[i],)))
+            continue
+        for j in range(i):
+            taken = (_product(f"_l{i}_{k}", f"_l{j}_{k}", f"_d{k}") for k in range(j))
+            yield Assignment(f"_l{i}_{j}", Binary("/", _less(row[j], taken), Name(f"_d{j}")))
+        taken = (_product(f"_l{i}_{k}", f"_l{i}_{k}", f"_d{k}") for k in range(i))
+        yield Assignment(f"_d{i}", Call("positive", (_less(row[i], taken),)))
+
+
+def _solved(model: Model, rows: Mapping[str, Node], names: Iterable[str] | None = None) -> Iterator[Assignment]:
+    """Solve M u = right for the unknowns, by division or forward and back through the factors."""
+    unknowns, right = list(rows), list(rows.values())
+    if not model.mass_is_full:
+        place = {name: i for i, name in enumerate(model.coordinates)}
+        for name, unknown, tree in zip(model.coordinates if names is None else names, unknowns, right, strict=True):
+            yield Assignment(unknown, Binary("/", tree, Name(f"_m{place[name]}")))
+        return
+    n = len(unknowns)
+    z = [f"_z{i}_{unknown}" for i, unknown in enumerate(unknowns)]
+    for i in range(n):
+        yield Assignment(z[i], _less(right[i], (_product(f"_l{i}_{k}", z[k]) for k in range(i))))
+    for i in reversed(range(n)):
+        back = (_product(f"_l{k}_{i}", unknowns[k]) for k in range(i + 1, n))
+        yield Assignment(unknowns[i], _less(Binary("/", Name(z[i]), Name(f"_d{i}")), back))
+
+
+def _product(*names: str) -> Node:
+    factors: list[Node] = [Name(name) for name in names]
+    return reduce(lambda one, other: Binary("*", one, other), factors)
+
+
+def _less(tree: Node, taken: Iterable[Node]) -> Node:
+    """Take terms away, one after the other."""
+    return reduce(lambda one, other: Binary("-", one, other), taken, tree)
+
+
+def _derivatives(model: Model, tree: Node) -> Iterator[tuple[str, Node]]:
+    """Yield the partial derivatives that are not zero, each with its variable."""
+    for by in variables(model):
+        given: dict[str, Node] = {
+            name: Name(slope(name)) for name, drive in model.drives.items() if drive.argument == by
+        }
+        found = derivative(tree, {by: ONE} | given)
+        if found != ZERO:
+            yield by, found
+
+
+__all__ = ["ONE", "Assignment", "Number", "evaluated", "motion", "slopes", "variables"]
