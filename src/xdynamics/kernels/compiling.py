@@ -13,29 +13,20 @@ OPTIONS: Any = {"error_model": "numpy", "fastmath": False, "nogil": True}
 
 # called from compiled code only: without a way in from Python it compiles twice as fast
 _INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-compiled: Any = njit(forceinline=True, **_INNER, **OPTIONS)
-# large or rare: one copy, not one at every place
+# a phase of every step: it becomes part of the loop before types are known, which costs the least time in all
+compiled: Any = njit(inline="always", **_INNER, **OPTIONS)
+# rare, or called from several places: one copy of its own
 shared: Any = njit(**_INNER, **OPTIONS)
-entry: Any = njit(cache=True, **OPTIONS)
-entry_in_memory: Any = njit(**OPTIONS)
 
-_POINTER = types.CPointer(types.float64)
+
+def apart(function: Any) -> Any:
+    """Return a phase of every step as one copy of its own, for the places that are not in every step."""
+    return shared(getattr(function, "py_func", function))
+
+
+entry: Any = njit(**OPTIONS)
+
 _COUNT = 9  # pointers that a law is called with
-
-
-def _borrowed(_typing: Any, array: Any) -> Any:
-    """Return an array without its reference count, for loops that would count it up and down at every step.
-
-    The caller of the compiled code holds the array; nothing inside keeps it.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        view = context.make_array(signature.return_type)(context, builder, arguments[0])
-        for counted in ("meminfo", "parent"):
-            setattr(view, counted, ir.Constant(getattr(view, counted).type, None))
-        return view._getvalue()  # noqa: SLF001 - how numba's own intrinsics end
-
-    return array(array), generate
 
 
 def _called(_typing: Any, address: Any, at: Any, y: Any, p: Any, tables: Any, pieces: Any, z: Any, e: Any, samples: Any, first: Any, w: Any) -> Any:  # fmt: skip
@@ -58,10 +49,6 @@ def _called(_typing: Any, address: Any, at: Any, y: Any, p: Any, tables: Any, pi
     return signature, generate
 
 
-def _itself(array: Any) -> Any:
-    return array
-
-
 def _called_plainly(address: int, at: Any, y: Any, p: Any, tables: Any, pieces: Any, z: Any, e: Any, samples: Any, first: int, w: Any) -> None:  # fmt: skip
     """Call the Python function that stands for an address where nothing is compiled."""
     from xdynamics.kernels.law import PLAIN
@@ -69,12 +56,5 @@ def _called_plainly(address: int, at: Any, y: Any, p: Any, tables: Any, pieces: 
     PLAIN[int(address)](at, y, p, tables, pieces, z, e, samples[first:], w)
 
 
-# without numba's compiler, as NUMBA_DISABLE_JIT asks for, the engine is plain Python and an array is an array
-if config.DISABLE_JIT:  # type: ignore[attr-defined]
-    borrowed: Any = _itself
-    called: Any = _called_plainly
-else:
-    borrowed = intrinsic(_borrowed)
-    called = intrinsic(_called)
-    # how a test runs compiled phases as plain Python, with a law of plain functions
-    borrowed.plain, called.plain = _itself, _called_plainly
+# without numba's compiler, as NUMBA_DISABLE_JIT asks for, the engine is plain Python
+called: Any = _called_plainly if config.DISABLE_JIT else intrinsic(_called)  # type: ignore[attr-defined]

@@ -5,45 +5,45 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import compiled
+from xdynamics.kernels.compiling import shared
 
 
-@compiled
-def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> bool:
+@shared
+def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], n: int) -> bool:
     """Solve in place by Gaussian elimination with partial pivoting.
 
     Parameters
     ----------
-    matrix : ndarray, shape (n, n)
-        Destroyed.
-    right : ndarray, shape (n,)
+    matrix : ndarray, shape (n*n,) or longer
+        Row by row; destroyed.
+    right : ndarray, shape (n,) or longer
         The right-hand side; the solution takes its place.
+    n : int
 
     Returns
     -------
     bool
         False where the matrix is singular or not finite; the right-hand side is then of no use.
     """
-    n = right.shape[0]
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
-            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+            if abs(matrix[i * n + k]) > abs(matrix[pivot * n + k]):
                 pivot = i
-        if not abs(matrix[pivot, k]) > 0.0 or not np.isfinite(matrix[pivot, k]):
+        if not abs(matrix[pivot * n + k]) > 0.0 or not np.isfinite(matrix[pivot * n + k]):
             return False
         if pivot != k:
             for j in range(k, n):
-                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+                matrix[k * n + j], matrix[pivot * n + j] = matrix[pivot * n + j], matrix[k * n + j]
             right[k], right[pivot] = right[pivot], right[k]
         for i in range(k + 1, n):
-            factor = matrix[i, k] / matrix[k, k]
+            factor = matrix[i * n + k] / matrix[k * n + k]
             if factor != 0.0:
                 for j in range(k + 1, n):
-                    matrix[i, j] -= factor * matrix[k, j]
+                    matrix[i * n + j] -= factor * matrix[k * n + j]
                 right[i] -= factor * right[k]
     for i in range(n - 1, -1, -1):
         for j in range(i + 1, n):
-            right[i] -= matrix[i, j] * right[j]
-        right[i] /= matrix[i, i]
+            right[i] -= matrix[i * n + j] * right[j]
+        right[i] /= matrix[i * n + i]
     return True

@@ -67,9 +67,9 @@ def _entry(function: Any) -> Any:
     """Compile a Python function to one that takes and returns doubles; it stays as long as the process."""
     from numba import cfunc, types
 
-    from xdynamics.kernels.compiling import OPTIONS, entry_in_memory
+    from xdynamics.kernels.compiling import OPTIONS, entry
 
-    inner = function if hasattr(function, "py_func") else entry_in_memory(function)
+    inner = function if hasattr(function, "py_func") else entry(function)
     if inner not in _KEPT:
         count = inner.py_func.__code__.co_argcount
         arguments = ", ".join(f"_{i}" for i in range(count))

@@ -6,79 +6,83 @@ import logging
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import config, njit
+from numba import cfunc, config, from_dtype, njit, types
 
 from xdynamics.kernels import cache
 from xdynamics.kernels.compiling import OPTIONS
-from xdynamics.march import entries
-from xdynamics.march.run import Run
+from xdynamics.march import entries, loop
+from xdynamics.march.run import NOW, PLAN
 
+SECONDS = 12  # that compiling takes on a machine of 2026
 _LOCK = threading.Lock()
 _FOUND: list[Engine] = []
-SECONDS = 12  # that compiling takes on a machine of 2026
 
 
 class Engine(NamedTuple):
-    """The compiled entries; see `march.entries`."""
+    """The compiled entries, to be called with a run: `loop.march`, and those of `march.entries`."""
 
-    march_one: Callable[..., None]
+    march: Callable[..., None]
     march_many: Callable[..., int]
     states_inside: Callable[..., None]
 
 
-def engine(run: Run) -> Engine:
-    """Return the engine, compiled if that was not done on this machine.
-
-    Parameters
-    ----------
-    run : Run
-        Any run: the arrays of all have the same types.
-    """
+def engine() -> Engine:
+    """Return the engine, compiled if that was not done on this machine."""
     with _LOCK:
         if not _FOUND:
-            _FOUND.append(_PLAIN if config.DISABLE_JIT else _found(run))  # type: ignore[attr-defined]
+            _FOUND.append(_plain() if config.DISABLE_JIT else _compiled())  # type: ignore[attr-defined]
     return _FOUND[0]
 
 
-_PLAIN = Engine(entries.march_one, entries.march_many, entries.states_inside)
+def _plain() -> Engine:
+    return Engine(loop.march, lambda run, *given: entries.march_many(run, loop.march, *given), entries.states_inside)
 
 
-def _found(run: Run) -> Engine:
+def _compiled() -> Engine:
     name = f"engine-{_key()}"
     if kept := cache.sealed(name):
         try:
-            return _called(_entries(kept), run)
+            return _entries(kept)
         except Exception:  # noqa: BLE001 - whatever a damaged file does, the engine is compiled anew
             cache.remove(name)
     logging.getLogger("xdynamics").warning("xdynamics: compiling the engine, once per installation: about %d s", SECONDS)
     with cache.filling(name) as folder:
         try:
-            return _called(_entries(folder), run)
+            return _entries(folder)
         except OSError:  # the disk filled up meanwhile
-            return _called(_entries(None), run)
+            return _entries(None)
 
 
 def _entries(folder: Path | None) -> Engine:
-    """Give the entries to numba, which keeps what it compiles in a folder; without one, in memory."""
+    """Compile the entries, or load what numba kept of them in a folder; without one, nothing is kept."""
+    keep = folder is not None
     before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")  # type: ignore[attr-defined]
     try:
-        compiled = njit(cache=folder is not None, **OPTIONS)
-        return Engine(*(compiled(one) for one in _PLAIN))
+        march = cfunc(types.void(types.int64, types.int64), cache=keep, **OPTIONS)(loop.march)
+        others = [njit(cache=keep, **OPTIONS)(one) for one in (entries.march_many, entries.states_inside)]
     finally:
         config.CACHE_DIR = before  # type: ignore[attr-defined]
+    for one, signature in zip(others, _SIGNATURES, strict=True):
+        one.compile(signature)
+    march_many, states_inside = others
+    address, call = march.address, march.ctypes
+
+    return Engine(
+        lambda run, rows: call(run.address, rows),
+        lambda run, *given: march_many(run.address, address, *given),
+        lambda run, *given: states_inside(run.address, *given),
+    )
 
 
-def _called(found: Engine, run: Run) -> Engine:
-    """Compile, or load, every entry now: a call that has nothing to do."""
-    copy = Run(*(np.copy(one) for one in run[:-1]), run.log._replace(base=run.log.base.copy()))  # type: ignore[arg-type]
-    n, states = len(run.y), np.zeros((0, len(run.y)))
-    found.march_one(copy, 0)
-    found.march_many(copy, copy.plan[:0], states, np.zeros((0, len(run.p))), copy.now[:0], states.copy(), 0, False)  # noqa: FBT003
-    found.states_inside(copy, np.zeros((4, 0)), np.zeros((n, 0)), np.zeros((2 * n, 0)))
-    return found
+def _array(dtype: Any, dims: int) -> Any:
+    return types.Array(from_dtype(np.dtype(dtype)), dims, "C")
+
+
+_MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 2, _array(NOW, 1), _array("f8", 2), types.int64, types.boolean)
+_SIGNATURES = ((types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 3))
 
 
 def _key() -> str:
@@ -88,11 +92,9 @@ def _key() -> str:
 
     package = Path(__file__).parents[1]
     files = sorted([*(package / "kernels").glob("*.py"), *(package / "march").glob("*.py"), package / "schema.py"])
-    # numba believes a file it kept only if the entries' own file has the date and size of then
-    stamp = Path(entries.__file__).stat()
+    # numba believes a file it kept only if the entries' own files have the dates of then
+    stamps = [repr(Path(str(room.__file__)).stat().st_mtime) for room in (entries, loop)]
     return cache.digest(
-        *(path.read_text(encoding="utf-8") for path in files), numba.__version__, np.__version__, repr(stamp.st_mtime),
+        *(path.read_text(encoding="utf-8") for path in files), numba.__version__, np.__version__, *stamps,
         binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),
     )  # fmt: skip
-
-

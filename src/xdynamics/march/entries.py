@@ -1,4 +1,4 @@
-"""The ways into the compiled engine: one march, many marches, states inside steps. Their arguments are the same for every model."""
+"""Further ways into the compiled engine, besides `loop.march`: many marches, states inside steps."""
 
 from __future__ import annotations
 
@@ -7,49 +7,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import borrowed, called, compiled
+from xdynamics.kernels.compiling import apart, called, compiled
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.tables import enter_pieces
-from xdynamics.march.loop import march
+from xdynamics.march.handle import march_by, run_at
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.proposing import evaluate, propose
-from xdynamics.march.run import Log, Run
+from xdynamics.march.run import Run
 
 Floats = NDArray[np.float64]
 Records = NDArray[Any]
 
 END = 1 << 62  # rows that no run has
 
-
-@compiled
-def lend(run: Run) -> Run:
-    """Return the run with arrays that are not counted."""
-    log = run.log
-    lent = Log(borrowed(log.base), borrowed(log.rows), borrowed(log.flags), borrowed(log.samples), borrowed(log.trials), borrowed(log.events))  # fmt: skip
-    return Run(
-        borrowed(run.plan), borrowed(run.now), borrowed(run.trial), borrowed(run.located), borrowed(run.at),
-        borrowed(run.y), borrowed(run.z), borrowed(run.e), borrowed(run.g), borrowed(run.g1), borrowed(run.d),
-        borrowed(run.samples), borrowed(run.half), borrowed(run.whole), borrowed(run.located_z),
-        borrowed(run.located_e), borrowed(run.located_g), borrowed(run.located_samples), borrowed(run.lows),
-        borrowed(run.slopes), borrowed(run.p), borrowed(run.tables), borrowed(run.places), borrowed(run.of_time),
-        borrowed(run.atol), borrowed(run.nodes), borrowed(run.grid), borrowed(run.steps), borrowed(run.detectors),
-        borrowed(run.w), borrowed(run.matrix), borrowed(run.right), borrowed(run.equations), borrowed(run.unknowns),
-        borrowed(run.entries), borrowed(run.law), lent,
-    )  # fmt: skip
+propose_apart = apart(propose)
 
 
-def march_one(run: Run, rows: int) -> None:
-    """March one run; see `loop.march`."""
-    march(lend(run), rows)
-
-
-def march_many(run: Run, plans: Records, starts: Floats, parameters: Floats, ends: Records, states: Floats, first: int, kept: bool) -> int:  # fmt: skip
+def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, parameters: Floats, ends: Records, states: Floats, first: int, kept: bool) -> int:  # fmt: skip
     """March one run after the other through one `Run`, from its arrays of starts and parameters to the ends.
 
     Parameters
     ----------
-    run : Run
-        Of their model and method; what the runs share stands in it.
+    address : int
+        Of a `Run` of their model and method; what the runs share stands in it.
+    march_at : int
+        Address of the compiled `loop.march`, so that it is not compiled a second time.
     plans : ndarray of PLAN, shape (n,)
     starts, parameters : ndarray, shape (n, …)
     ends : ndarray of NOW, shape (n,)
@@ -66,15 +48,15 @@ def march_many(run: Run, plans: Records, starts: Floats, parameters: Floats, end
     int
         The run that stopped for want of room in the log, which is to be emptied; n when all are over.
     """
-    run = lend(run)
-    now, base = run.now[0], run.log.base[0]
+    run = run_at(address)
+    now, base = run.now[0], run.base[0]
     for k in range(first, starts.shape[0]):
         if now.status != RUNNING or now.rows == 0:
             begin(run, plans, starts, parameters, k)
         while now.status == RUNNING:
-            march(run, END)
+            march_by(march_at, address, END)
             if now.status == RUNNING:
-                if kept or now.events - base.events + run.detectors.shape[0] > run.log.events.shape[0]:
+                if kept or now.events - base.events + run.detectors.shape[0] > run.log_events.shape[0]:
                     return k
                 base.rows, base.trials, base.samples = now.rows, now.trials, now.samples
         ends[k] = run.now[0]
@@ -86,7 +68,7 @@ def march_many(run: Run, plans: Records, starts: Floats, parameters: Floats, end
 @compiled
 def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, k: int) -> None:
     """Set a run to its start; the log goes on behind the run before."""
-    now, base = run.now[0], run.log.base[0]
+    now, base = run.now[0], run.base[0]
     base.rows, base.trials, base.events, base.samples = (
         base.rows - now.rows, base.trials - now.trials, base.events - now.events, base.samples - now.samples,
     )  # fmt: skip
@@ -100,12 +82,13 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, k: int) 
         run.p[i] = parameters[k, i]
 
 
-def states_inside(run: Run, steps: Floats, states: Floats, found: Floats) -> None:
+def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) -> None:
     """Evaluate the state at each time inside its step, by interpolation and by re-integration.
 
     Parameters
     ----------
-    run : Run
+    address : int
+        Of a `Run`.
     steps : ndarray, shape (4, k)
         For each time: start and end of its step, its size, the time.
     states : ndarray, shape (n, k)
@@ -113,7 +96,7 @@ def states_inside(run: Run, steps: Floats, states: Floats, found: Floats) -> Non
     found : ndarray, shape (2*n, k)
         Filled: the interpolated state, and the one that a shorter step leads to.
     """
-    run = lend(run)
+    run = run_at(address)
     n, before = states.shape[0], np.nan
     for k in range(steps.shape[1]):
         t, t1, h, time = steps[0, k], steps[1, k], steps[2, k], steps[3, k]
@@ -124,14 +107,14 @@ def states_inside(run: Run, steps: Floats, states: Floats, found: Floats) -> Non
             for i in range(n):
                 run.y[i] = states[i, k]
             evaluate(run, t, run.y)
-            propose(run, t1, h)
+            propose_apart(run, t1, h)
             for i in range(run.z.shape[0]):
                 run.located_z[i] = run.z[i]
         run.at[0], run.at[1], run.at[2], run.at[3] = t, t1, h, (time - t) / h
         called(run.law[INSIDE], run.at, run.y, run.p, run.tables, run.places, run.located_z, run.e, run.samples, 0, run.w)
         for i in range(n):
             found[i, k] = run.e[i]
-        propose(run, time, time - t)
+        propose_apart(run, time, time - t)
         for i in range(n):
             found[n + i, k] = run.z[i]
 

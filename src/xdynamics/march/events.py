@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from math import nan
+from typing import Any
 
-from xdynamics.kernels.compiling import compiled, shared
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.march.log import MOST_SUBSTEPS, note_trial
 from xdynamics.march.proposing import propose
 from xdynamics.march.run import Run
@@ -13,6 +16,8 @@ from xdynamics.schema import REASON_EVENT
 ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
 EPS = 2.220446049250313e-16
 RISING, FALLING = 1, -1
+
+propose_apart = apart(propose)
 
 
 @compiled
@@ -68,7 +73,7 @@ def bracket(run: Run, i: int) -> None:
         if not low < s < high:
             break
         note_trial(run, s, nan, REASON_EVENT)
-        propose(run, t + s, s)
+        propose_apart(run, t + s, s)
         if run.trial[0].iterations < 0:  # equations that were not solved tell nothing: the bracket stays as wide as it is
             break
         if crosses(direction, run.g[i], run.g1[i]):
@@ -79,34 +84,38 @@ def bracket(run: Run, i: int) -> None:
     run.lows[i] = low
 
 
-@shared
+@compiled
 def keep(run: Run) -> None:
     """Take the trial for the one that ends at the event."""
-    one, other = run.located[0], run.trial[0]
-    one.t, one.h, one.landing, one.iterations = other.t, other.h, other.landing, other.iterations
-    for i in range(run.z.shape[0]):
-        run.located_z[i] = run.z[i]
-    for i in range(run.e.shape[0]):
-        run.located_e[i] = run.e[i]
-    for i in range(run.g.shape[0]):
-        run.located_g[i] = run.g1[i]
-    for i in range(run.samples.shape[0]):
-        run.located_samples[i] = run.samples[i]
+    copy_trial(run.trial, run.located)
+    copy(run.z, run.located_z)
+    copy(run.e, run.located_e)
+    copy(run.g1, run.located_g)
+    copy(run.samples, run.located_samples)
+
+
+@compiled
+def take(run: Run) -> None:
+    """Go back to the trial that ends at the event: it is not made a second time."""
+    copy_trial(run.located, run.trial)
+    copy(run.located_z, run.z)
+    copy(run.located_e, run.e)
+    copy(run.located_g, run.g1)
+    copy(run.located_samples, run.samples)
 
 
 @shared
-def take(run: Run) -> None:
-    """Go back to the trial that ends at the event: it is not made a second time."""
-    one, other = run.trial[0], run.located[0]
-    one.t, one.h, one.landing, one.iterations = other.t, other.h, other.landing, other.iterations
-    for i in range(run.z.shape[0]):
-        run.z[i] = run.located_z[i]
-    for i in range(run.e.shape[0]):
-        run.e[i] = run.located_e[i]
-    for i in range(run.g.shape[0]):
-        run.g1[i] = run.located_g[i]
-    for i in range(run.samples.shape[0]):
-        run.samples[i] = run.located_samples[i]
+def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
+    """Copy a trial's numbers."""
+    one, other = source[0], target[0]
+    other.t, other.h, other.landing, other.iterations = one.t, one.h, one.landing, one.iterations
+
+
+@shared
+def copy(source: NDArray[Any], target: NDArray[Any]) -> None:
+    """Copy numbers, in a loop: a slice assignment takes numba seconds to compile."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
 
 
 @compiled

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import mmap
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,28 +11,44 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import called, compiled, shared
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.law import DERIVED
-from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Log, Run
+from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Run
 
 MOST_SUBSTEPS = 200  # of one event's bracket; halving alone needs 60
+
+
+class Log(NamedTuple):
+    """Blocks of a log; a column of the record is one row of `rows` and `samples`, so that it is contiguous."""
+
+    base: NDArray[Any]
+    rows: NDArray[np.float64]
+    flags: NDArray[np.int8]
+    samples: NDArray[np.float64]
+    trials: NDArray[Any]
+    events: NDArray[Any]
+
+    def lend(self, run: Run) -> None:
+        """Let a run write here from now on."""
+        run.put(base=self.base, log_rows=self.rows, log_flags=self.flags, log_samples=self.samples,
+                log_trials=self.trials, log_events=self.events)  # fmt: skip
 
 
 @compiled
 def has_room(run: Run) -> bool:
     """Whether one more step, with every event and node it may hold, fits the blocks."""
-    now, base, log, events = run.now[0], run.log.base[0], run.log, run.detectors.shape[0]
+    now, base, events = run.now[0], run.base[0], run.detectors.shape[0]
     return (
-        now.rows - base.rows + 2 <= log.rows.shape[1]
-        and now.trials - base.trials + events * MOST_SUBSTEPS + 1 <= log.trials.shape[0]
-        and now.events - base.events + events <= log.events.shape[0]
-        and now.samples - base.samples + run.plan[0].samples + 2 <= log.samples.shape[1]
+        now.rows - base.rows + 2 <= run.log_rows.shape[1]
+        and now.trials - base.trials + events * MOST_SUBSTEPS + 1 <= run.log_trials.shape[0]
+        and now.events - base.events + events <= run.log_events.shape[0]
+        and now.samples - base.samples + run.plan[0].samples + 2 <= run.log_samples.shape[1]
     )
 
 
 @compiled
 def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
     """Write one row of the log, and count it if its energies and observables are finite."""
-    now, plan, rows = run.now[0], run.plan[0], run.log.rows
-    row = now.rows - run.log.base[0].rows
+    now, plan, rows = run.now[0], run.plan[0], run.log_rows
+    row = now.rows - run.base[0].rows
     rows[0, row], rows[1, row] = t, h
     column = 2
     for i in range(plan.state):
@@ -54,7 +70,7 @@ def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
         column += 1 + plan.used
     if run.equations.shape[0] > 0:
         rows[column, row] = run.trial[0].iterations if reached else 0
-    run.log.flags[0, row], run.log.flags[1, row] = kind, now.regime
+    run.log_flags[0, row], run.log_flags[1, row] = kind, now.regime
     if finite:
         now.rows += 1
     return finite
@@ -64,7 +80,7 @@ def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
 def note_trial(run: Run, h: float, norm: float, reason: int) -> None:
     """Write one rejected trial."""
     now = run.now[0]
-    row = run.log.trials[now.trials - run.log.base[0].trials]
+    row = run.log_trials[now.trials - run.base[0].trials]
     row.time, row.step_size, row.error_norm, row.step, row.reason = now.t, h, norm, now.rows - 1, reason
     now.trials += 1
 
@@ -72,9 +88,9 @@ def note_trial(run: Run, h: float, norm: float, reason: int) -> None:
 @compiled
 def note_samples(run: Run, row: int) -> None:
     """Keep the force evaluations of an accepted trial, which led to a row."""
-    now, plan, samples = run.now[0], run.plan[0], run.log.samples
+    now, plan, samples = run.now[0], run.plan[0], run.log_samples
     width = samples.shape[0] - 2
-    first = now.samples - run.log.base[0].samples
+    first = now.samples - run.base[0].samples
     for stage in range(plan.samples):
         samples[0, first + stage] = run.samples[stage * width]
         samples[1, first + stage] = row
@@ -87,10 +103,10 @@ def note_samples(run: Run, row: int) -> None:
 @shared
 def note_sample(run: Run, t: float, state: NDArray[Any], row: int) -> None:
     """Keep one force evaluation that belongs to no step: at the start, and behind a node of a drive."""
-    now, plan, samples = run.now[0], run.plan[0], run.log.samples
+    now, plan, samples = run.now[0], run.plan[0], run.log_samples
     if plan.samples == 0:
         return
-    at, used = now.samples - run.log.base[0].samples, plan.used
+    at, used = now.samples - run.base[0].samples, plan.used
     samples[0, at], samples[1, at], samples[2, at] = t, row, 0
     for i in range(used):
         samples[3 + i, at] = state[i]

@@ -7,14 +7,16 @@ compute stands behind the addresses of `run.law`.
 from __future__ import annotations
 
 from math import nan
+from typing import Any
 
 import numpy as np
 
-from xdynamics.kernels.compiling import called, compiled, shared
+from xdynamics.kernels.compiling import apart, called, compiled, shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import STRETCH, accepts, error_norm, first_step, grow, reduce, shortest
 from xdynamics.march.events import crosses, crosses_any, locate
+from xdynamics.march.handle import run_at
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import COMPLETED, NONFINITE_OBSERVABLE, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.proposing import evaluate, propose
@@ -36,18 +38,20 @@ from xdynamics.schema import (
 
 AT_GRID, AT_NODE, AT_BOTH = 1, 2, 3
 
+note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
 
-@compiled
-def march(run: Run, rows: int) -> None:
-    """March until the log is full, `rows` more rows are written, or the run ends.
+
+def march(address: Any, rows: int) -> None:
+    """March until the log is full, `rows` more rows are written, or the run ends; an entry of the engine.
 
     Parameters
     ----------
-    run : Run
-        With no rows yet, the march begins; with status RUNNING afterwards it can go on.
+    address : int
+        Of a `Run`. With no rows yet, the march begins; with status RUNNING afterwards it can go on.
     rows : int
         Rows after which to return.
     """
+    run = run_at(address)
     now = run.now[0]
     if now.rows == 0 and now.status == RUNNING:
         start(run)
@@ -83,7 +87,7 @@ def start(run: Run) -> None:
         run.z[i] = run.y[i]
     for i in range(run.g.shape[0]):
         run.g1[i] = run.g[i]
-    noted = note(run, INITIAL, now.t, 0.0, run.y)
+    noted = note_apart(run, INITIAL, now.t, 0.0, run.y)
     if not finite_state(run):
         now.status = nonfinite(run)
     elif not finite_events(run):
@@ -241,6 +245,9 @@ def move(run: Run) -> None:
         run.g[i] = run.g1[i]
 
 
+judge_apart = apart(judge)
+
+
 @shared
 def hand_over(run: Run) -> None:
     """Locate the first event of the trial, land on it, and note the state on either side."""
@@ -248,22 +255,22 @@ def hand_over(run: Run) -> None:
     whole, target, landing = trial.h, trial.t, trial.landing
     note_trial(run, whole, now.norm if plan.estimates else nan, REASON_EVENT)
     if plan.adaptive:
-        grow(run, whole, landing != AT_GRID)
+        grow_apart(run, whole, landing != AT_GRID)
     locate(run)
     # two events closer than the spacing of t are two rows all the same
     trial.t = max(trial.t, np.nextafter(now.t, np.inf))
     reached = trial.h == whole or trial.t >= target
     trial.t = target if reached else trial.t
-    reason = judge(run)
+    reason = judge_apart(run)
     if reason != SOUND:
         reject(run, reason)
         return
     before = now.rows
-    if not note(run, EVENT_BEFORE, trial.t, trial.h, run.z):
+    if not note_apart(run, EVENT_BEFORE, trial.t, trial.h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return
-    note(run, EVENT_AFTER, trial.t, 0.0, run.z)
-    note_samples(run, before)
+    note_apart(run, EVENT_AFTER, trial.t, 0.0, run.z)
+    note_samples_apart(run, before)
     note_events(run, before)
     if reached:
         completed = now.status
@@ -283,7 +290,7 @@ def note_events(run: Run, row: int) -> None:
     for i in range(run.detectors.shape[0]):
         if not crosses(run.detectors[i].direction, run.g[i], run.g1[i]):
             continue
-        one = run.log.events[now.events - run.log.base[0].events]
+        one = run.log_events[now.events - run.base[0].events]
         one.time, one.left, one.residual, one.slope = trial.t, now.t + run.lows[i], run.g1[i], run.slopes[i]
         one.row_before, one.row_after, one.detector, one.kind = row, row + 1, i, CROSSING
         one.direction = 1 if run.g[i] < 0.0 else -1

@@ -12,7 +12,7 @@ from xdynamics.kernels import Law
 from xdynamics.kernels.tables import flattened
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.run import BASE, DETECTOR, EQUATIONS, NOW, PLAN, TRIAL, Run
+from xdynamics.march.run import DETECTOR, EQUATIONS, NOW, PLAN, TRIAL, Run
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.methods.scheme import EXTRAPOLATED
 from xdynamics.model import Function, Model
@@ -83,7 +83,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         unknowns=unknowns,
         entries=entries,
         law=addresses,
-        log=log,
+        **{f"log_{name}" if name != "base" else name: array for name, array in log._asdict().items()},
     )
 
 
@@ -181,4 +181,4 @@ def _limits_domain(model: Model) -> bool:
     return limited or any(drive.outside == "error" for drive in model.drives.values())
 
 
-__all__ = ["BASE", "nodes_of", "planned", "posed", "tables_of"]
+__all__ = ["nodes_of", "planned", "posed", "tables_of"]

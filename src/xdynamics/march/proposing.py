@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import called, compiled, shared
+from xdynamics.kernels.compiling import apart, called, compiled, shared
 from xdynamics.kernels.law import DETECT, FORCES, PROPOSE
 from xdynamics.kernels.linear import solve_linear
 from xdynamics.kernels.stepping import DIRECT
@@ -18,7 +18,7 @@ NEWTON_TOLERANCE = 1e-10  # of a correction against the size of its unknown; wha
 State = NDArray[Any]
 
 
-@compiled
+@shared
 def evaluate(run: Run, t: float, state: State) -> None:
     """Evaluate the forces at a state, behind which they are put."""
     run.at[0] = t
@@ -63,8 +63,7 @@ def solve(run: Run, y: State, z: State, sample: int) -> None:
 def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
     """Solve by Newton's method with the exact Jacobian at every iteration; return the iterations, -1 if in vain."""
     one, w = run.equations[k], run.w
-    n = one.unknowns
-    matrix, right = run.matrix[: n * n].reshape(n, n), run.right[:n]
+    n, right = one.unknowns, run.right
     turns, solved = 0, n == 0
     while turns < MOST_ITERATIONS and not solved:
         turns += 1
@@ -72,7 +71,7 @@ def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
         assemble(run, k)
         for i in range(n):
             right[i] = w[one.residuals + i]
-        if not solve_linear(matrix, right):
+        if not solve_linear(run.matrix, right, n):
             break
         solved = True
         for i in range(n):
@@ -100,15 +99,18 @@ def assemble(run: Run, k: int) -> None:
         matrix[row * n + column] -= w[place] if slope == DIRECT else w[place] * w[slope]
 
 
+advance_apart = apart(advance)
+
+
 @shared
 def double(run: Run, t1: float, h: float) -> None:
     """Make two half steps, and a whole one to judge them by: their difference over 2**p - 1 is the error of the two."""
     plan, t = run.plan[0], run.now[0].t
-    width = plan.stages * (run.log.samples.shape[0] - 2)
+    width = plan.stages * (run.log_samples.shape[0] - 2)
     middle = t + h / 2.0
-    advance(run, t, t1, h, run.y, run.whole, 0)
-    advance(run, t, middle, h / 2.0, run.y, run.half, width)
-    advance(run, middle, t1, h / 2.0, run.half, run.z, 2 * width)
+    advance_apart(run, t, t1, h, run.y, run.whole, 0)
+    advance_apart(run, t, middle, h / 2.0, run.y, run.half, width)
+    advance_apart(run, middle, t1, h / 2.0, run.half, run.z, 2 * width)
     for i in range(plan.used):
         run.e[i] = (run.z[i] - run.whole[i]) / plan.divisor
     if plan.extrapolated:
@@ -122,7 +124,7 @@ def double(run: Run, t1: float, h: float) -> None:
 @shared
 def _sample(run: Run, t: float, first: int) -> None:
     """Keep the force evaluation at the trial's end as its last one."""
-    used, samples, found = run.plan[0].used, run.samples, run.log.samples.shape[0] - 3 - run.plan[0].used
+    used, samples, found = run.plan[0].used, run.samples, run.log_samples.shape[0] - 3 - run.plan[0].used
     samples[first] = t
     for i in range(used):
         samples[first + 1 + i] = run.z[i]

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine
-from xdynamics.march.log import allocate
+from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STOPPED, Outcome
 from xdynamics.march.posing import posed
-from xdynamics.march.run import Log, Run
+from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
 from xdynamics.schema import EVENT_AFTER
@@ -134,13 +134,13 @@ class March:
         """Fill one log, looking up now and then."""
         for name in log.base.dtype.names or ():
             log.base[name] = self.run.now[name]
-        run = self.run._replace(log=log)
-        march, base, now, before = engine(run).march_one, log.base[0].tolist(), self.now, None
+        log.lend(self.run)
+        march, base, now, before = engine().march, log.base[0].tolist(), self.now, None
         while before != (counts := _counts(now)) and not self._is_over():
             before = counts
-            march(run, PAUSE_ROWS)
+            march(self.run, PAUSE_ROWS)
             if self.progress:
-                plan = run.plan[0]
+                plan = self.run.plan[0]
                 done = float((now.t - plan.start) / (plan.end - plan.start))
                 self.progress(done, float(now.t * self.settings.scales.of(TIME)), int(now.rows))
         return Block(log, *(after - first for after, first in zip(_counts(now), base, strict=True)))
