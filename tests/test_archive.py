@@ -281,7 +281,7 @@ def test_no_limits_left_behind() -> None:
 
 def test_every_flipped_bit_is_found(archived: Path, tmp_path: Path) -> None:
     """Assert that no bit of an archive can change unnoticed, whether or not anything reads it."""
-    from xdynamics.seals import seal_holds
+    from xdynamics.archive.seals import seal_holds
 
     whole, path, moments = archived.read_bytes(), tmp_path / "flipped.nc", random.Random(3)
     assert seal_holds(archived)

@@ -8,7 +8,7 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import oscillator
-from xdynamics.comparison import lines_of
+from xdynamics.evidence.comparison import lines_of
 
 
 def made(step: float, **changes: float) -> xr.Dataset:

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 import xdynamics as xd
 from problems import MODELS, oscillator
-from xdynamics.figures import thinned
+from xdynamics.figures.run import thinned
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])

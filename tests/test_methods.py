@@ -10,7 +10,7 @@ import pytest
 import xdynamics as xd
 from problems import EPS, MODELS, SMOOTH, Problem, coupled_springs, damped, free, oscillator, pushed, springs
 from xdynamics.kernels import Layout
-from xdynamics.provenance import interpolation_orders
+from xdynamics.record.provenance import interpolation_orders
 
 METHODS = list(xd.METHODS.values())
 EXACT_SUBSTEPS = ("forward_euler", "euler_cromer", "averaged_velocity", "midpoint", "velocity_verlet", "position_verlet",

@@ -11,9 +11,9 @@ import pytest
 import xdynamics as xd
 from problems import MODELS, oscillator, particle
 from xdynamics.methods import Evaluation, Method
-from xdynamics.methods.amplification import LinearSystem, amplification, factors
+from xdynamics.stability.amplification import LinearSystem, amplification, factors
 from xdynamics.methods.method import spread
-from xdynamics.methods.stability import OSCILLATOR, decay_limit, oscillator_limit, stable_step, stiffness, treats_alike
+from xdynamics.stability.limits import OSCILLATOR, decay_limit, oscillator_limit, stable_step, stiffness, treats_alike
 from xdynamics.model import Trait
 from xdynamics.model.linearisation import initial_state, linearise
 

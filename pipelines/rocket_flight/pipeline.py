@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import xdynamics as xd
-from xdynamics.comparison import lines_of
+from xdynamics.evidence.comparison import lines_of
 from xdynamics.summary import summary
 
 HERE = Path(__file__).parent

@@ -13,23 +13,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from xdynamics.archive import open_run, save, verify
-    from xdynamics.comparison import compare
+    from xdynamics.archive import content_digest, open_run, save, verify
+    from xdynamics.evidence.comparison import compare
+    from xdynamics.evidence.modes import modes
+    from xdynamics.evidence.sampling import sample
     from xdynamics.faults import ArchiveError, InputError, ModelError, StabilityWarning
     from xdynamics.figures import plot
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
-    from xdynamics.normal_modes import modes
     from xdynamics.record import check
-    from xdynamics.sampling import sample
-    from xdynamics.seals import content_digest
     from xdynamics.simulation import reproduce, simulate
 
 # public name -> the room it lives in, entered when the name is first used
 _ROOMS = {
     "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "StabilityWarning": "faults",
-    "check": "record", "compare": "comparison", "content_digest": "seals", "modes": "normal_modes", "open_run": "archive", "plot": "figures",
-    "reproduce": "simulation", "sample": "sampling", "save": "archive", "simulate": "simulation", "verify": "archive",
+    "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
+    "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "simulate": "simulation", "verify": "archive",
 }  # fmt: skip
 
 __all__ = [

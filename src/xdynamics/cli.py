@@ -208,8 +208,8 @@ def reproduce(archive: str) -> None:
 def compare(first: str, second: str) -> None:
     """Compare two runs: settings, bits, states at common times."""
     from xdynamics.archive import open_run
-    from xdynamics.comparison import compare as compared
-    from xdynamics.comparison import lines_of
+    from xdynamics.evidence.comparison import compare as compared
+    from xdynamics.evidence.comparison import lines_of
 
     table = compared(open_run(first), open_run(second))
     _say(lines_of(table))
@@ -218,7 +218,7 @@ def compare(first: str, second: str) -> None:
 
 def _limits(method: Method) -> Iterable[str]:
     """Say how long a step may be, from the method's own lines."""
-    from xdynamics.methods.stability import decay_limit, oscillator_limit
+    from xdynamics.stability import decay_limit, oscillator_limit
 
     for limit, words in ((oscillator_limit(method), "oscillation, w*h"), (decay_limit(method), "decay, h/tau")):
         if limit == limit:  # nan where the method refuses such forces

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics import archive, record
-from xdynamics.comparison import bitwise
+from xdynamics.evidence.comparison import bitwise
 from xdynamics.faults import InputError, StabilityWarning
 from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
-from xdynamics.methods.stability import stable_step
+from xdynamics.stability import stable_step
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
-from xdynamics.provenance import asked_of
+from xdynamics.record.provenance import asked_of
 
 if TYPE_CHECKING:
     import xarray as xr

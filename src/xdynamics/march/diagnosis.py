@@ -1,37 +1,62 @@
-"""What went wrong in the step that ended a run: the first thing that was not finite, by name."""
+"""How a run ended, in words: its outcome, and of a step that failed the first thing that was not finite, by name."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from xdynamics.kernels.stepping import MOST_ITERATIONS
-from xdynamics.march import outcomes
 from xdynamics.march.outcomes import (
+    COMPLETED,
     NONFINITE,
-    NONFINITE_EVENT,
     NONFINITE_FORCE,
     NONFINITE_OBSERVABLE,
     OUTCOMES,
     OUTSIDE_TABLE,
+    RUNNING,
+    STEP_LIMIT,
+    STEP_TOO_SMALL,
+    STOPPED,
     Outcome,
 )
+from xdynamics.march.proposing import MOST_ITERATIONS
 from xdynamics.march.retrace import retraced, undefined_part
-from xdynamics.march.settings import UNSCALED
-from xdynamics.methods.stability import stiffness
+from xdynamics.march.runner import March
 from xdynamics.model import Function
-from xdynamics.schema import force, rate, velocity
-from xdynamics.units import TIME
-
-if TYPE_CHECKING:
-    from xdynamics.march.log import Log, Tally
-    from xdynamics.march.runner import March
+from xdynamics.schema import (
+    REASON_DOMAIN,
+    REASON_ERROR,
+    REASON_EVENT_FUNCTION,
+    REASON_NEWTON,
+    REASON_NONFINITE,
+    force,
+    rate,
+    velocity,
+)
+from xdynamics.stability import stiffness
+from xdynamics.units import TIME, UNSCALED
 
 FEW_ROWS = 100  # of a run, from which on stiffness is looked for
+
+
+@dataclass(frozen=True)
+class Ending:
+    """The outcome of a run and its sentence, with t, h and the cause."""
+
+    outcome: Outcome
+    text: str
+
+
+def ending(march: March) -> Ending:
+    """Say how a march ended."""
+    now, scale = march.now, march.settings.scales.of(TIME)
+    failure = Failure(march.outcome, march.stopping_event)
+    if now.status != RUNNING and not march.outcome.good:
+        failure = diagnose(march)
+    t, h = float(now.t) * scale, float(now.h) * scale
+    text = failure.outcome.sentence.format(t=f"{t:.15g}", h=f"{h:.6g}", cause=failure.cause)
+    # a run that got on, or ran out of steps, has something to say about its steps
+    advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
+    return Ending(failure.outcome, text + advice)
 
 
 @dataclass(frozen=True)
@@ -42,45 +67,39 @@ class Failure:
     cause: str
 
 
-def diagnose(march: March, log: Log, base: Tally) -> Failure:
+def diagnose(march: March) -> Failure:
     """Name what ended a run.
 
-    The step that failed is made again in plain Python, and the first thing in it that is not finite tells. Where that
+    The step that failed is made again in plain numbers, and the first thing in it that is not finite tells. Where that
     is not possible, in equations that are solved, the state that was proposed has to do.
     """
-    memory = march.memory
-    if memory.status == NONFINITE_EVENT:
-        named = zip(march.model.events, memory.values, strict=True)
+    status = int(march.now.status)
+    if status == REASON_EVENT_FUNCTION:
+        named = zip(march.model.events, march.run.g1.tolist(), strict=True)
         cause = ", ".join(f"the function of event '{name}' is {value}" for name, value in named if not isfinite(value))
-        return Failure(OUTCOMES[NONFINITE_EVENT], cause)
-    if memory.status == NONFINITE_OBSERVABLE:
-        return _in_row(march, log, base)
-    if memory.status not in (NONFINITE, outcomes.UNSOLVED):
-        return Failure(OUTCOMES[memory.status], _cause(march))
+        return Failure(OUTCOMES[status], cause)
+    if status == NONFINITE_OBSERVABLE:
+        return _in_row(march)
+    if status not in (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON):
+        return Failure(OUTCOMES[status], _cause(march))
     for values in retraced(march):
         if failure := _in_evaluation(march, values):
             return failure
-    if memory.status == outcomes.UNSOLVED:
-        return Failure(OUTCOMES[memory.status], _cause(march))
-    return _in_state(march, dict(zip(march.layout.state, memory.trial, strict=True)))
+    if status == REASON_NEWTON:
+        return Failure(OUTCOMES[status], _cause(march))
+    return _in_state(march, dict(zip(march.layout.record, march.run.z.tolist(), strict=True)))
 
 
-def advice_on_stiffness(march: March, rows: NDArray[np.float64]) -> str:
-    """Say so where an explicit method's chosen steps stand at the edge of its region of stability for most of a run.
-
-    Parameters
-    ----------
-    march : March
-    rows : ndarray, shape (2 + n, k)
-        Time, step and state of some rows of the run, in internal units.
-    """
-    method, model, names = march.settings.method, march.model, march.layout.used
-    if not march.settings.adaptive or method.implicit or model.python_forces or march.memory.tally.rows < FEW_ROWS:
+def advice_on_stiffness(march: March) -> str:
+    """Say so where an explicit method's chosen steps stand at the edge of its region of stability for most of a run."""
+    method, model, names, rows = march.settings.method, march.model, march.layout.used, march.witnesses[1:]
+    if not march.settings.adaptive or method.implicit or model.python_forces or march.now.rows < FEW_ROWS:
         return ""
     scales = march.settings.scales
     time, factors = scales.of(TIME), [scales.of(model.dimensions[name]) for name in names]
 
-    def limited(chosen: NDArray[np.float64]) -> float:
+    def limited(first: int, last: int) -> float:
+        chosen = rows[:, first:last]
         states = [
             {"t": t * time} | {name: x * f for name, x, f in zip(names, state, factors, strict=True)}
             for t, _, *state in chosen.T.tolist()
@@ -89,7 +108,7 @@ def advice_on_stiffness(march: March, rows: NDArray[np.float64]) -> str:
 
     # one row first: it costs a millisecond, and most runs are not stiff
     middle = rows.shape[1] // 2
-    if limited(rows[:, middle : middle + 1]) and limited(rows) > 0.5:
+    if limited(middle, middle + 1) and limited(0, rows.shape[1]) > 0.5:
         return (
             f"; stiffness suspected: stability, not accuracy, limits the steps of '{method.name}' for most of the run;"
             " radau_iia takes longer ones"
@@ -99,53 +118,49 @@ def advice_on_stiffness(march: March, rows: NDArray[np.float64]) -> str:
 
 def _cause(march: March) -> str:
     """Say in words why a march that met nothing infinite cannot go on."""
-    norm, control = march.memory.norm, march.plan.control
-    match march.memory.status:
-        case outcomes.ERROR_AT_MINIMUM:
+    norm, plan = float(march.now.norm), march.run.plan[0]
+    match int(march.now.status):
+        case status if status == REASON_ERROR:
             return f"the error test fails at the minimum step, with norm {norm:.3g}; the tolerance or the minimum step does not suit the model"
-        case outcomes.STEP_LIMIT:
-            return f"{control.most_steps:.0f} accepted steps and rejected trials are used up; raise max_steps or the tolerances"
-        case outcomes.UNSOLVED:
-            remedy = "the model is not smooth enough here" if control.adaptive else "take a shorter step"
+        case status if status == STEP_LIMIT:
+            return f"{plan.most_steps:.0f} accepted steps and rejected trials are used up; raise max_steps or the tolerances"
+        case status if status == REASON_NEWTON:
+            remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
             return f"Newton's method, of at most {MOST_ITERATIONS} iterations, does not solve the step's equations; {remedy}"
-        case outcomes.STEP_TOO_SMALL if control.adaptive and norm > 1.0:
+        case status if status == STEP_TOO_SMALL and plan.adaptive and norm > 1.0:
             return (
                 f"the error test fails, with norm {norm:.3g}, at the shortest step that t resolves; the solution has a"
                 " singularity here, or t is too large for its time scale"
             )
-        case outcomes.STEP_TOO_SMALL:
+        case status if status == STEP_TOO_SMALL:
             return "t + h is t in double precision; take a longer step or an earlier t"
     return ""
 
 
-def _in_row(march: March, log: Log, base: Tally) -> Failure:
+def _in_row(march: March) -> Failure:
     """Name the energy or observable of the row that was noted last and not kept."""
-    at = 0 if march.memory.h == 0.0 else march.memory.tally.rows - base.rows
-    column = dict(zip(march.layout.row, log.rows[:, at].tolist(), strict=True))
-    bad = [f"{name} is {column[name]}" for name in march.layout.derived if not isfinite(column[name])]
+    column = march.bad_values
+    bad = ", ".join(f"{name} is {column[name]}" for name in march.layout.derived if not isfinite(column[name]))
     for name in march.layout.drives:
-        if _leaves(march, name, march.memory.trial):
-            return Failure(
-                OUTSIDE_TABLE, f"{', '.join(bad)}: {_outside(march, name, _asked(march, name, march.memory.trial))}"
-            )
-    return Failure(OUTCOMES[NONFINITE_OBSERVABLE], ", ".join(bad))
+        if _leaves(march, name):
+            return Failure(OUTSIDE_TABLE, f"{bad}: {_outside(march, name, _asked(march, name))}")
+    return Failure(OUTCOMES[NONFINITE_OBSERVABLE], bad)
 
 
-def _asked(march: March, name: str, state: tuple[float, ...]) -> float:
+def _asked(march: March, name: str) -> float:
     """What a drive is asked at, at the end of the step last tried, in internal units; without a state, by the old velocity."""
-    memory, argument = march.memory, march.model.drives[name].argument
+    now, layout, argument = march.now, march.layout, march.model.drives[name].argument
     if argument == "t":
-        return memory.t + memory.h
-    at = march.layout.state.index(argument)
-    if isfinite(state[at]) or argument in march.layout.velocities:
-        return state[at]
-    return memory.state[at] + memory.h * memory.state[march.layout.state.index(velocity(argument))]
+        return float(now.t + now.h)
+    at = layout.record.index(argument)
+    if isfinite(march.run.z[at]) or argument in layout.velocities:
+        return float(march.run.z[at])
+    return float(march.run.y[at] + now.h * march.run.y[layout.record.index(velocity(argument))])
 
 
-def _leaves(march: March, name: str, state: tuple[float, ...]) -> bool:
+def _leaves(march: March, name: str) -> bool:
     drive = march.model.drives[name]
-    scale = march.settings.scales.of(march.model.dimensions[drive.argument])
-    asked = _asked(march, name, state) * scale
+    asked = _asked(march, name) * march.settings.scales.of(march.model.dimensions[drive.argument])
     return drive.outside == "error" and not drive.table.argument[0] <= asked <= drive.table.argument[-1]
 
 
@@ -155,7 +170,7 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
     when = f"in the evaluation at t = {values['t'] * march.settings.scales.of(TIME):.15g} s"
     for name in layout.used:
         if not isfinite(values[name]):
-            return Failure(OUTCOMES[NONFINITE], f"{name} is {values[name]} {when}")
+            return Failure(NONFINITE, f"{name} is {values[name]} {when}")
     for name in layout.drives:
         if not isfinite(values[name]):
             return Failure(OUTSIDE_TABLE, _outside(march, name, values[model.drives[name].argument]))
@@ -183,11 +198,11 @@ def _in_state(march: March, state: dict[str, float]) -> Failure:
     """Judge a proposed state: drives, forces, then accelerations and what follows from them."""
     layout = march.layout
     for name in layout.drives:
-        if _leaves(march, name, march.memory.trial):
-            return Failure(OUTSIDE_TABLE, _outside(march, name, _asked(march, name, march.memory.trial)))
+        if _leaves(march, name):
+            return Failure(OUTSIDE_TABLE, _outside(march, name, _asked(march, name)))
     for name in (*layout.forces, *layout.used):
         if not isfinite(state[name]):
-            outcome = NONFINITE_FORCE if name in layout.forces else OUTCOMES[NONFINITE]
+            outcome = NONFINITE_FORCE if name in layout.forces else NONFINITE
             return Failure(outcome, f"{name} is {state[name]}")
     for name in layout.rates:
         if not isfinite(state[name]):

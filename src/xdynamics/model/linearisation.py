@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import Name, Node, derivative
-from xdynamics.expressions.calculus import ONE, ZERO, add
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
-from xdynamics.model.drives import coefficients, looked_up
+from xdynamics.model.drives import coefficients
 from xdynamics.model.model import Model
-from xdynamics.model.parts import Function
-from xdynamics.schema import rate, velocity
-from xdynamics.units import CONSTANTS, constant
+from xdynamics.model.motion import constants, evaluated, force_totals, jacobian, variables
+from xdynamics.schema import acceleration, rate
+
+__all__ = ["Linearisation", "force_totals", "initial_state", "linearise", "linearise_each", "variables"]
 
 Floats = NDArray[np.float64]
 
@@ -85,115 +82,26 @@ def linearise(model: Model, state: Mapping[str, float]) -> Linearisation:
 
 def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Linearisation]:
     """Linearise a model about one state after the other; its trees are differentiated once."""
-    forces, force_by, mass_by = force_totals(model), force_derivatives(model), mass_derivatives(model)
-    mass = [[model.expanded(entry) for entry in row] for row in model.mass]
-    names, constants, tables = variables(model), _constants(model), _tables(model)
-    place = {name: i for i, name in enumerate(names)}
-    row_of = {name: i for i, name in enumerate(forces)}
-    n = len(model.coordinates)
+    known, tables, names, places = constants(model), _tables(model), variables(model), jacobian(model)
+    n, mass = len(model.coordinates), [[model.expanded(entry) for entry in row] for row in model.mass]
+    row_of = {name: i for i, name in enumerate((*model.coordinates, *(rate(name) for name in model.states)))}
     for state in states:
-        values = constants | _checked(model, state)
-        values |= _looked_up(model, tables, values)
-        total = np.array([evaluate(tree, values) for tree in forces.values()])
-        slopes = np.zeros((len(forces), len(names)))
-        for (row, by), tree in force_by.items():
-            slopes[row_of[row], place[by]] = evaluate(tree, values)
+        values = evaluated(model, _checked(model, state), known, tables, sloped=True)
+        found, slopes = np.zeros((len(row_of), len(names))), np.zeros((n, len(names)))
+        for (row, by), name in places.items():
+            column = names.index(by)
+            found[row_of[row], column] = values[name]
+            if row_of[row] < n:
+                slopes[row_of[row], column] = values[f"_s_{row}_{by}"]
+        a = np.array([values[acceleration(name)] for name in model.coordinates])
         matrix = np.array([[evaluate(entry, values) for entry in row] for row in mass]).reshape(n, n)
-        a = _solved(matrix, total[:n, None])[:, 0]
-        for ((i, j), by), tree in mass_by.items():
-            slopes[i, place[by]] -= evaluate(tree, values) * a[j]
-        accelerations = _solved(matrix, slopes[:n])
-        jacobian = np.vstack([np.eye(n, len(names), n), accelerations, slopes[n:]])
-        yield Linearisation(names, matrix, 0.0 - slopes[:n, :n], 0.0 - slopes[:n, n : 2 * n], a, jacobian)
+        whole = np.vstack([np.eye(n, len(names), n), found])
+        yield Linearisation(names, matrix, 0.0 - slopes[:, :n], 0.0 - slopes[:, n : 2 * n], a, whole)
 
 
 def initial_state(model: Model) -> dict[str, float]:
     """Return a model's initial time and state in SI units."""
     return {name: model.initial[name].si for name in ("t", *variables(model))}
-
-
-def variables(model: Model) -> tuple[str, ...]:
-    """Return what the motion is differentiated by: coordinates, velocities, first-order states."""
-    return (*model.coordinates, *(velocity(name) for name in model.coordinates), *model.states)
-
-
-@lru_cache(maxsize=64)
-def force_totals(model: Model) -> dict[str, Node]:
-    """Return the whole force of each coordinate as ``force_<coordinate>`` and the rate of each state as ``rate_<state>``.
-
-    Raises
-    ------
-    InputError
-        If a force is written in Python: it has no tree.
-    """
-    if functions := model.python_forces:
-        named = ", ".join(f"'{one.name}'" for one in functions)
-        raise InputError(
-            f"model '{model.name}' has forces written in Python, {named}, which have no derivative;"
-            " write them as expressions to linearise the model"
-        )
-    totals: dict[str, Node] = {f"force_{name}": ZERO for name in model.coordinates}
-    for parts in model.force_components.values():
-        for name, one in parts.items():
-            if not isinstance(one, Function):
-                totals[f"force_{name}"] = add(totals[f"force_{name}"], model.expanded(one))
-    return totals | {rate(name): model.expanded(state.rate) for name, state in model.states.items()}
-
-
-@lru_cache(maxsize=64)
-def force_derivatives(model: Model) -> dict[tuple[str, str], Node]:
-    """Differentiate every force total and rate by every coordinate, velocity and state.
-
-    Returns
-    -------
-    dict of (str, str) to Node
-        By what is differentiated, ``force_<coordinate>`` or ``rate_<state>``, and by what; zeros are left out. The
-        slope of a drive of a coordinate or velocity stands as the name ``_slope_<drive>``; a drive of time has none.
-
-    Raises
-    ------
-    InputError
-        If a force is written in Python.
-    """
-    return {
-        (name, by): found
-        for name, tree in force_totals(model).items()
-        for by, found in _derivatives(model, tree)
-    }  # fmt: skip
-
-
-@lru_cache(maxsize=64)
-def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
-    """Differentiate every mass entry by every coordinate, velocity and state.
-
-    Returns
-    -------
-    dict of ((int, int), str) to Node
-        By row and column, from 0, and by what; zeros are left out. Slopes of drives are named as in `force_derivatives`.
-    """
-    return {
-        ((i, j), by): found
-        for i, row in enumerate(model.mass)
-        for j, entry in enumerate(row)
-        for by, found in _derivatives(model, model.expanded(entry))
-    }
-
-
-def _derivatives(model: Model, tree: Node) -> Iterator[tuple[str, Node]]:
-    """Yield the partial derivatives that are not zero, each with its variable."""
-    for by in variables(model):
-        slopes: dict[str, Node] = {
-            name: Name(f"_slope_{name}") for name, drive in model.drives.items() if drive.argument == by
-        }
-        found = derivative(tree, {by: ONE} | slopes)
-        if found != ZERO:
-            yield by, found
-
-
-def _constants(model: Model) -> dict[str, float]:
-    """Return parameters, unit constants and pi as SI numbers."""
-    values = {name: one.quantity.si for name, one in model.parameters.items()}
-    return values | {name: float(constant(name).factor) for name in CONSTANTS} | {"pi": math.pi}
 
 
 def _checked(model: Model, state: Mapping[str, float]) -> dict[str, float]:
@@ -205,31 +113,9 @@ def _checked(model: Model, state: Mapping[str, float]) -> dict[str, float]:
     return {name: float(state[name]) for name in needed}
 
 
-def _tables(model: Model) -> dict[str, tuple[Floats, Floats]]:
+def _tables(model: Model) -> list[tuple[Floats, Floats]]:
     """Return the pieces of every drive, in SI units."""
-    return {
-        name: coefficients(
-            one.table.argument, one.table.value, one.interpolation, one.outside, of_time=one.argument == "t"
-        )
-        for name, one in model.drives.items()
-    }
-
-
-def _looked_up(
-    model: Model, tables: Mapping[str, tuple[Floats, Floats]], values: Mapping[str, float]
-) -> dict[str, float]:
-    """Return every drive and its slope, from the piece that a march would take at these values."""
-    found = {}
-    for name, table in tables.items():
-        argument = model.drives[name].argument
-        found[name], found[f"_slope_{name}"] = looked_up(table, values[argument], of_time=argument == "t")
-    return found
-
-
-def _solved(matrix: Floats, right: Floats) -> Floats:
-    """Solve by a mass matrix; nan where it is singular."""
-    try:
-        solution = np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:
-        solution = np.full_like(right, np.nan)
-    return np.asarray(solution, dtype=np.float64)
+    return [
+        coefficients(one.table.argument, one.table.value, one.interpolation, one.outside, of_time=one.argument == "t")
+        for one in model.drives.values()
+    ]

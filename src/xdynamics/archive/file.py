@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import provenance, record
+from xdynamics import record
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.march import Block, March
-from xdynamics.record import own_attributes
+from xdynamics.record import own_attributes, provenance
 from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, STEPS, VOLATILE_DIGEST
-from xdynamics.seals import (
+from xdynamics.archive.seals import (
     CHUNKS,
     OTHER_CHUNK,
     Seal,

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from xdynamics.expressions import Binary, Call, Name, Negative, Node, Number, exponent_of, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
-from xdynamics.methods.method import SCALARS, Evaluation, Line, Method, Solve
+from xdynamics.methods.method import SCALARS, Evaluation, Line, Method, Solve, Statement
+from xdynamics.methods.walk import Walker
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -120,19 +121,29 @@ def factors(matrices: Floats) -> Complexes:
     return found
 
 
+class _Matrices(Walker):
+    """Runs lines on matrices; their columns are the answers to each component of the state."""
+
+    def __init__(self, given: Vectors, system: LinearSystem) -> None:
+        self.vectors = dict(given)
+        self._system = system
+
+    def assign(self, line: Statement) -> None:
+        self.vectors[line.target] = _value(line.expression, self.vectors)
+
+    def evaluate(self, line: Evaluation) -> None:
+        at = [self.vectors[line.position], self.vectors[line.velocity], self.vectors[line.state]]
+        self.vectors[line.acceleration], self.vectors[line.rate] = _applied(self._system, at)
+
+    def solve(self, line: Solve) -> None:
+        self.vectors |= _solved(line, self.vectors, self._system)
+        self.walk((*line.definitions, *line.evaluations))
+
+
 def _run(lines: Iterable[Line], given: Vectors, system: LinearSystem) -> Vectors:
-    """Run lines on matrices; their columns are the answers to each component of the state."""
-    vectors = dict(given)
-    for line in lines:
-        if isinstance(line, Solve):
-            vectors |= _solved(line, vectors, system)
-            vectors = _run((*line.definitions, *line.evaluations), vectors, system)
-        elif isinstance(line, Evaluation):
-            at = [vectors[line.position], vectors[line.velocity], vectors[line.state]]
-            vectors[line.acceleration], vectors[line.rate] = _applied(system, at)
-        else:
-            vectors[line.target] = _value(line.expression, vectors)
-    return vectors
+    matrices = _Matrices(given, system)
+    matrices.walk(lines)
+    return matrices.vectors
 
 
 def _applied(system: LinearSystem, at: Sequence[Any]) -> tuple[Any, Any]:

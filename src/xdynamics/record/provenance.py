@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -10,31 +11,26 @@ import numpy as np
 from xdynamics import schema
 from xdynamics.kernels import Layout
 from xdynamics.kernels.elementary import MATH_FUNCTIONS
-from xdynamics.kernels.layout import EMBEDDED, EXTRAPOLATED, NO_ESTIMATE, STEP_DOUBLING
-from xdynamics.kernels.stepping import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march import March
 from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, SPACINGS
+from xdynamics.march.diagnosis import ending
 from xdynamics.march.events import ROOT_METHOD
 from xdynamics.march.outcomes import COMPLETED
-from xdynamics.march.settings import UNSCALED
-from xdynamics.methods import Method
-from xdynamics.methods.method import HERMITE, HERMITE_WORDS, printed, read_lines
-from xdynamics.units import TIME, Scales
+from xdynamics.march.proposing import MOST_ITERATIONS, NEWTON_TOLERANCE
+from xdynamics.methods.method import HERMITE, printed
+from xdynamics.methods.scheme import ESTIMATE_WORDS, Scheme
+from xdynamics.units import TIME, UNSCALED, Scales
 
 if TYPE_CHECKING:
     import xarray as xr
 
-ESTIMATES = {
-    EMBEDDED: "difference from an embedded formula; the higher order goes on (local extrapolation)",
-    STEP_DOUBLING: "two half steps less one whole step, over 2**order - 1; the two half steps go on",
-    EXTRAPOLATED: "two half steps less one whole step, over 2**order - 1, added to the two half steps (local extrapolation)",
-}
 _SCALES = {"length": "m", "time": "s", "mass": "kg"}
 
 
 def attributes(march: March) -> dict[str, Any]:
     """Return the global attributes: what was used, how it ended, on what it ran."""
     model, settings, method = march.model, march.settings, march.settings.method
+    end = ending(march)
     used: dict[str, Any] = {
         "Conventions": schema.CONVENTIONS,
         "title": f"{model.name}, by {method.name}",
@@ -49,19 +45,19 @@ def attributes(march: March) -> dict[str, Any]:
         **_steps(march),
         "solver_until": settings.until,
         "solver_until_units": "s",
-        "run_force_evaluations": march.memory.evaluations,
+        "run_force_evaluations": int(march.now.evaluations),
         "run_accepted_steps": march.accepted,
-        "run_rejected_trials": march.memory.tally.trials,
+        "run_rejected_trials": int(march.now.trials),
         **_errors(march),
-        **interpolation(method, settings.estimator),
+        **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHOD,
         "solver_force_samples": "all" if settings.samples else "none",
         "precision": "float64, IEEE 754 binary64, round to nearest",
         "math_functions": MATH_FUNCTIONS,
-        "run_outcome": march.outcome.word,
-        "run_outcome_text": march.outcome_text,
+        "run_outcome": end.outcome.word,
+        "run_outcome_text": end.text,
         "model_digest": model.digest,
-        "force_digest": march.force_digest,
+        "force_digest": force_digest(march),
     }
     if settings.scales != UNSCALED:
         scales = settings.scales
@@ -71,25 +67,25 @@ def attributes(march: March) -> dict[str, Any]:
     return used | _circumstances()
 
 
-def interpolation(method: Method, estimator: str) -> dict[str, Any]:
-    """Say which dense output belongs to a run: the method's own, or Hermite's where half steps went on."""
-    own = estimator in (NO_ESTIMATE, EMBEDDED)
+def interpolation(scheme: Scheme) -> dict[str, Any]:
+    """Say which dense output belongs to a run."""
     return {
-        "solver_interpolation": method.interpolation if own else HERMITE_WORDS,
-        "solver_interpolation_order": method.interpolation_order if own else 3,
+        "solver_interpolation": scheme.interpolation,
+        "solver_interpolation_order": scheme.interpolation_order,
     }
 
 
-def extension(method: Method, estimator: str) -> str:
-    """Return the lines of the dense output that belongs to a run."""
-    return method.extension if estimator in (NO_ESTIMATE, EMBEDDED) else HERMITE
-
-
-def interpolation_orders(method: Method, estimator: str, layout: Layout) -> dict[str, int]:
+def interpolation_orders(scheme: Scheme, layout: Layout) -> dict[str, int]:
     """Return the order of the dense output for every coordinate, velocity and state."""
-    if extension(method, estimator) != HERMITE:
-        return dict.fromkeys(layout.used, method.interpolation_order)
+    if scheme.extension != HERMITE:
+        return dict.fromkeys(layout.used, scheme.interpolation_order)
     return {name: 5 if name in layout.coordinates else 3 for name in layout.used}
+
+
+def force_digest(march: March) -> str:
+    """sha256 of the law's text and of every Python force: the revision of the force function."""
+    functions = "".join(one.digest for one in march.model.python_forces)
+    return hashlib.sha256((march.law.source + functions).encode()).hexdigest()
 
 
 def scales_of(run: xr.Dataset) -> Scales:
@@ -155,7 +151,7 @@ def _steps(march: March) -> dict[str, Any]:
     return {
         "solver_step_control": "adaptive",
         "solver_controller": CONTROLLER,
-        "solver_first_step": settings.step or march.memory.pace.first * scale,
+        "solver_first_step": settings.step or float(march.now.first_step) * scale,
         "solver_first_step_units": "s",
         "solver_first_step_choice": "given" if settings.step else FIRST_STEP,
         "solver_safety": pacing.safety,
@@ -173,11 +169,11 @@ def _errors(march: March) -> dict[str, Any]:
     """Say how local errors were estimated and scaled, and how equations were solved."""
     settings, method = march.settings, march.settings.method
     said: dict[str, Any] = {"solver_estimator": settings.estimator}
-    if settings.estimator != NO_ESTIMATE:
-        said["solver_error_estimate"] = ESTIMATES[settings.estimator]
-        said["solver_error_exponent"] = settings.error_order  # k of an estimate that falls as h**k
-    if settings.estimator == EMBEDDED:
-        said["solver_error_equations"] = printed(read_lines(method.estimate), march.model)
+    if settings.scheme.estimates:
+        said["solver_error_estimate"] = ESTIMATE_WORDS[settings.estimator]
+        said["solver_error_exponent"] = settings.scheme.error_order  # k of an estimate that falls as h**k
+    if settings.scheme.error_lines:
+        said["solver_error_equations"] = printed(settings.scheme.error_lines, march.model)
     if settings.tolerances is not None:
         said |= {"solver_rtol": settings.tolerances.rtol, "solver_error_norm": ERROR_NORM}
     if method.implicit:
@@ -191,13 +187,13 @@ def _errors(march: March) -> dict[str, Any]:
 
 def _last_step(march: March) -> str:
     """Say whether the end lay on the grid."""
-    if march.memory.status != COMPLETED:
+    if march.now.status != COMPLETED:
         return "none: the run ended before"
-    plan = march.plan
-    steps = (plan.nodes[-1] - plan.start) / plan.step_size
+    plan = march.run.plan[0]
+    steps = (plan.end - plan.start) / plan.step_size
     partial = abs(steps - round(steps)) * plan.step_size > plan.snap
     whole = int(steps)
-    rest = (float(plan.nodes[-1]) - (plan.start + whole * plan.step_size)) * march.settings.scales.of(TIME)
+    rest = (float(plan.end) - (plan.start + whole * plan.step_size)) * march.settings.scales.of(TIME)
     return f"partial, {rest:.9g} s: the span is no multiple of the step" if partial else "whole"
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import record, schema
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
-from xdynamics.methods.stability import decay_limit, oscillator_limit, stable_step_of
+from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of
 from xdynamics.model import Model
 from xdynamics.model.linearisation import Linearisation, initial_state, linearise, variables
 from xdynamics.schema import STEPS, Variable

@@ -1,24 +1,21 @@
-"""From the log of a march to one Dataset: every column with its name, unit and meaning."""
+"""From the log of a march to columns: every variable of the record with its name, unit and meaning."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import provenance, schema
+from xdynamics import schema
 from xdynamics.expressions import dimension_of, text_of
-from xdynamics.faults import InputError, numbered
+from xdynamics.faults import InputError
 from xdynamics.march import Block, March
 from xdynamics.model import Model
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
 from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, spell
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Array = NDArray[Any]
 
@@ -53,64 +50,8 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     functions = "".join(
         f"\n\n# Python force {one.name}, sha256 {one.digest}\n{one.source}" for one in march.model.python_forces
     )
-    texts = {"model_toml": march.model.to_toml(), "force_source": march.source + functions}
+    texts = {"model_toml": march.model.to_toml(), "force_source": march.law.source + functions}
     return found + [(variable, texts[variable.name]) for variable in schema.TEXTS]
-
-
-def dataset(march: March, blocks: Iterable[Block]) -> xr.Dataset:
-    """March and return the whole run in memory.
-
-    Parameters
-    ----------
-    march : March
-    blocks : iterable of Block
-        Blocks that are not filled again, as `March.blocks` gives them without a size.
-    """
-    import xarray as xr
-
-    spec = columns(march)
-    parts: list[list[Array]] = [[] for _ in spec]
-    for block in blocks:
-        for column, part in zip(spec, parts, strict=True):
-            part.append(column.take(block))
-    filled = [(column.variable, _joined(part)) for column, part in zip(spec, parts, strict=True)]
-    filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
-    # fastpath: xarray would import dask to find out that a numpy array is none of its own
-    variables = {one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True) for one, data in filled}
-    return xr.Dataset(variables, attrs=provenance.attributes(march)).set_coords("time")
-
-
-def check(run: xr.Dataset) -> None:
-    """Check that a Dataset is a run record.
-
-    Raises
-    ------
-    InputError
-        With every fault.
-    """
-    faults = schema.faults_of(run)
-    if faults:
-        raise InputError(f"this is no run record:{numbered(faults)}", tuple(faults))
-
-
-def check_kind(run: Any) -> None:
-    """Refuse what is plainly no run record, without reading it.
-
-    Raises
-    ------
-    InputError
-        Naming what is missing.
-    """
-    needed = ("time", "row_kind", "step_size", "model_toml")
-    missing = [name for name in needed if name not in getattr(run, "variables", ())]
-    attributes = ("solver_method", "solver_estimator", "solver_interpolation")
-    missing += [name for name in attributes if name not in getattr(run, "attrs", ())]
-    if missing:
-        raise InputError(f"this is no run record: it has no {', '.join(missing)}")
-    if run["time"].dims != (STEPS,) or not run["time"].size:
-        raise InputError(
-            f"the record has time along {run['time'].dims} of size {run['time'].size}, needs rows along '{STEPS}'"
-        )
 
 
 def factors(model: Model, scales: Scales) -> dict[str, float]:
@@ -124,29 +65,6 @@ def units_of(model: Model) -> dict[str, Unit]:
     return units | {schema.velocity(name): one.unit.per_second() for name, one in model.coordinates.items()}
 
 
-def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return the attributes that belong to a variable itself, not to the way it is kept."""
-    return {
-        str(key): value
-        for key, value in attributes.items()
-        if key not in (schema.DIGEST, "coordinates", "_FillValue", "_Encoding")
-    }
-
-
-def plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
-    """Attributes as plain values, the same in memory and from a file, where an array of one is a number."""
-    return {str(key): _plain(value) for key, value in attributes.items()}
-
-
-def _plain(value: Any) -> Any:
-    value = value.tolist() if hasattr(value, "tolist") else value
-    return value[0] if isinstance(value, list) and len(value) == 1 else value
-
-
-def _joined(parts: list[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-
 def _row(index: int, factor: float) -> Callable[[Block], Array]:
     return lambda block: _times(block.log.rows[index, : block.rows], factor)
 
@@ -155,12 +73,12 @@ def _sample(index: int, factor: float) -> Callable[[Block], Array]:
     return lambda block: _times(block.log.samples[index, : block.samples], factor)
 
 
-def _trial(index: int, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:
-    return lambda block: _times(block.log.trials[index, : block.trials], factor).astype(dtype)
+def _trial(name: str, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:
+    return lambda block: _times(block.log.trials[name][: block.trials], factor).astype(dtype)
 
 
-def _event(index: int, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:
-    return lambda block: _times(block.log.events[index, : block.events], factor).astype(dtype)
+def _event(name: str, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:
+    return lambda block: _times(block.log.events[name][: block.events], factor).astype(dtype)
 
 
 def _times(values: Array, factor: float) -> Array:
@@ -208,11 +126,11 @@ def _steps(march: March) -> list[Column]:
     units, layout, model = _Units(march), march.layout, march.model
     order = {name: index for index, name in enumerate(layout.row)}
     found = [Column(one, _row(order[one.name], units.time)) for one in schema.FIXED_STEPS[:2]]
-    found.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.row_flags[0, : block.rows]))
+    found.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
     regime = Variable(
         "regime", (STEPS,), "i1", "1", "regime of the force law", "flag", schema.flags({0: schema.ONLY_REGIME})
     )
-    found.append(Column(regime, lambda block: block.log.row_flags[1, : block.rows]))
+    found.append(Column(regime, lambda block: block.log.flags[1, : block.rows]))
 
     def add(name: str, long_name: str, role: str, unit: Unit) -> None:
         tolerance = _tolerance(march, name, unit) if name in layout.used else {}
@@ -258,7 +176,10 @@ def _tolerance(march: March, name: str, unit: Unit) -> dict[str, float]:
 
 def _trials(march: March) -> list[Column]:
     time = _Units(march).time
-    takes = (_trial(0, "f8", time), _trial(3, "i8"), _trial(1, "f8", time), _trial(2, "f8"), _trial(4, "i1"))
+    takes = (
+        _trial("time", "f8", time), _trial("step", "i8"), _trial("step_size", "f8", time), _trial("error_norm", "f8"),
+        _trial("reason", "i1"),
+    )  # fmt: skip
     return [Column(variable, take) for variable, take in zip(schema.FIXED_TRIALS, takes, strict=True)]
 
 
@@ -267,29 +188,31 @@ def _events(march: March) -> list[Column]:
     time = units.time
 
     def bounds(block: Block) -> Array:
-        return _times(block.log.events[1:3, : block.events].T, time)
+        events = block.log.events[: block.events]
+        return _times(np.stack([events["left"], events["time"]], axis=1), time)
 
     def uncertainty(block: Block) -> Array:
-        _, left, right, residual, slope = block.log.events[:5, : block.events]
+        events = block.log.events[: block.events]
+        left, right, residual, slope = (events[name] for name in ("left", "time", "residual", "slope"))
         # a vanishing slope makes the residual part infinite, which is what a tangent crossing is worth
         with np.errstate(divide="ignore", invalid="ignore"):
             part = np.where(residual == 0.0, 0.0, np.abs(residual / slope))
         return _times((right - left) + part, time)
 
     takes = (
-        _event(0, "f8", time),
+        _event("time", "f8", time),
         bounds,
         uncertainty,
-        _event(5, "i8"),
-        _event(6, "i8"),
-        _event(8, "i1"),
-        _event(9, "i1"),
+        _event("row_before", "i8"),
+        _event("row_after", "i8"),
+        _event("kind", "i1"),
+        _event("direction", "i1"),
     )
     found = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
     names = dict(enumerate(model.events)) or {0: "none"}
     more = schema.flags(names) | _detectors(march)
     detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", more)
-    found.append(Column(detector, _event(7, "i1")))
+    found.append(Column(detector, _event("detector", "i1")))
     found.append(_residual(march))
     for name in model.coordinates:
         impulse = _impulse_unit(march, name)
@@ -331,8 +254,8 @@ def _residual(march: March) -> Column:
                         "event function at the accepted state", "event", more)  # fmt: skip
 
     def take(block: Block) -> Array:
-        events = block.log.events[:, : block.events]
-        residual: Array = events[3] * factors[events[7].astype(np.int64)]
+        events = block.log.events[: block.events]
+        residual: Array = events["residual"] * factors[events["detector"]]
         return residual
 
     return Column(variable, take)

@@ -7,7 +7,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from xdynamics.methods.amplification import AT_REST, SLOWEST, Complexes, Floats, LinearSystem, amplification, factors
+from xdynamics.stability.amplification import AT_REST, SLOWEST, Complexes, Floats, LinearSystem, amplification, factors
 from xdynamics.methods.method import Method
 from xdynamics.model import Model, Trait
 from xdynamics.model.linearisation import linearise, linearise_each

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
 from xdynamics.faults import InputError
-from xdynamics.kernels import Layout, compile_march, pose, write_interpolation
-from xdynamics.kernels.cache import missing_functions
+from xdynamics.kernels import Law, Layout, law_of
+from xdynamics.march import Settings
+from xdynamics.march.engine import engine
+from xdynamics.march.log import allocate
+from xdynamics.march.posing import posed
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
-from xdynamics.provenance import extension, interpolation_orders, scales_of
+from xdynamics.record.provenance import interpolation_orders, scales_of
 from xdynamics.schema import STEPS
 from xdynamics.units import TIME, parse_time
 
@@ -116,14 +118,26 @@ class _Inside:
 
     @cached_property
     def model(self) -> Model:
-        model = Model.from_text(str(self.run["model_toml"].values), functions=self.functions)
-        missing_functions([one.name for one in model.python_forces], model.functions)
+        model = _model_of(str(self.run["model_toml"].values), tuple(self.functions.items()))
+        model.require_functions()
         return model
 
     @cached_property
+    def settings(self) -> Settings:
+        """What the run was marched with, as far as one step needs it."""
+        used, start = self.run.attrs, self.model.initial["t"].si
+        method, estimator = METHODS[used["solver_method"]], str(used["solver_estimator"])
+        # the same force samples as the run had: so its law is compiled already
+        sampled = used.get("solver_force_samples") == "all"
+        return Settings(method, start + 1.0, estimator=estimator, samples=sampled, scales=scales_of(self.run))
+
+    @cached_property
     def layout(self) -> Layout:
-        method = METHODS[self.run.attrs["solver_method"]]
-        return Layout(self.model, self.run.attrs["solver_estimator"], method.implicit)
+        return self.settings.layout(self.model)
+
+    @cached_property
+    def law(self) -> Law:
+        return law_of(self.layout, sampled=self.settings.samples)
 
     def dataset(self, times: Floats, rows: NDArray[np.int64], starts: Floats, ends: Floats) -> xr.Dataset:
         """Gather the states that the steps start from, and evaluate."""
@@ -135,7 +149,7 @@ class _Inside:
         steps = run["step_size"].drop_vars("time", errors="ignore").isel({STEPS: following})
         columns = [steps.rename({STEPS: INSTANTS}).variable, *(left[name].variable for name in layout.used)]
         found = _blockwise(self._evaluated, np.stack([times, starts, ends]), columns, 2 * len(layout.used))
-        orders = interpolation_orders(METHODS[run.attrs["solver_method"]], layout.estimator, layout)
+        orders = interpolation_orders(self.settings.scheme, layout)
         variables = {}
         for i, name in enumerate(layout.used):
             about = run[name].attrs
@@ -160,38 +174,36 @@ class _Inside:
 
     def _evaluated(self, where: Floats, columns: Floats) -> Floats:
         """Evaluate both routes; of `where` the rows are instant, start and end, of `columns` step and state."""
-        run = compile_march(self._source, self.model.functions)
-        problem = pose(self.model, self._scales)
-        scale, factors = self._scales.of(TIME), self._factors
+        scales = self.settings.scales
+        scale, factors = scales.of(TIME), self._factors
         _check_whole(where, columns[0])
-        times, starts, ends = (np.ascontiguousarray(one) / scale for one in where)
+        times, starts, ends = where / scale
         steps, states = columns[0] / scale, columns[1:] / factors
-        found = np.empty((2 * len(states), times.size))
-        moving = np.flatnonzero(times > starts)
-        inner = np.empty((2 * len(states), moving.size))
-        run(starts[moving], ends[moving], steps[moving], times[moving], np.ascontiguousarray(states[:, moving]),
-            problem.parameters, problem.tables, inner)  # fmt: skip
-        found[: len(states)] = columns[1:]  # at an accepted time the accepted state, to the bit
-        found[len(states) :] = 0.0
-        n = len(states)
+        moving, n = np.flatnonzero(times > starts), len(states)
+        found = np.vstack([columns[1:], np.zeros_like(states)])  # at an accepted time the accepted state, to the bit
+        if not moving.size:
+            return found
+        inner = np.empty((2 * n, moving.size))
+        given = np.ascontiguousarray(np.stack([starts, ends, steps, times])[:, moving])
+        # a run of its own: dask calls this in several threads
+        log = allocate(self.layout, 1, sampled=0)
+        run = posed(self.model, self.settings, self.law, log, self.law.addresses)
+        engine().states_inside(run, given, np.ascontiguousarray(states[:, moving]), inner)
         found[:n, moving] = inner[:n] * factors
         found[n:, moving] = np.abs(inner[:n] - inner[n:]) * factors
         return found
 
     @cached_property
-    def _source(self) -> str:
-        method = METHODS[self.run.attrs["solver_method"]]
-        return write_interpolation(self.layout, method, extension(method, self.layout.estimator))
-
-    @cached_property
-    def _scales(self) -> Any:
-        return scales_of(self.run)
-
-    @cached_property
     def _factors(self) -> Floats:
         """From internal numbers to those of the record."""
-        factors = record.factors(self.model, self._scales)
+        factors = record.factors(self.model, self.settings.scales)
         return np.array([[factors[name]] for name in self.layout.used])
+
+
+@lru_cache(maxsize=16)
+def _model_of(text: str, functions: tuple[tuple[str, Callable[..., float]], ...]) -> Model:
+    """Read an archive's model once for many questions."""
+    return Model.from_text(text, functions=dict(functions))
 
 
 _KEPT = ("title", "solver_method", "solver_order", "solver_interpolation", "solver_interpolation_order", "solver_estimator",
@@ -231,25 +243,21 @@ def _wanted(times: Any) -> Floats:
 def _located(time: xr.DataArray, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Find the row that each time's step goes from, and the times at both ends of that step."""
     known = _Times(time)
-    first, last = known[0], known[len(known) - 1]
+    first, last = known.at(np.array([0, len(known) - 1])).tolist()
     outside = np.flatnonzero((wanted < first) | (wanted > last))
     if outside.size:
         raise InputError(
             f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r} s is outside the run, from {first!r} s to {last!r} s;"
             " a run is never extrapolated"
         )
-    rows = np.empty(wanted.size, np.int64)
-    for i, one in enumerate(wanted.tolist()):
-        row = bisect_right(known, one) - 1
-        if not after and known[row] == one:
-            row = bisect_left(known, one)
-        rows[i] = row
-    ends = [known[min(row + 1, len(known) - 1)] for row in rows.tolist()]
-    return rows, np.array([known[row] for row in rows.tolist()]), np.array(ends)
+    rows = known.count(wanted, "right") - 1
+    if not after:
+        rows = np.minimum(rows, known.count(wanted, "left"))
+    return rows, known.at(rows), known.at(np.minimum(rows + 1, len(known) - 1))
 
 
-class _Times(Sequence[float]):
-    """Accepted times, read a chunk at a time as a search asks for them."""
+class _Times:
+    """Accepted times, of which those chunks are read that a search comes through."""
 
     def __init__(self, time: xr.DataArray) -> None:
         self._time = time
@@ -260,12 +268,36 @@ class _Times(Sequence[float]):
     def __len__(self) -> int:
         return int(self._offsets[-1])
 
-    def __getitem__(self, index: Any) -> Any:
-        chunk = int(np.searchsorted(self._offsets, index, side="right")) - 1
+    def at(self, rows: NDArray[np.int64]) -> Floats:
+        """Return the times of rows."""
+        chunks = np.searchsorted(self._offsets, rows, side="right") - 1
+        found = np.empty(rows.size)
+        for chunk in np.unique(chunks).tolist():
+            here = chunks == chunk
+            found[here] = self._chunk(chunk)[rows[here] - self._offsets[chunk]]
+        return found
+
+    def count(self, wanted: Floats, side: Literal["left", "right"]) -> NDArray[np.int64]:
+        """Count the rows before each time, or up to and with it."""
+        found = np.empty(wanted.size, np.int64)
+        open_ = [(0, len(self._offsets) - 2, np.arange(wanted.size))]
+        while open_:
+            low, high, which = open_.pop()
+            if low == high:
+                found[which] = self._offsets[low] + np.searchsorted(self._chunk(low), wanted[which], side=side)
+                continue
+            middle = (low + high + 1) // 2
+            border = self._chunk(middle)[0]
+            behind = wanted[which] >= border if side == "right" else wanted[which] > border
+            parts = (low, middle - 1, which[~behind]), (middle, high, which[behind])
+            open_ += [part for part in parts if part[2].size]
+        return found
+
+    def _chunk(self, chunk: int) -> Floats:
         if chunk not in self._read:
             part = self._time.isel({STEPS: slice(int(self._offsets[chunk]), int(self._offsets[chunk + 1]))})
             self._read[chunk] = np.asarray(part)
-        return float(self._read[chunk][index - self._offsets[chunk]])
+        return self._read[chunk]
 
 
 def _blockwise(function: Callable[[Floats, Floats], Floats], where: Floats, columns: list[Any], height: int) -> Any:

@@ -1,0 +1,5 @@
+"""Figures, drawn from records alone."""
+
+from xdynamics.figures.run import plot
+
+__all__ = ["plot"]

@@ -1,0 +1,27 @@
+"""Attributes of variables and runs, the same in memory and from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from xdynamics import schema
+
+
+def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the attributes that belong to a variable itself, not to the way it is kept."""
+    return {
+        str(key): value
+        for key, value in attributes.items()
+        if key not in (schema.DIGEST, "coordinates", "_FillValue", "_Encoding")
+    }
+
+
+def plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Attributes as plain values, the same in memory and from a file, where an array of one is a number."""
+    return {str(key): _plain(value) for key, value in attributes.items()}
+
+
+def _plain(value: Any) -> Any:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return value[0] if isinstance(value, list) and len(value) == 1 else value

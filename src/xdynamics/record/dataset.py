@@ -1,0 +1,81 @@
+"""A march as one Dataset, and what a Dataset needs to be a run record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.faults import InputError, numbered
+from xdynamics.march import Block, March
+from xdynamics.record import provenance
+from xdynamics.record.columns import columns, constants
+from xdynamics.schema import STEPS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[Any]
+
+
+def dataset(march: March, blocks: Iterable[Block]) -> xr.Dataset:
+    """March and return the whole run in memory.
+
+    Parameters
+    ----------
+    march : March
+    blocks : iterable of Block
+        Blocks that are not filled again, as `March.blocks` gives them without a size.
+    """
+    import xarray as xr
+
+    spec = columns(march)
+    parts: list[list[Array]] = [[] for _ in spec]
+    for block in blocks:
+        for column, part in zip(spec, parts, strict=True):
+            part.append(column.take(block))
+    filled = [(column.variable, _joined(part)) for column, part in zip(spec, parts, strict=True)]
+    filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
+    # fastpath: xarray would import dask to find out that a numpy array is none of its own
+    variables = {one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True) for one, data in filled}
+    return xr.Dataset(variables, attrs=provenance.attributes(march)).set_coords("time")
+
+
+def check(run: xr.Dataset) -> None:
+    """Check that a Dataset is a run record.
+
+    Raises
+    ------
+    InputError
+        With every fault.
+    """
+    faults = schema.faults_of(run)
+    if faults:
+        raise InputError(f"this is no run record:{numbered(faults)}", tuple(faults))
+
+
+def check_kind(run: Any) -> None:
+    """Refuse what is plainly no run record, without reading it.
+
+    Raises
+    ------
+    InputError
+        Naming what is missing.
+    """
+    needed = ("time", "row_kind", "step_size", "model_toml")
+    missing = [name for name in needed if name not in getattr(run, "variables", ())]
+    attributes = ("solver_method", "solver_estimator", "solver_interpolation")
+    missing += [name for name in attributes if name not in getattr(run, "attrs", ())]
+    if missing:
+        raise InputError(f"this is no run record: it has no {', '.join(missing)}")
+    if run["time"].dims != (STEPS,) or not run["time"].size:
+        raise InputError(
+            f"the record has time along {run['time'].dims} of size {run['time'].size}, needs rows along '{STEPS}'"
+        )
+
+
+def _joined(parts: list[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)

@@ -1,0 +1,5 @@
+"""How large a step a method bears, from the lines of its update."""
+
+from xdynamics.stability.limits import decay_limit, oscillator_limit, stable_step, stable_step_of, stiffness
+
+__all__ = ["decay_limit", "oscillator_limit", "stable_step", "stable_step_of", "stiffness"]
