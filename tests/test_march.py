@@ -235,7 +235,7 @@ def copied(march: March, rows: int | None) -> list[tuple[np.ndarray, ...]]:
         (
             one.log.rows[:, : one.rows].copy(),
             one.log.samples[:, : one.samples].copy(),
-            one.log.events[:, : one.events].copy(),
+            np.array([one.log.events[name][: one.events] for name in one.log.events.dtype.names], float),
         )
         for one in march.blocks(rows)
     ]

@@ -10,6 +10,7 @@ import pytest
 import xdynamics as xd
 from problems import EPS, MODELS, SMOOTH, Problem, coupled_springs, damped, free, oscillator, pushed, springs
 from xdynamics.kernels import Layout
+from xdynamics.methods.scheme import Scheme
 from xdynamics.record.provenance import interpolation_orders
 
 METHODS = list(xd.METHODS.values())
@@ -102,7 +103,7 @@ def test_observed_order(method: object, problem: Callable[[], Problem]) -> None:
 def test_observed_order_between_steps(method: object) -> None:
     """Assert that between steps no component falls slower than method and interpolant promise together."""
     problem = coupled_springs()
-    for name, order in interpolation_orders(method, "none", Layout(problem.model)).items():
+    for name, order in interpolation_orders(Scheme(method), Layout(problem.model)).items():
         expected = min(method.order, order + 1)
         found = slope(problem, method, lambda run, exact, one=name: inner_errors(run, exact, one))
         assert found > expected - 0.1, name

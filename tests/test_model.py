@@ -136,15 +136,19 @@ def test_compiled_table_agrees_with_scipy(rule: str, reference: object) -> None:
     """Assert that the pieces, as compiled code evaluates them, are scipy's interpolant."""
     from xdynamics.kernels import tables
 
-    table = coefficients(ARGUMENT, VALUE, rule, "zero")
+    flat, places = tables.flattened([coefficients(ARGUMENT, VALUE, rule, "zero")])
     points = np.linspace(0.0, 3.999, 97)
-    pieces = [tables.find_piece.py_func(x, table) for x in points]
-    mine = [tables.value_at.py_func(x, table, piece) for x, piece in zip(points, pieces, strict=True)]
+
+    def piece(x: float) -> int:
+        return tables.PYTHON_TABLES["_find_piece"](flat, places, x, 0)
+
+    def value(x: float, number: int) -> float:
+        return tables.PYTHON_TABLES["_value_at"](flat, places, x, number, 0)
+
+    mine = [value(x, piece(x)) for x in points]
     assert np.allclose(mine, reference(points), rtol=1e-14, atol=1e-14)
-    assert tables.find_piece.py_func(-0.1, table) == 0
-    assert tables.find_piece.py_func(4.1, table) == 5
-    assert tables.find_piece.py_func(4.0, table) == 4
-    assert tables.value_at.py_func(-0.1, table, 0) == tables.value_at.py_func(9.0, table, 5) == 0.0
+    assert [piece(x) for x in (-0.1, 4.1, 4.0)] == [0, 5, 4]
+    assert value(-0.1, 0) == value(9.0, 5) == 0.0
 
 
 def test_drive_of_the_wrong_argument_unit() -> None:

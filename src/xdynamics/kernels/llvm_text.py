@@ -237,7 +237,7 @@ class _Printer:
             return self._new(f"call {number} @llvm.{INTRINSICS[name]}.{self._suffix}({number} {given[0]})")
         if name in COMPOSED:
             return self._composed(COMPOSED[name], given)
-        function = f"llvm.{LIBRARY_INTRINSICS[name]}.f64" if name in LIBRARY_INTRINSICS else name
+        function = f"llvm.{LIBRARY_INTRINSICS[name]}.f64" if name in LIBRARY_INTRINSICS else name if name in LIBRARY else f"_{name}"
         return self._by_lane("double", [(number, one) for one in given], lambda scalars: f"call double @{function}({scalars})")
 
     def _composed(self, lines: tuple[str, ...], given: list[str]) -> str:

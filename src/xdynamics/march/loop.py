@@ -15,7 +15,7 @@ from xdynamics.kernels.compiling import apart, called, compiled, shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import STRETCH, accepts, error_norm, first_step, grow, reduce, shortest
-from xdynamics.march.events import crosses, crosses_any, locate
+from xdynamics.march.events import copy, crosses, crosses_any, locate
 from xdynamics.march.handle import run_at
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import COMPLETED, NONFINITE_OBSERVABLE, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
@@ -83,10 +83,8 @@ def start(run: Run) -> None:
     if run.detectors.shape[0] > 0:
         run.at[0] = now.t
         called(run.law[DETECT], run.at, run.y, run.p, run.tables, run.places, run.g, run.e, run.samples, 0, run.w)
-    for i in range(run.z.shape[0]):
-        run.z[i] = run.y[i]
-    for i in range(run.g.shape[0]):
-        run.g1[i] = run.g[i]
+    copy(run.y, run.z)
+    copy(run.g, run.g1)
     noted = note_apart(run, INITIAL, now.t, 0.0, run.y)
     if not finite_state(run):
         now.status = nonfinite(run)
@@ -304,11 +302,12 @@ def cross_node(run: Run) -> None:
     """Behind a node, evaluate the forces on its far side; the next step starts with those."""
     now = run.now[0]
     enter_pieces(now.t, run.tables, run.places, run.of_time)
-    evaluate(run, now.t, run.y)
-    note_sample(run, now.t, run.y, now.rows - 1)
-    for i in range(run.z.shape[0]):
-        run.z[i] = run.y[i]
-    if not finite_state(run):
+    copy(run.y, run.z)
+    evaluate(run, now.t, run.z)
+    note_sample(run, now.t, run.z, now.rows - 1)
+    if finite_state(run):
+        copy(run.z, run.y)
+    else:
         now.status = nonfinite(run)
 
 
