@@ -10,9 +10,9 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS, oscillator, particle
+from xdynamics.evidence.modes import modes
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.model.linearisation import force_totals, initial_state, linearise, variables
-from xdynamics.evidence.modes import modes
 
 GRAVITY = 9.8  # of the pendulum of 1 m, m s-2
 # states off the beaten track: everything moves, drives have slopes

@@ -11,11 +11,11 @@ import pytest
 import xdynamics as xd
 from problems import MODELS, oscillator, particle
 from xdynamics.methods import Evaluation, Method
-from xdynamics.stability.amplification import LinearSystem, amplification, factors
 from xdynamics.methods.method import spread
-from xdynamics.stability.limits import OSCILLATOR, decay_limit, oscillator_limit, stable_step, stiffness, treats_alike
 from xdynamics.model import Trait
 from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.stability.amplification import LinearSystem, amplification, factors
+from xdynamics.stability.limits import OSCILLATOR, decay_limit, oscillator_limit, stable_step, stiffness, treats_alike
 
 RK4 = """
     y2 = y + h/2*k

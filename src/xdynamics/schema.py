@@ -24,7 +24,9 @@ INITIAL, STEP, NODE, EVENT_BEFORE, EVENT_AFTER = range(5)
 TRIAL_REASONS = (
     "error_test", "nonfinite_force", "domain", "contact_solve", "event_substep", "newton_solve", "nonfinite_event",
 )  # fmt: skip
-REASON_ERROR, REASON_NONFINITE, REASON_DOMAIN, REASON_CONTACT, REASON_EVENT, REASON_NEWTON, REASON_EVENT_FUNCTION = range(7)
+REASON_ERROR, REASON_NONFINITE, REASON_DOMAIN, REASON_CONTACT, REASON_EVENT, REASON_NEWTON, REASON_EVENT_FUNCTION = (
+    range(7)
+)
 EVENT_KINDS = ("crossing", "touch", "jump", "impact", "regime_switch")
 CROSSING = 0
 EVENT_DIRECTIONS = {-1: "falling", 1: "rising"}

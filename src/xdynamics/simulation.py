@@ -15,10 +15,10 @@ from xdynamics.evidence.comparison import bitwise
 from xdynamics.faults import InputError, StabilityWarning
 from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
-from xdynamics.stability import stable_step
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.record.provenance import asked_of
+from xdynamics.stability import stable_step
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -15,10 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.faults import ArchiveError, InputError, numbered
-from xdynamics.march import Block, March
-from xdynamics.record import own_attributes, provenance
-from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, STEPS, VOLATILE_DIGEST
 from xdynamics.archive.seals import (
     CHUNKS,
     OTHER_CHUNK,
@@ -31,6 +27,10 @@ from xdynamics.archive.seals import (
     stored_digest,
     volatile_digest,
 )
+from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.march import Block, March
+from xdynamics.record import own_attributes, provenance
+from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, STEPS, VOLATILE_DIGEST
 
 if TYPE_CHECKING:
     import netCDF4

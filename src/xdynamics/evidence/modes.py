@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from xdynamics import record, schema
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
-from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of
 from xdynamics.model import Model
 from xdynamics.model.linearisation import Linearisation, initial_state, linearise, variables
 from xdynamics.schema import STEPS, Variable
+from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of
 from xdynamics.units import NONE, Unit, parse_unit, spell
 
 Floats = NDArray[np.float64]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -27,6 +28,7 @@ def apart(function: Any) -> Any:
 entry: Any = njit(**OPTIONS)
 
 _COUNT = 9  # pointers that a law is called with
+PLAIN: dict[int, Callable[..., None]] = {}  # where nothing is compiled, an address is a key of these
 
 
 def _called(_typing: Any, address: Any, at: Any, y: Any, p: Any, tables: Any, pieces: Any, z: Any, e: Any, samples: Any, first: Any, w: Any) -> Any:  # fmt: skip
@@ -51,8 +53,6 @@ def _called(_typing: Any, address: Any, at: Any, y: Any, p: Any, tables: Any, pi
 
 def _called_plainly(address: int, at: Any, y: Any, p: Any, tables: Any, pieces: Any, z: Any, e: Any, samples: Any, first: int, w: Any) -> None:  # fmt: skip
     """Call the Python function that stands for an address where nothing is compiled."""
-    from xdynamics.kernels.law import PLAIN
-
     PLAIN[int(address)](at, y, p, tables, pieces, z, e, samples[first:], w)
 
 

@@ -62,12 +62,12 @@ def power(x: float, exponent: float) -> float:
 
 def least(x: float, y: float) -> float:
     """Return the smaller; nan if either is."""
-    return x if x < y or x != x else y  # noqa: PLR0124 - nan is not itself
+    return x if x < y or x != x else y
 
 
 def greatest(x: float, y: float) -> float:
     """Return the larger; nan if either is."""
-    return x if x > y or x != x else y  # noqa: PLR0124
+    return x if x > y or x != x else y
 
 
 def _kept(function: Callable[..., float]) -> Callable[..., float]:

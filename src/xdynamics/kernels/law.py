@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import count
@@ -13,20 +12,22 @@ from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.kernels import machine, quantities, stepping
+from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.elementary import PYTHON
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.program import Program
-from xdynamics.kernels.python_text import SIGNATURE, python_of
+from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.stepping import Equations, Steps
 from xdynamics.kernels.tables import PYTHON_TABLES
 from xdynamics.methods.scheme import Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
 FORCES, DETECT, SLOPES, DERIVED, INSIDE, PROPOSE = range(6)
-HEADER = '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
+HEADER = (
+    '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
+)
 
-PLAIN: dict[int, Callable[..., None]] = {}  # where nothing is compiled, an address is a key of these
 _KEYS = count(1)
 
 
@@ -60,7 +61,12 @@ class Law:
     def entries(self) -> tuple[Program, ...]:
         """What is called from outside, in the order of the addresses."""
         layout = self.layout
-        own = (quantities.forces(layout), quantities.events(layout), quantities.event_rates(layout), quantities.derived(layout))
+        own = (
+            quantities.forces(layout),
+            quantities.events(layout),
+            quantities.event_rates(layout),
+            quantities.derived(layout),
+        )
         return (*own, stepping.inside(layout, self.scheme), *self.steps.programs)
 
     @cached_property
@@ -116,6 +122,3 @@ class Law:
 def law_of(layout: Layout, *, sampled: bool) -> Law:
     """Return a law, made once for a model, a method and what is kept."""
     return Law(layout, sampled)
-
-
-__all__ = ["DERIVED", "DETECT", "FORCES", "INSIDE", "PLAIN", "PROPOSE", "SIGNATURE", "SLOPES", "Law", "law_of"]

@@ -138,7 +138,9 @@ def _types(lanes: int) -> tuple[str, str]:
 
 
 def _looks_up(program: Program) -> bool:
-    return any(isinstance(one, Compute) and one.operation in ("value_at", "slope_at", "find_piece") for one in program.body)
+    return any(
+        isinstance(one, Compute) and one.operation in ("value_at", "slope_at", "find_piece") for one in program.body
+    )
 
 
 def _calls(program: Program, name: str) -> int:
@@ -237,8 +239,16 @@ class _Printer:
             return self._new(f"call {number} @llvm.{INTRINSICS[name]}.{self._suffix}({number} {given[0]})")
         if name in COMPOSED:
             return self._composed(COMPOSED[name], given)
-        function = f"llvm.{LIBRARY_INTRINSICS[name]}.f64" if name in LIBRARY_INTRINSICS else name if name in LIBRARY else f"_{name}"
-        return self._by_lane("double", [(number, one) for one in given], lambda scalars: f"call double @{function}({scalars})")
+        function = (
+            f"llvm.{LIBRARY_INTRINSICS[name]}.f64"
+            if name in LIBRARY_INTRINSICS
+            else name
+            if name in LIBRARY
+            else f"_{name}"
+        )
+        return self._by_lane(
+            "double", [(number, one) for one in given], lambda scalars: f"call double @{function}({scalars})"
+        )
 
     def _composed(self, lines: tuple[str, ...], given: list[str]) -> str:
         constants = {"zero": 0.0, "one": 1.0, "minus": -1.0, "nan": float("nan")}
@@ -284,5 +294,5 @@ class _Printer:
     def _operand(self, operand: Operand) -> str:
         if isinstance(operand, str):
             return self._values[operand]
-        bits = "0x%016X" % struct.unpack("<Q", struct.pack("<d", float(operand)))[0]
+        bits = f"0x{struct.pack('>d', operand).hex().upper()}"
         return bits if self._lanes == 1 else "<" + ", ".join([f"double {bits}"] * self._lanes) + ">"

@@ -8,7 +8,23 @@ from collections.abc import Iterator
 from xdynamics.kernels.elementary import COMPARISONS, INFIX
 from xdynamics.kernels.program import ARRAYS, Call, Compute, Each, Load, Operand, Place, Program, Store
 
-_PLAIN = {"abs", "sqrt", "sign", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log"}
+_PLAIN = {
+    "abs",
+    "sqrt",
+    "sign",
+    "sin",
+    "cos",
+    "tan",
+    "asin",
+    "acos",
+    "atan",
+    "atan2",
+    "sinh",
+    "cosh",
+    "tanh",
+    "exp",
+    "log",
+}
 _ATOM = 9
 SIGNATURE = ", ".join(f"_{name}" for name in ARRAYS)
 
@@ -118,4 +134,3 @@ def _operands(body: tuple[object, ...]) -> Iterator[Operand]:
             case Each():
                 # what a loop reads from outside is computed before it
                 yield from (one for one in _operands(line.body) for _ in range(2))
-

@@ -88,8 +88,6 @@ class _Names:
         drive = name.removeprefix(slope(""))
         number, argument = self._drives[drive], self._layout.model.drives[drive].argument
         at = lines.named(argument)
-        if argument == "t":  # one piece throughout a step, so that a jump falls between steps
-            piece = lines.compute("piece_of", number)
-        else:
-            piece = lines.compute("find_piece", at, number)
+        # of time there is one piece throughout a step, so that a jump falls between steps
+        piece = lines.compute("piece_of", number) if argument == "t" else lines.compute("find_piece", at, number)
         return lines.compute("value_at" if drive == name else "slope_at", at, piece, number)

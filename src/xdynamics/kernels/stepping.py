@@ -127,7 +127,9 @@ class _Stepping(Walker):
         coupling = _Coupling(self, line, slopes)
         entries = [
             entry
-            for row, target in enumerate((one.target, i) for one in line.equations for i in range(self._count(one.target)))
+            for row, target in enumerate(
+                (one.target, i) for one in line.equations for i in range(self._count(one.target))
+            )
             for column, unknown in enumerate(unknowns)
             for entry in coupling.entries(row, column, target, unknown)
         ]
@@ -140,7 +142,9 @@ class _Stepping(Walker):
 
     def end(self) -> None:
         """Put the new state into `z`: what the step led to, and what its last force evaluation gave."""
-        self.out("z", ["q1", "v1", "x1", "a1", "r1"], (*self.layout.used, *self.layout.accelerations, *self.layout.rates))
+        self.out(
+            "z", ["q1", "v1", "x1", "a1", "r1"], (*self.layout.used, *self.layout.accelerations, *self.layout.rates)
+        )
         first = len(self.layout.used) + len(self.layout.accelerations) + len(self.layout.rates)
         self._copy(Place("z", first), Place(self._last, first), len(self.layout.record) - first)
 
@@ -216,14 +220,19 @@ class _Stepping(Walker):
     def _evaluation(self, line: Evaluation, program: str) -> int:
         """Call the forces at a state; return the place of the derivatives that `linearised` gives."""
         self.stage += 1
-        record, at = self._array(f"f{self.stage}", len(self.layout.record)), self._array(f"at{self.stage}", len(AT), own=True)
+        record, at = (
+            self._array(f"f{self.stage}", len(self.layout.record)),
+            self._array(f"at{self.stage}", len(AT), own=True),
+        )
         first = 0
         for name in (line.position, line.velocity, line.state):
             self._copy(Place(record, first), Place(name), self._count(name))
             first += self._count(name)
         time = self._scalars.value(_read(line.time))
         self._scalars.store(Place(at, AT.index("t")), time)
-        self._scalars.store(Place(at, AT.index("regime")), self._scalars.load(Place("at", AT.index("regime")), "regime"))
+        self._scalars.store(
+            Place(at, AT.index("regime")), self._scalars.load(Place("at", AT.index("regime")), "regime")
+        )
         self._flush()
         slopes = self._memory
         if program == "linearised":
@@ -307,7 +316,11 @@ class _Coupling:
             for vector in (one.state,) if by_state else (one.position, one.velocity):
                 owner = layout.states[k] if by_state else layout.coordinates[k]
                 slope = self._jacobian.get((given, layout.argument(vector[0], owner)))
-                place = None if slope is None else self._through(name, one.rate if of_state else one.acceleration, vector, other)
+                place = (
+                    None
+                    if slope is None
+                    else self._through(name, one.rate if of_state else one.acceleration, vector, other)
+                )
                 if slope is not None and place is not None:
                     found.append((row, column, place, self._slopes[number] + slope))
         return found

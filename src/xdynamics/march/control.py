@@ -31,7 +31,7 @@ def accepts(norm: float) -> bool:
 @compiled
 def larger(x: float, y: float) -> float:
     """Return the larger; nan if the first is: a norm that is lost stays lost."""
-    return x if x > y or x != x else y  # noqa: PLR0124
+    return x if x > y or x != x else y
 
 
 @compiled

@@ -48,7 +48,9 @@ def _compiled() -> Engine:
             return _entries(kept)
         except Exception:  # noqa: BLE001 - whatever a damaged file does, the engine is compiled anew
             cache.remove(name)
-    logging.getLogger("xdynamics").warning("xdynamics: compiling the engine, once per installation: about %d s", SECONDS)
+    logging.getLogger("xdynamics").warning(
+        "xdynamics: compiling the engine, once per installation: about %d s", SECONDS
+    )
     with cache.filling(name) as folder:
         try:
             return _entries(folder)

@@ -111,7 +111,9 @@ def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) ->
             for i in range(run.z.shape[0]):
                 run.located_z[i] = run.z[i]
         run.at[0], run.at[1], run.at[2], run.at[3] = t, t1, h, (time - t) / h
-        called(run.law[INSIDE], run.at, run.y, run.p, run.tables, run.places, run.located_z, run.e, run.samples, 0, run.w)
+        called(
+            run.law[INSIDE], run.at, run.y, run.p, run.tables, run.places, run.located_z, run.e, run.samples, 0, run.w
+        )
         for i in range(n):
             found[i, k] = run.e[i]
         propose_apart(run, time, time - t)

@@ -74,7 +74,9 @@ def bracket(run: Run, i: int) -> None:
             break
         note_trial(run, s, nan, REASON_EVENT)
         propose_apart(run, t + s, s)
-        if run.trial[0].iterations < 0:  # equations that were not solved tell nothing: the bracket stays as wide as it is
+        if (
+            run.trial[0].iterations < 0
+        ):  # equations that were not solved tell nothing: the bracket stays as wide as it is
             break
         if crosses(direction, run.g[i], run.g1[i]):
             high = s

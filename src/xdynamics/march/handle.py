@@ -34,16 +34,16 @@ _PLACES = {name: i for i, name in enumerate(ARRAYS)}
 
 
 @register_model(RunType)
-class _Model(models.PrimitiveModel):  # type: ignore[misc]
+class _Model(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, ir.IntType(64).as_pointer())
 
 
 @infer_getattr
-class _Attributes(AttributeTemplate):  # type: ignore[misc]
+class _Attributes(AttributeTemplate):
     key = RunType
 
-    def generic_resolve(self, _run: Any, name: str) -> Any:
+    def generic_resolve(self, _run: Any, name: str) -> Any:  # type: ignore[override]
         return _FIELDS.get(name)
 
 

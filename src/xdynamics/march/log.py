@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import called, compiled, shared
-from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.law import DERIVED
+from xdynamics.kernels.layout import Layout
 from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Run
 
 MOST_SUBSTEPS = 200  # of one event's bracket; halving alone needs 60

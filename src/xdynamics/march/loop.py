@@ -18,7 +18,15 @@ from xdynamics.march.control import STRETCH, accepts, error_norm, first_step, gr
 from xdynamics.march.events import copy, crosses, crosses_any, locate
 from xdynamics.march.handle import run_at
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
-from xdynamics.march.outcomes import COMPLETED, NONFINITE_OBSERVABLE, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
+from xdynamics.march.outcomes import (
+    COMPLETED,
+    NONFINITE_OBSERVABLE,
+    RUNNING,
+    SOUND,
+    STEP_LIMIT,
+    STEP_TOO_SMALL,
+    STOPPED,
+)
 from xdynamics.march.proposing import evaluate, propose
 from xdynamics.march.run import Run
 from xdynamics.schema import (

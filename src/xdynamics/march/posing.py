@@ -162,7 +162,9 @@ def _detectors(model: Model, scales: Scales) -> NDArray[np.void]:
 
 def _equations(law: Law) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.int64]]:
     """Lay what Newton's method has to know of a step's equations into flat lists."""
-    found, unknowns, entries = np.zeros(len(law.equations), EQUATIONS), [], []
+    found = np.zeros(len(law.equations), EQUATIONS)
+    unknowns: list[tuple[int, int, int]] = []
+    entries: list[tuple[int, int, int, int]] = []
     for row, one in zip(found, law.equations, strict=True):
         row.evaluations, row.residuals = one.evaluations, one.residuals
         row.first_unknown, row.unknowns = len(unknowns), len(one.unknowns)

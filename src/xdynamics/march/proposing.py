@@ -56,7 +56,9 @@ def solve(run: Run, y: State, z: State, sample: int) -> None:
         turns = newton(run, k, y, z, sample)
         trial = run.trial[0]
         trial.iterations = trial.iterations + turns if turns >= 0 and trial.iterations >= 0 else -1
-        called(run.law[PROPOSE + 2 * k + 2], run.at, y, run.p, run.tables, run.places, z, run.e, run.samples, sample, run.w)
+        called(
+            run.law[PROPOSE + 2 * k + 2], run.at, y, run.p, run.tables, run.places, z, run.e, run.samples, sample, run.w
+        )
 
 
 @shared

@@ -89,7 +89,9 @@ class _Retrace(Walker):
         if not self.whole:
             return
         vectors, layout = self._vectors, self._layout
-        used = vectors[line.position] | {velocity(k): v for k, v in vectors[line.velocity].items()} | vectors[line.state]
+        used = (
+            vectors[line.position] | {velocity(k): v for k, v in vectors[line.velocity].items()} | vectors[line.state]
+        )
         found = self._forces(used | {"t": evaluate(parse(line.time), self._scalars)})
         self.found.append(found)
         vectors[line.acceleration] = {name: found[acceleration(name)] for name in layout.coordinates}

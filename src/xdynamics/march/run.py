@@ -41,75 +41,88 @@ EVENT_ROW = _record("time left residual slope", "row_before row_after detector k
 BASE = _record("", "rows trials events samples")
 
 
-# Every array of a run: kind of its elements, dimensions. The last, behind `law`, are the log and not memory.
-ARRAYS: dict[str, tuple[Any, int]] = {
-    "plan": (PLAN, 1),
-    "now": (NOW, 1),
-    "trial": (TRIAL, 1),
-    "located": (TRIAL, 1),  # the trial that ends at an event
-    "at": ("f8", 1),  # t, t1, h, s, regime: what a law is told of a step
-    "y": ("f8", 1),  # the state at now.t
-    "z": ("f8", 1),  # the state that the trial led to
-    "e": ("f8", 1),  # its error
-    "g": ("f8", 1),  # event functions at y
-    "g1": ("f8", 1),  # at z
-    "d": ("f8", 1),  # energies and observables of the row that is noted
-    "samples": ("f8", 1),  # force evaluations of the trial, one behind the other
-    "half": ("f8", 1),  # the state after half a step
-    "whole": ("f8", 1),  # the state after a whole one, to judge two halves by
-    "located_z": ("f8", 1),
-    "located_e": ("f8", 1),
-    "located_g": ("f8", 1),
-    "located_samples": ("f8", 1),
-    "lows": ("f8", 1),  # left end of each event's bracket, as a step
-    "slopes": ("f8", 1),  # time derivatives of the event functions
-    "p": ("f8", 1),  # parameters, unit constants, pi
-    "tables": ("f8", 1),
-    "places": ("i8", 1),  # of the tables, and the piece that a drive of time goes through
-    "of_time": ("i8", 1),  # drives of time
-    "atol": ("f8", 1),
-    "nodes": ("f8", 1),  # times to land on between start and end
-    "grid": ("f8", 1),  # times of a given grid
-    "steps": ("f8", 1),  # the step to each of them
-    "detectors": (DETECTOR, 1),
-    "w": ("f8", 1),  # vectors of an implicit method
-    "matrix": ("f8", 1),
-    "right": ("f8", 1),
-    "equations": (EQUATIONS, 1),
-    "unknowns": ("i8", 2),
-    "entries": ("i8", 2),
-    "law": ("i8", 1),  # addresses
-    "base": (BASE, 1),  # the counts of `now` at the log's first row
-    "log_rows": ("f8", 2),  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
-    "log_flags": ("i1", 2),  # kind, regime
-    "log_samples": ("f8", 2),  # `Layout.sample`: time, step, stage, what was used, what was found
-    "log_trials": (TRIAL_ROW, 1),
-    "log_events": (EVENT_ROW, 1),
-}
-LOG = ("base", "log_rows", "log_flags", "log_samples", "log_trials", "log_events")
-FLEETING = ("law", *LOG)  # no part of the memory: addresses belong to a process, the log to whoever reads it
+Floats = NDArray[np.float64]
+Columns = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Lists = NDArray[np.int64]
+Flags = NDArray[np.int8]
+Plans = NDArray[Any]
+Nows = NDArray[Any]
+Trials = NDArray[Any]
+Detectors = NDArray[Any]
+Solves = NDArray[Any]
+Bases = NDArray[Any]
+TrialRows = NDArray[Any]
+EventRows = NDArray[Any]
+_KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimensions
+    "Floats": ("f8", 1), "Columns": ("f8", 2), "Whole": ("i8", 1), "Lists": ("i8", 2), "Flags": ("i1", 2),
+    "Plans": (PLAN, 1), "Nows": (NOW, 1), "Trials": (TRIAL, 1), "Detectors": (DETECTOR, 1), "Solves": (EQUATIONS, 1),
+    "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
+}  # fmt: skip
+FLEETING = ("law", "base")  # no part of the memory, nor what begins with log_: addresses belong to a process
 
 
 class Run:
-    """A march of one model by one method: `ARRAYS` as attributes. States are in the order of `Layout.record`.
+    """A march of one model by one method. States are in the order of `Layout.record`.
 
     Parameters
     ----------
     **arrays : ndarray
-        Contiguous, each of the kind that `ARRAYS` says.
+        All of the below, contiguous.
     """
 
-    __slots__ = (*ARRAYS, "_table", "address")
+    plan: Plans
+    now: Nows
+    trial: Trials
+    located: Trials  # the trial that ends at an event
+    at: Floats  # t, t1, h, s, regime: what a law is told of a step
+    y: Floats  # the state at now.t
+    z: Floats  # the state that the trial led to
+    e: Floats  # its error
+    g: Floats  # event functions at y
+    g1: Floats  # at z
+    d: Floats  # energies and observables of the row that is noted
+    samples: Floats  # force evaluations of the trial, one behind the other
+    half: Floats  # the state after half a step
+    whole: Floats  # the state after a whole one, to judge two halves by
+    located_z: Floats
+    located_e: Floats
+    located_g: Floats
+    located_samples: Floats
+    lows: Floats  # left end of each event's bracket, as a step
+    slopes: Floats  # time derivatives of the event functions
+    p: Floats  # parameters, unit constants, pi
+    tables: Floats
+    places: Whole  # of the tables, and the piece that a drive of time goes through
+    of_time: Whole  # drives of time
+    atol: Floats
+    nodes: Floats  # times to land on between start and end
+    grid: Floats  # times of a given grid
+    steps: Floats  # the step to each of them
+    detectors: Detectors
+    w: Floats  # vectors of an implicit method
+    matrix: Floats
+    right: Floats
+    equations: Solves
+    unknowns: Lists
+    entries: Lists
+    law: Whole  # addresses
+    base: Bases  # the counts of `now` at the log's first row
+    log_rows: Columns  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
+    log_flags: Flags  # kind, regime
+    log_samples: Columns  # `Layout.sample`: time, step, stage, what was used, what was found
+    log_trials: TrialRows
+    log_events: EventRows
 
     def __init__(self, **arrays: NDArray[Any]) -> None:
-        self._table = np.zeros((len(ARRAYS), 3), np.int64)
+        self._table = np.zeros((len(ARRAYS), 3), np.int64)  # where compiled code finds them; see `handle`
         self.address = int(self._table.ctypes.data)
         self.put(**arrays)
 
     def put(self, **arrays: NDArray[Any]) -> None:
         """Put arrays in their places, for compiled code too; new blocks of a log, say."""
         for name, array in arrays.items():
-            place = list(ARRAYS).index(name)
+            place = _PLACES[name]
             setattr(self, name, array)
             self._table[place] = array.ctypes.data, array.shape[0], array.shape[-1]
 
@@ -134,4 +147,9 @@ class Run:
             first += array.nbytes
 
     def _remembered(self) -> list[NDArray[Any]]:
-        return [getattr(self, name) for name in ARRAYS if name not in FLEETING]
+        return [getattr(self, name) for name in _MEMORY]
+
+
+ARRAYS = {name: _KINDS[kind] for name, kind in Run.__annotations__.items()}
+_PLACES = {name: i for i, name in enumerate(ARRAYS)}
+_MEMORY = [name for name in ARRAYS if name not in FLEETING and not name.startswith("log_")]

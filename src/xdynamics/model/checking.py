@@ -10,6 +10,7 @@ from typing import Any
 from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, text_of
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.parts import Function
+from xdynamics.model.statement import Statement
 from xdynamics.schema import acceleration, record_names, velocity
 from xdynamics.units import CONSTANTS, NONE, TIME, Dimension, constant, spell
 
@@ -18,7 +19,7 @@ MOST_EVENTS = 100
 RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS}
 
 
-def check(parts: Mapping[str, Any]) -> dict[str, Dimension]:
+def check(statement: Statement) -> dict[str, Dimension]:
     """Check names, initial values and the dimension of every term.
 
     Returns
@@ -31,36 +32,36 @@ def check(parts: Mapping[str, Any]) -> dict[str, Dimension]:
     ModelError
         With every fault.
     """
-    ledger = Ledger(f"model '{parts['name']}'", ModelError)
-    _check_names(parts, ledger)
+    ledger = Ledger(f"model '{statement.name}'", ModelError)
+    _check_names(statement, ledger)
     ledger.settle()
-    known = _declared(parts)
-    _define(parts, known, ledger)
+    known = _declared(statement)
+    _define(statement, known, ledger)
     ledger.settle()
-    _check_initial(parts, known, ledger)
-    _check_motion(parts, known, ledger)
-    for name, state in parts["states"].items():
+    _check_initial(statement, known, ledger)
+    _check_motion(statement, known, ledger)
+    for name, state in statement.states.items():
         _needs(ledger, f"rate of state '{name}'", state.rate, known, known[name] / TIME)
-    for name, drive in parts["drives"].items():
-        _check_drive(name, drive, parts, known, ledger)
-    for name, event in parts["events"].items():
+    for name, drive in statement.drives.items():
+        _check_drive(name, drive, statement, known, ledger)
+    for name, event in statement.events.items():
         with ledger.entry(f"event '{name}'"):
             dimension_of(event.function, known)
-    accelerations = {acceleration(name): known[name] / TIME**2 for name in parts["coordinates"]}
-    for name, observable in parts["observables"].items():
+    accelerations = {acceleration(name): known[name] / TIME**2 for name in statement.coordinates}
+    for name, observable in statement.observables.items():
         with ledger.entry(f"observable '{name}'"):
             spell(dimension_of(observable, known | accelerations))
     ledger.settle()
     return known
 
 
-def _check_names(parts: Mapping[str, Any], ledger: Ledger) -> None:
-    if not parts["coordinates"] and not parts["states"]:
+def _check_names(statement: Statement, ledger: Ledger) -> None:
+    if not statement.coordinates and not statement.states:
         ledger.note("has neither coordinates nor states: there is nothing to march")
-    if len(parts["events"]) > MOST_EVENTS:
-        ledger.note(f"has {len(parts['events'])} events, {MOST_EVENTS} at most")
+    if len(statement.events) > MOST_EVENTS:
+        ledger.note(f"has {len(statement.events)} events, {MOST_EVENTS} at most")
     functions = [
-        one for force in parts["forces"].values() for one in force.components.values() if isinstance(one, Function)
+        one for force in statement.forces.values() for one in force.components.values() if isinstance(one, Function)
     ]
     for name in {one.name for one in functions}:
         if len({one.digest for one in functions if one.name == name}) > 1:
@@ -68,7 +69,7 @@ def _check_names(parts: Mapping[str, Any], ledger: Ledger) -> None:
     used: dict[str, str] = {}
     sections = ("coordinates", "parameters", "definitions", "drives", "states", "forces", "events", "observables")
     for section in sections:
-        for name in parts[section]:
+        for name in getattr(statement, section):
             what = f"{section.removesuffix('s')} '{name}'"
             if keyword.iskeyword(name):
                 ledger.note(f"{what}: '{name}' is a word of Python; choose another name, like '{name}_'")
@@ -78,25 +79,25 @@ def _check_names(parts: Mapping[str, Any], ledger: Ledger) -> None:
                 ledger.note(f"{what}: '{name}' is a key of the model file; choose another name")
             elif name in RESERVED and section not in ("forces", "events"):
                 ledger.note(f"{what}: the name '{name}' is a word of the expression language")
-    for name, owner in record_names(parts):
+    for name, owner in record_names(vars(statement)):
         if name in used:
             ledger.note(f"{owner} and {used[name]} both claim the name '{name}'; rename one")
         used.setdefault(name, owner)
 
 
-def _declared(parts: Mapping[str, Any]) -> dict[str, Dimension]:
+def _declared(statement: Statement) -> dict[str, Dimension]:
     known = {"t": TIME, "pi": NONE} | {name: constant(name).dimension for name in CONSTANTS}
-    known |= {name: one.quantity.unit.dimension for name, one in parts["parameters"].items()}
-    known |= {name: one.unit.dimension for name, one in parts["states"].items()}
-    known |= {name: one.table.value_unit.dimension for name, one in parts["drives"].items()}
-    for name, one in parts["coordinates"].items():
+    known |= {name: one.quantity.unit.dimension for name, one in statement.parameters.items()}
+    known |= {name: one.unit.dimension for name, one in statement.states.items()}
+    known |= {name: one.table.value_unit.dimension for name, one in statement.drives.items()}
+    for name, one in statement.coordinates.items():
         known |= {name: one.unit.dimension, velocity(name): one.unit.dimension / TIME}
     return known
 
 
-def _define(parts: Mapping[str, Any], known: dict[str, Dimension], ledger: Ledger) -> None:
+def _define(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -> None:
     """Add the definitions' dimensions, each after the ones that it uses."""
-    waiting: dict[str, Node] = dict(parts["definitions"])
+    waiting: dict[str, Node] = dict(statement.definitions)
     while waiting:
         ready = [name for name, node in waiting.items() if not free_names(node) & set(waiting)]
         if not ready:
@@ -107,55 +108,55 @@ def _define(parts: Mapping[str, Any], known: dict[str, Dimension], ledger: Ledge
             known[name] = NONE
             with ledger.entry(f"definition '{name}'"):
                 known[name] = dimension_of(node, known)
-                expand(node, parts["definitions"])
+                expand(node, statement.definitions)
 
 
-def _check_initial(parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger) -> None:
-    coordinates = [name for one in parts["coordinates"] for name in (one, velocity(one))]
-    needed = ["t", *coordinates, *parts["states"]]
+def _check_initial(statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:
+    coordinates = [name for one in statement.coordinates for name in (one, velocity(one))]
+    needed = ["t", *coordinates, *statement.states]
     for name in needed:
-        if name not in parts["initial"]:
+        if name not in statement.initial:
             ledger.note(f"initial value of '{name}' is missing, in '{known[name]}'")
-        elif parts["initial"][name].unit.dimension != known[name]:
-            given = parts["initial"][name]
+        elif statement.initial[name].unit.dimension != known[name]:
+            given = statement.initial[name]
             ledger.note(
                 f"initial value '{name} = {given}' has units '{given.unit.dimension}', needs '{known[name]}';"
                 " write the unit behind the number"
             )
-    for name in parts["initial"]:
+    for name in statement.initial:
         if name not in needed:
             ledger.note(f"initial value of '{name}', which is no coordinate, velocity or state")
 
 
-def _check_motion(parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger) -> None:
+def _check_motion(statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:
     """Check that every entry of M a = F has the unit its row needs."""
-    coordinates = list(parts["coordinates"])
+    coordinates = list(statement.coordinates)
     needed: dict[str, Dimension] = {}
     for i, name in enumerate(coordinates):
         with ledger.entry(f"mass of '{name}'"):
-            needed[name] = dimension_of(parts["mass"][i][i], known) * known[name] / TIME**2
+            needed[name] = dimension_of(statement.mass[i][i], known) * known[name] / TIME**2
     if len(needed) < len(coordinates):
         return
     for i, row in enumerate(coordinates):
         for j, column in enumerate(coordinates):
-            if i != j and parts["mass"][i][j] != Number(0.0):
+            if i != j and statement.mass[i][j] != Number(0.0):
                 label, unit = f"mass entry ({i + 1}, {j + 1})", needed[row] / known[column] * TIME**2
-                _needs(ledger, label, parts["mass"][i][j], known, unit)
-            if i < j and parts["mass"][i][j] != parts["mass"][j][i]:
-                pair = text_of(parts["mass"][i][j]), text_of(parts["mass"][j][i])
+                _needs(ledger, label, statement.mass[i][j], known, unit)
+            if i < j and statement.mass[i][j] != statement.mass[j][i]:
+                pair = text_of(statement.mass[i][j]), text_of(statement.mass[j][i])
                 ledger.note(
                     f"mass matrix is not symmetric: entry ({i + 1}, {j + 1}) is '{pair[0]}', ({j + 1}, {i + 1}) is '{pair[1]}'"
                 )
-    for term, force in parts["forces"].items():
+    for term, force in statement.forces.items():
         if force.potential is not None:
-            _check_potential(term, force.potential, parts, known, needed, ledger)
+            _check_potential(term, force.potential, statement, known, needed, ledger)
         for name, node in force.components.items():
             if name not in needed:
                 ledger.note(
                     f"force '{term}' acts on '{name}', which is no coordinate; there are {', '.join(coordinates)}"
                 )
             elif isinstance(node, Function):
-                _check_function(term, node, parts, known, ledger)
+                _check_function(term, node, statement, known, ledger)
             else:
                 _needs(ledger, f"force '{term}' of '{name}'", node, known, needed[name])
 
@@ -163,20 +164,20 @@ def _check_motion(parts: Mapping[str, Any], known: Mapping[str, Dimension], ledg
 def _check_potential(
     term: str,
     potential: Node,
-    parts: Mapping[str, Any],
+    statement: Statement,
     known: Mapping[str, Dimension],
     needed: Mapping[str, Dimension],
     ledger: Ledger,
 ) -> None:
     try:
-        whole = expand(potential, parts["definitions"])
+        whole = expand(potential, statement.definitions)
     except InputError as error:
         ledger.note(f"potential of '{term}': {error}")
         return
-    for drive in free_names(whole) & set(parts["drives"]):
-        if parts["drives"][drive].argument != "t":
+    for drive in free_names(whole) & set(statement.drives):
+        if statement.drives[drive].argument != "t":
             ledger.note(
-                f"potential of '{term}' uses the drive '{drive}' of '{parts['drives'][drive].argument}'; write a component"
+                f"potential of '{term}' uses the drive '{drive}' of '{statement.drives[drive].argument}'; write a component"
             )
     if any(name.startswith("v_") and name[2:] in needed for name in free_names(whole)):
         ledger.note(f"potential of '{term}' depends on a velocity; write a component")
@@ -189,10 +190,10 @@ def _check_potential(
 
 
 def _check_function(
-    term: str, function: Function, parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger
+    term: str, function: Function, statement: Statement, known: Mapping[str, Dimension], ledger: Ledger
 ) -> None:
     for name in function.arguments:
-        if name in parts["definitions"]:
+        if name in statement.definitions:
             ledger.note(
                 f"force '{term}': function '{function.name}' asks for the definition '{name}'; let it ask for what that is made of"
             )
@@ -200,10 +201,8 @@ def _check_function(
             ledger.note(f"force '{term}': function '{function.name}' asks for '{name}', which is not declared")
 
 
-def _check_drive(
-    name: str, drive: Any, parts: Mapping[str, Any], known: Mapping[str, Dimension], ledger: Ledger
-) -> None:
-    arguments = ["t", *(one for q in parts["coordinates"] for one in (q, velocity(q)))]
+def _check_drive(name: str, drive: Any, statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:
+    arguments = ["t", *(one for q in statement.coordinates for one in (q, velocity(q)))]
     if drive.argument not in arguments:
         ledger.note(f"drive '{name}' has the argument '{drive.argument}'; it may be one of {', '.join(arguments)}")
     elif drive.table.argument_unit.dimension != known[drive.argument]:

@@ -16,6 +16,7 @@ from xdynamics.model import toml
 from xdynamics.model.checking import check
 from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Parameter, State
 from xdynamics.model.reading import read
+from xdynamics.model.statement import Statement
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension, Quantity, parse_quantity, parse_unit
 
@@ -53,6 +54,7 @@ class Model:
     True
     """
 
+    statement: Statement
     name: str
     description: str
     coordinates: dict[str, Coordinate]
@@ -104,7 +106,7 @@ class Model:
 
     def to_toml(self) -> str:
         """Return the whole model as TOML, measured tables included."""
-        return toml.write(self)
+        return toml.write(self.statement)
 
     def replace(self, **sections: Mapping[str, Any]) -> Model:
         """Return a model with some entries of some sections replaced.
@@ -167,7 +169,7 @@ class Model:
     @property
     def mass_is_full(self) -> bool:
         """Whether an entry off the diagonal is not a literal zero."""
-        return any(entry != Number(0.0) for i, row in enumerate(self.mass) for j, entry in enumerate(row) if i != j)
+        return self.statement.mass_is_full
 
     def expanded(self, node: Node) -> Node:
         """Return an expression with every definition put in its place."""
@@ -211,8 +213,8 @@ class Model:
         return model
 
     def _fill(self, statement: Mapping[str, Any], path: Path, functions: Mapping[str, Callable[..., float]]) -> None:
-        parts = read(statement, path, functions)
-        self.__dict__.update(parts, dimensions=check(parts))
+        self.statement = read(statement, path, functions)
+        self.__dict__.update(vars(self.statement), dimensions=check(self.statement))
 
     def _components(self, force: Force) -> dict[str, Node | Function]:
         if force.potential is None:

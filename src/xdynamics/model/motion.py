@@ -178,7 +178,12 @@ def constants(model: Model, scales: Scales = UNSCALED) -> dict[str, float]:
 
 
 def evaluated(
-    model: Model, state: Mapping[str, float], known: Mapping[str, float], tables: Iterable[Table], *, sloped: bool = False
+    model: Model,
+    state: Mapping[str, float],
+    known: Mapping[str, float],
+    tables: Iterable[Table],
+    *,
+    sloped: bool = False,
 ) -> dict[str, float]:
     """Evaluate forces, accelerations and rates at one state, by the operations that a compiled law does.
 

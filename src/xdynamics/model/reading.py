@@ -22,6 +22,7 @@ from xdynamics.model.parts import (
     Parameter,
     State,
 )
+from xdynamics.model.statement import Statement
 from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
 SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
@@ -33,7 +34,7 @@ RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "g
 Functions = Mapping[str, Callable[..., float]]
 
 
-def read(statement: Mapping[str, Any], path: Path, functions: Functions) -> dict[str, Any]:
+def read(statement: Mapping[str, Any], path: Path, functions: Functions) -> Statement:
     """Read every section of a statement.
 
     Raises
@@ -78,7 +79,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions) -> dict
     with ledger.entry("mass"):
         parts["mass"] = _mass(sections["mass"], list(parts["coordinates"]))
     ledger.settle()
-    return parts
+    return Statement(**parts)
 
 
 def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[str, Any]:

@@ -4,45 +4,43 @@ from __future__ import annotations
 
 import json
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from xdynamics.expressions import text_of
 from xdynamics.model.parts import Function
+from xdynamics.model.statement import Statement
 from xdynamics.units import Quantity
 
-if TYPE_CHECKING:
-    from xdynamics.model.model import Model
 
-
-def write(model: Model) -> str:
+def write(statement: Statement) -> str:
     """Return TOML from which the same model is read again."""
-    lines = [f"name = {_value(model.name)}"]
-    if model.description:
-        lines.append(f"description = {_value(model.description)}")
+    lines = [f"name = {_value(statement.name)}"]
+    if statement.description:
+        lines.append(f"description = {_value(statement.description)}")
     _section(
         lines,
         "coordinates",
-        {name: _described({"unit": one.unit.text}, one) for name, one in model.coordinates.items()},
+        {name: _described({"unit": one.unit.text}, one) for name, one in statement.coordinates.items()},
     )
-    _section(lines, "parameters", {name: _parameter(one) for name, one in model.parameters.items()})
-    _section(lines, "mass", _mass(model))
-    _section(lines, "definitions", {name: text_of(node) for name, node in model.definitions.items()})
-    for name, force in model.forces.items():
+    _section(lines, "parameters", {name: _parameter(one) for name, one in statement.parameters.items()})
+    _section(lines, "mass", _mass(statement))
+    _section(lines, "definitions", {name: text_of(node) for name, node in statement.definitions.items()})
+    for name, force in statement.forces.items():
         body: dict[str, Any] = {} if force.potential is None else {"potential": text_of(force.potential)}
         body |= {key: _component(one) for key, one in force.components.items()}
         _section(lines, f"forces.{name}", _described(body, force))
-    for name, drive in model.drives.items():
+    for name, drive in statement.drives.items():
         body = {"table": drive.table.name, "argument": drive.argument, "interpolation": drive.interpolation}
         body |= {"outside": drive.outside, "csv": drive.table.text}
         _section(lines, f"drives.{name}", _described(body, drive))
-    for name, state in model.states.items():
+    for name, state in statement.states.items():
         _section(lines, f"states.{name}", _described({"unit": state.unit.text, "rate": text_of(state.rate)}, state))
-    _section(lines, "initial", {name: str(quantity) for name, quantity in model.initial.items()})
-    for name, event in model.events.items():
+    _section(lines, "initial", {name: str(quantity) for name, quantity in statement.initial.items()})
+    for name, event in statement.events.items():
         body = {"function": text_of(event.function), "direction": event.direction, "action": event.action}
         _section(lines, f"events.{name}", _described(body | {"time_tolerance": str(event.time_tolerance)}, event))
-    _section(lines, "observables", {name: text_of(node) for name, node in model.observables.items()})
-    _section(lines, "run", model.run)
+    _section(lines, "observables", {name: text_of(node) for name, node in statement.observables.items()})
+    _section(lines, "run", statement.run)
     return "\n".join(lines) + "\n"
 
 
@@ -65,10 +63,10 @@ def _parameter(part: Any) -> str | dict[str, Any]:
     return _described(body, part)
 
 
-def _mass(model: Model) -> dict[str, Any]:
-    if model.mass_is_full:
-        return {"matrix": [[text_of(entry) for entry in row] for row in model.mass]}
-    return {name: text_of(model.mass[i][i]) for i, name in enumerate(model.coordinates)}
+def _mass(statement: Statement) -> dict[str, Any]:
+    if statement.mass_is_full:
+        return {"matrix": [[text_of(entry) for entry in row] for row in statement.mass]}
+    return {name: text_of(statement.mass[i][i]) for i, name in enumerate(statement.coordinates)}
 
 
 def _component(component: Any) -> Any:

@@ -4,4 +4,15 @@ from xdynamics.record.attributes import own_attributes, plain
 from xdynamics.record.columns import Column, columns, constants, factors, units_of
 from xdynamics.record.dataset import check, check_kind, dataset
 
-__all__ = ["Column", "check", "check_kind", "columns", "constants", "dataset", "factors", "own_attributes", "plain", "units_of"]
+__all__ = [
+    "Column",
+    "check",
+    "check_kind",
+    "columns",
+    "constants",
+    "dataset",
+    "factors",
+    "own_attributes",
+    "plain",
+    "units_of",
+]

@@ -7,10 +7,10 @@ from functools import cache, partial
 
 import numpy as np
 
-from xdynamics.stability.amplification import AT_REST, SLOWEST, Complexes, Floats, LinearSystem, amplification, factors
 from xdynamics.methods.method import Method
 from xdynamics.model import Model, Trait
 from xdynamics.model.linearisation import linearise, linearise_each
+from xdynamics.stability.amplification import AT_REST, SLOWEST, Complexes, Floats, LinearSystem, amplification, factors
 
 ROUND_OFF = 1e-12  # growth of one step that counts as none
 SMALLEST, FINER, LARGEST = 1e-5, 1e-2, 1e4  # steps that are tried, over the fastest time scale

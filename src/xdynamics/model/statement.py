@@ -1,0 +1,34 @@
+"""What a model file says, read and typed: between its words and a model that was checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from xdynamics.expressions import Node, Number
+from xdynamics.model.parts import Coordinate, Drive, Event, Force, Parameter, State
+from xdynamics.units import Quantity
+
+
+@dataclass(frozen=True)
+class Statement:
+    """The sections of a model, each entry read."""
+
+    name: str
+    description: str
+    coordinates: dict[str, Coordinate]
+    parameters: dict[str, Parameter]
+    mass: tuple[tuple[Node, ...], ...]
+    definitions: dict[str, Node]
+    forces: dict[str, Force]
+    drives: dict[str, Drive]
+    states: dict[str, State]
+    initial: dict[str, Quantity]
+    events: dict[str, Event]
+    observables: dict[str, Node]
+    run: dict[str, Any]
+
+    @property
+    def mass_is_full(self) -> bool:
+        """Whether an entry off the diagonal is not a literal zero."""
+        return any(entry != Number(0.0) for i, row in enumerate(self.mass) for j, entry in enumerate(row) if i != j)
