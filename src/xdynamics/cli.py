@@ -196,8 +196,9 @@ def reproduce(archive: str) -> None:
     table = again(archive)
     if table.attrs["identical"]:
         click.echo(f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same")
+        _say([table.attrs["arithmetic"]] if table.attrs["arithmetic"] else [])
         return
-    click.echo(f"not the same: {table.attrs['first_difference']}")
+    click.echo(f"not the same: {table.attrs['first_difference']}; {table.attrs['arithmetic']}")
     _say(f"  {line}" for line in table.attrs["settings"].splitlines())
     sys.exit(BADLY)
 

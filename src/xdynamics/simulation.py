@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics import archive, record
-from xdynamics.evidence.comparison import bitwise
+from xdynamics.evidence.comparison import reproduced
 from xdynamics.faults import InputError, StabilityWarning
 from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
@@ -164,8 +164,9 @@ def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]]
     Returns
     -------
     xarray.Dataset
-        One row a variable, as `compare` gives it; ``attrs["identical"]`` is 1 where every bit agrees and
-        ``attrs["first_difference"]`` names the first that does not.
+        One row a variable, as `compare` gives it; ``attrs["identical"]`` is 1 where every bit agrees,
+        ``attrs["first_difference"]`` names the first that does not, and ``attrs["arithmetic"]`` says how large the
+        largest difference is. Of an archive by another version the numbers count, not the words.
 
     Raises
     ------
@@ -176,7 +177,7 @@ def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]]
     """
     kept = archive.open_run(path)
     with kept:
-        return bitwise(kept, _again(kept, functions))
+        return reproduced(kept, _again(kept, functions))
 
 
 def _again(kept: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:

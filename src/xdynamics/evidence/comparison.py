@@ -14,6 +14,7 @@ from xdynamics.record import own_attributes, plain
 from xdynamics.schema import COUNTS, EVENT_AFTER, ROOT_DIGEST, STEPS, VOLATILE
 
 SLAB = 1_000_000
+LAW = ("force_source", "force_digest")  # the text of the law, which another version may write in other words
 
 
 def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
@@ -26,10 +27,54 @@ def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
         Attributes: `identical`, `first_difference` (a sentence, the earliest row of `step` first), `settings`
         (attributes that differ, a line each).
     """
+    return _table(first, second, worded=True)
+
+
+def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
+    """Compare an archive with a march of its own model.
+
+    Returns
+    -------
+    xarray.Dataset
+        What `bitwise` gives. Where the archive was made by another version, words do not count: the text of the law and
+        the vocabulary of flags; `identical` is then 1 where every number has the same bits and every setting is the
+        same. `arithmetic` says in one sentence what differs; it is empty where nothing does.
+    """
+    versions = [str(one.attrs.get("xdynamics_version", "of unknown name")) for one in (kept, again)]
+    same_version = versions[0] == versions[1]
+    table = _table(kept, again, worded=same_version)
+    if not table.attrs["identical"]:
+        return table.assign_attrs(arithmetic=_largest(kept, again))
+    words = kept.attrs.get("force_digest") != again.attrs.get("force_digest")
+    said = f"version {versions[0]} wrote the law in other words than {versions[1]}; every number has the same bits"
+    return table.assign_attrs(arithmetic=said if words else "")
+
+
+def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
+    """Say how large the largest difference of a number is, against the range of its variable."""
+    worst, said = 0.0, "no number of a row that both runs have differs"
+    for name, one in kept.variables.items():
+        other = again.variables.get(name)
+        if other is None or one.dtype.kind != "f" or not one.dims:
+            continue
+        shared = min(one.shape[0], other.shape[0])
+        left, right = np.asarray(one[:shared].values), np.asarray(other[:shared].values)
+        apart = np.abs(np.nan_to_num(left - right))
+        size = float(np.nanmax(np.abs(left), initial=0.0))
+        if shared and size > 0.0 and float(apart.max()) / size > worst:
+            worst, row = float(apart.max()) / size, int(np.argmax(apart.reshape(shared, -1).max(axis=1)))
+            said = f"the largest difference is {float(apart.max()):.3g} {one.attrs.get('units', '')} in '{name}', row {row}: {worst:.2g} of its largest value"
+    rows = [int(run.sizes[STEPS]) for run in (kept, again)]
+    return said if rows[0] == rows[1] else f"{said}; {rows[0]} rows became {rows[1]}"
+
+
+def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset:
     names = [str(name) for name in first.variables]
     names += [str(name) for name in second.variables if name not in first.variables]
-    rows = [_first_row(first, second, name) for name in names]
+    names = [name for name in names if worded or name not in LAW]
+    rows = [_first_row(first, second, name, worded=worded) for name in names]
     settings = settings_apart(first, second)
+    settings = [line for line in settings if worded or line.partition(":")[0] not in LAW]
     table = xr.Dataset(
         {
             "name": ("variable", np.array(names), {"long_name": "variable of the runs"}),
@@ -98,12 +143,13 @@ def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
     return found
 
 
-def _first_row(first: xr.Dataset, second: xr.Dataset, name: str) -> int | None:
-    """Return the first row in which a variable differs; None where every bit agrees."""
+def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool) -> int | None:
+    """Return the first row in which a variable differs; None where every bit agrees, and unless only numbers count every word."""
     if name not in first.variables or name not in second.variables:
         return 0
     one, other = first.variables[name], second.variables[name]
-    if one.dims != other.dims or plain(own_attributes(one.attrs)) != plain(own_attributes(other.attrs)):
+    own = [plain(own_attributes(attributes)) for attributes in (one.attrs, other.attrs)]
+    if one.dims != other.dims or own[0].get("units") != own[1].get("units") or (worded and own[0] != own[1]):
         return 0
     if not one.dims:
         return None if _bits(one.values) == _bits(other.values) else 0

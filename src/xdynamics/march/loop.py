@@ -61,10 +61,10 @@ def march(address: Any, rows: int) -> None:
     """
     run = run_at(address)
     now = run.now[0]
-    if now.rows == 0 and now.status == RUNNING:
+    if now.rows == 0 and now.status == RUNNING and has_room(run):
         start(run)
     pause = now.rows + rows
-    while now.status == RUNNING and now.rows < pause and has_room(run):
+    while now.status == RUNNING and 0 < now.rows < pause and has_room(run):
         node = now.node
         aim(run)
         if now.status != RUNNING:
