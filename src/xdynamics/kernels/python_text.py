@@ -91,7 +91,7 @@ class _Printer:
         if name == "negative":
             return f"-{self._bound(arguments[0], 3)}", 3
         if name == "choose":
-            condition, yes, no = (self._bound(one, 1) for one in arguments)
+            condition, yes, no = self._text(arguments[0]), *(self._bound(one, 1) for one in arguments[1:])
             return f"{yes} if {condition} else {no}", 0
         if name in ("find_piece", "value_at", "slope_at", "piece_of"):
             extra = ", ".join(["_tables, _pieces", *(self._text(one) for one in arguments)])

@@ -169,20 +169,20 @@ def judge(run: Run) -> int:
 
 @compiled
 def finite_state(run: Run) -> bool:
-    """Whether the trial's state is: times zero, what is infinite or none is no zero."""
-    zero = 0.0
+    """Whether no number of the trial's state is nan or infinite."""
+    finite, z = True, run.z
     for i in range(run.plan[0].state):
-        zero += run.z[i] * 0.0
-    return zero == 0.0
+        finite = finite and np.isfinite(z[i])
+    return finite
 
 
 @compiled
 def finite_events(run: Run) -> bool:
-    """Whether the trial's event functions are."""
-    zero = 0.0
+    """Whether no event function is nan or infinite after the trial."""
+    finite = True
     for i in range(run.detectors.shape[0]):
-        zero += run.g1[i] * 0.0
-    return zero == 0.0
+        finite = finite and np.isfinite(run.g1[i])
+    return finite
 
 
 @shared

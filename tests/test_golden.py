@@ -1,0 +1,50 @@
+"""Archives of version 0.1, kept as they were made: they open, verify, show, plot, sample and reproduce."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from problems import ROOT
+
+ARCHIVES = sorted((ROOT / "data" / "golden" / "0.1").glob("*.nc"))
+# without elementary functions of the C library: the same bits on every machine
+EXACT = {"ball_drag_midpoint", "cart_spring_verlet", "kepler_dprkn6_given", "rocket_c6_midpoint"}
+
+
+def test_the_set_is_whole() -> None:
+    """Assert that there is an archive for each model and kind of step but one."""
+    assert len(ARCHIVES) == 10
+
+
+@pytest.mark.parametrize("path", ARCHIVES, ids=lambda one: one.stem)
+def test_numbers_are_reproduced(path: Path) -> None:
+    """Assert that every number has the same bits, or that one sentence tells the largest difference, which is tiny."""
+    table = xd.reproduce(path)
+    said = table.attrs["arithmetic"]
+    if table.attrs["identical"]:
+        assert said == "version 0.1.0 wrote the law in other words than 0.2.0; every number has the same bits"
+        return
+    assert path.stem not in EXACT
+    assert float(re.search(r": (\S+) of its largest value", said)[1]) < 1e-9
+
+
+@pytest.mark.parametrize("path", ARCHIVES, ids=lambda one: one.stem)
+def test_they_are_read_by_everything(path: Path, tmp_path: Path) -> None:
+    """Assert that an old archive is verified, shown, drawn and sampled."""
+    from click.testing import CliRunner
+
+    from xdynamics.cli import main
+
+    assert len(xd.verify(path)) == 64
+    assert CliRunner().invoke(main, ["show", str(path)]).exit_code == 0
+    assert CliRunner().invoke(main, ["plot", str(path), "-o", str(tmp_path / "run.png")]).exit_code == 0
+    run = xd.open_run(path)
+    inner = np.unique((run.time.values[1:] + run.time.values[:-1])[::7] / 2)
+    found = xd.sample(run, inner)
+    name = next(str(key) for key, one in run.data_vars.items() if one.attrs.get("role") == "coordinate")
+    assert np.isfinite(found[name]).all()

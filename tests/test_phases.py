@@ -1,0 +1,240 @@
+"""Phases of the march, one at a time, as plain Python on a run made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from plain import law_of, made_by_hand, plain
+from xdynamics.march import control, events, loop, proposing
+from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
+from xdynamics.march.run import DETECTOR, EVENT_ROW, Run
+from xdynamics.schema import (
+    EVENT_AFTER,
+    EVENT_BEFORE,
+    NODE,
+    REASON_DOMAIN,
+    REASON_ERROR,
+    REASON_EVENT_FUNCTION,
+    REASON_NEWTON,
+    REASON_NONFINITE,
+    STEP,
+    TRIAL_REASONS,
+)
+
+
+def test_aim_at_the_grid() -> None:
+    """Assert that a step from a grid time ends at t0 + n h and is h to the bit."""
+    run = made_by_hand()
+    run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
+    plain(loop.aim)(run)
+    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (3 * 0.1, 0.1, loop.AT_GRID)
+
+
+def test_aim_at_a_node_before_the_grid() -> None:
+    """Assert that a node is landed on, with what is left to it as the step."""
+    run = made_by_hand(nodes=np.array([0.25]))
+    run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
+    plain(loop.aim)(run)
+    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (0.25, 0.25 - 0.2, loop.AT_NODE)
+
+
+def test_aim_at_a_node_on_the_grid() -> None:
+    """Assert that a node within the snap of a grid time is both."""
+    run = made_by_hand(nodes=np.array([0.5]))
+    run.plan[0].step_size, run.plan[0].snap, run.now[0].grid, run.now[0].t = 0.25, 1e-15, 1, 0.25
+    plain(loop.aim)(run)
+    assert (run.trial[0].t, run.trial[0].landing) == (0.5, loop.AT_BOTH)
+
+
+def test_aim_freely_stretches_to_the_end() -> None:
+    """Assert that a step that would end just before the end takes the rest."""
+    run = made_by_hand()
+    run.plan[0].adaptive, run.plan[0].max_step, run.now[0].t, run.now[0].step = 1, 10.0, 9.0, 0.995
+    plain(loop.aim)(run)
+    assert (run.trial[0].t, run.trial[0].h) == (10.0, 1.0)
+
+
+@pytest.mark.parametrize(("step", "most", "why"), [(1e-20, 1e6, STEP_TOO_SMALL), (0.1, 0.0, STEP_LIMIT)])
+def test_aim_ends_a_run_that_cannot_go_on(step: float, most: float, why: int) -> None:
+    """Assert that a step below the spacing of t, or one too many, ends the run where it stands."""
+    run = made_by_hand()
+    run.plan[0].step_size, run.plan[0].start, run.plan[0].most_steps, run.now[0].t = step, 1.0, most, 1.0
+    plain(loop.aim)(run)
+    assert run.now[0].status == why
+    assert run.now[0].h == run.trial[0].h
+
+
+@pytest.mark.parametrize(
+    ("state", "limited", "iterations", "reason"),
+    [
+        ([1.0, 2.0, 3.0], 0, 0, SOUND),
+        ([1.0, np.inf, 3.0], 1, 0, REASON_NONFINITE),
+        ([1.0, np.nan, 3.0], 0, 0, REASON_NONFINITE),
+        ([1.0, np.nan, 3.0], 1, 0, REASON_DOMAIN),
+        ([np.nan, np.nan, np.nan], 1, -1, REASON_NEWTON),
+    ],
+)
+def test_judge_names_one_reason(state: list[float], limited: int, iterations: int, reason: int) -> None:
+    """Assert the reason for every kind of trial."""
+    run = made_by_hand(z=np.array(state))
+    run.plan[0].limited, run.trial[0].iterations = limited, iterations
+    assert plain(loop.judge)(run) == reason
+
+
+def test_judge_event_functions() -> None:
+    """Assert that an event function that is no number has a reason of its own."""
+    run = made_by_hand(detectors=np.zeros(1, DETECTOR), g1=np.array([np.nan]))
+    assert plain(loop.judge)(run) == REASON_EVENT_FUNCTION
+
+
+def test_judge_errors() -> None:
+    """Assert that the largest scaled error decides, and is kept as the norm."""
+    run = made_by_hand(
+        e=np.array([1e-3, 3e-3]), atol=np.array([1e-2, 1e-3]), y=np.array([0.0, 1.0, 0.0]), z=np.zeros(3)
+    )
+    run.plan[0].estimates, run.plan[0].adaptive, run.plan[0].rtol = 1, 1, 1e-3
+    assert plain(loop.judge)(run) == REASON_ERROR
+    assert run.now[0].norm == 3e-3 / (1e-3 + 1e-3)
+
+
+def test_accept_notes_and_moves() -> None:
+    """Assert that an accepted trial is a row and the place to go on from."""
+    run = made_by_hand(z=np.array([1.0, 2.0, 3.0]))
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.25, loop.AT_GRID
+    plain(loop.accept)(run)
+    assert run.y.tolist() == [1.0, 2.0, 3.0]
+    assert run.log_rows[:5, 1].tolist() == [0.5, 0.25, 1.0, 2.0, 3.0]
+    assert run.log_flags[:, 1].tolist() == [STEP, 0]
+    assert (run.now[0].t, run.now[0].rows, run.now[0].grid, run.now[0].status) == (0.5, 2, 1, RUNNING)
+
+
+def test_accept_at_a_node_and_at_the_end() -> None:
+    """Assert that a breakpoint is a node, and that the end completes the run and is none."""
+    run = made_by_hand(nodes=np.array([0.5]))
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.5, loop.AT_NODE
+    plain(loop.accept)(run)
+    assert (run.log_flags[0, 1], run.now[0].node, run.now[0].on_grid) == (NODE, 1, 0)
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 10.0, 9.5, loop.AT_BOTH
+    plain(loop.accept)(run)
+    assert (run.log_flags[0, 2], run.now[0].status) == (STEP, COMPLETED)
+
+
+def test_reject_keeps_a_row_and_shortens() -> None:
+    """Assert that a rejected trial is kept with its reason, and the next one is shorter, from the same state."""
+    run = made_by_hand()
+    run.plan[0].adaptive, run.plan[0].order, run.plan[0].safety, run.plan[0].least = 1, 5.0, 0.9, 0.2
+    run.now[0].norm, run.now[0].step, run.trial[0].h = 32.0, 0.5, 0.5
+    plain(loop.reject)(run, REASON_ERROR)
+    row = run.log_trials[0]
+    assert (row["step_size"], row["error_norm"], row["reason"], row["step"]) == (0.5, 32.0, REASON_ERROR, 0)
+    assert run.now[0].step == pytest.approx(0.5 * 0.9 / 2)
+    assert (run.now[0].rejected, run.now[0].status, run.now[0].trials) == (1, RUNNING, 1)
+
+
+def test_reject_ends_a_fixed_grid() -> None:
+    """Assert that without chosen steps the reason of the trial is how the run ended: one vocabulary."""
+    run = made_by_hand()
+    plain(loop.reject)(run, REASON_DOMAIN)
+    assert run.now[0].status == REASON_DOMAIN
+    assert OUTCOMES[REASON_DOMAIN].word == "nonfinite_state"
+    assert set(OUTCOMES) >= {
+        i for i, word in enumerate(TRIAL_REASONS) if word not in ("contact_solve", "event_substep")
+    }
+
+
+def test_growth_is_held_after_a_rejection() -> None:
+    """Assert that the step after a rejected one does not grow, and that a cut step costs none of the pace."""
+    run = made_by_hand()
+    plan, now = run.plan[0], run.now[0]
+    plan.order, plan.safety, plan.least, plan.greatest, plan.max_step = 5.0, 0.9, 0.2, 10.0, 100.0
+    now.norm, now.rejected, now.step = 1e-9, 1, 1.0
+    plain(control.grow)(run, 0.5, False)
+    assert (now.step, now.rejected) == (0.5, 0)
+    now.step = 2.0
+    plain(control.grow)(run, 1e-6, True)
+    assert now.step == 2.0
+
+
+def falling(*arrays: NDArray[np.float64]) -> None:
+    """Exact fall from rest under a = -2, for a law of one coordinate."""
+    (h, y), z = (arrays[0][2], arrays[1]), arrays[5]
+    z[0], z[1], z[2] = y[0] + h * y[1] - h * h, y[1] - 2 * h, -2.0
+
+
+def height(*arrays: NDArray[np.float64]) -> None:
+    """An event function: height."""
+    arrays[5][0] = arrays[1][0]
+
+
+def nothing(*_arrays: NDArray[np.float64]) -> None:
+    """A program that computes nothing."""
+
+
+def dropped(stops: int = 0) -> Run:
+    """A mass that falls from 1 m: it passes zero at t = 1 s, after one step of 0.75 s and in the next."""
+    detectors = np.zeros(1, DETECTOR)
+    detectors[0].direction, detectors[0].tolerance, detectors[0].stops = -1, 1e-12, stops
+    arrays = dict.fromkeys(("g", "g1", "located_g", "lows", "slopes"))
+    law = law_of(nothing, height, nothing, nothing, nothing, falling)
+    run = made_by_hand(
+        y=np.array([1.0, 0.0, -2.0]), law=law, detectors=detectors, log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
+        log_events=np.zeros(5, EVENT_ROW), **{name: np.zeros(1) for name in arrays},
+    )  # fmt: skip
+    run.plan[0].step_size, run.plan[0].stages, run.g[0] = 0.75, 1, 1.0
+    return run
+
+
+def test_propose_leaves_the_state() -> None:
+    """Assert that a trial fills z and the event functions there, and nothing else moves."""
+    run = dropped()
+    before = run.y.copy()
+    plain(proposing.propose)(run, 0.75, 0.75)
+    assert run.z.tolist() == [1 - 0.75**2, -1.5, -2.0]
+    assert run.g1[0] == run.z[0]
+    assert np.array_equal(run.y, before)
+    assert run.now[0].evaluations == 1
+
+
+def test_locate_ends_the_trial_behind_the_event() -> None:
+    """Assert that the located trial brackets the root within the tolerance and is the one that is kept."""
+    run = dropped()
+    plain(proposing.propose)(run, 1.5, 1.5)
+    assert plain(events.crosses_any)(run)
+    plain(events.locate)(run)
+    h = run.trial[0].h
+    assert 0 <= h - 1.0 <= 1e-12
+    assert run.lows[0] < 1.0 <= h
+    assert run.z[0] == 1.0 - h * h
+
+
+@pytest.mark.parametrize("stops", [0, 1])
+def test_hand_over_writes_both_sides_without_another_step(stops: int) -> None:
+    """Assert two rows at one time, one event, and that the event's state is the located trial, not made again."""
+    run = dropped(stops)
+    plain(loop.march)(run, 100) if stops else None
+    if not stops:
+        plain(proposing.propose)(run, 1.5, 1.5)
+        run.trial[0].landing = loop.AT_GRID
+        plain(loop.hand_over)(run)
+        substeps = run.now[0].trials - 1
+        assert run.now[0].evaluations == 1 + substeps
+    event, row = run.log_events[0], int(run.log_events[0].row_before)
+    assert run.now[0].events == 1
+    assert run.log_flags[0, row : row + 2].tolist() == [EVENT_BEFORE, EVENT_AFTER]
+    assert run.log_rows[0, row] == run.log_rows[0, row + 1] == event.time == run.now[0].t
+    assert run.log_rows[1, row + 1] == 0.0
+    assert event.direction == -1
+    assert run.now[0].status == (STOPPED if stops else RUNNING)
+    assert not run.now[0].on_grid
+
+
+def test_events_without_direction_and_at_the_start() -> None:
+    """Assert which sign changes count: a start at zero does not, the far side does."""
+    crosses = plain(events.crosses)
+    found = [
+        [crosses(direction, *pair) for pair in ((-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, -0.5))]
+        for direction in (1, -1, 0)
+    ]
+    assert found == [[True, False, False, False], [False, True, False, False], [True, True, False, False]]

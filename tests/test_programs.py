@@ -1,0 +1,238 @@
+"""Programs: one meaning, printed as Python, as LLVM text, and with any number of lanes."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import xdynamics as xd
+from problems import MODELS, coupled_springs, particle
+from xdynamics.expressions import Name, parse
+from xdynamics.kernels import Law, law_of, layout_of
+from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.llvm_text import UNROLLED
+from xdynamics.kernels.program import Compute, Load, Place, Program, Store
+from xdynamics.kernels.python_text import python_of
+from xdynamics.kernels.tables import flattened
+from xdynamics.march.posing import tables_of
+from xdynamics.methods.scheme import Scheme
+from xdynamics.model.motion import constants
+from xdynamics.units import UNSCALED
+
+EXPLICIT = [one for one in xd.METHODS.values() if not one.implicit]
+LANES = (2, 4, 8, 16)
+
+
+def chain(n: int) -> xd.Model:
+    """Masses on a line, each joined to the next by a spring."""
+    names = [f"u{i}" for i in range(n)]
+    forces = {}
+    for i, name in enumerate(names):
+        left = f"({names[i - 1]} - {name})" if i else f"(-{name})"
+        right = f"({names[i + 1]} - {name})" if i + 1 < n else f"(-{name})"
+        forces[name] = f"k*{left} + k*{right}"
+    initial = {name: f"{0.01 * (i % 3)} m" for i, name in enumerate(names)} | {f"v_{name}": "0 m s-1" for name in names}
+    return xd.Model(
+        name="chain", coordinates=dict.fromkeys(names, "m"), parameters={"m": "1 kg", "k": "100 N m-1"},
+        mass=dict.fromkeys(names, "m"), forces={"spring": forces}, initial=initial,
+    )  # fmt: skip
+
+
+@lru_cache
+def model_named(name: str) -> xd.Model:
+    """A model of data/models, or one made here."""
+    made = {"chain": lambda: chain(12), "springs": lambda: coupled_springs().model}
+    return made[name]() if name in made else xd.Model.from_toml(MODELS / f"{name}.toml")
+
+
+def law(name: str, method: object, *, sampled: bool = False) -> Law:
+    """The law of a model and a method."""
+    estimator = "embedded" if method.estimate else "none"
+    return law_of(layout_of(model_named(name), Scheme(method, estimator)), sampled=sampled)
+
+
+class Bench:
+    """Arrays that a law's programs are called with, each number once for every lane."""
+
+    def __init__(self, one: Law, lanes: int, states: NDArray[np.float64], steps: NDArray[np.float64]) -> None:
+        model, layout = one.layout.model, one.layout
+        tables, places = flattened(tables_of(model, UNSCALED))
+        self.at = np.zeros((5, lanes))
+        self.at[1], self.at[2], self.at[3] = steps, steps, 0.3
+        self.y = np.zeros((len(layout.record), lanes))
+        self.y[: len(layout.used)] = states
+        self.p = np.repeat(np.array(list(constants(model).values()))[:, None], lanes, axis=1)
+        self.tables, self.pieces = tables, np.repeat(places[:, None], lanes, axis=1)
+        self.pieces[2::3] = 1
+        self.z, self.e = np.zeros((max(50, len(layout.record)), lanes)), np.zeros((len(layout.used), lanes))
+        self.samples, self.w = np.zeros((2000, lanes)), np.zeros((1, lanes))
+
+    def arrays(self) -> list[NDArray[np.float64]]:
+        """In the order of a program's pointers."""
+        return [self.at, self.y, self.p, self.tables, self.pieces, self.z, self.e, self.samples, self.w]
+
+    def call(self, address: int) -> None:
+        """Call a compiled program."""
+        call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 9)(address)
+        call(*(one.ctypes.data for one in self.arrays()))
+
+    def call_plainly(self, key: int) -> None:
+        """Call a printed one, lane 0 being all there is."""
+        PLAIN[key](*(one if one is self.tables else one[:, 0] for one in self.arrays()))
+
+
+def starts(one: Law, lanes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """States around the initial one, and steps."""
+    random = np.random.default_rng(7)
+    initial = np.array([one.layout.model.initial[name].si for name in one.layout.used])
+    states = initial[:, None] + 1e-3 * random.standard_normal((initial.size, lanes))
+    return states, random.uniform(1e-3, 1e-2, lanes)
+
+
+@pytest.mark.parametrize("name", ["kepler", "ball_drag", "cart_spring", "chain", "springs", "rocket_c6"])
+@pytest.mark.parametrize("method", EXPLICIT, ids=lambda one: one.name)
+def test_lanes_have_the_bits_of_one(name: str, method: object) -> None:
+    """Assert that 2, 4, 8 and 16 lanes compute in each lane what one computes alone, in every program of a law."""
+    if method.refusals(model_named(name)):
+        pytest.skip("refused")
+    one = law(name, method, sampled=True)
+    states, steps = starts(one, 16)
+    alone = []
+    for lane in range(16):
+        bench = Bench(one, 1, states[:, [lane]], steps[[lane]])
+        for address in one.addresses:
+            bench.call(int(address))
+        alone.append(bench)
+    for lanes in LANES if method.name in ("velocity_verlet", "dop853") else (4,):
+        code = one.compiled(lanes)
+        bench = Bench(one, lanes, states[:, :lanes], steps[:lanes])
+        for program in one.entries:
+            bench.call(code.addresses[program.name])
+        for lane in range(lanes):
+            for mine, other in zip(
+                (bench.z, bench.e, bench.samples), (alone[lane].z, alone[lane].e, alone[lane].samples), strict=True
+            ):
+                assert mine[:, lane].tobytes() == other[:, 0].tobytes(), (lanes, lane)
+        assert np.any(bench.z)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in MODELS.glob("*.toml")))
+@pytest.mark.parametrize("method", ["midpoint", "velocity_verlet", "dop853", "dprkn6"])
+def test_printed_python_has_the_bits_of_machine_code(name: str, method: str) -> None:
+    """Assert that what a record quotes, run as it stands, computes every number that the compiled law does."""
+    if xd.METHODS[method].refusals(model_named(name)):
+        pytest.skip("refused")
+    one = law(name, xd.METHODS[method], sampled=True)
+    states, steps = starts(one, 1)
+    compiled, printed = Bench(one, 1, states, steps), Bench(one, 1, states, steps)
+    for address, key in zip(one.addresses, one.plain, strict=True):
+        compiled.call(int(address))
+        printed.call_plainly(int(key))
+    for mine, other in zip(compiled.arrays(), printed.arrays(), strict=True):
+        assert mine.tobytes() == other.tobytes()
+
+
+def test_loops_have_the_bits_of_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that vectors as loops and vectors written out are one computation."""
+    assert len(model_named("chain").coordinates) > UNROLLED
+    from xdynamics.kernels import llvm_text
+
+    one = law("chain", xd.METHODS["dormand_prince"])
+    states, steps = starts(one, 1)
+    loops, lines = Bench(one, 1, states, steps), Bench(one, 1, states, steps)
+    assert "phi" in one.text()
+    monkeypatch.setattr(llvm_text, "UNROLLED", 1000)
+    assert "phi" not in one.text()
+    written = one.compiled()
+    for program, address in zip(one.entries, one.addresses, strict=True):
+        loops.call(int(address))
+        lines.call(written.addresses[program.name])
+    for mine, other in zip(loops.arrays(), lines.arrays(), strict=True):
+        assert mine.tobytes() == other.tobytes()
+
+
+def test_nothing_is_contracted_or_reordered() -> None:
+    """Assert that the text asks for no fused operation and no licence to reorder, and the lanes for no reduction."""
+    text = law("kepler", xd.METHODS["dop853"]).text(8)
+    for word in ("fma", "fast", "reassoc", "contract", "reduce", "arcp", "nnan"):
+        assert word not in text
+
+
+def test_a_part_that_stands_twice_is_computed_once() -> None:
+    """Assert that equal parts share a value, and that powers are products and square roots."""
+    lines = Assignments(lambda own, name: own.load(Place("p", ord(name)), name))
+    lines.assign("first", parse("a*b + (a*b)**3"))
+    lines.assign("second", parse("(a*b)**-1.5"))
+    operations = [one.operation for one in lines.lines if isinstance(one, Compute)]
+    assert operations == ["multiply", "multiply", "multiply", "add", "sqrt", "multiply", "divide"]
+    assert sum(isinstance(one, Load) for one in lines.lines) == 2
+
+
+def test_names_never_dangle() -> None:
+    """Assert that a value that is given two names stays known by both."""
+    lines = Assignments(
+        lambda own, name: (
+            own.compute("sin", own.load(Place("p"), "p0")) if name == "drive" else own.load(Place("y"), name)
+        )
+    )
+    lines.assign("force", Name("drive"))
+    lines.assign("other", parse("drive + 1"))
+    targets = {one.target for one in lines.lines}
+    used = {
+        argument
+        for one in lines.lines
+        if isinstance(one, Compute)
+        for argument in one.arguments
+        if isinstance(argument, str)
+    }
+    assert used <= targets
+    assert lines.named("force") in targets
+
+
+@pytest.mark.parametrize(
+    ("text", "printed"),
+    [
+        ("a - (b - c)", "a - (b - c)"),
+        ("a/(b*c)", "a/(b*c)"),
+        ("(a/b)*c", "a/b*c"),
+        ("-(a + b)*c", "-(a + b)*c"),
+        ("where(a < b, a, -b)", "a if a < b else -b"),
+        ("max(a, b, c)", "_greatest(_greatest(a, b), c)"),
+        ("1/0*a", "1.0/_zero*a"),
+        ("1/(2 - 2)*a", "1.0/_zero*a"),
+        ("a**(1/3)", "_power(a, 0.3333333333333333)"),
+    ],
+)  # fmt: skip
+def test_python_keeps_the_grouping(text: str, printed: str) -> None:
+    """Assert that a line says what was written, with the parentheses that its order needs."""
+    lines = Assignments(lambda own, name: own.load(Place("p", ord(name) - 97), name))
+    lines.store(Place("z"), lines.value(parse(text)))
+    program = Program("one", "One line.", tuple(lines.lines))
+    assert f"    _z[0] = {printed}\n" in python_of(program)
+
+
+def test_stores_and_loads_are_printed_in_order() -> None:
+    """Assert that a store stands behind what it needs."""
+    body = (Load("a", Place("y", 1)), Compute("b", "add", ("a", 1.0)), Store(Place("z", 2), "b"))
+    assert python_of(Program("one", "About.", body)).splitlines()[2:] == [
+        "    a = _y[1]",
+        "    b = a + 1.0",
+        "    _z[2] = b",
+    ]
+
+
+def test_the_source_in_a_record_is_the_law() -> None:
+    """Assert that a record quotes the programs, and names its digest after them."""
+    import hashlib
+
+    run = xd.simulate(particle("F"), method="midpoint", step=0.5, until=1.0)
+    source = str(run["force_source"].values)
+    assert "def forces(" in source
+    assert "def propose(" in source
+    assert run.attrs["force_digest"] == hashlib.sha256(source.encode()).hexdigest()
+    compile(source, "law", "exec")
