@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -133,12 +134,7 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
     if not isinstance(settings.step, float | int) or settings.adaptive or model.python_forces:
         return
     state = initial_state(model)
-    try:
-        jacobian = linearise(model, state).jacobian
-    except InputError:
-        return  # the march will say what is wrong with the forces at the start
-    size = float(np.sqrt(np.abs(jacobian @ jacobian).sum(axis=1).max(initial=0.0)))  # no eigenvalue is larger
-    if settings.method.order > 1 and not settings.step * size > SAFE_STEP:
+    if settings.method.order > 1 and not settings.step * _fastest_rate(model) > SAFE_STEP:
         return
     longest = stable_step(model, settings.method, state, growth=1.0 / (settings.until - state["t"]))
     if settings.step > longest:
@@ -150,6 +146,16 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
             StabilityWarning,
             stacklevel=3,
         )
+
+
+@lru_cache(maxsize=64)
+def _fastest_rate(model: Model) -> float:
+    """Bound the size of every eigenvalue of a model at its start, s-1."""
+    try:
+        jacobian = linearise(model, initial_state(model)).jacobian
+    except InputError:
+        return 0.0  # the march will say what is wrong with the forces at the start
+    return float(np.sqrt(np.abs(jacobian @ jacobian).sum(axis=1).max(initial=0.0)))
 
 
 def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:

@@ -55,12 +55,16 @@ Key = tuple[str, str, float]  # problem, solver, tolerance
 Points = dict[Key, Point]
 
 
-def spent(march: Callable[[], Any], budget: float = 0.4, most: int = 500) -> list[float]:
-    """Return the seconds of repeated marches, three at least; one before them is not counted."""
+def spent(
+    march: Callable[[], Any], budget: float = 0.4, most: int = 500, before: Callable[[], Any] | None = None
+) -> list[float]:
+    """Return the seconds of repeated marches, three at least; one before them, and what is `before`, do not count."""
     march()
     times: list[float] = []
     start = time.perf_counter()
     while len(times) < 3 or (len(times) < most and time.perf_counter() - start < budget):
+        if before:
+            before()
         begin = time.perf_counter()
         march()
         times.append(time.perf_counter() - begin)
@@ -84,10 +88,11 @@ def our_lack() -> str:
 
 
 def our_runs(problem: str, method: str, tolerance: float, end: float | None = None) -> dict[str, Point]:
-    """March by xdynamics: the compiled loop into a log that is there, like C; with blocks of its own; to the Dataset."""
+    """March by xdynamics: the engine into a log that is there, like C; with blocks of its own; to the Dataset."""
     import xdynamics as xd
-    from xdynamics.march import March
+    from xdynamics.march import OUTCOMES, March
     from xdynamics.march.asking import settings_for
+    from xdynamics.march.engine import engine
     from xdynamics.march.log import allocate
 
     one = PROBLEMS[problem]
@@ -95,22 +100,24 @@ def our_runs(problem: str, method: str, tolerance: float, end: float | None = No
     asked: dict[str, Any] = {
         "method": method, "rtol": tolerance, "atol": tolerance, "until": end or one.end, "force_samples": "none"
     }  # fmt: skip
+    settings = settings_for(model, **asked)
     run = xd.simulate(model, **asked)
-    source = March(model, settings_for(model, **asked)).source
 
     def alone() -> float:
-        march = March(model, settings_for(model, **asked))
-        vars(march)["source"] = source  # written once; writing it takes milliseconds
-        assert march.plan
+        march = March(model, settings)
+        assert march.run.address  # posed, its law compiled
         begin = time.perf_counter()
         for _ in march.blocks():
             pass
         return time.perf_counter() - begin
 
-    march = March(model, settings_for(model, **asked))
-    loop, before = march._compiled(), march._before()
-    log = allocate(march.layout, run.sizes["step"] + 5, sampled=0)
-    looped = spent(lambda: loop(march.plan, before, log, before.tally, 1 << 30), most=2000)
+    march = March(model, settings)
+    loop, posed = engine().march, march.run
+    allocate(march.layout, run.sizes["step"] + 5, sampled=0).lend(posed)
+    memory = posed.memory()
+    looped = spent(lambda: loop(posed, 1 << 30), most=2000, before=lambda: posed.restore(memory))
+    assert OUTCOMES[int(march.now.status)].word == run.attrs["run_outcome"]
+    assert march.now.rows == run.sizes["step"]
     steps, rejected = run.attrs["run_accepted_steps"], run.attrs["run_rejected_trials"]
     counts = (steps, rejected, run.attrs["run_force_evaluations"], one.error(one.last_of(run)))
     whole, inner = spent(lambda: xd.simulate(model, **asked)), [alone() for _ in range(100)]

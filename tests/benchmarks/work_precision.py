@@ -3,7 +3,7 @@
 python tests/benchmarks/work_precision.py [picture.png] [--problems kepler pleiades …] [--methods midpoint …]
 
 Adaptive methods are swept over tolerances, fixed-step methods over steps; a method that is not registered or that
-refuses a problem is left out with a sentence. Time is that of `March.blocks` of a march whose source is written, the
+refuses a problem is left out with a sentence. Time is that of `March.blocks` of a march whose law is compiled, the
 least of three: the compiled march with its log, without the Dataset made of it. Errors are against the references of
 `adaptive_problems.py`.
 """
@@ -69,10 +69,9 @@ def evaluations_of(run: xr.Dataset, method: str) -> int:
 
 
 def march_seconds(model: xd.Model, asked: dict[str, object]) -> float:
-    """Return the seconds of the compiled march alone, its source written before."""
+    """Return the seconds of the compiled march alone, its law compiled before."""
     march = March(model, settings_for(model, force_samples="none", **asked))
-    assert march.source
-    assert march.plan
+    assert march.run.address  # posed, its law compiled
     begin = time.perf_counter()
     for _ in march.blocks():
         pass

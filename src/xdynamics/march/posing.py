@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +94,6 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
     start, end = model.initial["t"].si / scale, settings.until / scale
     adaptive, asked = settings.adaptive, settings.tolerances
     single = settings.step / scale if isinstance(settings.step, float | int) else 0.0
-    plan = np.zeros(1, PLAN)
     values = {
         "start": start,
         "end": end,
@@ -120,9 +120,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "used": len(layout.used),
         "state": len(layout.state),
     }
-    for name, value in values.items():
-        plan[name] = value
-    return plan
+    return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
 
 
 def tables_of(model: Model, scales: Scales) -> list[tuple[Floats, Floats]]:
@@ -174,6 +172,7 @@ def _equations(law: Law) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[n
     return found, np.array(unknowns, np.int64).reshape(-1, 3), np.array(entries, np.int64).reshape(-1, 4)
 
 
+@lru_cache(maxsize=64)
 def _limits_domain(model: Model) -> bool:
     """Whether the model has functions or tables that are not defined everywhere."""
     parts: Iterable[object] = (one for terms in model.force_components.values() for one in terms.values())

@@ -45,6 +45,9 @@ class Tolerances:
     rtol: float
     atol: Mapping[str, float]
 
+    def __hash__(self) -> int:
+        return hash((self.rtol, *sorted(self.atol.items())))
+
     def of(self, name: str) -> float:
         """Return the absolute tolerance of a coordinate, velocity or state, SI."""
         return self.atol.get(name, self.atol.get("", self.rtol))

@@ -106,6 +106,10 @@ class Model:
 
     def to_toml(self) -> str:
         """Return the whole model as TOML, measured tables included."""
+        return self._toml
+
+    @cached_property
+    def _toml(self) -> str:
         return toml.write(self.statement)
 
     def replace(self, **sections: Mapping[str, Any]) -> Model:

@@ -170,7 +170,8 @@ def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
     }
 
 
-def constants(model: Model, scales: Scales = UNSCALED) -> dict[str, float]:
+@lru_cache(maxsize=64)
+def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     """Return parameters, unit constants and pi, in SI units over the scales; their order is that of a law's `p`."""
     sizes = {name: scales.of(dimension) for name, dimension in model.dimensions.items()}
     values = {name: one.quantity.si / sizes[name] for name, one in model.parameters.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
-from xdynamics.march import Block, March
+from xdynamics.kernels import Layout
+from xdynamics.march import Block, March, Tolerances
 from xdynamics.model import Model
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
 from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, spell
@@ -30,7 +32,26 @@ class Column:
 
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
-    return [*_steps(march), *_trials(march), *_events(march), *(_samples(march) if march.settings.samples else [])]
+    return _columns(_About(march.layout, march.settings.scales, march.settings.tolerances, march.settings.samples))
+
+
+@dataclass(frozen=True)
+class _About:
+    """What the columns of a march depend on."""
+
+    layout: Layout
+    scales: Scales
+    tolerances: Tolerances | None
+    samples: bool
+
+    @property
+    def model(self) -> Model:
+        return self.layout.model
+
+
+@lru_cache(maxsize=64)
+def _columns(about: _About) -> list[Column]:
+    return [*_steps(about), *_trials(about), *_events(about), *(_samples(about) if about.samples else [])]
 
 
 def constants(march: March) -> list[tuple[Variable, Any]]:
@@ -91,16 +112,16 @@ def _times(values: Array, factor: float) -> Array:
 class _Units:
     """The unit that each quantity of a model is reported in, and the factor from internal numbers to it."""
 
-    def __init__(self, march: March) -> None:
-        self.march = march
-        self.scales = march.settings.scales
+    def __init__(self, about: _About) -> None:
+        self.about = about
+        self.scales = about.scales
         self.time = self.scales.of(TIME)
-        self.known = units_of(march.model)
-        model = march.model
+        self.known = units_of(about.model)
+        model = about.model
         for name, one in model.coordinates.items():
             known = model.dimensions
             self.known[schema.acceleration(name)] = one.unit.per_second(2)
-            i = march.layout.coordinates.index(name)
+            i = about.layout.coordinates.index(name)
             mass = dimension_of(model.mass[i][i], known)
             needed = spell(mass * known[name] / TIME**2, angle=known[name] == NONE)
             for term, parts in model.force_components.items():
@@ -114,16 +135,16 @@ class _Units:
         return self.scales.of(unit.dimension) / float(unit.factor)
 
     def derived(self, name: str) -> Unit:
-        layout = self.march.layout
+        layout = self.about.layout
         if name in schema.ENERGIES:
             return spell(layout.energy_dimension or NONE)
-        known = self.march.model.dimensions
+        known = self.about.model.dimensions
         accelerations = {schema.acceleration(one): known[one] / TIME**2 for one in layout.coordinates}
-        return spell(dimension_of(self.march.model.observables[name], known | accelerations))
+        return spell(dimension_of(self.about.model.observables[name], known | accelerations))
 
 
-def _steps(march: March) -> list[Column]:
-    units, layout, model = _Units(march), march.layout, march.model
+def _steps(about: _About) -> list[Column]:
+    units, layout, model = _Units(about), about.layout, about.model
     order = {name: index for index, name in enumerate(layout.row)}
     found = [Column(one, _row(order[one.name], units.time)) for one in schema.FIXED_STEPS[:2]]
     found.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
@@ -133,7 +154,7 @@ def _steps(march: March) -> list[Column]:
     found.append(Column(regime, lambda block: block.log.flags[1, : block.rows]))
 
     def add(name: str, long_name: str, role: str, unit: Unit) -> None:
-        tolerance = _tolerance(march, name, unit) if name in layout.used else {}
+        tolerance = _tolerance(about, name, unit) if name in layout.used else {}
         variable = Variable(name, (STEPS,), "f8", unit.text, long_name, role, tolerance)
         found.append(Column(variable, _row(order[name], units.factor(unit))))
 
@@ -147,14 +168,14 @@ def _steps(march: March) -> list[Column]:
         add(name, state.description or f"state {name}", "state", units.known[name])
         add(schema.rate(name), f"rate of {name}", "rate", units.known[schema.rate(name)])
     for term, parts in model.force_components.items():
-        about = model.forces[term].description or term
+        words = model.forces[term].description or term
         for name in parts:
             force = schema.force(term, name)
-            add(force, f"component of force {about} along {name}", "force", units.known[force])
+            add(force, f"component of force {words} along {name}", "force", units.known[force])
     for name in layout.derived:
         role = "energy" if name in schema.ENERGIES else "observable"
         add(name, schema.ENERGIES.get(name, f"observable {name}"), role, units.derived(name))
-    if layout.estimates and march.settings.tolerances is not None:
+    if layout.estimates and about.tolerances is not None:
         found.append(Column(schema.ERROR_NORM, _row(order["error_norm"], 1.0)))
     for name in layout.used if layout.estimates else ():
         add(
@@ -166,16 +187,16 @@ def _steps(march: March) -> list[Column]:
     return found
 
 
-def _tolerance(march: March, name: str, unit: Unit) -> dict[str, float]:
+def _tolerance(about: _About, name: str, unit: Unit) -> dict[str, float]:
     """Say the absolute tolerance of a variable, in its unit and, exactly, in SI."""
-    asked = march.settings.tolerances
+    asked = about.tolerances
     if asked is None:
         return {}
     return {"atol": asked.of(name) / float(unit.factor), "atol_si": asked.of(name)}
 
 
-def _trials(march: March) -> list[Column]:
-    time = _Units(march).time
+def _trials(about: _About) -> list[Column]:
+    time = _Units(about).time
     takes = (
         _trial("time", "f8", time), _trial("step", "i8"), _trial("step_size", "f8", time), _trial("error_norm", "f8"),
         _trial("reason", "i1"),
@@ -183,8 +204,8 @@ def _trials(march: March) -> list[Column]:
     return [Column(variable, take) for variable, take in zip(schema.FIXED_TRIALS, takes, strict=True)]
 
 
-def _events(march: March) -> list[Column]:
-    units, model = _Units(march), march.model
+def _events(about: _About) -> list[Column]:
+    units, model = _Units(about), about.model
     time = units.time
 
     def bounds(block: Block) -> Array:
@@ -210,12 +231,12 @@ def _events(march: March) -> list[Column]:
     )
     found = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
     names = dict(enumerate(model.events)) or {0: "none"}
-    more = schema.flags(names) | _detectors(march)
+    more = schema.flags(names) | _detectors(about)
     detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", more)
     found.append(Column(detector, _event("detector", "i1")))
-    found.append(_residual(march))
+    found.append(_residual(about))
     for name in model.coordinates:
-        impulse = _impulse_unit(march, name)
+        impulse = _impulse_unit(about, name)
         found += [
             Column(Variable(f"event_impulse_{name}", (EVENTS,), "f8", impulse.text, f"contact impulse along {name}", "event"), _nothing),
             Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"offset put on {name} at the event", "event"), _nothing),
@@ -223,9 +244,9 @@ def _events(march: March) -> list[Column]:
     return found
 
 
-def _detectors(march: March) -> dict[str, str]:
+def _detectors(about: _About) -> dict[str, str]:
     """Say of every event its function, direction, action and time tolerance."""
-    events = march.model.events.items()
+    events = about.model.events.items()
     return (
         {
             "functions": "; ".join(f"{name}: {text_of(one.function)}" for name, one in events),
@@ -238,9 +259,9 @@ def _detectors(march: March) -> dict[str, str]:
     )
 
 
-def _residual(march: March) -> Column:
+def _residual(about: _About) -> Column:
     """Values of the event functions at the accepted states; several units are said in words."""
-    model, scales = march.model, march.settings.scales
+    model, scales = about.model, about.scales
     dimensions = [dimension_of(one.function, model.dimensions) for one in model.events.values()]
     texts = [_unit_text(dimension) for dimension in dimensions]
     shared = set(texts)
@@ -268,18 +289,18 @@ def _unit_text(dimension: Dimension) -> str:
         return "1"
 
 
-def _impulse_unit(march: March, name: str) -> Unit:
-    i = march.layout.coordinates.index(name)
-    known = march.model.dimensions
-    return spell(dimension_of(march.model.mass[i][i], known) * known[schema.velocity(name)])
+def _impulse_unit(about: _About, name: str) -> Unit:
+    i = about.layout.coordinates.index(name)
+    known = about.model.dimensions
+    return spell(dimension_of(about.model.mass[i][i], known) * known[schema.velocity(name)])
 
 
 def _nothing(block: Block) -> Array:
     return np.zeros(block.events)
 
 
-def _samples(march: March) -> list[Column]:
-    units, layout = _Units(march), march.layout
+def _samples(about: _About) -> list[Column]:
+    units, layout = _Units(about), about.layout
     order = {name: index for index, name in enumerate(layout.sample)}
     time, step, stage = schema.FIXED_SAMPLES
     found = [

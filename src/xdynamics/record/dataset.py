@@ -41,7 +41,8 @@ def dataset(march: March, blocks: Iterable[Block]) -> xr.Dataset:
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     # fastpath: xarray would import dask to find out that a numpy array is none of its own
     variables = {one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True) for one, data in filled}
-    return xr.Dataset(variables, attrs=provenance.attributes(march)).set_coords("time")
+    time = variables.pop("time")
+    return xr.Dataset(variables, {"time": time}, provenance.attributes(march))
 
 
 def check(run: xr.Dataset) -> None:
