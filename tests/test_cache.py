@@ -159,3 +159,23 @@ def test_the_key_watches_all_that_is_compiled_in() -> None:
         assert engine_room._key() != before
     assert engine_room._key() == before
     assert np.isfinite(len(before))
+
+
+def test_a_long_compilation_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Assert that compiling a law beyond a second is said, and a quick one passes in silence."""
+    import time
+
+    from xdynamics.kernels import machine
+
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    monkeypatch.setattr(machine, "_object", lambda text: (time.sleep(0.2), bytes(text, "ascii"))[1])
+    monkeypatch.setattr(machine, "Code", lambda kept, _names: kept)
+    machine.compiled("quick", ["forces"])
+    assert not caplog.records
+    monkeypatch.setattr(machine, "PATIENCE", 0.02)
+    machine.compiled("slow\nlaw\n", ["forces"])
+    assert [one.getMessage() for one in caplog.records] == [
+        "xdynamics: compiling the model and its method, 2 operations"
+    ]

@@ -72,6 +72,7 @@ def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset
     names = [str(name) for name in first.variables]
     names += [str(name) for name in second.variables if name not in first.variables]
     names = [name for name in names if worded or name not in LAW]
+    names.sort(key=lambda name: name != "time")  # of the variables of one row, time is named first
     rows = [_first_row(first, second, name, worded=worded) for name in names]
     settings = settings_apart(first, second)
     settings = [line for line in settings if worded or line.partition(":")[0] not in LAW]

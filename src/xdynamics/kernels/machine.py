@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterable, Mapping
+import logging
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any
 
 import llvmlite.binding as llvm
 
 from xdynamics.kernels import cache
+
+PATIENCE = 1.0  # seconds of compiling that pass without a word
 
 
 class Code:
@@ -48,9 +53,24 @@ def compiled(text: str, names: Iterable[str], functions: Mapping[str, Callable[.
     key = cache.digest(text, *_processor())
     kept = cache.read(f"law-{key}.o")
     if kept is None:
-        kept = _object(text)
+        with _told(text):
+            kept = _object(text)
         cache.write(f"law-{key}.o", kept)
     return Code(kept, names)
+
+
+@contextmanager
+def _told(text: str) -> Iterator[None]:
+    """Say so where compiling lasts longer than a second."""
+    lines = text.count("\n")
+    said = "xdynamics: compiling the model and its method, %d operations"
+    timer = threading.Timer(PATIENCE, logging.getLogger("xdynamics").warning, (said, lines))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _symbols(text: str, functions: Mapping[str, Callable[..., float]]) -> str:

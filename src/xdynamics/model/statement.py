@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from xdynamics.expressions import Node, Number
@@ -28,7 +29,7 @@ class Statement:
     observables: dict[str, Node]
     run: dict[str, Any]
 
-    @property
+    @cached_property
     def mass_is_full(self) -> bool:
         """Whether an entry off the diagonal is not a literal zero."""
         return any(entry != Number(0.0) for i, row in enumerate(self.mass) for j, entry in enumerate(row) if i != j)
