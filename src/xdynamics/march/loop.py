@@ -85,6 +85,7 @@ def march(address: Any, rows: int) -> None:
 def start(run: Run) -> None:
     """Evaluate and note the initial state; choose the first step."""
     now, plan = run.now[0], run.plan[0]
+    run.at[4] = now.regime  # until an event changes it
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)

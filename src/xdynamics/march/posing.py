@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import limits_domain
 from xdynamics.kernels import Law
+from xdynamics.kernels.program import AT
 from xdynamics.kernels.tables import flattened
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
@@ -28,54 +29,31 @@ _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArray[np.int64]) -> Run:
     """Return a run that has not begun."""
-    layout, scales = law.layout, settings.scales
-    sizes = {name: scales.of(model.dimensions[name]) for name in layout.used}
-    plan = planned(model, settings, law)
+    scales, plan = settings.scales, planned(model, settings, law)
     start, end = float(plan["start"][0]), float(plan["end"][0])
     tables, places = flattened(tables_of(model, scales))
     nodes = nodes_of(model, scales)
     nodes = nodes[(nodes > start) & (nodes < end)]
     given = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
-    grid = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
-    n, record, events = len(layout.used), len(layout.record), len(model.events)
-    sampled = int(plan["samples"][0]) * (1 + n + len(layout.forces) + len(layout.drives))
-    initial = np.zeros(record)
-    initial[:n] = [model.initial[name].si / sizes[name] for name in layout.used]
-    equations, unknowns, entries = _equations(law)
-    largest = max((one.unknowns for one in equations), default=0)
-    asked = settings.tolerances
+    grid, steps = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
     now = np.zeros(1, NOW)
     now["t"], now["step_norm"], now["on_grid"], now["status"] = start, 1.0, 1, RUNNING
+    equations, unknowns, entries = _equations(law)
+    largest = max((one.unknowns for one in equations), default=0)
     return Run(
         plan=plan,
         now=now,
         trial=np.zeros(1, TRIAL),
         located=np.zeros(1, TRIAL),
-        at=np.zeros(5),
-        y=initial,
-        z=np.zeros(record),
-        e=np.zeros(n),
-        g=np.zeros(events),
-        g1=np.zeros(events),
-        d=np.zeros(len(layout.derived)),
-        samples=np.zeros(sampled),
-        half=np.zeros(record),
-        whole=np.zeros(record),
-        located_z=np.zeros(record),
-        located_e=np.zeros(n),
-        located_g=np.zeros(events),
-        located_samples=np.zeros(sampled),
-        lows=np.zeros(events),
-        slopes=np.zeros(events),
+        at=np.zeros(len(AT)),
+        **_states(model, settings, law, int(plan["samples"][0])),
         p=np.array(list(constants(model, scales).values())),
         tables=tables,
         places=places,
         of_time=np.array([i for i, one in enumerate(model.drives.values()) if one.argument == "t"], np.int64),
-        # without tolerances nothing is asked of an error
-        atol=np.array([asked.of(name) / sizes[name] if asked else np.inf for name in layout.used]),
         nodes=nodes,
-        grid=grid[0],
-        steps=grid[1],
+        grid=grid,
+        steps=steps,
         detectors=_detectors(model, scales),
         w=np.zeros(law.steps.memory),
         matrix=np.zeros(largest * largest),
@@ -86,6 +64,23 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         law=addresses,
         **{f"log_{name}" if name != "base" else name: array for name, array in log._asdict().items()},
     )
+
+
+def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
+    """Return the initial state, its tolerances, and room for those that are tried."""
+    layout, asked = law.layout, settings.tolerances
+    sizes = {name: settings.scales.of(model.dimensions[name]) for name in layout.used}
+    n, events = len(layout.used), len(model.events)
+    lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
+    lengths |= dict.fromkeys(("e", "located_e"), n)
+    lengths |= dict.fromkeys(("g", "g1", "located_g", "lows", "slopes"), events)
+    width = 1 + n + len(layout.forces) + len(layout.drives)  # of a force sample: time, state, what was found
+    lengths |= {"d": len(layout.derived)} | dict.fromkeys(("samples", "located_samples"), sampled * width)
+    arrays = {name: np.zeros(length) for name, length in lengths.items()}
+    arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
+    # without tolerances nothing is asked of an error
+    arrays["atol"] = np.array([asked.of(name) / sizes[name] if asked else np.inf for name in layout.used])
+    return arrays
 
 
 def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
