@@ -77,6 +77,16 @@ def test_steps_and_tolerances_of_their_own() -> None:
     assert runs.rows[0] < runs.rows[1] < runs.rows[2]
 
 
+def test_each_run_begins_on_its_grid() -> None:
+    """Assert that from a start that is no round number the first step of every run is the grid's, to the bit."""
+    model = particle("F*t/second", initial={"t": "0.3 s", "x": "1 m", "v_x": "0 m s-1"})
+    settings = asked(model, method="midpoint", step=0.1, until=1.1)
+    runs = march_many(model, settings, parameters={"F": [5.0, 5.0, 5.0]}, logs=True)
+    _, rows, _ = alone(model, settings)
+    assert rows[1, 1] == 0.1
+    assert [runs.log_of(i).tobytes() for i in range(3)] == [rows.tobytes()] * 3
+
+
 @pytest.fixture(scope="module")
 def bouncing() -> tuple[xd.Model, Settings, np.ndarray]:
     """A ball thrown at many speeds."""
