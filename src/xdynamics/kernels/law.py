@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import count
@@ -29,6 +30,7 @@ HEADER = (
 )
 
 _KEYS = count(1)
+_LOCK = threading.RLock()
 
 
 @dataclass(frozen=True)
@@ -86,9 +88,14 @@ class Law:
         """What the step solves by Newton's method."""
         return self.steps.equations
 
-    @cached_property
+    @property
     def addresses(self) -> NDArray[np.int64]:
         """Where the programs begin, compiled; without a compiler, keys of `PLAIN`."""
+        with _LOCK:  # code that a second thread compiled in vain would be freed under the first one's feet
+            return self._addresses
+
+    @cached_property
+    def _addresses(self) -> NDArray[np.int64]:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return self.plain
         return np.array([self._code.addresses[one.name] for one in self.entries], np.int64)

@@ -16,9 +16,10 @@ from xdynamics.kernels.compiling import OPTIONS
 from xdynamics.march import entries, loop
 from xdynamics.march.run import NOW, PLAN
 
-SECONDS = 12  # that compiling takes on a machine of 2026
+SECONDS = 15  # that compiling takes on a machine of 2026
 _LOCK = threading.Lock()
 _FOUND: list[Engine] = []
+_KEPT: list[Any] = []
 
 
 class Engine(NamedTuple):
@@ -71,7 +72,7 @@ def _entries(folder: Path | None) -> Engine:
         one.compile(signature)
     march_many, states_inside = others
     address, call = march.address, march.ctypes
-
+    _KEPT.append(march)  # the code behind the address lives as long as this
     return Engine(
         lambda run, rows: call(run.address, rows),
         lambda run, *given: march_many(run.address, address, *given),
