@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from operator import itemgetter
 from types import FrameType
 from typing import Any
 
@@ -20,7 +21,7 @@ from xdynamics.march.engine import engine
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STOPPED, Outcome
 from xdynamics.march.posing import posed
-from xdynamics.march.run import Run
+from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
 from xdynamics.schema import EVENT_AFTER
@@ -132,41 +133,45 @@ class March:
 
     def _filled(self, log: Log) -> Block:
         """Fill one log, looking up now and then."""
-        for name in log.base.dtype.names or ():
-            log.base[name] = self.run.now[name]
+        first, before, march = _counts(self.run), None, engine().march
+        log.base[0] = first
         log.lend(self.run)
-        march, base, now, before = engine().march, log.base[0].tolist(), self.now, None
-        while before != (counts := _counts(now)) and not self._is_over():
+        while before != (counts := _counts(self.run)) and not self._is_over():
             before = counts
             march(self.run, PAUSE_ROWS)
             if self.progress:
-                plan = self.run.plan[0]
+                plan, now = self.run.plan[0], self.now
                 done = float((now.t - plan.start) / (plan.end - plan.start))
                 self.progress(done, float(now.t * self.settings.scales.of(TIME)), int(now.rows))
-        return Block(log, *(after - first for after, first in zip(_counts(now), base, strict=True)))
+        return Block(log, *(after - before for after, before in zip(counts, first, strict=True)))
 
     def _remember(self, block: Block) -> None:
         """Keep some rows of the whole run, the same whatever its blocks: those whose number a power of two divides."""
         if not self.settings.adaptive:
             return
-        rows, first, n = int(self.now.rows), int(block.log.base[0].rows), len(self.layout.used)
+        rows, n = _counts(self.run)[0], 2 + len(self.layout.used)
+        first = rows - block.rows
         stride = 1 << max(0, (rows // MOST_WITNESSES).bit_length())
-        new = np.arange(-(-first // stride) * stride, rows, stride)
-        kept = self.witnesses[:, self.witnesses[0] % stride == 0]
-        self.witnesses = np.hstack([kept, np.vstack([new, block.log.rows[: 2 + n, new - first]])])
+        new = range(-(-first // stride) * stride, rows, stride)
+        found = np.empty((1 + n, len(new)))
+        found[0], found[1:] = new, block.log.rows[:n, new.start - first : block.rows : stride]
+        if first:
+            found = np.hstack([self.witnesses[:, self.witnesses[0] % stride == 0], found])
+        self.witnesses = found
 
     def _look_at_the_end(self, block: Block) -> None:
         """Find out, while its log is at hand, which event stopped the run or what was not finite."""
-        if self.now.status == STOPPED:
+        status = _status(self.run)
+        if status == STOPPED:
             names, events = list(self.model.events), block.log.events[: block.events]
             detectors = events["detector"][events["time"] == self.now.t]
             self.stopping_event = " and ".join(f"'{names[i]}'" for i in detectors if self.run.detectors[i].stops)
-        elif self.now.status == NONFINITE_OBSERVABLE:
+        elif status == NONFINITE_OBSERVABLE:
             column = block.log.rows[:, 0 if self.now.h == 0.0 else block.rows]
             self.bad_values = dict(zip(self.layout.row, column.tolist(), strict=True))
 
     def _is_over(self) -> bool:
-        return bool(self.now.status != RUNNING) or self.interrupted
+        return _status(self.run) != RUNNING or self.interrupted
 
     def _addresses(self) -> NDArray[np.int64]:
         """Compile the law, or find it."""
@@ -198,5 +203,16 @@ class March:
             signal.signal(signal.SIGINT, previous)
 
 
-def _counts(now: Any) -> tuple[int, int, int, int]:
-    return int(now.rows), int(now.trials), int(now.events), int(now.samples)
+# numpy takes microseconds to read a field of a record by its name: all of them as one tuple cost less than one
+_of_counts = itemgetter(*((NOW.names or ()).index(name) for name in BASE.names or ()))
+_of_status = itemgetter((NOW.names or ()).index("status"))
+
+
+def _counts(run: Run) -> tuple[int, int, int, int]:
+    """How many rows, trials, events and force samples there are."""
+    counts: tuple[int, int, int, int] = _of_counts(run.now.tolist()[0])
+    return counts
+
+
+def _status(run: Run) -> int:
+    return int(_of_status(run.now.tolist()[0]))
