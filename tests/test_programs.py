@@ -236,3 +236,22 @@ def test_the_source_in_a_record_is_the_law() -> None:
     assert "def propose(" in source
     assert run.attrs["force_digest"] == hashlib.sha256(source.encode()).hexdigest()
     compile(source, "law", "exec")
+
+
+@pytest.mark.parametrize(
+    "exponent", ["2", "3", "4", "5", "7", "11", "16", "-1", "-5", "0.5", "1.5", "2.5", "-2.5", "1/3"]
+)
+def test_powers_are_the_language_s(exponent: str) -> None:
+    """Assert that a power comes out as `evaluate` has it, whose products and roots the language defines."""
+    from xdynamics.expressions.evaluation import evaluate
+    from xdynamics.kernels.elementary import PYTHON
+
+    tree = parse(f"a**({exponent})")
+    lines = Assignments(lambda own, name: own.load(Place("y"), name))
+    lines.store(Place("z"), lines.value(tree))
+    scope = dict(PYTHON)
+    exec(python_of(Program("one", "A power.", tuple(lines.lines))), scope)
+    y, z = np.array([1.7]), np.zeros(1)
+    scope["one"](None, y, None, None, None, z, None, None, None)
+    assert z[0] == evaluate(tree, {"a": 1.7})
+    assert z[0] == pytest.approx(1.7 ** float(eval(exponent)), rel=1e-15)
