@@ -144,6 +144,38 @@ def test_a_folder_is_whole_or_not_there(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert len(list(tmp_path.iterdir())) == 1
 
 
+def test_what_is_no_seal_is_replaced(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that bytes that are no text, a file and a link to itself in the place of a folder are mended."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    (tmp_path / "engine-a").mkdir()
+    (tmp_path / "engine-a" / "sealed").write_bytes(b"\xff\xfe\x00\x81")
+    (tmp_path / "engine-b").write_text("a file")
+    (tmp_path / "engine-c").symlink_to(tmp_path / "engine-c")
+    for name in ("engine-a", "engine-b", "engine-c"):
+        assert cache.sealed(name) is None
+        with cache.filling(name) as folder:
+            (folder / "code").write_text("whole")
+        assert (cache.sealed(name) / "code").read_text() == "whole"
+
+
+def test_an_interrupted_compilation_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that Ctrl-C in the middle leaves no half-filled folder."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    with pytest.raises(KeyboardInterrupt), cache.filling("engine-x"):
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_relative_cache_stays_where_it_was(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that a process that changes its folder does not begin a second cache there."""
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDYNAMICS_CACHE", "kept here")
+    first = cache.folder()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert cache.folder() == first == tmp_path / "kept here"
+
+
 def test_the_key_watches_all_that_is_compiled_in() -> None:
     """Assert that a changed flag number of the schema, like any changed line of the engine, asks for another engine."""
     before = engine_room._key()
@@ -176,6 +208,4 @@ def test_a_long_compilation_is_told(
     assert not caplog.records
     monkeypatch.setattr(machine, "PATIENCE", 0.02)
     machine.compiled("slow\nlaw\n", ["forces"])
-    assert [one.getMessage() for one in caplog.records] == [
-        "xdynamics: compiling the model and its method, 2 operations"
-    ]
+    assert [one.getMessage() for one in caplog.records] == ["xdynamics: compiling the model and its method, 2 lines"]

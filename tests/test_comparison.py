@@ -47,3 +47,21 @@ def test_what_is_no_run_is_refused() -> None:
     """Assert that compare asks for records."""
     with pytest.raises(xd.InputError, match="compare needs two run records"):
         xd.compare(made(0.01), xr.Dataset())
+
+
+def test_a_rerun_says_how_far_it_is() -> None:
+    """Assert that the largest difference is told of variables that were zero, and of a number against none."""
+    from xdynamics.evidence.comparison import reproduced
+
+    kept = made(0.01)
+    still = kept.assign(x=kept.x * 0.0)
+    for value, words in (
+        (5.0, "the largest difference is 5 m in 'x', row 3: inf of its largest value"),
+        (float("nan"), "the largest difference is inf m in 'x', row 3"),
+    ):
+        again = still.copy(deep=True)
+        again["x"].values[3] = value
+        table = reproduced(still, again)
+        assert table.attrs["identical"] == 0
+        assert table.attrs["arithmetic"].startswith(words)
+    assert reproduced(kept, kept.copy(deep=True)).attrs["arithmetic"] == ""

@@ -75,6 +75,13 @@ def test_steps_and_tolerances_of_their_own() -> None:
     runs = march_many(model, judged, rtols=[1e-3, 1e-6, 1e-9])
     assert runs.state[1].tobytes() == alone(model, asked(model, method="dormand_prince", rtol=1e-6, atol=1e-9, until=9.0))[0].run.y[:2].tobytes()  # fmt: skip
     assert runs.rows[0] < runs.rows[1] < runs.rows[2]
+    runs = march_many(
+        model, asked(model, method="dormand_prince", rtol=1e-3, until=9.0), rtols=[1e-9]
+    )  # and atol with it
+    assert (
+        runs.state[0].tobytes()
+        == alone(model, asked(model, method="dormand_prince", rtol=1e-9, until=9.0))[0].run.y[:2].tobytes()
+    )
 
 
 def test_each_run_begins_on_its_grid() -> None:
@@ -130,6 +137,7 @@ def test_a_run_that_fails_is_a_member_with_its_outcome() -> None:
         ({"parameters": {"m": []}}, r"parameter 'm' has the shape \(0,\), needs one number for each run"),
         ({"parameters": {"m": [[1.0]]}}, r"parameter 'm' has the shape \(1, 1\)"),
         ({"parameters": {"m": ["heavy"]}}, r"parameter 'm' is \['heavy'\], needs one number for each run"),
+        ({"steps": [1e-17]}, r"a run with step 1e-17: step 1e-17 s makes over 2\*\*53 steps"),
         ({}, "nothing varies; give parameters, initial, steps or rtols"),
     ],
 )
@@ -138,3 +146,14 @@ def test_wrong_arrays_are_named(given: dict[str, Any], message: str) -> None:
     model = particle("F")
     with pytest.raises(xd.InputError, match=message):
         march_many(model, asked(model, method="midpoint", step=0.1, until=1.0), **given)
+
+
+def test_first_steps_and_starts_are_held_to_what_one_run_is() -> None:
+    """Assert that limits of chosen steps and a scale for every error are asked of every member."""
+    model = particle("F")
+    limited = asked(model, method="dormand_prince", rtol=1e-3, max_step=0.1, until=1.0)
+    with pytest.raises(xd.InputError, match="a run with step 3.0: step, the first one, is 3.0 s, needs to be from"):
+        march_many(model, limited, steps=[0.05, 3.0])
+    bare = asked(model, method="dormand_prince", rtol=1e-3, atol={"x": 0.0, "v_x": 1e-9}, until=1.0)
+    with pytest.raises(xd.InputError, match="atol of 'x' is 0 and a run starts at x = 0"):
+        march_many(model, bare, initial={"x": [1.0, 0.0]})

@@ -248,12 +248,13 @@ def test_keyboard_interrupt_is_an_outcome() -> None:
     def interrupt(_done: float, _t: float, _rows: int) -> None:
         signal.raise_signal(signal.SIGINT)
 
+    before = signal.getsignal(signal.SIGINT)
     asked = {"method": "midpoint", "step": 1e-7, "until": 3.0, "force_samples": "none"}
     run = xd.simulate(free().model, **asked, progress=interrupt)
     assert run.attrs["run_outcome"] == "interrupted"
     assert 0 < run.time.values[-1] < 3.0
     assert run.sizes["step"] > 1000
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 PLAIN = """
@@ -380,3 +381,16 @@ def test_forces_are_evaluated_anew_behind_nodes_only() -> None:
     run = xd.simulate(particle("pull", drives={"pull": drive}, events=events), method="midpoint", step=0.2, until=1.0)
     assert run.sizes["event"] == 1
     assert run.sample_time.values[run.sample_stage == 0].tolist() == [0.0, 0.25, 0.7]
+
+
+def fenced(x: float) -> float:
+    """A force in Python that is not defined everywhere."""
+    if x > 2.0:
+        raise ValueError("outside of the fence")
+    return 1.0
+
+
+def test_a_python_force_that_raises_is_heard() -> None:
+    """Assert that an exception in a force reaches the caller; it never becomes a force of zero."""
+    with pytest.raises(ValueError, match="outside of the fence"):
+        xd.simulate(particle(fenced), method="midpoint", step=0.1, until=1.0)

@@ -93,6 +93,30 @@ def test_in_another_process_too() -> None:
     assert told == expected
 
 
+def test_a_memory_goes_back_into_a_march_that_went_on() -> None:
+    """Assert that a run whose log is half full takes an earlier memory, and goes on from there to the same bytes."""
+    march = march_of("midpoint", "fixed")
+    blocks = march.blocks(20)
+    next(blocks)
+    early = march.run.memory()
+    for _ in range(3):
+        next(blocks)
+    march.run.restore(early)
+    assert (march.run.base[0].rows, march.run.base[0].samples) == (march.now.rows, march.now.samples)
+    marched(march)
+    whole = march_of("midpoint", "fixed")
+    marched(whole)
+    assert march.run.memory() == whole.run.memory()
+
+
+def test_a_memory_of_another_grid_is_refused() -> None:
+    """Assert that bytes of the right size are not believed for that alone."""
+    one, other = march_of("midpoint", "given"), march_of("midpoint", "given")
+    other.run.steps[3] += 1e-3
+    with pytest.raises(ValueError, match="the memory is of another model, method or grid than this run"):
+        one.run.restore(other.run.memory())
+
+
 def test_a_memory_of_another_run_is_refused() -> None:
     """Assert that bytes of another size are named, and nothing is changed."""
     march = march_of("midpoint", "fixed")

@@ -255,3 +255,12 @@ def test_powers_are_the_language_s(exponent: str) -> None:
     scope["one"](None, y, None, None, None, z, None, None, None)
     assert z[0] == evaluate(tree, {"a": 1.7})
     assert z[0] == pytest.approx(1.7 ** float(eval(exponent)), rel=1e-15)
+
+
+def test_minus_zero_is_another_number() -> None:
+    """Assert that 0.0 and -0.0, which are equal, are not taken for one: they are two angles of atan2."""
+    run = xd.simulate(
+        particle(forces={"up": {"x": "F*atan2(0, x/metre)"}, "down": {"x": "F*atan2(-0, x/metre)"}}, initial={"x": "-1 m", "v_x": "0 m s-1"}),
+        method="midpoint", step=0.5, until=1.0,
+    )  # fmt: skip
+    assert float(run.force_up_x[0]) == -float(run.force_down_x[0]) > 0.0

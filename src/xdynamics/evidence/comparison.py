@@ -58,12 +58,17 @@ def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
         if other is None or one.dtype.kind != "f" or not one.dims:
             continue
         shared = min(one.shape[0], other.shape[0])
+        if not shared:
+            continue
         left, right = np.asarray(one[:shared].values), np.asarray(other[:shared].values)
-        apart = np.abs(np.nan_to_num(left - right))
+        apart = np.where(_as_words(left) == _as_words(right), 0.0, np.abs(left - right))
+        apart = np.where(np.isnan(apart), np.inf, apart).reshape(shared, -1)  # a number against none
         size = float(np.nanmax(np.abs(left), initial=0.0))
-        if shared and size > 0.0 and float(apart.max()) / size > worst:
-            worst, row = float(apart.max()) / size, int(np.argmax(apart.reshape(shared, -1).max(axis=1)))
-            said = f"the largest difference is {float(apart.max()):.3g} {one.attrs.get('units', '')} in '{name}', row {row}: {worst:.2g} of its largest value"
+        largest = float(apart.max(initial=0.0))
+        relative = largest / size if size > 0.0 and largest < np.inf else np.inf if largest else 0.0
+        if relative > worst:
+            worst, row = relative, int(np.argmax(apart.max(axis=1)))
+            said = f"the largest difference is {largest:.3g} {one.attrs.get('units', '')} in '{name}', row {row}: {worst:.2g} of its largest value"
     rows = [int(run.sizes[STEPS]) for run in (kept, again)]
     return said if rows[0] == rows[1] else f"{said}; {rows[0]} rows became {rows[1]}"
 
@@ -145,7 +150,7 @@ def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
 
 
 def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool) -> int | None:
-    """Return the first row in which a variable differs; None where every bit agrees, and unless only numbers count every word."""
+    """Return the first row in which a variable differs; None where every bit, and if words count every attribute, agrees."""
     if name not in first.variables or name not in second.variables:
         return 0
     one, other = first.variables[name], second.variables[name]

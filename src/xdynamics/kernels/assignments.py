@@ -41,7 +41,7 @@ class Assignments:
         self._find = find
         self._prefix = prefix
         self._named: dict[str, Operand] = {}
-        self._known: dict[tuple[str, tuple[Operand, ...]], str] = {}
+        self._known: dict[tuple[str, ...], str] = {}
         self._loaded: dict[Place, str] = {}
         self._unnamed: set[Operand] = set()
 
@@ -76,7 +76,7 @@ class Assignments:
         if isinstance(last, Compute) and last.target == value and value in self._unnamed:
             self._unnamed.discard(value)
             self.lines[-1] = Compute(name, last.operation, last.arguments)
-            self._known[last.operation, last.arguments] = name
+            self._known[_key(last.operation, last.arguments)] = name
             self._named[name] = name
         return self._named[name]
 
@@ -92,7 +92,7 @@ class Assignments:
             folded = _FOLDED[operation](*arguments)
             if math.isfinite(folded):  # 1/(2 - 2) is then a division by a zero that can be seen
                 return folded
-        key = (operation, arguments)
+        key = _key(operation, arguments)
         if key not in self._known:
             self._known[key] = f"{self._prefix}{len(self._known)}"
             self._unnamed.add(self._known[key])
@@ -143,3 +143,8 @@ class Assignments:
         half = self._product(base, times // 2)
         square = self.compute("multiply", half, half)
         return self.compute("multiply", square, base) if times % 2 else square
+
+
+def _key(operation: str, arguments: tuple[Operand, ...]) -> tuple[str, ...]:
+    """What tells one computation from another: numbers as they are printed, for 0.0 equals -0.0 and is another angle."""
+    return (operation, *map(repr, arguments))

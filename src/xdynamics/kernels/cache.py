@@ -8,6 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 
 ENVIRONMENT = "XDYNAMICS_CACHE"
@@ -18,8 +19,19 @@ _SEAL = "sealed"
 def folder() -> Path:
     """Return the folder of compiled code: $XDYNAMICS_CACHE, or `xdynamics` in the user's cache folder."""
     if chosen := os.environ.get(ENVIRONMENT):
-        return Path(chosen)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "xdynamics"
+        return _from_here(chosen)
+    if kept := os.environ.get("XDG_CACHE_HOME"):
+        return _from_here(kept) / "xdynamics"
+    try:
+        return Path.home() / ".cache" / "xdynamics"
+    except RuntimeError:  # nobody's process: there is no home
+        return Path(tempfile.gettempdir()) / "xdynamics"
+
+
+@lru_cache
+def _from_here(chosen: str) -> Path:
+    """A path as it was meant when it was first asked for, wherever the process goes later."""
+    return Path(chosen).absolute()
 
 
 def digest(*parts: str) -> str:
@@ -59,7 +71,7 @@ def sealed(name: str) -> Path | None:
     try:
         seal = (place / _SEAL).read_text()
         return place if seal == _seal_of(place) else None
-    except OSError:
+    except (OSError, ValueError):  # ValueError: bytes that are no text
         return None
 
 
@@ -69,14 +81,15 @@ def filling(name: str) -> Iterator[Path | None]:
 
     Where nothing can be written, there is no folder: None.
     """
-    try:
-        folder().mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(dir=folder(), prefix=f"{name[:20]}-", suffix=".part"))
-        _probe(part)
-    except OSError:
+    part = _fresh(name)
+    if part is None:
         yield None
         return
-    yield part
+    try:
+        yield part
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
     try:
         (part / _SEAL).write_text(_seal_of(part))
         if sealed(name) is None:
@@ -87,14 +100,28 @@ def filling(name: str) -> Iterator[Path | None]:
 
 
 def remove(name: str) -> None:
-    """Remove a folder that is damaged, so that a whole one can take its name."""
-    shutil.rmtree(folder() / name, ignore_errors=True)
+    """Remove what is damaged, be it a folder, a file or a link to nothing, so that a whole one can take its name."""
+    place = folder() / name
+    if place.is_symlink() or place.is_file():
+        place.unlink(missing_ok=True)
+    else:
+        shutil.rmtree(place, ignore_errors=True)
 
 
-def _probe(place: Path) -> None:
-    """Raise now, not in the middle of a compilation, where the disk has no room for an engine."""
-    (place / "probe").write_bytes(bytes(ROOM))
-    (place / "probe").unlink()
+def _fresh(name: str) -> Path | None:
+    """Make a new folder with room for an engine, or find out now, not in the middle of a compilation, that there is none."""
+    try:
+        folder().mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(dir=folder(), prefix=f"{name[:20]}-", suffix=".part"))
+    except OSError:
+        return None
+    try:
+        (part / "probe").write_bytes(bytes(ROOM))
+        (part / "probe").unlink()
+    except OSError:
+        shutil.rmtree(part, ignore_errors=True)
+        return None
+    return part
 
 
 def _seal_of(place: Path) -> str:

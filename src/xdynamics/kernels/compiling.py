@@ -9,6 +9,8 @@ from llvmlite import ir
 from numba import config, njit, types
 from numba.extending import intrinsic
 
+from xdynamics.kernels.program import ARRAYS
+
 # fastmath stays off and "numpy" makes 1/0 an infinity instead of an exception: the march judges it
 OPTIONS: Any = {"error_model": "numpy", "fastmath": False, "nogil": True}
 
@@ -27,7 +29,6 @@ def apart(function: Any) -> Any:
 
 entry: Any = njit(**OPTIONS)
 
-_COUNT = 9  # pointers that a law is called with
 PLAIN: dict[int, Callable[..., None]] = {}  # where nothing is compiled, an address is a key of these
 
 
@@ -44,7 +45,7 @@ def _called(_typing: Any, address: Any, at: Any, y: Any, p: Any, tables: Any, pi
             else:
                 data[-1] = builder.gep(data[-1], [one])
         data = [builder.bitcast(one, pointer) for one in data]
-        kind = ir.FunctionType(ir.VoidType(), [pointer] * _COUNT)
+        kind = ir.FunctionType(ir.VoidType(), [pointer] * len(ARRAYS))
         builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), data)
         return context.get_dummy_value()
 

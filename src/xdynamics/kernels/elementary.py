@@ -57,7 +57,7 @@ def power(x: float, exponent: float) -> float:
     except OverflowError:
         return math.inf
     except ValueError:
-        return math.inf if x == 0.0 else math.nan
+        return math.nan
 
 
 def least(x: float, y: float) -> float:

@@ -185,8 +185,8 @@ class _Printer:
     def _loop(self, line: Each) -> None:
         """The lines for i from 0 to count - 1, as a loop."""
         self._count += 1
-        here, before = f"each{self._count}", self._block
-        index = f"%i{self._count}"
+        here, before = f"each.{self._count}", self._block
+        index = f"%i.{self._count}"
         self._lines += [f"br label %{here}", f"{here}:", f"{index} = phi i64 [ 0, %{before} ], [ {index}n, %{here} ]"]
         self._block = here
         self._each(line, index, 0)
@@ -288,8 +288,8 @@ class _Printer:
 
     def _new(self, text: str) -> str:
         self._count += 1
-        self._lines.append(f"%r{self._count} = {text}")
-        return f"%r{self._count}"
+        self._lines.append(f"%v.{self._count} = {text}")  # no array's name has a dot
+        return f"%v.{self._count}"
 
     def _operand(self, operand: Operand) -> str:
         if isinstance(operand, str):

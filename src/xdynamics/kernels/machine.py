@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import math
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -63,7 +64,7 @@ def compiled(text: str, names: Iterable[str], functions: Mapping[str, Callable[.
 def _told(text: str) -> Iterator[None]:
     """Say so where compiling lasts longer than a second."""
     lines = text.count("\n")
-    said = "xdynamics: compiling the model and its method, %d operations"
+    said = "xdynamics: compiling the model and its method, %d lines"
     timer = threading.Timer(PATIENCE, logging.getLogger("xdynamics").warning, (said, lines))
     timer.daemon = True
     timer.start()
@@ -89,16 +90,20 @@ def _entry(function: Any) -> Any:
 
     from xdynamics.kernels.compiling import OPTIONS, entry
 
-    inner = function if hasattr(function, "py_func") else entry(function)
-    if inner not in _KEPT:
+    if function not in _KEPT:
+        inner = function if hasattr(function, "py_func") else entry(function)
         count = inner.py_func.__code__.co_argcount
         arguments = ", ".join(f"_{i}" for i in range(count))
-        scope: dict[str, Any] = {"inner": inner}
-        # cfunc takes no *arguments: the text depends on their number alone
-        exec(f"def called({arguments}): return float(inner({arguments}))", scope)  # noqa: S102
+        scope: dict[str, Any] = {"inner": inner, "nan": math.nan}
+        # cfunc takes no *arguments: the text depends on their number alone. An exception cannot pass through machine code,
+        # which would go on with zero; nan ends the run, and the search for its cause calls the function again and raises
+        lines = (
+            f"def called({arguments}):\n try:\n  return float(inner({arguments}))\n except Exception:\n  return nan\n"
+        )
+        exec(lines, scope)  # noqa: S102
         signature = types.float64(*[types.float64] * count)
-        _KEPT[inner] = cfunc(signature, error_model=OPTIONS["error_model"])(scope["called"])
-    return _KEPT[inner].ctypes
+        _KEPT[function] = cfunc(signature, error_model=OPTIONS["error_model"])(scope["called"])
+    return _KEPT[function].ctypes
 
 
 _KEPT: dict[Any, Any] = {}

@@ -52,11 +52,11 @@ def _compiled() -> Engine:
     logging.getLogger("xdynamics").warning(
         "xdynamics: compiling the engine, once per installation: about %d s", SECONDS
     )
-    with cache.filling(name) as folder:
-        try:
+    try:
+        with cache.filling(name) as folder:
             return _entries(folder)
-        except OSError:  # the disk filled up meanwhile
-            return _entries(None)
+    except OSError:  # the disk filled up meanwhile
+        return _entries(None)
 
 
 def _entries(folder: Path | None) -> Engine:
@@ -84,7 +84,7 @@ def _array(dtype: Any, dims: int) -> Any:
     return types.Array(from_dtype(np.dtype(dtype)), dims, "C")
 
 
-_MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 2, _array(NOW, 1), _array("f8", 2), types.int64, types.boolean)
+_MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), _array("f8", 2), types.int64, types.boolean)
 _SIGNATURES = ((types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 3))
 
 
@@ -95,8 +95,9 @@ def _key() -> str:
 
     package = Path(__file__).parents[1]
     files = sorted([*(package / "kernels").glob("*.py"), *(package / "march").glob("*.py"), package / "schema.py"])
-    # numba believes a file it kept only if the entries' own files have the dates of then
-    stamps = [repr(Path(str(room.__file__)).stat().st_mtime) for room in (entries, loop)]
+    # numba believes a file it kept only if the entries' own files have the place and the date of then
+    rooms = [Path(str(room.__file__)).resolve() for room in (entries, loop)]
+    stamps = [f"{path} {path.stat().st_mtime!r}" for path in rooms]
     return cache.digest(
         *(path.read_text(encoding="utf-8") for path in files), numba.__version__, np.__version__, *stamps,
         binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import apart, called, compiled
+from xdynamics.kernels.compiling import called, compiled
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.tables import enter_pieces
+from xdynamics.march.events import propose_apart
 from xdynamics.march.handle import march_by, run_at
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.proposing import evaluate, propose
+from xdynamics.march.proposing import evaluate
 from xdynamics.march.run import Run
 
 Floats = NDArray[np.float64]
@@ -20,10 +21,8 @@ Records = NDArray[Any]
 
 END = 1 << 62  # rows that no run has
 
-propose_apart = apart(propose)
 
-
-def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, parameters: Floats, ends: Records, states: Floats, first: int, kept: bool) -> int:  # fmt: skip
+def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, states: Floats, first: int, kept: bool) -> int:  # fmt: skip
     """March one run after the other through one `Run`, from its arrays of starts and parameters to the ends.
 
     Parameters
@@ -33,7 +32,7 @@ def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, para
     march_at : int
         Address of the compiled `loop.march`, so that it is not compiled a second time.
     plans : ndarray of PLAN, shape (n,)
-    starts, parameters : ndarray, shape (n, …)
+    starts, parameters, atols : ndarray, shape (n, …)
     ends : ndarray of NOW, shape (n,)
         Where each run stands when it is over; filled.
     states : ndarray, shape (n, …)
@@ -52,7 +51,7 @@ def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, para
     now, base = run.now[0], run.base[0]
     for k in range(first, starts.shape[0]):
         if now.status != RUNNING or now.rows == 0:
-            begin(run, plans, starts, parameters, k)
+            begin(run, plans, starts, parameters, atols, k)
         while now.status == RUNNING:
             march_by(march_at, address, END)
             if now.status == RUNNING:
@@ -66,7 +65,7 @@ def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, para
 
 
 @compiled
-def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, k: int) -> None:
+def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: Floats, k: int) -> None:
     """Set a run to its start; the log goes on behind the run before."""
     now, base = run.now[0], run.base[0]
     base.rows, base.trials, base.events, base.samples = (
@@ -80,6 +79,8 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, k: int) 
         run.y[i] = starts[k, i]
     for i in range(parameters.shape[1]):
         run.p[i] = parameters[k, i]
+    for i in range(atols.shape[1]):
+        run.atol[i] = atols[k, i]
 
 
 def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) -> None:

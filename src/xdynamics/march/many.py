@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -153,11 +153,11 @@ def _march(
 ) -> _Part:
     n, log = len(next(iter(arrays.values()))), allocate(law.layout, LOG_ROWS, sampled=0)
     run = posed(model, settings, law, log, law.addresses)
-    plans, starts, constants_ = _inputs(model, settings, law.layout, run, arrays)
+    inputs = _inputs(model, settings, law.layout, run, arrays)
     part = _Part(np.zeros(n, NOW), np.zeros((n, len(law.layout.used))), [], [])
     first = 0
     while True:
-        first = engine().march_many(run, plans, starts, constants_, part.ends, part.states, first, logs)
+        first = engine().march_many(run, *inputs, part.ends, part.states, first, logs)
         _empty(run, log, part, logs=logs)
         if first == n:
             return part
@@ -165,12 +165,12 @@ def _march(
 
 def _inputs(
     model: Model, settings: Settings, layout: Layout, run: Run, arrays: Mapping[tuple[str, str], Floats]
-) -> tuple[NDArray[Any], Floats, Floats]:
-    """Return plan, start and parameters of every run, in internal units."""
+) -> tuple[NDArray[Any], Floats, Floats, Floats]:
+    """Return plan, start, parameters and absolute tolerances of every run, in internal units."""
     n, scales = len(next(iter(arrays.values()))), settings.scales
     plans = np.repeat(run.plan, n)
     starts = np.tile(run.y[: len(layout.used)], (n, 1))
-    parameters = np.tile(run.p, (n, 1))
+    parameters, atols = np.tile(run.p, (n, 1)), np.tile(run.atol, (n, 1))
     places = {name: i for i, name in enumerate(constants(model))}
     for (kind, name), values in arrays.items():
         if kind == "parameter":
@@ -181,7 +181,10 @@ def _inputs(
             plans["first_step" if settings.adaptive else "step_size"] = values / scales.of(TIME)
         else:
             plans["rtol"] = values
-    return plans, starts, parameters
+            for i, one in enumerate(layout.used):
+                if settings.tolerances is not None and not {one, ""} & set(settings.tolerances.atol):
+                    atols[:, i] = values / scales.of(model.dimensions[one])  # what is not named follows rtol
+    return plans, starts, parameters, atols
 
 
 def _empty(run: Run, log: Log, part: _Part, *, logs: bool) -> None:
@@ -247,7 +250,27 @@ def _checked(model: Model, settings: Settings, given: Mapping[tuple[str, str], A
         ledger.note("rtols are for chosen or judged steps; give the settings tolerances")
     if ("step", "") in given and isinstance(settings.step, tuple):
         ledger.note("steps are for a grid or a first step, and the settings give every step")
+    if not ledger.faults:
+        _check_settings(model, settings, arrays, ledger)
     if not given:
         ledger.note("nothing varies; give parameters, initial, steps or rtols")
     ledger.settle()
     return arrays
+
+
+def _check_settings(model: Model, settings: Settings, arrays: Mapping[tuple[str, str], Floats], ledger: Ledger) -> None:
+    """Hold the least and the greatest step and tolerance, and starts at zero, to what one run is held to."""
+    for (kind, name), values in arrays.items():
+        for value in (float(values.min()), float(values.max())):
+            varied = settings
+            if kind == "step":
+                varied = replace(settings, step=value)
+            elif kind == "rtol" and settings.tolerances is not None:
+                varied = replace(settings, tolerances=replace(settings.tolerances, rtol=value))
+            with ledger.entry(f"a run with {kind} {value!r}"):
+                varied.check(model)
+        asked = settings.tolerances
+        if kind == "initial value" and asked is not None and asked.of(name) == 0.0 and (values == 0.0).any():
+            ledger.note(
+                f"atol of '{name}' is 0 and a run starts at {name} = 0: its error would have no scale; give it a positive one"
+            )

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from xdynamics.schema import (
-    REASON_CONTACT,
     REASON_DOMAIN,
     REASON_ERROR,
-    REASON_EVENT,
     REASON_EVENT_FUNCTION,
     REASON_NEWTON,
     REASON_NONFINITE,
@@ -65,5 +63,3 @@ NONFINITE_FORCE = Outcome("nonfinite_force", _FINITE)
 OUTSIDE_TABLE = Outcome("outside_drive_table", _FINITE)
 
 WORDS = {one.word: one for one in (*OUTCOMES.values(), NONFINITE_FORCE, OUTSIDE_TABLE)}
-
-__all__ = ["OUTCOMES", "REASON_CONTACT", "REASON_EVENT", "RUNNING", "SOUND", "WORDS", "Outcome"]

@@ -6,6 +6,7 @@ read and set as ``run.now[0].t``. The bytes of everything but the log and the la
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import numpy as np
@@ -128,23 +129,33 @@ class Run:
 
     def memory(self) -> bytes:
         """Return all that the march knows, to go on from in any process."""
-        return b"".join(array.tobytes() for array in self._remembered())
+        return self._identity() + b"".join(array.tobytes() for array in self._remembered())
 
     def restore(self, memory: bytes) -> None:
-        """Put a memory into a run of the same model and settings.
+        """Put a memory into a run of the same model and settings; its log begins where it goes on.
 
         Raises
         ------
         ValueError
-            If it is of another size, and so of another run.
+            If it has another size, or is of another model or grid.
         """
-        size = sum(array.nbytes for array in self._remembered())
+        own = self._identity()
+        size = len(own) + sum(array.nbytes for array in self._remembered())
         if size != len(memory):
             raise ValueError(f"a memory of {len(memory)} bytes is none of this run, which has {size}")
-        first = 0
+        if memory[: len(own)] != own:
+            raise ValueError("the memory is of another model, method or grid than this run")
+        first = len(own)
         for array in self._remembered():
             array.view(np.uint8).reshape(-1)[:] = np.frombuffer(memory, np.uint8, array.nbytes, first)
             first += array.nbytes
+        for name in self.base.dtype.names or ():
+            self.base[name] = self.now[name]
+
+    def _identity(self) -> bytes:
+        """Digest of what tells a model, a method and a grid from others and is the same in all of its runs."""
+        fixed = (self.tables, self.of_time, self.nodes, self.grid, self.steps, self.detectors, self.equations, self.unknowns, self.entries)  # fmt: skip
+        return hashlib.sha256(b"|".join(array.tobytes() for array in fixed)).digest()
 
     def _remembered(self) -> list[NDArray[Any]]:
         return [getattr(self, name) for name in _MEMORY]

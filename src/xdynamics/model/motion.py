@@ -14,7 +14,7 @@ from functools import lru_cache, reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import Binary, Call, Name, Node, Number, derivative
+from xdynamics.expressions import Binary, Call, Name, Node, derivative
 from xdynamics.expressions.calculus import ONE, ZERO, add
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
@@ -275,6 +275,3 @@ def _derivatives(model: Model, tree: Node) -> Iterator[tuple[str, Node]]:
         found = derivative(tree, {by: ONE} | given)
         if found != ZERO:
             yield by, found
-
-
-__all__ = ["ONE", "Assignment", "Number", "evaluated", "motion", "slopes", "variables"]
