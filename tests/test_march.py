@@ -394,3 +394,10 @@ def test_a_python_force_that_raises_is_heard() -> None:
     """Assert that an exception in a force reaches the caller; it never becomes a force of zero."""
     with pytest.raises(ValueError, match="outside of the fence"):
         xd.simulate(particle(fenced), method="midpoint", step=0.1, until=1.0)
+
+
+def test_a_stop_at_the_very_end_is_a_stop() -> None:
+    """Assert that an event that stops the run on its last grid time is the outcome, not the end that was reached too."""
+    run = xd.simulate(timed("t - 1*second", direction="rising", action="stop"), method="midpoint", step=0.25, until=1.0)
+    assert run.attrs["run_outcome"] == "stopped_by_event"
+    assert run.time.values[-1] == 1.0

@@ -155,3 +155,15 @@ def test_other_faults_are_named() -> None:
         xd.sample(run_of(), 1.0, side="left")
     with pytest.raises(xd.InputError, match="this is no run record: it has no time, row_kind, step_size, model_toml"):
         xd.sample(xd.sample(run_of(), 1.0).drop_vars("time"), 1.0)
+
+
+@pytest.mark.parametrize("side", ["after", "before"])
+def test_times_at_the_borders_of_chunks(side: str) -> None:
+    """Assert that a search over chunks finds the rows that one over the whole finds, at every accepted time and between."""
+    run = run_of("rk4", rtol=None, atol=None, step=0.05)
+    times = np.concatenate([run.time.values, (run.time.values[1:] + run.time.values[:-1]) / 2])
+    lazy = run.chunk({"step": 7})
+    whole, parts = xd.sample(run, times, side=side), xd.sample(lazy, times, side=side)
+    assert np.array_equal(whole.row, parts.row)
+    assert np.array_equal(whole.row[: run.sizes["step"]], np.arange(run.sizes["step"]))
+    assert np.array_equal(whole.x, parts.x)
