@@ -19,9 +19,8 @@ from xdynamics.kernels.llvm_text import UNROLLED
 from xdynamics.kernels.program import Compute, Load, Place, Program, Store
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.tables import flattened
-from xdynamics.march.posing import tables_of
 from xdynamics.methods.scheme import Scheme
-from xdynamics.model.motion import constants
+from xdynamics.model.motion import constants, tables_of
 from xdynamics.units import UNSCALED
 
 EXPLICIT = [one for one in xd.METHODS.values() if not one.implicit]

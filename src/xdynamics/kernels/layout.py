@@ -131,9 +131,9 @@ class Layout:
         return ("time", "step", "stage", *self.used, *self.forces, *self.drives)
 
     @property
-    def time_drives(self) -> tuple[str, ...]:
-        """Drives of time; each has its own piece index, that stays the same throughout a step."""
-        return tuple(name for name, drive in self.model.drives.items() if drive.argument == "t")
+    def sample_width(self) -> int:
+        """Numbers that a step keeps of one evaluation: what `sample` names but the row and the stage."""
+        return len(self.sample) - 2
 
     @property
     def energy_dimension(self) -> Dimension | None:

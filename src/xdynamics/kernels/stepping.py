@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from xdynamics.expressions import Name, Node, Number, derivative, expand
+from xdynamics.expressions import Name, Node, Number, derivative, expand, parse
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import AT, Call, Compute, Each, Instruction, Load, Operand, Place, Program, Store
@@ -228,7 +228,7 @@ class _Stepping(Walker):
         for name in (line.position, line.velocity, line.state):
             self._copy(Place(record, first), Place(name), self._count(name))
             first += self._count(name)
-        time = self._scalars.value(_read(line.time))
+        time = self._scalars.value(parse(line.time))
         self._scalars.store(Place(at, AT.index("t")), time)
         self._scalars.store(
             Place(at, AT.index("regime")), self._scalars.load(Place("at", AT.index("regime")), "regime")
@@ -249,8 +249,8 @@ class _Stepping(Walker):
     def _sample(self, time: Operand, record: str) -> None:
         """Keep time, state, force components and drives of an evaluation."""
         layout = self.layout
-        n, sample, forces = len(layout.used), f"sample{self.stage}", len(layout.forces) + len(layout.drives)
-        width = 1 + n + forces
+        n, sample, width = len(layout.used), f"sample{self.stage}", layout.sample_width
+        forces = width - 1 - n
         self._views[sample] = ("samples", (self.stage - 1) * width, width)
         self._bodies[-1].append(Store(Place(sample), time))
         self._copy(Place(sample, 1), Place(record), n)
@@ -285,11 +285,6 @@ class _Stepping(Walker):
     def _counts(self, letters: str) -> list[int]:
         return [self._count(one) for one in letters]
 
-    @property
-    def layout_jacobian(self) -> dict[tuple[str, str], int]:
-        """Where each derivative stands behind the first."""
-        return {pair: i for i, pair in enumerate(self.layout.jacobian)}
-
 
 class _Coupling:
     """The matrix of Newton's method: what is linear in the lines directly, the rest through the forces."""
@@ -298,7 +293,7 @@ class _Coupling:
         self._write, self._line, self._slopes = write, line, slopes
         self._inner: Mapping[str, Node] = {one.target: one.expression for one in line.definitions}
         self._outer = {one.target: expand(one.expression, self._inner) for one in line.equations}
-        self._jacobian = write.layout_jacobian
+        self._jacobian = {pair: i for i, pair in enumerate(write.layout.jacobian)}
         self._places: dict[tuple[str, ...], int | None] = {}
 
     def entries(
@@ -339,12 +334,6 @@ class _Coupling:
             zero = weight == Number(0.0)
             self._places[key] = None if zero else self._write.coefficient(weight, inside)
         return self._places[key]
-
-
-def _read(time: str) -> Node:
-    from xdynamics.expressions import parse
-
-    return parse(time)
 
 
 def _arrays(line: Instruction) -> set[str]:

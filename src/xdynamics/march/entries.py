@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import called, compiled
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.tables import enter_pieces
-from xdynamics.march.events import propose_apart
+from xdynamics.march.events import copy, propose_apart
 from xdynamics.march.handle import march_by, run_at
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.proposing import evaluate
@@ -109,8 +109,7 @@ def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) ->
                 run.y[i] = states[i, k]
             evaluate(run, t, run.y)
             propose_apart(run, t1, h)
-            for i in range(run.z.shape[0]):
-                run.located_z[i] = run.z[i]
+            copy(run.z, run.located_z)
         run.at[0], run.at[1], run.at[2], run.at[3] = t, t1, h, (time - t) / h
         called(
             run.law[INSIDE], run.at, run.y, run.p, run.tables, run.places, run.located_z, run.e, run.samples, 0, run.w

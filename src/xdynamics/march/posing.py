@@ -18,8 +18,7 @@ from xdynamics.march.run import DETECTOR, EQUATIONS, NOW, PLAN, TRIAL, Run
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.methods.scheme import EXTRAPOLATED
 from xdynamics.model import Function, Model
-from xdynamics.model.drives import coefficients
-from xdynamics.model.motion import constants
+from xdynamics.model.motion import constants, tables_of
 from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
@@ -74,8 +73,7 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
     lengths |= dict.fromkeys(("e", "located_e"), n)
     lengths |= dict.fromkeys(("g", "g1", "located_g", "lows", "slopes"), events)
-    width = 1 + n + len(layout.forces) + len(layout.drives)  # of a force sample: time, state, what was found
-    lengths |= {"d": len(layout.derived)} | dict.fromkeys(("samples", "located_samples"), sampled * width)
+    lengths |= {"d": len(layout.derived)} | dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
     # without tolerances nothing is asked of an error
@@ -116,16 +114,6 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "state": len(layout.state),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
-
-
-def tables_of(model: Model, scales: Scales) -> list[tuple[Floats, Floats]]:
-    """Return the pieces of every drive."""
-    found = []
-    for name, drive in model.drives.items():
-        argument = drive.table.argument / scales.of(model.dimensions[drive.argument])
-        value = drive.table.value / scales.of(model.dimensions[name])
-        found.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=drive.argument == "t"))
-    return found
 
 
 def nodes_of(model: Model, scales: Scales) -> Floats:
@@ -175,6 +163,3 @@ def _limits_domain(model: Model) -> bool:
     trees += [entry for row in model.mass for entry in row] + [one.rate for one in model.states.values()]
     limited = any(limits_domain(model.expanded(tree)) for tree in trees)  # type: ignore[arg-type]
     return limited or any(drive.outside == "error" for drive in model.drives.values())
-
-
-__all__ = ["nodes_of", "planned", "posed", "tables_of"]

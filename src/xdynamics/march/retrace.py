@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 from xdynamics.expressions import Binary, Call, Node, exponent_of, limits_domain, parse, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import children
-from xdynamics.march.posing import tables_of
 from xdynamics.methods import Evaluation, Solve, Statement
 from xdynamics.methods.walk import Walker
-from xdynamics.model.motion import constants, evaluated
+from xdynamics.model.motion import constants, evaluated, tables_of
 from xdynamics.schema import acceleration, rate, velocity
 
 if TYPE_CHECKING:

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
-from xdynamics.model.drives import coefficients
 from xdynamics.model.model import Model
-from xdynamics.model.motion import constants, evaluated, force_totals, jacobian, variables
+from xdynamics.model.motion import constants, evaluated, force_totals, jacobian, tables_of, variables
 from xdynamics.schema import acceleration, rate
 
 __all__ = ["Linearisation", "force_totals", "initial_state", "linearise", "linearise_each", "variables"]
@@ -82,7 +81,7 @@ def linearise(model: Model, state: Mapping[str, float]) -> Linearisation:
 
 def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Linearisation]:
     """Linearise a model about one state after the other; its trees are differentiated once."""
-    known, tables, names, places = constants(model), _tables(model), variables(model), jacobian(model)
+    known, tables, names, places = constants(model), tables_of(model), variables(model), jacobian(model)
     n, mass = len(model.coordinates), [[model.expanded(entry) for entry in row] for row in model.mass]
     row_of = {name: i for i, name in enumerate((*model.coordinates, *(rate(name) for name in model.states)))}
     for state in states:
@@ -111,11 +110,3 @@ def _checked(model: Model, state: Mapping[str, float]) -> dict[str, float]:
             f"state of model '{model.name}' has no {', '.join(missing)}; give SI numbers for {', '.join(needed)}"
         )
     return {name: float(state[name]) for name in needed}
-
-
-def _tables(model: Model) -> list[tuple[Floats, Floats]]:
-    """Return the pieces of every drive, in SI units."""
-    return [
-        coefficients(one.table.argument, one.table.value, one.interpolation, one.outside, of_time=one.argument == "t")
-        for one in model.drives.values()
-    ]

@@ -18,7 +18,7 @@ from xdynamics.expressions import Binary, Call, Name, Node, derivative
 from xdynamics.expressions.calculus import ONE, ZERO, add
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
-from xdynamics.model.drives import looked_up
+from xdynamics.model.drives import coefficients, looked_up
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Function
 from xdynamics.schema import acceleration, force, rate, velocity
@@ -176,6 +176,16 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     sizes = {name: scales.of(dimension) for name, dimension in model.dimensions.items()}
     values = {name: one.quantity.si / sizes[name] for name, one in model.parameters.items()}
     return values | {name: float(constant(name).factor) / sizes[name] for name in CONSTANTS} | {"pi": math.pi}
+
+
+def tables_of(model: Model, scales: Scales = UNSCALED) -> list[Table]:
+    """Return the pieces of every drive, in SI units over the scales."""
+    found = []
+    for name, drive in model.drives.items():
+        argument = drive.table.argument / scales.of(model.dimensions[drive.argument])
+        value = drive.table.value / scales.of(model.dimensions[name])
+        found.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=drive.argument == "t"))
+    return found
 
 
 def evaluated(
