@@ -6,8 +6,10 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any
 
-from xdynamics.kernels.compiling import PLAIN, _called_plainly
-from xdynamics.march.run import ARRAYS, NOW, PLAN, Run
+from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.program import AT, UNSOUND
+from xdynamics.march.handle import called_plainly, noted_plainly
+from xdynamics.march.run import ARRAYS, KINDS, NOW, PLAN, Run
 
 _KNOWN: dict[Any, Callable[..., Any]] = {}
 
@@ -20,7 +22,7 @@ def plain(function: Any) -> Callable[..., Any]:
         _KNOWN[python] = FunctionType(python.__code__, scope, python.__name__, python.__defaults__)
         for name, value in python.__globals__.items():
             scope[name] = plain(value) if hasattr(value, "py_func") else value
-        scope |= {"called": _called_plainly, "run_at": lambda run: run}
+        scope |= {"called": called_plainly, "noted": noted_plainly, "run_at": lambda run: run}
     return _KNOWN[python]
 
 
@@ -31,7 +33,7 @@ def made_by_hand(n: int = 1, columns: int = 6, **arrays: Any) -> Run:
     sizes = dict.fromkeys(("y", "z", "half", "whole", "located_z"), 3 * n) | dict.fromkeys(
         ("e", "located_e", "atol"), 2 * n
     )
-    sizes |= {"at": 5, "base": 1, "plan": 1, "now": 1, "trial": 1, "located": 1, "log_trials": 50}
+    sizes |= {"at": len(AT), "base": 1, "plan": 1, "now": 1, "trial": 1, "located": 1, "log_trials": 50}
     shapes = {
         "log_rows": (columns, 50),
         "log_flags": (2, 50),
@@ -39,12 +41,23 @@ def made_by_hand(n: int = 1, columns: int = 6, **arrays: Any) -> Run:
         "unknowns": (0, 3),
         "entries": (0, 4),
     }
-    made = {name: np.zeros(shapes.get(name, sizes.get(name, 0)), dtype) for name, (dtype, _) in ARRAYS.items()}
+    made = {
+        name: np.zeros(shapes.get(name, sizes.get(name, 0)), dtype)
+        for name, (dtype, _) in ((one, KINDS[kind]) for one, kind in ARRAYS.items())
+    }
     run = Run(**made | arrays)
     run.plan[0].used, run.plan[0].state, run.plan[0].coordinates = 2 * n, 3 * n, n
     run.plan[0].end, run.plan[0].most_steps = 10.0, 1e6
+    if "law" not in arrays:
+        run.put(law=law_of(*[kept] * 6))
     run.now[0].on_grid, run.now[0].status, run.now[0].step_norm, run.now[0].rows = 1, -1, 1.0, 1
     return run
+
+
+def kept(*arrays: Any) -> None:
+    """A row of the log without energies: time, step size, the state."""
+    at, y, row = arrays[0], arrays[1], arrays[5]
+    row[0], row[1], row[2:5], at[UNSOUND] = at[0], at[2], y[:3], 0.0
 
 
 def law_of(*functions: Callable[..., None]) -> Any:
@@ -56,4 +69,4 @@ def law_of(*functions: Callable[..., None]) -> Any:
     return np.arange(first, first + len(functions), dtype=np.int64)
 
 
-__all__ = ["NOW", "PLAN", "law_of", "made_by_hand", "plain"]
+__all__ = ["NOW", "PLAN", "kept", "law_of", "made_by_hand", "plain"]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from plain import law_of, made_by_hand, plain
+from plain import kept, law_of, made_by_hand, plain
+from xdynamics.kernels.program import UNSOUND, H
 from xdynamics.march import control, events, loop, proposing
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.run import DETECTOR, EVENT_ROW, Run
@@ -80,12 +81,14 @@ def test_judge_names_one_reason(state: list[float], limited: int, iterations: in
     """Assert the reason for every kind of trial."""
     run = made_by_hand(z=np.array(state))
     run.plan[0].limited, run.trial[0].iterations = limited, iterations
+    run.trial[0].unsound = 0.0 if np.isfinite(state).all() else np.nan
     assert plain(loop.judge)(run) == reason
 
 
 def test_judge_event_functions() -> None:
     """Assert that an event function that is no number has a reason of its own."""
     run = made_by_hand(detectors=np.zeros(1, DETECTOR), g1=np.array([np.nan]))
+    run.trial[0].unsound_events = np.nan
     assert plain(loop.judge)(run) == REASON_EVENT_FUNCTION
 
 
@@ -159,13 +162,14 @@ def test_growth_is_held_after_a_rejection() -> None:
 
 def falling(*arrays: NDArray[np.float64]) -> None:
     """Exact fall from rest under a = -2, for a law of one coordinate."""
-    (h, y), z = (arrays[0][2], arrays[1]), arrays[5]
-    z[0], z[1], z[2] = y[0] + h * y[1] - h * h, y[1] - 2 * h, -2.0
+    at, y, z = arrays[0], arrays[1], arrays[5]
+    h = at[H]
+    z[0], z[1], z[2], at[UNSOUND] = y[0] + h * y[1] - h * h, y[1] - 2 * h, -2.0, 0.0
 
 
 def height(*arrays: NDArray[np.float64]) -> None:
     """An event function: height."""
-    arrays[5][0] = arrays[1][0]
+    arrays[5][0], arrays[0][UNSOUND] = arrays[1][0], 0.0
 
 
 def nothing(*_arrays: NDArray[np.float64]) -> None:
@@ -177,7 +181,7 @@ def dropped(stops: int = 0) -> Run:
     detectors = np.zeros(1, DETECTOR)
     detectors[0].direction, detectors[0].tolerance, detectors[0].stops = -1, 1e-12, stops
     arrays = dict.fromkeys(("g", "g1", "located_g", "lows", "slopes"))
-    law = law_of(nothing, height, nothing, nothing, nothing, falling)
+    law = law_of(nothing, height, nothing, kept, nothing, falling)
     run = made_by_hand(
         y=np.array([1.0, 0.0, -2.0]), law=law, detectors=detectors, log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
         log_events=np.zeros(5, EVENT_ROW), **{name: np.zeros(1) for name in arrays},

@@ -16,7 +16,7 @@ from xdynamics.kernels import Law, law_of, layout_of
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.llvm_text import UNROLLED
-from xdynamics.kernels.program import Compute, Load, Place, Program, Store
+from xdynamics.kernels.program import AT, TABLE, WORDS, Compute, Load, Place, Program, Store
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.tables import flattened
 from xdynamics.methods.scheme import Scheme
@@ -61,15 +61,18 @@ class Bench:
     def __init__(self, one: Law, lanes: int, states: NDArray[np.float64], steps: NDArray[np.float64]) -> None:
         model, layout = one.layout.model, one.layout
         tables, places = flattened(tables_of(model, UNSCALED))
-        self.at = np.zeros((5, lanes))
+        self.at = np.zeros((len(AT), lanes))
         self.at[1], self.at[2], self.at[3] = steps, steps, 0.3
         self.y = np.zeros((len(layout.record), lanes))
         self.y[: len(layout.used)] = states
         self.p = np.repeat(np.array(list(constants(model).values()))[:, None], lanes, axis=1)
         self.tables, self.pieces = tables, np.repeat(places[:, None], lanes, axis=1)
         self.pieces[2::3] = 1
-        self.z, self.e = np.zeros((max(50, len(layout.record)), lanes)), np.zeros((len(layout.used), lanes))
+        self.z, self.e = np.zeros((len(layout.record) + len(layout.row), lanes)), np.zeros((len(layout.used), lanes))
         self.samples, self.w = np.zeros((2000, lanes)), np.zeros((1, lanes))
+        assert len(TABLE) == len(self.arrays()) + 1
+        assert WORDS == 3
+        self.table = np.array([(one.ctypes.data, one.shape[0], 1) for one in (*self.arrays(), self.z)], np.int64)
 
     def arrays(self) -> list[NDArray[np.float64]]:
         """In the order of a program's pointers."""
@@ -77,8 +80,8 @@ class Bench:
 
     def call(self, address: int) -> None:
         """Call a compiled program."""
-        call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 9)(address)
-        call(*(one.ctypes.data for one in self.arrays()))
+        call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(address)
+        call(*(one.ctypes.data for one in (self.table, self.y, self.z, self.samples)))
 
     def call_plainly(self, key: int) -> None:
         """Call a printed one, lane 0 being all there is."""

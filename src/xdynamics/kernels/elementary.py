@@ -12,6 +12,7 @@ from functools import wraps
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.expressions.evaluation import NUMERIC
 
@@ -70,6 +71,11 @@ def greatest(x: float, y: float) -> float:
     return x if x > y or x != x else y
 
 
+def unsound(numbers: NDArray[np.float64]) -> float:
+    """0 where all numbers are finite, else nan."""
+    return 0.0 if np.isfinite(numbers).all() else math.nan
+
+
 def _kept(function: Callable[..., float]) -> Callable[..., float]:
     """Give numpy's kind of float back, which divides by zero as IEEE 754 asks and not as Python does."""
 
@@ -86,4 +92,5 @@ PYTHON: dict[str, Any] = {name: _kept(one) for name, one in NUMERIC.items() if n
     "_power": _kept(power),
     "_least": _kept(least),
     "_greatest": _kept(greatest),
+    "_unsound": unsound,
 }

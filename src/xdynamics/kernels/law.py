@@ -24,7 +24,7 @@ from xdynamics.kernels.tables import PYTHON_TABLES
 from xdynamics.methods.scheme import Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
-FORCES, DETECT, SLOPES, DERIVED, INSIDE, PROPOSE = range(6)
+FORCES, DETECT, SLOPES, ROW, INSIDE, PROPOSE = range(6)
 HEADER = (
     '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
 )
@@ -67,7 +67,7 @@ class Law:
             quantities.forces(layout),
             quantities.events(layout),
             quantities.event_rates(layout),
-            quantities.derived(layout),
+            quantities.row(layout),
         )
         return (*own, stepping.inside(layout, self.scheme), *self.steps.programs)
 

@@ -11,11 +11,27 @@ from collections.abc import Iterable
 from string import ascii_lowercase
 
 from xdynamics.kernels.elementary import COMPARISONS, COMPOSED, INFIX, INTRINSICS, LIBRARY, LIBRARY_INTRINSICS
-from xdynamics.kernels.program import ARRAYS, Call, Compute, Each, Instruction, Load, Operand, Place, Program, Store
+from xdynamics.kernels.program import (
+    ARRAYS,
+    AT,
+    TABLE,
+    WORDS,
+    Call,
+    Compute,
+    Each,
+    Instruction,
+    Load,
+    Operand,
+    Place,
+    Program,
+    Store,
+)
 
 UNROLLED = 8  # components up to which vectors are written out; more are a loop
 INLINED = 4000  # instructions up to which a program is put in the place of its calls
-_SIGNATURE = ", ".join(f"ptr noalias %_{name}" for name in ARRAYS)
+_SIGNATURE = ", ".join(f"ptr noalias %_{name}" for name in ARRAYS) + ", i64 %_apart"
+UNSOUND = "unsound"
+_GIVEN = ("y", "z", "samples")  # by who calls a program from outside, who has the table besides
 _TABLES = """
 define internal i64 @find_piece(double %x, ptr %origin, i64 %count) #1 {
   %last = sub i64 %count, 1
@@ -111,9 +127,13 @@ def llvm_of(programs: Iterable[Program], lanes: int = 1, functions: Iterable[tup
     calls = {name: sum(_calls(one, name) for one in known.values()) for name in known}
     for one in known.values():
         called = calls[one.name] and one.size * calls[one.name] <= INLINED
-        text.append(_Printer(one, lanes).function("#2" if called else "#0"))
+        text += [
+            _Printer(one, lanes).function("#2" if called or not calls[one.name] else "#0"),
+            _Printer(one, lanes).entry(),
+        ]
     # "prefer-vector-width": without it 16 lanes are made of 256 bits each where 512 are there
     text.append('attributes #0 = { nounwind "prefer-vector-width"="512" }')
+    text.append("!0 = !{}")
     text.append("attributes #1 = { nounwind alwaysinline }")
     text.append('attributes #2 = { nounwind alwaysinline "prefer-vector-width"="512" }')
     return "\n".join(one for one in text if one) + "\n"
@@ -161,20 +181,63 @@ class _Printer:
         self._count = 0
         self._block = "entry"
 
+    def entry(self) -> str:
+        """Print the way in from outside: it finds what is not given in the table."""
+        lines = []
+        for name in (*ARRAYS, "apart"):
+            if name in _GIVEN:
+                continue
+            # of the rows of the log it is the length of the last dimension: so far their elements stand apart
+            place = WORDS * TABLE.index(name) if name in ARRAYS else WORDS * TABLE.index("rows") + 2
+            kind = "ptr" if name in ARRAYS else "i64"
+            lines.append(f"%{name}_at = getelementptr i64, ptr %table, i64 {place}")
+            lines.append(f"%_{name} = load {kind}, ptr %{name}_at, align 8, !invariant.load !0")
+        name, given = self._program.name, ", ".join(f"ptr noalias %_{one}" for one in _GIVEN)
+        body = "\n  ".join(lines)
+        arrays = ", ".join(f"ptr %_{one}" for one in ARRAYS)
+        return (
+            f"define void @{name}(ptr %table, {given}) #0 {{\n  {body}\n"
+            f"  call void @{name}.inner({arrays}, i64 %_apart)\n  ret void\n}}"
+        )
+
     def function(self, attributes: str) -> str:
         """Print the whole function."""
+        if self._program.sound:
+            self._lines.append(f"%{UNSOUND} = alloca {self._number}, align 8")
         for name, count in self._program.local.items():
             self._lines.append(f"%{name} = alloca double, i64 {max(1, count) * self._lanes}, align 8")
         for line in self._program.body:
-            if isinstance(line, Each) and line.count > UNROLLED:
-                self._loop(line)
-            elif isinstance(line, Each):
-                for i in range(line.count):
-                    self._each(line, "", i)
-            else:
-                self._print(line, "", 0)
+            self._line(line)
+        if self._program.sound:
+            self._answer(*self._program.sound)
         body = "\n".join(f"  {line}" if not line.endswith(":") else line for line in self._lines)
-        return f"define void @{self._program.name}({_SIGNATURE}) {attributes} {{\nentry:\n{body}\n  ret void\n}}"
+        return (
+            f"define internal void @{self._program.name}.inner({_SIGNATURE}) {attributes} {{\n"
+            f"entry:\n{body}\n  ret void\n}}"
+        )
+
+    def _answer(self, first: int, count: int) -> None:
+        """Set `unsound`: a number less itself is 0 where it is finite, else nan."""
+        self._lines.append(f"store {self._number} {self._operand(0.0)}, ptr %{UNSOUND}, align 8")
+        less_itself = (
+            Load("_sum", Place(UNSOUND)),
+            Load("_number", Place("z", first)),
+            Compute("_nothing", "subtract", ("_number", "_number")),
+            Compute("_more", "add", ("_sum", "_nothing")),
+            Store(Place(UNSOUND), "_more"),
+        )
+        self._line(Each(count, less_itself))
+        self._print(Load("_sum", Place(UNSOUND)), "", 0)
+        self._print(Store(Place("at", AT.index(UNSOUND)), "_sum"), "", 0)
+
+    def _line(self, line: Instruction) -> None:
+        if isinstance(line, Each) and line.count > UNROLLED:
+            self._loop(line)
+        elif isinstance(line, Each):
+            for i in range(line.count):
+                self._each(line, "", i)
+        else:
+            self._print(line, "", 0)
 
     def _each(self, line: Each, index: str, shift: int) -> None:
         outside = dict(self._values)
@@ -211,14 +274,22 @@ class _Printer:
             case Call():
                 given = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
                 arrays = (self._pointer(Place(given.get(one, one)), "", 0) for one in ARRAYS)
-                self._lines.append(f"call void @{line.program}({', '.join(f'ptr {one}' for one in arrays)})")
+                self._lines.append(
+                    f"call void @{line.program}.inner({', '.join(f'ptr {one}' for one in arrays)}, i64 1)"
+                )
 
     def _pointer(self, place: Place, index: str, shift: int) -> str:
         """Return the address of an element: of an array that is given, of a view of one, or of a local array."""
+        if place.array == UNSOUND:
+            return f"%{UNSOUND}"
         views = self._program.views
         array, first, _ = views.get(place.array, (place.array, 0, 0))
         base = f"%_{array}" if array in ARRAYS else f"%{array}"
         offset = (first + place.index + shift) * self._lanes
+        if array == "z" and self._program.spread:
+            number = self._new(f"add i64 {index or 0}, {first + place.index + shift}")
+            far = self._new(f"mul i64 {number}, %_apart")
+            return self._new(f"getelementptr {self._number}, ptr %_z, i64 {far}")
         if index:
             moved = self._new(f"mul i64 {index}, {self._lanes}") if self._lanes > 1 else index
             base = self._new(f"getelementptr double, ptr {base}, i64 {moved}")

@@ -13,7 +13,14 @@ Operand = str | float | int  # a value by its name, a number, or the number of a
 
 # what every program is given: pointers to numbers, in lanes with one number a lane
 ARRAYS = ("at", "y", "p", "tables", "pieces", "z", "e", "samples", "w")
-AT = ("t", "t1", "h", "s", "regime")  # the numbers of `at`: ends and size of a step, place in it from 0 to 1, regime
+# Who calls a law says where y, z and the samples are; the rest, and the rows of the log, it finds in a table, `WORDS`
+# words for each array in this order: its address, the length of its first dimension, that of its last.
+TABLE = (*ARRAYS, "rows")
+WORDS = 3
+# The numbers of `at`: ends and size of a step, place in it from 0 to 1, regime; what a row of the log keeps of a step
+# besides; and `unsound`, which a program sets to 0 where the numbers that it answers for are finite, else to nan.
+AT = ("t", "t1", "h", "s", "regime", "norm", "turns", "unsound")
+T, T1, H, S, REGIME, NORM, TURNS, UNSOUND = range(len(AT))
 
 
 @dataclass(frozen=True)
@@ -85,6 +92,10 @@ class Program:
         Names for parts of the arrays: array, first element, length.
     local : mapping of str to int
         Arrays of its own, with their lengths.
+    sound : (int, int)
+        First and how many elements of `z` it answers for in `unsound`.
+    spread : bool
+        Whether `z` is a row of the log, whose elements stand apart.
     """
 
     name: str
@@ -92,6 +103,8 @@ class Program:
     body: tuple[Instruction, ...]
     views: Mapping[str, tuple[str, int, int]] = field(default_factory=dict)
     local: Mapping[str, int] = field(default_factory=dict)
+    sound: tuple[int, int] | None = None
+    spread: bool = False
 
     @property
     def size(self) -> int:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from xdynamics.kernels.elementary import COMPARISONS, INFIX
-from xdynamics.kernels.program import ARRAYS, Call, Compute, Each, Load, Operand, Place, Program, Store
+from xdynamics.kernels.program import ARRAYS, AT, Call, Compute, Each, Load, Operand, Place, Program, Store
 
 _PLAIN = {
     "abs",
@@ -40,6 +40,9 @@ def python_of(program: Program) -> str:
     lines += [f"{name} = _empty({count})" for name, count in program.local.items()]
     lines += [_view(name, *view) for name, view in own.items()]
     lines += _Printer(program.body).lines
+    if program.sound:
+        first, count = program.sound
+        lines.append(f"_at[{AT.index('unsound')}] = _unsound(_z[{first}:{first + count}])")
     body = "\n".join(f"    {line}" for line in lines)
     return f"def {program.name}({SIGNATURE}):\n{body}\n"
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from xdynamics.expressions import Node
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.program import AT, Operand, Place, Program
+from xdynamics.kernels.program import AT, Compute, Each, Instruction, Load, Operand, Place, Program, Store
 from xdynamics.model import Function
 from xdynamics.model.motion import Assignment, constants, jacobian, motion, slope, slopes
 
@@ -47,16 +47,42 @@ def event_rates(layout: Layout) -> Program:
     return _returning("slopes", "The time derivative of every event function.", layout, trees)
 
 
-def derived(layout: Layout) -> Program:
-    """Write energies and observables."""
-    return _returning("derived", "Energies and observables.", layout, layout.derived.values())
+def row(layout: Layout) -> Program:
+    """Write a row of the log: the state with energies and observables, and of a step its error and its effort."""
+    lines = Assignments(_Names(layout, layout.record))
+    first = len(("time", "step_size"))
+    step = lines.load(Place("at", AT.index("h")))
+    lines.store(Place("z", 0), lines.named("t"))
+    lines.store(Place("z", 1), step)
+    copied = Each(len(layout.state), (Load("_kept", Place("y")), Store(Place("z", first), "_kept")))
+    first += len(layout.state)
+    for i, tree in enumerate(layout.derived.values()):
+        lines.store(Place("z", first + i), lines.value(tree))
+    sound = (first, len(layout.derived))
+    first += len(layout.derived)
+    body: list[Instruction] = [copied]
+    if layout.errors:
+        lines.store(Place("z", first), lines.load(Place("at", AT.index("norm"))))
+        reached = lines.compute("more", step, 0.0)  # by a step, which has an error
+        error = (
+            Load("_error", Place("e")),
+            Compute("_made", "choose", (reached, "_error", 0.0)),
+            Store(Place("z", first + 1), "_made"),
+        )
+        body.append(Each(len(layout.used), error))
+        first += len(layout.errors)
+    if layout.effort:
+        lines.store(Place("z", first), lines.load(Place("at", AT.index("turns"))))
+    body[0:0] = lines.lines
+    return Program("row", "A row of the log.", tuple(body), sound=sound, spread=True)
 
 
 def _returning(name: str, about: str, layout: Layout, trees: Iterable[Node]) -> Program:
     lines = Assignments(_Names(layout, layout.record))
-    for i, tree in enumerate(trees):
-        lines.store(Place("z", i), lines.value(tree))
-    return Program(name, about, tuple(lines.lines))
+    count = 0
+    for count, tree in enumerate(trees, start=1):
+        lines.store(Place("z", count - 1), lines.value(tree))
+    return Program(name, about, tuple(lines.lines), sound=(0, count))
 
 
 def _moved(layout: Layout, assignments: Iterable[Assignment]) -> Assignments:

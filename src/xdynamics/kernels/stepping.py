@@ -66,7 +66,7 @@ def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
     write.walk(scheme.error_lines)
     if scheme.error_lines:
         write.out("e", [f"{letter}e" for letter in "qvx"], layout.used)
-    return write.finished("propose", f"One step by {scheme.method.name}.")
+    return write.finished("propose", f"One step by {scheme.method.name}.", (0, len(layout.state)))
 
 
 def inside(layout: Layout, scheme: Scheme) -> Program:
@@ -161,8 +161,8 @@ class _Stepping(Walker):
             first += self._count(name)
         assert first == len(names)  # noqa: S101 - vectors and names are two spellings of one order
 
-    def finished(self, name: str, about: str) -> Steps:
-        """Return what was written."""
+    def finished(self, name: str, about: str, answered: tuple[int, int] | None = None) -> Steps:
+        """Return what was written; it answers for that part of `z`."""
         self._flush()
         programs = []
         for i, body in enumerate(self._bodies):
@@ -172,7 +172,9 @@ class _Stepping(Walker):
             views = {one: view for one, view in self._views.items() if one in used}
             used |= {array for array, _, _ in views.values()}
             local = {one: count for one, count in self._local.items() if one in used}
-            programs.append(Program(own, said, tuple(body), views, local))
+            # what a step comes to is behind the last equations
+            sound = answered if i == len(self._bodies) - 1 else None
+            programs.append(Program(own, said, tuple(body), views, local, sound))
         return Steps(tuple(programs), tuple(self._equations), self._memory)
 
     # ---------------------------------------------------------------------------------------------------- in parts

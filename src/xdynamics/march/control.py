@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import called, compiled, shared
+from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import FORCES
+from xdynamics.kernels.program import T
+from xdynamics.march.handle import called
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
 
@@ -103,8 +105,8 @@ def first_step(run: Run) -> float:
     guess = min(guess, node - t, plan.max_step)
     for i in range(plan.used):
         probe[i] = y[i] + guess * _slope(run, y, i)
-    run.at[0] = t + guess
-    called(run.law[FORCES], run.at, probe, run.p, run.tables, run.places, probe, run.e, run.samples, 0, run.w)
+    run.at[T] = t + guess
+    called(run.law[FORCES], run, probe, probe, 0)
     run.now[0].evaluations += 1
     note_sample(run, t + guess, probe, 0)
     for i in range(plan.used):

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import called, compiled
+from xdynamics.kernels.compiling import compiled
 from xdynamics.kernels.law import INSIDE
+from xdynamics.kernels.program import T1, H, S, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.events import copy, propose_apart
-from xdynamics.march.handle import march_by, run_at
+from xdynamics.march.handle import called, march_by, run_at
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.proposing import evaluate
 from xdynamics.march.run import Run
@@ -110,10 +111,8 @@ def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) ->
             evaluate(run, t, run.y)
             propose_apart(run, t1, h)
             copy(run.z, run.located_z)
-        run.at[0], run.at[1], run.at[2], run.at[3] = t, t1, h, (time - t) / h
-        called(
-            run.law[INSIDE], run.at, run.y, run.p, run.tables, run.places, run.located_z, run.e, run.samples, 0, run.w
-        )
+        run.at[T], run.at[T1], run.at[H], run.at[S] = t, t1, h, (time - t) / h
+        called(run.law[INSIDE], run, run.y, run.located_z, 0)
         for i in range(n):
             found[i, k] = run.e[i]
         propose_apart(run, time, time - t)

@@ -111,6 +111,7 @@ def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
     """Copy a trial's numbers."""
     one, other = source[0], target[0]
     other.t, other.h, other.landing, other.iterations = one.t, one.h, one.landing, one.iterations
+    other.unsound, other.unsound_events = one.unsound, one.unsound_events
 
 
 @shared

@@ -1,24 +1,44 @@
 """A run as compiled code sees it: one pointer to a table of its arrays.
 
-Handed over as a tuple of arrays, a run is some 300 numbers at every call, and compiling the loop takes a minute. Through
-the table it is one number; ``run.y`` reads where the array begins and how long it is, and nothing is counted.
+Handed over as a tuple of numba's arrays, a run is some 300 numbers at every call, and compiling the loop takes a minute.
+Through the table it is one number: ``run.y`` is the place of three words in it, ``run.y[i]`` reads where the array begins
+and then the element. What is known of these arrays and of no others is told to the compiler: the table never changes
+while code runs, a plan neither, and a number that is written into one kind of array changes none of another kind.
 """
 
 from __future__ import annotations
 
+import operator
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import config, from_dtype, types
 from numba.core import cgutils
-from numba.core.typing.templates import AttributeTemplate
-from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
-from numba.np.arrayobj import populate_array
+from numba.core.typeconv import Conversion  # type: ignore[attr-defined]
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global, signature
+from numba.extending import (
+    infer_getattr,
+    intrinsic,
+    lower_builtin,
+    lower_cast,
+    lower_getattr,
+    lower_getattr_generic,
+    lower_setattr_generic,
+    models,
+    register_model,
+)
 
-from xdynamics.march.run import ARRAYS
+from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.program import WORDS
+from xdynamics.march.run import ARRAYS, KINDS
 
-WORDS = 3  # of each array in the table: address, length of the first dimension, of the second
+LAWS = "laws"
+SEEN_BY_LAWS = ("Floats", "Whole", "Columns")  # kinds that programs read or write
+CONSTANT = "Plans"  # the kind that nothing writes while code runs
+
+_WORD = ir.IntType(64)
+_POINTER = _WORD.as_pointer()
 
 
 class RunType(types.Type):
@@ -28,71 +48,265 @@ class RunType(types.Type):
         super().__init__(name="xdynamics.Run")
 
 
+class ArrayType(types.Type):
+    """The type of one of its arrays: the place of its three words in the table."""
+
+    def __init__(self, kind: str) -> None:
+        super().__init__(name=f"xdynamics.{kind}")
+        self.kind = kind
+        dtype, self.ndim = KINDS[kind]
+        self.numpy = np.dtype(dtype)
+        self.element = RowType(kind) if self.numpy.names else from_dtype(self.numpy)
+
+
+class RowType(types.Type):
+    """The type of a row with named fields, which stay where they are."""
+
+    def __init__(self, kind: str) -> None:
+        super().__init__(name=f"xdynamics.{kind}.row")
+        self.kind = kind
+        self.numpy = np.dtype(KINDS[kind][0])
+        self.record = from_dtype(self.numpy)
+
+    def can_convert_to(self, _context: Any, other: Any) -> Any:
+        """Let a row be written into an array of records that is no run's."""
+        return Conversion.safe if other == self.record else None
+
+
 RUN = RunType()
-_FIELDS = {name: types.Array(from_dtype(np.dtype(dtype)), dims, "C") for name, (dtype, dims) in ARRAYS.items()}
+_KINDS = {kind: ArrayType(kind) for kind in KINDS}
+_ARRAYS = {name: _KINDS[kind] for name, kind in ARRAYS.items()}
 _PLACES = {name: i for i, name in enumerate(ARRAYS)}
 
 
 @register_model(RunType)
-class _Model(models.PrimitiveModel):
+@register_model(ArrayType)
+@register_model(RowType)
+class _Pointer(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, ir.IntType(64).as_pointer())
+        super().__init__(manager, kind, _POINTER)
+
+
+def marked(builder: Any, line: Any, kind: str) -> Any:
+    """Tell the compiler which kind of array a line reads or writes (type-based alias analysis)."""
+    add = builder.module.add_metadata
+    root = add([ir.MetaDataString(builder.module, "xdynamics")])
+    zero = ir.Constant(_WORD, 0)
+    laws = add([ir.MetaDataString(builder.module, LAWS), root, zero])
+    parent = laws if kind in SEEN_BY_LAWS else root
+    tag = laws if kind == LAWS else add([ir.MetaDataString(builder.module, kind), parent, zero])
+    line.set_metadata("tbaa", add([tag, tag, zero]))
+    if kind == CONSTANT:
+        line.set_metadata("invariant.load", add([]))
+    return line
+
+
+# ------------------------------------------------------------------------------------------------- what types there are
 
 
 @infer_getattr
-class _Attributes(AttributeTemplate):
+class _OfRun(AttributeTemplate):
     key = RunType
 
     def generic_resolve(self, _run: Any, name: str) -> Any:  # type: ignore[override]
-        return _FIELDS.get(name)
+        return _ARRAYS.get(name)
+
+
+@infer_getattr
+class _OfArray(AttributeTemplate):
+    key = ArrayType
+
+    def resolve_shape(self, array: ArrayType) -> Any:
+        return types.UniTuple(types.intp, array.ndim)
+
+
+@infer_getattr
+class _OfRow(AttributeTemplate):
+    key = RowType
+
+    def generic_resolve(self, row: RowType, name: str) -> Any:  # type: ignore[override]
+        return from_dtype(row.numpy.fields[name][0]) if name in row.numpy.fields else None
+
+
+def _index(array: ArrayType) -> Any:
+    return types.intp if array.ndim == 1 else types.UniTuple(types.intp, array.ndim)
+
+
+@infer_global(operator.getitem)
+class _Read(AbstractTemplate):
+    def generic(self, given: Any, _names: Any) -> Any:
+        array = given[0]
+        return signature(array.element, array, _index(array)) if isinstance(array, ArrayType) else None
+
+
+@infer_global(operator.setitem)
+class _Written(AbstractTemplate):
+    def generic(self, given: Any, _names: Any) -> Any:
+        array = given[0]
+        if not isinstance(array, ArrayType):
+            return None
+        element = array.element.record if isinstance(array.element, RowType) else array.element
+        return signature(types.none, array, _index(array), element)
+
+
+# ------------------------------------------------------------------------------------------------ what is made of them
+
+
+def _word(builder: Any, table: Any, number: int) -> Any:
+    word = builder.load(cgutils.gep_inbounds(builder, table, number))
+    # no compiled code changes the table: what is written elsewhere is no reason to read it again
+    word.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return word
+
+
+def data_of(builder: Any, table: Any) -> Any:
+    """Where an array begins."""
+    return builder.inttoptr(_word(builder, table, 0), _POINTER)
+
+
+def _place(context: Any, builder: Any, array: ArrayType, table: Any, index: Any) -> Any:
+    """Where an element stands."""
+    if array.ndim == 2:
+        row, column = cgutils.unpack_tuple(builder, index, 2)
+        index = builder.add(builder.mul(row, _word(builder, table, 2), flags=["nsw"]), column, flags=["nsw"])
+    if isinstance(array.element, RowType):
+        words = ir.Constant(_WORD, array.numpy.itemsize // 8)
+        return builder.gep(data_of(builder, table), [builder.mul(index, words, flags=["nsw"])], inbounds=True)
+    data = builder.bitcast(data_of(builder, table), context.get_data_type(array.element).as_pointer())
+    return builder.gep(data, [index], inbounds=True)
 
 
 @lower_getattr_generic(RunType)
-def _array(context: Any, builder: Any, _kind: Any, table: Any, name: str) -> Any:
-    """Put an array together from its three words."""
-    field, first = _FIELDS[name], WORDS * _PLACES[name]
-    words = [builder.load(cgutils.gep_inbounds(builder, table, first + k)) for k in range(1 + field.ndim)]
-    for word in words:
-        # no compiled code changes the table: what is written elsewhere is no reason to read it again
-        word.set_metadata("invariant.load", builder.module.add_metadata([]))
-    array = context.make_array(field)(context, builder)
-    data = builder.inttoptr(words[0], array.data.type)
-    size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(field.dtype)))
-    strides = [size] if field.ndim == 1 else [builder.mul(words[2], size), size]
-    populate_array(array, data=data, shape=words[1:], strides=strides, itemsize=size, meminfo=None)
-    return array._getvalue()  # noqa: SLF001 - how numba's own intrinsics end
+def _array(_context: Any, builder: Any, _kind: Any, table: Any, name: str) -> Any:
+    return cgutils.gep_inbounds(builder, table, WORDS * _PLACES[name])
+
+
+@lower_getattr(ArrayType, "shape")
+def _shape(context: Any, builder: Any, array: ArrayType, table: Any) -> Any:
+    words = [_word(builder, table, 1 + k) for k in range(array.ndim)]
+    return context.make_tuple(builder, types.UniTuple(types.intp, array.ndim), words)
+
+
+@lower_builtin(operator.getitem, ArrayType, types.intp)
+@lower_builtin(operator.getitem, ArrayType, types.UniTuple)
+def _read(context: Any, builder: Any, kinds: Any, given: Any) -> Any:
+    array = kinds.args[0]
+    place = _place(context, builder, array, *given)
+    return place if isinstance(array.element, RowType) else marked(builder, builder.load(place), array.kind)
+
+
+@lower_builtin(operator.setitem, ArrayType, types.intp, types.Any)
+@lower_builtin(operator.setitem, ArrayType, types.UniTuple, types.Any)
+def _write(context: Any, builder: Any, kinds: Any, given: Any) -> Any:
+    array = kinds.args[0]
+    place = _place(context, builder, array, *given[:2])
+    if isinstance(array.element, RowType):
+        size = ir.Constant(_WORD, array.numpy.itemsize)
+        cgutils.raw_memcpy(builder, place, builder.bitcast(given[2], _POINTER), size, 1)
+    else:
+        marked(builder, builder.store(given[2], place), array.kind)
+    return context.get_dummy_value()
+
+
+def _field(context: Any, builder: Any, row: RowType, place: Any, name: str) -> Any:
+    dtype, offset = row.numpy.fields[name][:2]
+    words = cgutils.gep_inbounds(builder, place, offset // 8)
+    return builder.bitcast(words, context.get_data_type(from_dtype(dtype)).as_pointer())
+
+
+@lower_getattr_generic(RowType)
+def _field_read(context: Any, builder: Any, row: RowType, place: Any, name: str) -> Any:
+    return marked(builder, builder.load(_field(context, builder, row, place, name)), row.kind)
+
+
+@lower_setattr_generic(RowType)
+def _field_written(context: Any, builder: Any, kinds: Any, given: Any, name: str) -> Any:
+    row, place, value = kinds.args[0], given[0], given[1]
+    marked(builder, builder.store(value, _field(context, builder, row, place, name)), row.kind)
+
+
+@lower_cast(RowType, types.Record)
+def _as_record(context: Any, builder: Any, _row: Any, record: Any, place: Any) -> Any:
+    return builder.bitcast(place, context.get_value_type(record))
+
+
+# ------------------------------------------------------------------------------------------- runs and laws by address
 
 
 def _run_at(_typing: Any, address: Any) -> Any:
     """Return the run whose table stands at an address."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
+        return builder.inttoptr(arguments[0], _POINTER)
 
     return RUN(address), generate
-
-
-def _itself(run: Any) -> Any:
-    return run
-
-
-# where nothing is compiled, entries are called with the run itself
-run_at: Any = _itself if config.DISABLE_JIT else intrinsic(_run_at)  # type: ignore[attr-defined]
 
 
 def _march_by(_typing: Any, march: Any, address: Any, rows: Any) -> Any:
     """Call the compiled march at an address."""
 
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64), ir.IntType(64)])
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [_WORD, _WORD])
         builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
-        return _context.get_dummy_value()
+        return context.get_dummy_value()
 
     return types.void(march, address, rows), generate
+
+
+_LAW = ir.FunctionType(ir.VoidType(), [_POINTER] * 4)  # a run, and where y, z and the samples begin
+
+
+def _call(builder: Any, address: Any, arguments: list[Any]) -> None:
+    line = builder.call(builder.inttoptr(address, _LAW.as_pointer()), arguments)
+    marked(builder, line, LAWS)
+
+
+def _called(_typing: Any, address: Any, run: Any, y: Any, z: Any, sample: Any) -> Any:
+    """Call the program at an address; `sample` is how far into the run's samples it may write."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        address, run, y, z, sample = arguments
+        samples = data_of(builder, cgutils.gep_inbounds(builder, run, WORDS * _PLACES["samples"]))
+        samples = builder.gep(samples, [sample])
+        _call(builder, address, [run, data_of(builder, y), data_of(builder, z), samples])
+        return context.get_dummy_value()
+
+    return types.void(address, run, y, z, sample), generate
+
+
+def _noted(_typing: Any, address: Any, run: Any, y: Any, row: Any) -> Any:
+    """Call the program at an address to fill a row of the log."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        address, run, y, row = arguments
+        rows = data_of(builder, cgutils.gep_inbounds(builder, run, WORDS * _PLACES["log_rows"]))
+        _call(builder, address, [run, data_of(builder, y), builder.gep(rows, [row]), rows])
+        return context.get_dummy_value()
+
+    return types.void(address, run, y, row), generate
+
+
+def _run_plainly(run: Any) -> Any:
+    return run
 
 
 def _march_by_plainly(march: Any, run: Any, rows: int) -> None:
     march(run, rows)
 
 
-march_by: Any = _march_by_plainly if config.DISABLE_JIT else intrinsic(_march_by)  # type: ignore[attr-defined]
+def called_plainly(address: int, run: Any, y: Any, z: Any, sample: int) -> None:
+    """Call the Python function that stands for an address where nothing is compiled."""
+    PLAIN[int(address)](run.at, y, run.p, run.tables, run.places, z, run.e, run.samples[sample:], run.w)
+
+
+def noted_plainly(address: int, run: Any, y: Any, row: int) -> None:
+    """Call one to fill a row of the log."""
+    called_plainly(address, run, y, run.log_rows[:, row], 0)
+
+
+# without numba's compiler, as NUMBA_DISABLE_JIT asks for, the engine is plain Python: entries are given the run itself
+_PLAINLY = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
+run_at: Any = _run_plainly if _PLAINLY else intrinsic(_run_at)
+march_by: Any = _march_by_plainly if _PLAINLY else intrinsic(_march_by)
+called: Any = called_plainly if _PLAINLY else intrinsic(_called)
+noted: Any = noted_plainly if _PLAINLY else intrinsic(_noted)

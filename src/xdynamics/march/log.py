@@ -8,11 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import called, compiled, shared
-from xdynamics.kernels.law import DERIVED
+from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.law import ROW
 from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.program import NORM, TURNS, UNSOUND, H, T
+from xdynamics.march.handle import noted
 from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Run
 
+_POPULATE = 23  # MADV_POPULATE_WRITE of Linux 5.14
 MOST_SUBSTEPS = 200  # of one event's bracket; halving alone needs 60
 
 
@@ -31,6 +34,20 @@ class Log(NamedTuple):
         run.put(base=self.base, log_rows=self.rows, log_flags=self.flags, log_samples=self.samples,
                 log_trials=self.trials, log_events=self.events)  # fmt: skip
 
+    def make_ready(self, row: int, rows: int, sampled: int) -> None:
+        """Have the system provide the memory of some rows to come in one go: one page after the other costs twice as much."""
+        for array, first, count in ((self.rows, row, rows), (self.samples, sampled * row, sampled * rows)):
+            memory = _memory_of(array)
+            if memory is None or not count:
+                continue
+            for column in range(array.shape[0]):
+                begin = (column * array.shape[1] + first) * array.itemsize // mmap.PAGESIZE * mmap.PAGESIZE
+                size = min(count * array.itemsize, len(memory) - begin)
+                try:
+                    memory.madvise(_POPULATE, begin, size)
+                except (OSError, ValueError):  # a system that does not know how provides it when it is written
+                    return
+
 
 @compiled
 def has_room(run: Run) -> bool:
@@ -47,30 +64,13 @@ def has_room(run: Run) -> bool:
 @compiled
 def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
     """Write one row of the log, and count it if its energies and observables are finite."""
-    now, plan, rows = run.now[0], run.plan[0], run.log_rows
+    now, at = run.now[0], run.at
     row = now.rows - run.base[0].rows
-    rows[0, row], rows[1, row] = t, h
-    column = 2
-    for i in range(plan.state):
-        rows[column + i, row] = state[i]
-    column += plan.state
-    finite = True
-    if run.d.shape[0] > 0:
-        run.at[0] = t
-        called(run.law[DERIVED], run.at, state, run.p, run.tables, run.places, run.d, run.e, run.samples, 0, run.w)
-        for i in range(run.d.shape[0]):
-            rows[column + i, row] = run.d[i]
-            finite = finite and np.isfinite(run.d[i])
-        column += run.d.shape[0]
     reached = h > 0.0  # by a step, which has an error
-    if plan.estimates:
-        rows[column, row] = now.norm if reached else 0.0
-        for i in range(plan.used):
-            rows[column + 1 + i, row] = run.e[i] if reached else 0.0
-        column += 1 + plan.used
-    if run.equations.shape[0] > 0:
-        rows[column, row] = run.trial[0].iterations if reached else 0
+    at[T], at[H], at[NORM], at[TURNS] = t, h, now.norm if reached else 0.0, run.trial[0].iterations if reached else 0
+    noted(run.law[ROW], run, state, row)
     run.log_flags[0, row], run.log_flags[1, row] = kind, now.regime
+    finite = at[UNSOUND] == 0.0
     if finite:
         now.rows += 1
     return finite
@@ -114,6 +114,15 @@ def note_sample(run: Run, t: float, state: NDArray[Any], row: int) -> None:
     for i in range(found):
         samples[3 + used + i, at] = state[state.shape[0] - found + i]
     now.samples += 1
+
+
+def _memory_of(array: NDArray[Any]) -> mmap.mmap | None:
+    """The pages that `_pages` made an array of."""
+    base: Any = array.base
+    while isinstance(base, np.ndarray):
+        base = base.base
+    owner = base.obj if isinstance(base, memoryview) else base
+    return owner if isinstance(owner, mmap.mmap) else None
 
 
 def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.kernels.compiling import apart, called, compiled, shared
+from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.law import DETECT, SLOPES
+from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import STRETCH, accepts, error_norm, first_step, grow, reduce, shortest
 from xdynamics.march.events import copy, crosses, crosses_any, locate
-from xdynamics.march.handle import run_at
+from xdynamics.march.handle import called, run_at
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     COMPLETED,
@@ -27,7 +28,7 @@ from xdynamics.march.outcomes import (
     STEP_TOO_SMALL,
     STOPPED,
 )
-from xdynamics.march.proposing import evaluate, propose
+from xdynamics.march.proposing import evaluate, finite_state, propose
 from xdynamics.march.run import Run
 from xdynamics.schema import (
     CROSSING,
@@ -46,6 +47,8 @@ from xdynamics.schema import (
 
 AT_GRID, AT_NODE, AT_BOTH = 1, 2, 3
 
+# no literals: of a function that is given one, numba makes a copy for each
+_INITIAL, _BEFORE, _AFTER = np.int64(INITIAL), np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)
 note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
 
 
@@ -85,19 +88,18 @@ def march(address: Any, rows: int) -> None:
 def start(run: Run) -> None:
     """Evaluate and note the initial state; choose the first step."""
     now, plan = run.now[0], run.plan[0]
-    run.at[4] = now.regime  # until an event changes it
+    run.at[REGIME] = now.regime  # until an event changes it
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)
-    if run.detectors.shape[0] > 0:
-        run.at[0] = now.t
-        called(run.law[DETECT], run.at, run.y, run.p, run.tables, run.places, run.g, run.e, run.samples, 0, run.w)
+    run.at[T] = now.t
+    called(run.law[DETECT], run, run.y, run.g, 0)
+    sound_events = run.at[UNSOUND] == 0.0
     copy(run.y, run.z)
-    copy(run.g, run.g1)
-    noted = note_apart(run, INITIAL, now.t, 0.0, run.y)
+    noted = note_apart(run, _INITIAL, now.t, 0.0, run.y)
     if not finite_state(run):
         now.status = nonfinite(run)
-    elif not finite_events(run):
+    elif not sound_events:
         now.status = REASON_EVENT_FUNCTION
     elif not noted:
         now.status = NONFINITE_OBSERVABLE
@@ -156,34 +158,16 @@ def aim_freely(run: Run, node: float) -> None:
 @compiled
 def judge(run: Run) -> int:
     """Return SOUND for a trial that may be accepted, else the reason why not; keep the norm of its error."""
-    now = run.now[0]
+    now, trial = run.now[0], run.trial[0]
     now.norm = nan
-    if run.trial[0].iterations < 0:
+    if trial.iterations < 0:
         return REASON_NEWTON
-    if not finite_state(run):
+    if trial.unsound != 0.0:
         return nonfinite(run)
-    if not finite_events(run):
+    if trial.unsound_events != 0.0:
         return REASON_EVENT_FUNCTION
     now.norm = error_norm(run) if run.plan[0].estimates else 0.0
     return REASON_ERROR if run.plan[0].adaptive and not accepts(now.norm) else SOUND
-
-
-@compiled
-def finite_state(run: Run) -> bool:
-    """Whether no number of the trial's state is nan or infinite."""
-    finite, z = True, run.z
-    for i in range(run.plan[0].state):
-        finite = finite and np.isfinite(z[i])
-    return finite
-
-
-@compiled
-def finite_events(run: Run) -> bool:
-    """Whether no event function is nan or infinite after the trial."""
-    finite = True
-    for i in range(run.detectors.shape[0]):
-        finite = finite and np.isfinite(run.g1[i])
-    return finite
 
 
 @shared
@@ -273,10 +257,10 @@ def hand_over(run: Run) -> None:
         reject(run, reason)
         return
     before = now.rows
-    if not note_apart(run, EVENT_BEFORE, trial.t, trial.h, run.z):
+    if not note_apart(run, _BEFORE, trial.t, trial.h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return
-    note_apart(run, EVENT_AFTER, trial.t, 0.0, run.z)
+    note_apart(run, _AFTER, trial.t, 0.0, run.z)
     note_samples_apart(run, before)
     note_events(run, before)
     if reached:
@@ -292,8 +276,8 @@ def hand_over(run: Run) -> None:
 def note_events(run: Run, row: int) -> None:
     """Write a row for each event that the trial ends at, between the rows `row` and the next; stop where one says so."""
     now, trial = run.now[0], run.trial[0]
-    run.at[0] = trial.t
-    called(run.law[SLOPES], run.at, run.z, run.p, run.tables, run.places, run.slopes, run.e, run.samples, 0, run.w)
+    run.at[T] = trial.t
+    called(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         if not crosses(run.detectors[i].direction, run.g[i], run.g1[i]):
             continue

@@ -73,7 +73,7 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
     lengths |= dict.fromkeys(("e", "located_e"), n)
     lengths |= dict.fromkeys(("g", "g1", "located_g", "lows", "slopes"), events)
-    lengths |= {"d": len(layout.derived)} | dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
+    lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
     # without tolerances nothing is asked of an error

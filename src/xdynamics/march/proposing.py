@@ -2,48 +2,65 @@
 
 from __future__ import annotations
 
+from math import nan
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import apart, called, compiled, shared
+from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.law import DETECT, FORCES, PROPOSE
 from xdynamics.kernels.linear import solve_linear
+from xdynamics.kernels.program import T1, UNSOUND, H, T
 from xdynamics.kernels.stepping import DIRECT
+from xdynamics.march.handle import called
 from xdynamics.march.run import Run
 
 MOST_ITERATIONS = 25
 NEWTON_TOLERANCE = 1e-10  # of a correction against the size of its unknown; what is left is of the order of its square
 
 State = NDArray[Any]
+_FIRST = np.int64(0)  # no literal: of a function that is given one, numba makes a copy
 
 
 @shared
 def evaluate(run: Run, t: float, state: State) -> None:
     """Evaluate the forces at a state, behind which they are put."""
-    run.at[0] = t
-    called(run.law[FORCES], run.at, state, run.p, run.tables, run.places, state, run.e, run.samples, 0, run.w)
+    run.at[T] = t
+    called(run.law[FORCES], run, state, state, 0)
     run.now[0].evaluations += 1
+
+
+@shared
+def finite_state(run: Run) -> bool:
+    """Whether no number of the trial's state is nan or infinite."""
+    finite = True
+    for i in range(run.plan[0].state):
+        finite = finite and np.isfinite(run.z[i])
+    return finite
 
 
 @compiled
 def propose(run: Run, t1: float, h: float) -> None:
     """Make one step from the state where the march stands, which stays as it is; look what the events are there."""
-    run.trial[0].t, run.trial[0].h, run.trial[0].iterations = t1, h, 0
+    trial = run.trial[0]
+    trial.t, trial.h, trial.iterations = t1, h, 0
     if run.plan[0].halved:
         double(run, t1, h)
     else:
-        advance(run, run.now[0].t, t1, h, run.y, run.z, 0)
+        advance(run, run.now[0].t, t1, h, run.y, run.z, _FIRST)
+    trial.unsound, trial.unsound_events = run.at[UNSOUND], 0.0
     if run.detectors.shape[0] > 0:
-        run.at[0] = t1
-        called(run.law[DETECT], run.at, run.z, run.p, run.tables, run.places, run.g1, run.e, run.samples, 0, run.w)
+        run.at[T] = t1
+        called(run.law[DETECT], run, run.z, run.g1, 0)
+        trial.unsound_events = run.at[UNSOUND]
 
 
 @compiled
 def advance(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
     """Make one step by the lines of the method, its force evaluations kept from place `sample` on."""
-    run.at[0], run.at[1], run.at[2] = t, t1, h
-    called(run.law[PROPOSE], run.at, y, run.p, run.tables, run.places, z, run.e, run.samples, sample, run.w)
+    run.at[T], run.at[T1], run.at[H] = t, t1, h
+    called(run.law[PROPOSE], run, y, z, sample)
     run.now[0].evaluations += run.plan[0].stages
     if run.equations.shape[0] > 0:
         solve(run, y, z, sample)
@@ -56,9 +73,7 @@ def solve(run: Run, y: State, z: State, sample: int) -> None:
         turns = newton(run, k, y, z, sample)
         trial = run.trial[0]
         trial.iterations = trial.iterations + turns if turns >= 0 and trial.iterations >= 0 else -1
-        called(
-            run.law[PROPOSE + 2 * k + 2], run.at, y, run.p, run.tables, run.places, z, run.e, run.samples, sample, run.w
-        )
+        called(run.law[PROPOSE + 2 * k + 2], run, y, z, sample)
 
 
 @shared
@@ -69,7 +84,7 @@ def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
     turns, solved = 0, n == 0
     while turns < MOST_ITERATIONS and not solved:
         turns += 1
-        called(run.law[PROPOSE + 2 * k + 1], run.at, y, run.p, run.tables, run.places, z, run.e, run.samples, sample, w)
+        called(run.law[PROPOSE + 2 * k + 1], run, y, z, sample)
         assemble(run, k)
         for i in range(n):
             right[i] = w[one.residuals + i]
@@ -77,10 +92,11 @@ def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
             break
         solved = True
         for i in range(n):
-            at = run.unknowns[one.first_unknown + i]
-            w[at[0]] -= right[i]
+            row = one.first_unknown + i
+            unknown, before, rate = run.unknowns[row, 0], run.unknowns[row, 1], run.unknowns[row, 2]
+            w[unknown] -= right[i]
             if right[i] != 0.0:
-                size = abs(w[at[0]]) + abs(y[at[1]]) + abs(run.at[2] * y[at[2]])
+                size = abs(w[unknown]) + abs(y[before]) + abs(run.at[H] * y[rate])
                 solved = solved and abs(right[i]) / size <= NEWTON_TOLERANCE
     run.now[0].evaluations += max(0, turns - 1) * one.evaluations
     return turns if solved else -1
@@ -110,7 +126,7 @@ def double(run: Run, t1: float, h: float) -> None:
     plan, t = run.plan[0], run.now[0].t
     width = plan.stages * (run.log_samples.shape[0] - 2)
     middle = t + h / 2.0
-    advance_apart(run, t, t1, h, run.y, run.whole, 0)
+    advance_apart(run, t, t1, h, run.y, run.whole, _FIRST)
     advance_apart(run, t, middle, h / 2.0, run.y, run.half, width)
     advance_apart(run, middle, t1, h / 2.0, run.half, run.z, 2 * width)
     for i in range(plan.used):
@@ -119,6 +135,7 @@ def double(run: Run, t1: float, h: float) -> None:
         for i in range(plan.used):
             run.z[i] = run.z[i] + run.e[i]
         evaluate(run, t1, run.z)
+        run.at[UNSOUND] = 0.0 if finite_state(run) else nan
         if plan.samples > 0:
             _sample(run, t1, 3 * width)
 

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.kernels.program import TABLE, WORDS
+
 
 def _record(floats: str, whole: str) -> np.dtype[Any]:
     fields = [(name, "f8") for name in floats.split()] + [(name, "i8") for name in whole.split()]
@@ -29,8 +31,9 @@ NOW = _record(
     "t h norm step step_norm first_step",
     "status regime rows trials events samples grid node on_grid rejected evaluations",
 )
-# A step that was made and is yet to be judged; iterations are -1 where Newton's method did not converge.
-TRIAL = _record("t h", "landing iterations")
+# A step that was made and is yet to be judged; iterations are -1 where Newton's method did not converge; `unsound` is 0
+# where its state, and `unsound_events` where its event functions are finite, else nan.
+TRIAL = _record("t h unsound unsound_events", "landing iterations")
 # How to look for each event.
 DETECTOR = _record("tolerance", "direction stops")
 # What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
@@ -55,7 +58,7 @@ Solves = NDArray[Any]
 Bases = NDArray[Any]
 TrialRows = NDArray[Any]
 EventRows = NDArray[Any]
-_KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimensions
+KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimensions
     "Floats": ("f8", 1), "Columns": ("f8", 2), "Whole": ("i8", 1), "Lists": ("i8", 2), "Flags": ("i1", 2),
     "Plans": (PLAN, 1), "Nows": (NOW, 1), "Trials": (TRIAL, 1), "Detectors": (DETECTOR, 1), "Solves": (EQUATIONS, 1),
     "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
@@ -72,18 +75,24 @@ class Run:
         All of the below, contiguous.
     """
 
+    # what laws are given, in the order of `program.TABLE`
+    at: Floats  # `program.AT`: what a law is told of a step
+    y: Floats  # the state at now.t
+    p: Floats  # parameters, unit constants, pi
+    tables: Floats
+    places: Whole  # of the tables, and the piece that a drive of time goes through
+    z: Floats  # the state that the trial led to
+    e: Floats  # its error
+    samples: Floats  # force evaluations of the trial, one behind the other
+    w: Floats  # vectors of an implicit method
+    log_rows: Columns  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
+    # what the march has besides
     plan: Plans
     now: Nows
     trial: Trials
     located: Trials  # the trial that ends at an event
-    at: Floats  # t, t1, h, s, regime: what a law is told of a step
-    y: Floats  # the state at now.t
-    z: Floats  # the state that the trial led to
-    e: Floats  # its error
     g: Floats  # event functions at y
     g1: Floats  # at z
-    d: Floats  # energies and observables of the row that is noted
-    samples: Floats  # force evaluations of the trial, one behind the other
     half: Floats  # the state after half a step
     whole: Floats  # the state after a whole one, to judge two halves by
     located_z: Floats
@@ -92,16 +101,12 @@ class Run:
     located_samples: Floats
     lows: Floats  # left end of each event's bracket, as a step
     slopes: Floats  # time derivatives of the event functions
-    p: Floats  # parameters, unit constants, pi
-    tables: Floats
-    places: Whole  # of the tables, and the piece that a drive of time goes through
     of_time: Whole  # drives of time
     atol: Floats
     nodes: Floats  # times to land on between start and end
     grid: Floats  # times of a given grid
     steps: Floats  # the step to each of them
     detectors: Detectors
-    w: Floats  # vectors of an implicit method
     matrix: Floats
     right: Floats
     equations: Solves
@@ -109,14 +114,13 @@ class Run:
     entries: Lists
     law: Whole  # addresses
     base: Bases  # the counts of `now` at the log's first row
-    log_rows: Columns  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
     log_flags: Flags  # kind, regime
     log_samples: Columns  # `Layout.sample`: time, step, stage, what was used, what was found
     log_trials: TrialRows
     log_events: EventRows
 
     def __init__(self, **arrays: NDArray[Any]) -> None:
-        self._table = np.zeros((len(ARRAYS), 3), np.int64)  # where compiled code finds them; see `handle`
+        self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # where compiled code finds them; see `handle`
         self.address = int(self._table.ctypes.data)
         self.put(**arrays)
 
@@ -161,6 +165,9 @@ class Run:
         return [getattr(self, name) for name in _MEMORY]
 
 
-ARRAYS = {name: _KINDS[kind] for name, kind in Run.__annotations__.items()}
+ARRAYS: dict[str, str] = dict(Run.__annotations__)  # name and kind
 _PLACES = {name: i for i, name in enumerate(ARRAYS)}
+_OF_LAWS = [{"places": "pieces", "log_rows": "rows"}.get(name, name) for name in ARRAYS][: len(TABLE)]
+if tuple(_OF_LAWS) != TABLE:
+    raise AssertionError("laws would find other arrays than they look for")
 _MEMORY = [name for name in ARRAYS if name not in FLEETING and not name.startswith("log_")]

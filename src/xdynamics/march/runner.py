@@ -134,11 +134,14 @@ class March:
     def _filled(self, log: Log) -> Block:
         """Fill one log, looking up now and then."""
         first, before, march = _counts(self.run), None, engine().march
+        sampled = int(self.run.plan[0].samples)
         log.base[0] = first
         log.lend(self.run)
         while before != (counts := _counts(self.run)) and not self._is_over():
             before = counts
-            march(self.run, PAUSE_ROWS)
+            pause = min(PAUSE_ROWS, max(FIRST_BLOCK, counts[0]))  # what is made ready and not used is no more than was
+            log.make_ready(counts[0] - first[0], pause, sampled)
+            march(self.run, pause)
             if self.progress:
                 plan, now = self.run.plan[0], self.now
                 done = float((now.t - plan.start) / (plan.end - plan.start))
