@@ -15,6 +15,7 @@ from xdynamics.kernels.program import NORM, TURNS, UNSOUND, H, T
 from xdynamics.march.handle import noted
 from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Run
 
+_HUGE = 1 << 22  # bytes from which numpy asks for huge pages
 _POPULATE = 23  # MADV_POPULATE_WRITE of Linux 5.14
 MOST_SUBSTEPS = 200  # of one event's bracket; halving alone needs 60
 
@@ -137,9 +138,14 @@ def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
         _pages((len(layout.row), rows), np.float64),
         _pages((2, rows), np.int8),
         _pages((len(layout.sample), samples), np.float64),
-        np.zeros(trials, TRIAL_ROW),
-        np.zeros((min(rows, 4_000) if events else 0) + events, EVENT_ROW),
+        np.empty(trials, TRIAL_ROW),
+        np.empty((min(rows, 4_000) if events else 0) + events, EVENT_ROW),
     )
+
+
+def most_recycled(layout: Layout) -> int:
+    """Rows of a log whose memory the next one finds again: larger ones are given back to the system and come anew."""
+    return max(1 << 9, _HUGE // (8 * len(layout.row)) - 8)
 
 
 def _pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:
@@ -149,7 +155,7 @@ def _pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:
     198 ns a step instead of 60, measured on 10**7 steps of the oscillator.
     """
     size = shape[0] * shape[1] * np.dtype(dtype).itemsize
-    if size < 1 << 22 or not hasattr(mmap, "MAP_PRIVATE"):
+    if size < _HUGE or not hasattr(mmap, "MAP_PRIVATE"):
         return np.empty(shape, dtype)
     memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     return np.frombuffer(memory, dtype).reshape(shape)

@@ -129,7 +129,7 @@ class Run:
         for name, array in arrays.items():
             place = _PLACES[name]
             setattr(self, name, array)
-            self._table[place] = array.__array_interface__["data"][0], array.shape[0], array.shape[-1]
+            self._table[place] = array.ctypes.data, array.shape[0], array.shape[-1]
 
     def memory(self) -> bytes:
         """Return all that the march knows, to go on from in any process."""

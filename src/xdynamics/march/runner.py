@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine
-from xdynamics.march.log import Log, allocate
+from xdynamics.march.log import Log, allocate, most_recycled
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STOPPED, Outcome
 from xdynamics.march.posing import posed
 from xdynamics.march.run import BASE, NOW, Run
@@ -30,7 +30,8 @@ from xdynamics.units import TIME
 PAUSE_ROWS = 250_000  # between two looks at the clock and the keyboard
 LARGEST_BLOCK = 1 << 24
 MOST_WITNESSES = 50
-FIRST_BLOCK = 1 << 12  # rows, where nobody knows how many there will be
+SHORTEST_PART = 1 << 12
+FIRST_BLOCK = 1 << 9  # rows, where nobody knows how many there will be
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
 
@@ -119,7 +120,7 @@ class March:
                 self._look_at_the_end(block)
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
                 yield block
-                size = rows or min(4 * size if self.settings.adaptive else size, 1 << 20)
+                size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
 
     @property
     def accepted(self) -> int:
@@ -139,7 +140,7 @@ class March:
         log.lend(self.run)
         while before != (counts := _counts(self.run)) and not self._is_over():
             before = counts
-            pause = min(PAUSE_ROWS, max(FIRST_BLOCK, counts[0]))  # what is made ready and not used is no more than was
+            pause = min(PAUSE_ROWS, max(SHORTEST_PART, counts[0] // 4))  # so that little is made ready in vain
             log.make_ready(counts[0] - first[0], pause, sampled)
             march(self.run, pause)
             if self.progress:
