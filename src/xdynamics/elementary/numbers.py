@@ -1,0 +1,130 @@
+"""Numbers that the elementary functions are written for: floats, arrays, and lines of a program that is being written.
+
+Only what IEEE 754 makes the same on every machine: + - * / and square roots rounded to nearest, comparisons, choices,
+and exact work on the 64 bits of a number. A function in these words is one text for Python, NumPy and machine code.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from xdynamics.elementary.tables import TABLES
+from xdynamics.elementary.written import Written
+
+Number = Any  # a float, an array of floats, or a written one
+Whole = Any  # the same of whole numbers of 64 bits
+Truth = Any
+
+_FLOATS = struct.Struct("<d")
+_WHOLES = struct.Struct("<q")
+_ARRAYS = {name: np.array(table) for name, table in TABLES.items()}
+UPPER_HALF = -(1 << 27)  # the bits of sign, exponent and 25 of the 52 others
+MAGIC = 1.5 * 2.0**52  # beyond it numbers are whole: what is added to it is rounded to a whole number
+MAGIC_BITS = 0x4338000000000000
+
+
+def bits(x: Number) -> Whole:
+    """Return the 64 bits of a number as a whole one."""
+    if isinstance(x, float):
+        return _WHOLES.unpack(_FLOATS.pack(x))[0]
+    return x.view(np.int64) if isinstance(x, np.ndarray) else x.bits()
+
+
+def number(w: Whole) -> Number:
+    """Return the number that has these bits."""
+    if isinstance(w, int):
+        return _FLOATS.unpack(_WHOLES.pack(w))[0]
+    return w.view(np.float64) if isinstance(w, np.ndarray) else w.number()
+
+
+def choose(truth: Truth, yes: Any, no: Any) -> Any:
+    """Return the one or the other; both have been computed."""
+    if isinstance(truth, bool):
+        return yes if truth else no
+    return np.where(truth, yes, no) if isinstance(truth, np.ndarray) else truth.choose(yes, no)
+
+
+def usually(truth: Truth, usual: Callable[[], Any], unusual: Callable[[], Any]) -> Any:
+    """Return what is computed for most arguments, and where the truth does not hold, what is for the rest."""
+    if isinstance(truth, bool):
+        return usual() if truth else unusual()
+    if isinstance(truth, Written):
+        return truth.usually(usual(), unusual)
+    if truth.all():
+        return usual()
+    one, other = usual(), unusual()
+    return tuple(map(partial(np.where, truth), one, other)) if isinstance(one, tuple) else np.where(truth, one, other)
+
+
+def sqrt(x: Number) -> Number:
+    """Return the square root; nan below zero."""
+    if isinstance(x, float):
+        return math.sqrt(x) if x >= 0.0 else math.nan
+    return np.sqrt(x) if isinstance(x, np.ndarray) else x.sqrt()
+
+
+def absolute(x: Number) -> Number:
+    """Return |x|."""
+    return x.absolute() if isinstance(x, Written) else abs(x)
+
+
+def signed(x: Number, like: Number) -> Number:
+    """Return |x| with the sign of another number."""
+    if isinstance(x, float):
+        return math.copysign(x, like)
+    return np.copysign(x, like) if isinstance(x, np.ndarray) else x.signed(like)
+
+
+def entry(table: str, index: Whole) -> Number:
+    """Return an entry of one of the tables."""
+    if isinstance(index, int):
+        return TABLES[table][index]
+    return _ARRAYS[table][index] if isinstance(index, np.ndarray) else index.entry(table)
+
+
+def rounded(x: Number) -> tuple[Number, Whole]:
+    """Return the whole number next to x, |x| < 2**51, as a number and as a whole one."""
+    moved = x + MAGIC
+    return moved - MAGIC, bits(moved) - MAGIC_BITS
+
+
+def whole_number(w: Whole) -> Number:
+    """Return a whole number, |w| < 2**51, as a number."""
+    return number(w + MAGIC_BITS) - MAGIC
+
+
+def power_of_two(w: Whole) -> Number:
+    """Return 2**w for -1022 <= w <= 1023."""
+    return number((w + 1023) << 52)
+
+
+def upper(x: Number) -> Number:
+    """Return x with 26 significant bits: products of two such are exact."""
+    return number(bits(x) & UPPER_HALF)
+
+
+def exact_sum(x: Number, y: Number) -> tuple[Number, Number]:
+    """Return the rounded sum and what rounding took from it, for any x and y (Knuth)."""
+    total = x + y
+    other = total - x
+    return total, (x - (total - other)) + (y - other)
+
+
+def ordered_sum(x: Number, y: Number) -> tuple[Number, Number]:
+    """Return the rounded sum and what rounding took from it, where |x| >= |y| (Dekker 1971, doi:10.1007/BF01397083)."""
+    total = x + y
+    return total, y - (total - x)
+
+
+def exact_product(x: Number, y: Number) -> tuple[Number, Number]:
+    """Return the rounded product and what rounding took from it, but for 2**-105 of it (Dekker)."""
+    product = x * y
+    x1, y1 = upper(x), upper(y)
+    x2, y2 = x - x1, y - y1
+    return product, ((x1 * y1 - product) + x1 * y2 + x2 * y1) + x2 * y2

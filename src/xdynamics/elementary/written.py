@@ -1,0 +1,235 @@
+"""A number that stands for a line of LLVM text: working with it writes the next lines."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from xdynamics.elementary.tables import TABLES
+
+_INSTRUCTIONS = {
+    "+": ("fadd", "add"), "-": ("fsub", "sub"), "*": ("fmul", "mul"), "/": ("fdiv", ""), "&": ("", "and"),
+    "|": ("", "or"), "^": ("", "xor"), "<<": ("", "shl"), ">>": ("", "ashr"),
+}  # fmt: skip
+_COMPARED = {
+    "<": ("fcmp olt", "icmp slt"), "<=": ("fcmp ole", "icmp sle"), ">": ("fcmp ogt", "icmp sgt"),
+    ">=": ("fcmp oge", "icmp sge"), "==": ("fcmp oeq", "icmp eq"), "!=": ("fcmp une", "icmp ne"),
+}  # fmt: skip
+
+
+class Lines:
+    """The lines of one function, with one number for every lane.
+
+    Parameters
+    ----------
+    lanes : int
+    """
+
+    def __init__(self, lanes: int) -> None:
+        self.lanes = lanes
+        self.lines: list[str] = []
+        self.block = "entry"
+        self.tables: set[str] = set()
+        self._count = 0
+
+    def kind(self, letter: str) -> str:
+        """Return LLVM's name for numbers (n), whole numbers (w) and truths (t)."""
+        one = {"n": "double", "w": "i64", "t": "i1", "p": "ptr"}[letter]
+        return one if self.lanes == 1 else f"<{self.lanes} x {one}>"
+
+    def constant(self, value: float | int | bool) -> Written:
+        """Write a constant as an operand."""
+        if isinstance(value, bool):
+            letter, scalar, text = "t", "i1", "true" if value else "false"
+        elif isinstance(value, int):
+            letter, scalar, text = "w", "i64", str(value)
+        else:
+            letter, scalar, text = "n", "double", f"0x{struct.pack('>d', value).hex().upper()}"
+        return Written(self, letter, text if self.lanes == 1 else f"<{', '.join([f'{scalar} {text}'] * self.lanes)}>")
+
+    def line(self, letter: str, text: str) -> Written:
+        """Write a line and return its value."""
+        self._count += 1
+        self.lines.append(f"%v{self._count} = {text}")
+        return Written(self, letter, f"%v{self._count}")
+
+    def label(self) -> str:
+        """Return a name for a block."""
+        self._count += 1
+        return f"block{self._count}"
+
+    def begin(self, label: str) -> None:
+        """Begin a block."""
+        self.lines.append(f"{label}:")
+        self.block = label
+
+    def call(self, name: str, given: list[Written]) -> Written:
+        """Call a function of numbers."""
+        arguments = ", ".join(f"{self.kind('n')} {one.text}" for one in given)
+        return self.line("n", f"call {self.kind('n')} @{name}({arguments})")
+
+    def suffix(self, letter: str = "n") -> str:
+        """Return how intrinsics for this many lanes are told apart."""
+        one = {"n": "f64", "w": "i64", "t": "i1"}[letter]
+        return one if self.lanes == 1 else f"v{self.lanes}{one}"
+
+
+class Written:
+    """A value of the text: a number, a whole number or a truth, in every lane."""
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, lines: Lines, letter: str, text: str) -> None:
+        self._lines = lines
+        self._letter = letter
+        self.text = text
+
+    def _of(self, value: Any) -> Written:
+        if isinstance(value, Written):
+            return value
+        return self._lines.constant(float(value) if self._letter == "n" else value)
+
+    def _binary(self, sign: str, left: Any, right: Any) -> Written:
+        one, other = self._of(left), self._of(right)
+        instruction = _INSTRUCTIONS[sign][self._letter != "n"]
+        return self._lines.line(self._letter, f"{instruction} {self._lines.kind(self._letter)} {one.text}, {other.text}")
+
+    def _compared(self, sign: str, other: Any) -> Written:
+        instruction = _COMPARED[sign][self._letter != "n"]
+        return self._lines.line("t", f"{instruction} {self._lines.kind(self._letter)} {self.text}, {self._of(other).text}")
+
+    def __add__(self, other: Any) -> Written:
+        return self._binary("+", self, other)
+
+    def __radd__(self, other: Any) -> Written:
+        return self._binary("+", other, self)
+
+    def __sub__(self, other: Any) -> Written:
+        return self._binary("-", self, other)
+
+    def __rsub__(self, other: Any) -> Written:
+        return self._binary("-", other, self)
+
+    def __mul__(self, other: Any) -> Written:
+        return self._binary("*", self, other)
+
+    def __rmul__(self, other: Any) -> Written:
+        return self._binary("*", other, self)
+
+    def __truediv__(self, other: Any) -> Written:
+        return self._binary("/", self, other)
+
+    def __rtruediv__(self, other: Any) -> Written:
+        return self._binary("/", other, self)
+
+    def __and__(self, other: Any) -> Written:
+        return self._binary("&", self, other)
+
+    def __or__(self, other: Any) -> Written:
+        return self._binary("|", self, other)
+
+    def __xor__(self, other: Any) -> Written:
+        return self._binary("^", self, other)
+
+    def __lshift__(self, other: Any) -> Written:
+        return self._binary("<<", self, other)
+
+    def __rshift__(self, other: Any) -> Written:
+        return self._binary(">>", self, other)
+
+    def __neg__(self) -> Written:
+        return self._lines.line("n", f"fneg {self._lines.kind('n')} {self.text}")
+
+    def __lt__(self, other: Any) -> Written:
+        return self._compared("<", other)
+
+    def __le__(self, other: Any) -> Written:
+        return self._compared("<=", other)
+
+    def __gt__(self, other: Any) -> Written:
+        return self._compared(">", other)
+
+    def __ge__(self, other: Any) -> Written:
+        return self._compared(">=", other)
+
+    def __eq__(self, other: Any) -> Written:  # type: ignore[override]
+        return self._compared("==", other)
+
+    def __ne__(self, other: Any) -> Written:  # type: ignore[override]
+        return self._compared("!=", other)
+
+    def bits(self) -> Written:
+        """Return the bits of a number."""
+        return self._lines.line("w", f"bitcast {self._lines.kind('n')} {self.text} to {self._lines.kind('w')}")
+
+    def number(self) -> Written:
+        """Return the number of bits."""
+        return self._lines.line("n", f"bitcast {self._lines.kind('w')} {self.text} to {self._lines.kind('n')}")
+
+    def sqrt(self) -> Written:
+        """Return the square root."""
+        return self._lines.call(f"llvm.sqrt.{self._lines.suffix()}", [self])
+
+    def absolute(self) -> Written:
+        """Return the absolute value."""
+        return self._lines.call(f"llvm.fabs.{self._lines.suffix()}", [self])
+
+    def signed(self, like: Written) -> Written:
+        """Return the absolute value with another number's sign."""
+        return self._lines.call(f"llvm.copysign.{self._lines.suffix()}", [self, like])
+
+    def choose(self, yes: Any, no: Any) -> Written:
+        """Return one of two values."""
+        if not isinstance(yes, Written) and not isinstance(no, Written):
+            yes = self._lines.constant(yes)
+        like = yes if isinstance(yes, Written) else no
+        one, other = like._of(yes), like._of(no)
+        kind = self._lines.kind(like._letter)
+        return self._lines.line(
+            like._letter, f"select {self._lines.kind('t')} {self.text}, {kind} {one.text}, {kind} {other.text}"
+            ", !unpredictable !0",
+        )
+
+    def entry(self, table: str) -> Written:
+        """Return an entry of a table, which may be another in each lane."""
+        lines = self._lines
+        lines.tables.add(table)
+        letter, scalar = ("w", "i64") if isinstance(TABLES[table][0], int) else ("n", "double")
+        place = lines.line("p", f"getelementptr {scalar}, ptr @table_{table}, {lines.kind('w')} {self.text}")
+        kind = lines.kind(letter)
+        if lines.lanes == 1:
+            return lines.line(letter, f"load {scalar}, ptr {place.text}, align 8")
+        pointers = f"<{lines.lanes} x ptr> {place.text}"
+        every = lines.constant(True).text
+        return lines.line(
+            letter,
+            f"call {kind} @llvm.masked.gather.{lines.suffix(letter)}.v{lines.lanes}p0"
+            f"({pointers}, i32 8, {lines.kind('t')} {every}, {kind} poison)",
+        )
+
+    def usually(self, usual: Any, unusual: Callable[[], Any]) -> Any:
+        """Branch to what is unusual unless no lane needs it; other lanes keep what is usual."""
+        lines, before = self._lines, self._lines.block
+        here, end = lines.label(), lines.label()
+        met = self.text
+        if lines.lanes > 1:
+            met = lines.line("t", f"call i1 @llvm.vector.reduce.and.{lines.suffix('t')}({lines.kind('t')} {met})").text
+        lines.lines.append(f"br i1 {met}, label %{end}, label %{here}")
+        several = isinstance(usual, tuple)
+        was = usual if several else (usual,)
+        lines.begin(here)
+        found = unusual()
+        new = [self.choose(*pair) for pair in zip(was, found if several else (found,), strict=True)]
+        left = lines.block
+        lines.lines.append(f"br label %{end}")
+        lines.begin(end)
+        kinds = [(one._letter, lines.kind(one._letter)) for one in new]
+        joined = [
+            lines.line(letter, f"phi {kind} [ {old.text}, %{before} ], [ {one.text}, %{left} ]")
+            for (letter, kind), old, one in zip(kinds, map(new[0]._joined, was, new), new, strict=True)
+        ]
+        return tuple(joined) if several else joined[0]
+
+    def _joined(self, old: Any, new: Written) -> Written:
+        return new._of(old)
