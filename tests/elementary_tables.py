@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mpmath import atan, chebyt, exp, floor, log, lu_solve, matrix, mp, mpf, nint, pi, sinh, tanh
+from mpmath import atan, floor, log, lu_solve, matrix, mp, mpf, nint, pi
 
 mp.prec = 1400  # 2/pi is kept to 1232 bits
 LIMB, PADDING, LIMBS = 28, 3, 44
@@ -34,7 +34,9 @@ def tables() -> dict[str, list[float] | list[int]]:
     }  # fmt: skip
 
 
-def fitted(function: Callable[[mpf], mpf], degree: int, end: mpf, weight: Callable[[mpf], mpf]) -> tuple[list[float], float]:
+def fitted(
+    function: Callable[[mpf], mpf], degree: int, end: mpf, weight: Callable[[mpf], mpf]
+) -> tuple[list[float], float]:
     """Fit a polynomial in u on [0, end] at Chebyshev's points; return it and its largest error over the weight."""
     from mpmath import cos
 

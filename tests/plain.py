@@ -6,9 +6,11 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any
 
+from xdynamics.elementary import FUNCTIONS
 from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.program import AT, UNSOUND
-from xdynamics.march.handle import called_plainly, noted_plainly
+from xdynamics.march.handle import applied_plainly, called_plainly, noted_plainly
 from xdynamics.march.run import ARRAYS, KINDS, NOW, PLAN, Run
 
 _KNOWN: dict[Any, Callable[..., Any]] = {}
@@ -22,7 +24,12 @@ def plain(function: Any) -> Callable[..., Any]:
         _KNOWN[python] = FunctionType(python.__code__, scope, python.__name__, python.__defaults__)
         for name, value in python.__globals__.items():
             scope[name] = plain(value) if hasattr(value, "py_func") else value
-        scope |= {"called": called_plainly, "noted": noted_plainly, "run_at": lambda run: run}
+        scope |= {
+            "called": called_plainly,
+            "noted": noted_plainly,
+            "applied": applied_plainly,
+            "run_at": lambda run: run,
+        }
     return _KNOWN[python]
 
 
@@ -50,7 +57,7 @@ def made_by_hand(n: int = 1, columns: int = 6, **arrays: Any) -> Run:
     run.plan[0].end, run.plan[0].most_steps = 10.0, 1e6
     if "law" not in arrays:
         run.put(law=law_of(*[kept] * 6))
-    run.now[0].on_grid, run.now[0].status, run.now[0].step_norm, run.now[0].rows = 1, -1, 1.0, 1
+    run.now[0].on_grid, run.now[0].status, run.now[0].rows = 1, -1, 1
     return run
 
 
@@ -65,8 +72,8 @@ def law_of(*functions: Callable[..., None]) -> Any:
     import numpy as np
 
     first = max(PLAIN, default=0) + 1
-    PLAIN.update({first + i: one for i, one in enumerate(functions)})
-    return np.arange(first, first + len(functions), dtype=np.int64)
+    PLAIN.update({first + i: one for i, one in enumerate([*(FUNCTIONS[name] for name in CONTROL), *functions])})
+    return np.arange(first, first + len(CONTROL) + len(functions), dtype=np.int64)
 
 
 __all__ = ["NOW", "PLAN", "kept", "law_of", "made_by_hand", "plain"]

@@ -9,6 +9,8 @@ doi:10.1145/63522.214389), what rounding takes kept as a second number (Dekker 1
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 from xdynamics.elementary.numbers import (
     MAGIC,
@@ -25,8 +27,8 @@ from xdynamics.elementary.numbers import (
     number,
     ordered_sum,
     power_of_two,
-    signed,
     rounded,
+    signed,
     sqrt,
     upper,
     usually,
@@ -46,7 +48,10 @@ TWO_OVER_PI = 0.6366197723675814
 # pi/2 in parts: two of 34 bits, whose products with 19 bits are exact, and one of 53
 PART1, PART2, PART3 = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
 LOG2_128 = 184.6649652337873  # 128/log(2)
-STEP, STEP_TAIL = 0.005415212347998022, 1.2655086083325438e-13  # log(2)/128: 34 bits, whose products with 18 are exact; the rest
+STEP, STEP_TAIL = (
+    0.005415212347998022,
+    1.2655086083325438e-13,
+)  # log(2)/128: 34 bits, whose products with 18 are exact; the rest
 LOG2, LOG2_TAIL = 0.6931471805598903, 5.497923018708371e-14  # log(2): 42 bits behind the point; the rest
 
 # of sin(x)/x - 1 over x**2 and cos(x) - 1 + x**2/2 over x**4, from fdlibm's k_sin.c and k_cos.c (Sun Microsystems 1993);
@@ -79,17 +84,27 @@ MASK = (1 << LIMB) - 1
 PADDING = 3  # of them that are zero, in front
 
 
-def reduced(x: Number) -> tuple[Number, Number, Whole]:
+def reduced(x: Number) -> Any:
     """Return x - n pi/2 in [-pi/4, pi/4] as a number and its tail, and n; of n the two last bits count."""
+    rest, tail, n, turns = less_turns(x)
+    # the tail is far below the last digit for small angles, and right for those that are no multiple but for 31 bits
+    near = (turns < 8192.0) & (absolute(rest) >= turns * 2.0**-31)
+    return usually(near, lambda: (rest, tail, n), lambda: reduced_far(x))
+
+
+def reduced_far(x: Number) -> Any:
+    """Reduce an angle that is large, or close to a multiple of pi/2."""
+    rest, tail, n, turns = less_turns(x)
+    high = rest + tail
+    far = (turns < 500000.0) & (absolute(rest) >= turns * 2.0**-31)
+    return usually(far, lambda: (high, (rest - high) + tail, n), lambda: reduced_exactly(x))
+
+
+def less_turns(x: Number) -> tuple[Number, Number, Whole, Number]:
+    """Return what pi/2 in three parts leaves of an angle, its tail, n, and |n|."""
     turns, n = rounded(x * TWO_OVER_PI)
-    near, far = x - turns * PART1, turns * PART2
-    rest, tail = ordered_sum(near, -far)
-    low = turns * PART3 - tail
-    high = rest - low
-    # the parts of pi/2 do not reach for large angles, nor for those so close to a multiple
-    size = absolute(turns)
-    enough = (size < 500000.0) & (absolute(rest) >= size * 2.0**-31)
-    return usually(enough, lambda: (high, (rest - high) - low, n), lambda: reduced_exactly(x))
+    rest, lost = ordered_sum(x - turns * PART1, -(turns * PART2))
+    return rest, lost - turns * PART3, n, absolute(turns)
 
 
 def reduced_exactly(x: Number) -> tuple[Number, Number, Whole]:
@@ -132,15 +147,29 @@ def whole_quotient(exponent: Whole) -> Whole:
     return (exponent * 37450) >> 20
 
 
-def circular(x: Number, tail: Number, even: Truth) -> Number:
-    """Sine of a reduced angle where that is asked for, else cosine."""
+def sine_of(x: Number, tail: Number, p: Number) -> Number:
+    """Sine of a reduced angle; p is its polynomial."""
     u = x * x
-    cube, half = u * x, 0.5 * u
-    p = polynomial(u, tuple(choose(even, *pair) for pair in zip((*SINE[1:], 0.0), COSINE, strict=True)))
-    sine = x - ((u * (0.5 * tail - cube * p) - tail) - cube * SINE[0])
+    return x + ((u * x) * p + tail * (1.0 - 0.5 * u))
+
+
+def cosine_of(x: Number, tail: Number, p: Number) -> Number:
+    """Cosine of a reduced angle; p is its polynomial."""
+    u = x * x
+    half = 0.5 * u
     near = 1.0 - half
-    cosine = near + (((1.0 - near) - half) + (u * (u * p) - x * tail))
-    return choose(even, sine, cosine)
+    return near + (((1.0 - near) - half) + ((u * u) * p - x * tail))
+
+
+def turned(x: Number, n: Whole) -> Number:
+    """Return -x where the second bit of n is set, else x."""
+    return x * choose((n & 2) == 0, 1.0, -1.0)
+
+
+def circular(x: Number, tail: Number, sine: Truth) -> Number:
+    """Sine of a reduced angle where that is asked for, else cosine."""
+    p = polynomial(x * x, tuple(choose(sine, *pair) for pair in zip(SINE, COSINE, strict=True)))
+    return choose(sine, sine_of(x, tail, p), cosine_of(x, tail, p))
 
 
 def sin(x: Number) -> Number:
@@ -155,9 +184,13 @@ def cos(x: Number) -> Number:
     return turned(circular(high, low, (n & 1) == 1), n + 1)
 
 
-def turned(x: Number, n: Whole) -> Number:
-    """Return -x where the second bit of n is set, else x."""
-    return number(bits(x) ^ ((0 - (n & 2)) << 62))
+def sin_cos(x: Number) -> tuple[Number, Number]:
+    """Sine and cosine of one angle, to the bits that they have alone."""
+    high, low, n = reduced(x)
+    u = high * high
+    sine, cosine = sine_of(high, low, polynomial(u, SINE)), cosine_of(high, low, polynomial(u, COSINE))
+    even = (n & 1) == 0
+    return turned(choose(even, sine, cosine), n), turned(choose(even, cosine, sine), n + 1)
 
 
 def tan(x: Number) -> Number:
@@ -263,7 +296,10 @@ def acos(x: Number) -> Number:
     behind = x < 0.0
     inner = size < 0.5
     base, base_tail = choose(inner, HALF_PI, PI), choose(inner, HALF_PI_TAIL, PI_TAIL)
-    arm, rest = choose(inner, choose(behind, -arm, arm), 2.0 * arm), choose(inner, choose(behind, -rest, rest), 2.0 * rest)
+    arm, rest = (
+        choose(inner, choose(behind, -arm, arm), 2.0 * arm),
+        choose(inner, choose(behind, -rest, rest), 2.0 * rest),
+    )
     total, lost = ordered_sum(base, -arm)
     return choose(inner | behind, total + (lost + (base_tail - rest)), arm + rest)
 
@@ -480,7 +516,9 @@ def hypot_anywhere(x: Number, y: Number) -> Number:
     return choose(usable, scaled(length(larger * scale, smaller * scale), k), unusual)
 
 
-FUNCTIONS = {
+PAIRS = {"sin": ("sin_cos", 0), "cos": ("sin_cos", 1)}  # what is computed together at less cost
+TOGETHER: dict[str, Callable[[Number], tuple[Number, ...]]] = {"sin_cos": sin_cos}
+FUNCTIONS: dict[str, Callable[..., Number]] = {
     "sin": sin, "cos": cos, "tan": tan, "asin": asin, "acos": acos, "atan": atan, "atan2": atan2, "sinh": sinh,
     "cosh": cosh, "tanh": tanh, "exp": exp, "log": log, "power": power, "hypot": hypot,
 }  # fmt: skip

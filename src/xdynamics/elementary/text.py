@@ -3,50 +3,69 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
+from collections.abc import Mapping
 from functools import lru_cache
 
-from xdynamics.elementary.functions import FUNCTIONS
+from xdynamics.elementary.functions import FUNCTIONS, PAIRS, TOGETHER
 from xdynamics.elementary.tables import TABLES
 from xdynamics.elementary.written import Lines, Written
-
-
-def arguments(name: str) -> int:
-    """Return how many numbers a function is given."""
-    return len(inspect.signature(FUNCTIONS[name]).parameters)
 
 
 @lru_cache(maxsize=256)
 def definition(name: str, lanes: int) -> tuple[str, tuple[str, ...]]:
     """Print one function, `@elementary_sin` say, and name the tables that it reads."""
     lines = Lines(lanes)
-    given = [Written(lines, "n", f"%x{i}") for i in range(arguments(name))]
-    found = FUNCTIONS[name](*given)
-    kind = lines.kind("n")
+    function = TOGETHER.get(name) or FUNCTIONS[name]
+    given = [Written(lines, "n", f"%x{i}") for i in range(len(inspect.signature(function).parameters))]
+    found, kind, returned = function(*given), lines.kind("n"), lines.kind("n")
+    if isinstance(found, tuple):
+        returned, whole = struct_of(name, lanes), "poison"
+        for i, one in enumerate(found):
+            whole = lines.line("n", f"insertvalue {returned} {whole}, {kind} {one.text}, {i}").text
+        found = Written(lines, "n", whole)
     signature = ", ".join(f"{kind} {one.text}" for one in given)
     body = "\n".join(one if one.endswith(":") else f"  {one}" for one in lines.lines)
-    text = f"define internal {kind} @elementary_{name}({signature}) #4 {{\nentry:\n{body}\n  ret {kind} {found.text}\n}}"
+    text = f"define internal {returned} @elementary_{name}({signature}) ATTRIBUTES {{\nentry:\n{body}\n  ret {returned} {found.text}\n}}"
     return text, tuple(sorted(lines.tables))
 
 
-def definitions(names: Iterable[str], lanes: int) -> str:
-    """Print functions, the tables that they read, and what they call."""
-    printed = [definition(name, lanes) for name in names]
-    tables = sorted({table for _, read in printed for table in read})
-    text = [*map(_table, tables), *(text for text, _ in printed)]
-    return "\n".join([*text, "attributes #4 = { nounwind }"]) if printed else ""
+def struct_of(name: str, lanes: int) -> str:
+    """Return the LLVM type of what functions that are computed together return."""
+    count = sum(pair == name for pair, _ in PAIRS.values())
+    return f"{{ {', '.join([Lines(lanes).kind('n')] * count)} }}"
 
 
-def declarations(lanes: int) -> list[str]:
-    """Declare what the functions call of LLVM's own."""
-    if lanes == 1:
-        return []
-    gathers = [
-        f"declare <{lanes} x {kind}> @llvm.masked.gather.v{lanes}{short}.v{lanes}p0"
-        f"(<{lanes} x ptr>, i32, <{lanes} x i1>, <{lanes} x {kind}>)"
-        for kind, short in (("double", "f64"), ("i64", "i64"))
-    ]
-    return [*gathers, f"declare i1 @llvm.vector.reduce.and.v{lanes}i1(<{lanes} x i1>)"]
+def definitions(names: Mapping[str, bool], lanes: int) -> str:
+    """Print functions, what they call of LLVM's own, and the tables that they read.
+
+    Parameters
+    ----------
+    names : mapping of str to bool
+        For each function whether it is put in the place of its calls.
+    lanes : int
+    """
+    if not names:
+        return ""
+    printed = {name: definition(name, lanes) for name in sorted(names)}
+    tables = sorted({table for _, read in printed.values() for table in read})
+    wide = '"prefer-vector-width"="512"'
+    inner = {True: f"nounwind alwaysinline {wide}", False: f"nounwind {wide}"}
+    text = [text.replace("ATTRIBUTES", inner[names[name]]) for name, (text, _) in printed.items()]
+    return "\n".join([*_declarations(lanes), *map(_table, tables), *text])
+
+
+def _declarations(lanes: int) -> list[str]:
+    lines = Lines(lanes)
+    number, suffix = lines.kind("n"), lines.suffix()
+    found = [f"declare {number} @llvm.copysign.{suffix}({number}, {number})"]
+    if lanes > 1:
+        found += [
+            f"declare {lines.kind(letter)} @llvm.masked.gather.{lines.suffix(letter)}.v{lanes}p0"
+            f"({lines.kind('p')}, i32, {lines.kind('t')}, {lines.kind(letter)})"
+            for letter in "nw"
+        ]
+        found.append(f"declare i1 @llvm.vector.reduce.and.{lines.suffix('t')}({lines.kind('t')})")
+    return found
 
 
 def _table(name: str) -> str:

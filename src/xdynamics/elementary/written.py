@@ -38,14 +38,17 @@ class Lines:
         one = {"n": "double", "w": "i64", "t": "i1", "p": "ptr"}[letter]
         return one if self.lanes == 1 else f"<{self.lanes} x {one}>"
 
-    def constant(self, value: float | int | bool) -> Written:
-        """Write a constant as an operand."""
-        if isinstance(value, bool):
-            letter, scalar, text = "t", "i1", "true" if value else "false"
-        elif isinstance(value, int):
-            letter, scalar, text = "w", "i64", str(value)
-        else:
-            letter, scalar, text = "n", "double", f"0x{struct.pack('>d', value).hex().upper()}"
+    def constant(self, value: float | int) -> Written:
+        """Write a constant as an operand: a whole number as one, another with all its bits."""
+        if isinstance(value, int):
+            return self._repeated("w", "i64", str(value))
+        return self._repeated("n", "double", f"0x{struct.pack('>d', value).hex().upper()}")
+
+    def everywhere(self) -> Written:
+        """Write what is true in every lane."""
+        return self._repeated("t", "i1", "true")
+
+    def _repeated(self, letter: str, scalar: str, text: str) -> Written:
         return Written(self, letter, text if self.lanes == 1 else f"<{', '.join([f'{scalar} {text}'] * self.lanes)}>")
 
     def line(self, letter: str, text: str) -> Written:
@@ -82,22 +85,25 @@ class Written:
 
     def __init__(self, lines: Lines, letter: str, text: str) -> None:
         self._lines = lines
-        self._letter = letter
+        self.letter = letter
         self.text = text
 
-    def _of(self, value: Any) -> Written:
+    def alike(self, value: Any) -> Written:
+        """Return a value, which may be a constant, as one of the same kind."""
         if isinstance(value, Written):
             return value
-        return self._lines.constant(float(value) if self._letter == "n" else value)
+        return self._lines.constant(float(value) if self.letter == "n" else value)
 
     def _binary(self, sign: str, left: Any, right: Any) -> Written:
-        one, other = self._of(left), self._of(right)
-        instruction = _INSTRUCTIONS[sign][self._letter != "n"]
-        return self._lines.line(self._letter, f"{instruction} {self._lines.kind(self._letter)} {one.text}, {other.text}")
+        one, other = self.alike(left), self.alike(right)
+        instruction = _INSTRUCTIONS[sign][self.letter != "n"]
+        return self._lines.line(self.letter, f"{instruction} {self._lines.kind(self.letter)} {one.text}, {other.text}")
 
     def _compared(self, sign: str, other: Any) -> Written:
-        instruction = _COMPARED[sign][self._letter != "n"]
-        return self._lines.line("t", f"{instruction} {self._lines.kind(self._letter)} {self.text}, {self._of(other).text}")
+        instruction = _COMPARED[sign][self.letter != "n"]
+        return self._lines.line(
+            "t", f"{instruction} {self._lines.kind(self.letter)} {self.text}, {self.alike(other).text}"
+        )
 
     def __add__(self, other: Any) -> Written:
         return self._binary("+", self, other)
@@ -184,11 +190,11 @@ class Written:
         if not isinstance(yes, Written) and not isinstance(no, Written):
             yes = self._lines.constant(yes)
         like = yes if isinstance(yes, Written) else no
-        one, other = like._of(yes), like._of(no)
-        kind = self._lines.kind(like._letter)
+        one, other = like.alike(yes), like.alike(no)
+        kind = self._lines.kind(like.letter)
         return self._lines.line(
-            like._letter, f"select {self._lines.kind('t')} {self.text}, {kind} {one.text}, {kind} {other.text}"
-            ", !unpredictable !0",
+            like.letter,
+            f"select {self._lines.kind('t')} {self.text}, {kind} {one.text}, {kind} {other.text}, !unpredictable !0",
         )
 
     def entry(self, table: str) -> Written:
@@ -201,7 +207,7 @@ class Written:
         if lines.lanes == 1:
             return lines.line(letter, f"load {scalar}, ptr {place.text}, align 8")
         pointers = f"<{lines.lanes} x ptr> {place.text}"
-        every = lines.constant(True).text
+        every = lines.everywhere().text
         return lines.line(
             letter,
             f"call {kind} @llvm.masked.gather.{lines.suffix(letter)}.v{lines.lanes}p0"
@@ -216,20 +222,15 @@ class Written:
         if lines.lanes > 1:
             met = lines.line("t", f"call i1 @llvm.vector.reduce.and.{lines.suffix('t')}({lines.kind('t')} {met})").text
         lines.lines.append(f"br i1 {met}, label %{end}, label %{here}")
-        several = isinstance(usual, tuple)
-        was = usual if several else (usual,)
+        was = usual if isinstance(usual, tuple) else (usual,)
         lines.begin(here)
         found = unusual()
-        new = [self.choose(*pair) for pair in zip(was, found if several else (found,), strict=True)]
+        new = [self.choose(*pair) for pair in zip(was, found if isinstance(usual, tuple) else (found,), strict=True)]
         left = lines.block
         lines.lines.append(f"br label %{end}")
         lines.begin(end)
-        kinds = [(one._letter, lines.kind(one._letter)) for one in new]
         joined = [
-            lines.line(letter, f"phi {kind} [ {old.text}, %{before} ], [ {one.text}, %{left} ]")
-            for (letter, kind), old, one in zip(kinds, map(new[0]._joined, was, new), new, strict=True)
+            lines.line(one.letter, f"phi {lines.kind(one.letter)} [ {old.text}, %{before} ], [ {one.text}, %{left} ]")
+            for old, one in zip(was, new, strict=True)
         ]
-        return tuple(joined) if several else joined[0]
-
-    def _joined(self, old: Any, new: Written) -> Written:
-        return new._of(old)
+        return tuple(joined) if isinstance(usual, tuple) else joined[0]

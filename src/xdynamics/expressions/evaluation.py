@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import reduce
 
+from xdynamics.elementary import FUNCTIONS
 from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, exponent_of
 from xdynamics.faults import InputError
 
@@ -71,12 +72,7 @@ def power(base: float, exponent: Fraction) -> float:
     if rest == Fraction(1, 2):
         root = NUMERIC["sqrt"](base)
         return _product(base, whole) * root if whole else root
-    try:
-        return math.pow(base, float(exponent))
-    except OverflowError:
-        return math.inf
-    except ValueError:
-        return math.nan
+    return NUMERIC["power"](base, exponent)
 
 
 def _product(base: float, times: int) -> float:
@@ -92,38 +88,8 @@ def _quotient(above: float, below: float) -> float:
     return math.copysign(1.0, below) * above * math.inf
 
 
-def _hypot(x: float, y: float) -> float:
-    return math.sqrt(x * x + y * y)
-
-
-def _log(x: float) -> float:
-    if x == 0.0:
-        return -math.inf
-    return math.nan if x < 0.0 else math.log(x)
-
-
-def _defined(function: Callable[[float], float]) -> Callable[[float], float]:
-    """Give nan where Python raises for an argument outside the domain."""
-
-    def wrapped(x: float) -> float:
-        try:
-            return function(x)
-        except ValueError:
-            return math.nan
-
-    return wrapped
-
-
-def _bounded(function: Callable[[float], float], below: float) -> Callable[[float], float]:
-    """Give an infinity where Python raises for a result too large; its sign far below zero is that of `below`."""
-
-    def wrapped(x: float) -> float:
-        try:
-            return function(x)
-        except OverflowError:
-            return math.inf if x > 0.0 else below * math.inf
-
-    return wrapped
+def _of_floats(function: Callable[..., float]) -> Callable[..., float]:
+    return lambda *given: function(*map(float, given))
 
 
 _OPERATORS: dict[str, Callable[[float, float], float]] = {
@@ -137,9 +103,7 @@ _CHOICES: dict[str, Callable[[float, float], float]] = {
     "max": lambda x, y: x if x > y or math.isnan(x) else y,
 }
 NUMERIC: dict[str, Callable[..., float]] = {
-    "abs": abs, "sign": lambda x: 1.0 if x > 0.0 else (-1.0 if x < 0.0 else x), "sqrt": _defined(math.sqrt),
-    "exp": _bounded(math.exp, 0.0), "log": _log, "sin": _defined(math.sin), "cos": _defined(math.cos),
-    "tan": _defined(math.tan), "asin": _defined(math.asin), "acos": _defined(math.acos), "atan": math.atan,
-    "atan2": math.atan2, "sinh": _bounded(math.sinh, -1.0), "cosh": _bounded(math.cosh, 1.0), "tanh": math.tanh,
-    "hypot": _hypot, "positive": lambda x: x if x > 0.0 else math.nan,
+    "abs": abs, "sign": lambda x: 1.0 if x > 0.0 else (-1.0 if x < 0.0 else x),
+    "sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan, "positive": lambda x: x if x > 0.0 else math.nan,
+    **{name: _of_floats(one) for name, one in FUNCTIONS.items()},
 }  # fmt: skip

@@ -58,10 +58,6 @@ class Assignments:
                 return self._power(self.value(tree.left), exponent_of(tree.right) or Fraction(0))
             case Binary() | Compare():
                 return self.compute(_OPERATIONS[tree.operator], self.value(tree.left), self.value(tree.right))
-            case Call(function="hypot"):
-                x, y = (self.value(one) for one in tree.arguments)
-                squares = self.compute("add", self.compute("multiply", x, x), self.compute("multiply", y, y))
-                return self.compute("sqrt", squares)
             case Call():
                 return self._called(tree)
 

@@ -12,11 +12,13 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
+from xdynamics.elementary import FUNCTIONS
+from xdynamics.elementary.text import definitions
 from xdynamics.kernels import machine, quantities, stepping
 from xdynamics.kernels.compiling import PLAIN
-from xdynamics.kernels.elementary import PYTHON
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.operations import PYTHON
 from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.stepping import Equations, Steps
@@ -24,7 +26,8 @@ from xdynamics.kernels.tables import PYTHON_TABLES
 from xdynamics.methods.scheme import Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
-FORCES, DETECT, SLOPES, ROW, INSIDE, PROPOSE = range(6)
+EXP, LOG, FORCES, DETECT, SLOPES, ROW, INSIDE, PROPOSE = range(8)
+CONTROL = ("exp", "log")  # what step control calls
 HEADER = (
     '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
 )
@@ -61,7 +64,7 @@ class Law:
 
     @cached_property
     def entries(self) -> tuple[Program, ...]:
-        """What is called from outside, in the order of the addresses."""
+        """What is called from outside, in the order of the addresses behind those of `CONTROL`."""
         layout = self.layout
         own = (
             quantities.forces(layout),
@@ -98,7 +101,9 @@ class Law:
     def _addresses(self) -> NDArray[np.int64]:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return self.plain
-        return np.array([self._code.addresses[one.name] for one in self.entries], np.int64)
+        return np.array(
+            [*_control().addresses.values(), *(self._code.addresses[one.name] for one in self.entries)], np.int64
+        )
 
     @cached_property
     def plain(self) -> NDArray[np.int64]:
@@ -106,8 +111,10 @@ class Law:
         functions = {f"_{quantities.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
         scope: dict[str, Any] = PYTHON | PYTHON_TABLES | functions | {"_empty": np.empty, "_zero": np.float64(0.0)}
         exec(compile(self.source, "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees, never from a file
-        keys = [next(_KEYS) for _ in self.entries]
-        PLAIN.update(zip(keys, (scope[one.name] for one in self.entries), strict=True))
+        keys = [next(_KEYS) for _ in range(len(CONTROL) + len(self.entries))]
+        PLAIN.update(
+            zip(keys, [*(FUNCTIONS[name] for name in CONTROL), *(scope[one.name] for one in self.entries)], strict=True)
+        )
         return np.array(keys, np.int64)
 
     def text(self, lanes: int = 1) -> str:
@@ -123,6 +130,18 @@ class Law:
     @cached_property
     def _code(self) -> machine.Code:
         return self.compiled()
+
+
+@lru_cache(maxsize=1)
+def _control() -> machine.Code:
+    """Return machine code of the functions that step control calls."""
+    text = [f"declare double @llvm.{name}.f64(double)" for name in ("sqrt", "fabs")]
+    text.append(definitions(dict.fromkeys(CONTROL, True), 1))
+    for name in CONTROL:
+        text.append(
+            f"define double @{name}(double %x) {{\n  %y = call double @elementary_{name}(double %x)\n  ret double %y\n}}"
+        )
+    return machine.compiled("\n".join([*text, "!0 = !{}"]), CONTROL)
 
 
 @lru_cache(maxsize=128)

@@ -7,10 +7,13 @@ is summed across lanes, contracted or reordered, so that a lane holds the bits t
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Iterable
 from string import ascii_lowercase
 
-from xdynamics.kernels.elementary import COMPARISONS, COMPOSED, INFIX, INTRINSICS, LIBRARY, LIBRARY_INTRINSICS
+from xdynamics.elementary import FUNCTIONS, PAIRS
+from xdynamics.elementary.text import definition, definitions, struct_of
+from xdynamics.kernels.operations import COMPARISONS, COMPOSED, INFIX, INTRINSICS
 from xdynamics.kernels.program import (
     ARRAYS,
     AT,
@@ -31,6 +34,7 @@ UNROLLED = 8  # components up to which vectors are written out; more are a loop
 INLINED = 4000  # instructions up to which a program is put in the place of its calls
 _SIGNATURE = ", ".join(f"ptr noalias %_{name}" for name in ARRAYS) + ", i64 %_apart"
 UNSOUND = "unsound"
+_ALL_OF = Counter(pair for pair, _ in PAIRS.values())
 _GIVEN = ("y", "z", "samples")  # by who calls a program from outside, who has the table besides
 _TABLES = """
 define internal i64 @find_piece(double %x, ptr %origin, i64 %count) #1 {
@@ -124,9 +128,12 @@ def llvm_of(programs: Iterable[Program], lanes: int = 1, functions: Iterable[tup
     """
     known = {one.name: one for one in programs}
     text = [_declarations(lanes, functions), _TABLES if any(map(_looks_up, known.values())) else ""]
+    weights = {name: _weight(one, lanes) for name, one in known.items()}
+    used = sum((_used(one) for one in known.values()), Counter[str]())
+    text.append(definitions({name: _size_of(name, lanes) * n <= INLINED // 2 for name, n in used.items()}, lanes))
     calls = {name: sum(_calls(one, name) for one in known.values()) for name in known}
     for one in known.values():
-        called = calls[one.name] and one.size * calls[one.name] <= INLINED
+        called = calls[one.name] and weights[one.name] * calls[one.name] <= INLINED
         text += [
             _Printer(one, lanes).function("#2" if called or not calls[one.name] else "#0"),
             _Printer(one, lanes).entry(),
@@ -142,15 +149,8 @@ def llvm_of(programs: Iterable[Program], lanes: int = 1, functions: Iterable[tup
 def _declarations(lanes: int, functions: Iterable[tuple[str, int]]) -> str:
     number, suffix = _types(lanes)
     lines = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in INTRINSICS.values()]
-    lines += [
-        f"declare double @llvm.{name}.f64({'double, double' if name == 'pow' else 'double'})"
-        for name in LIBRARY_INTRINSICS.values()
-    ]
-    lines += [f"declare double @{name}({'double, double' if name == 'atan2' else 'double'}) #3" for name in LIBRARY]
     lines += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
-    if lanes > 1:
-        lines += ["declare double @llvm.sqrt.f64(double)"]
-    return "\n".join([*lines, "attributes #3 = { nounwind memory(none) }"])
+    return "\n".join(lines)
 
 
 def _types(lanes: int) -> tuple[str, str]:
@@ -161,6 +161,37 @@ def _looks_up(program: Program) -> bool:
     return any(
         isinstance(one, Compute) and one.operation in ("value_at", "slope_at", "find_piece") for one in program.body
     )
+
+
+def _used(program: Program) -> Counter[str]:
+    """How often a program computes each elementary function."""
+    loops = [(one.count if one.count <= UNROLLED else 1, one.body) for one in program.body if isinstance(one, Each)]
+    found: Counter[str] = Counter()
+    for count, body in [(1, program.body), *loops]:
+        joint = _together(body)
+        for pair, _ in joint:
+            found[pair] += count
+        for one in body:
+            if isinstance(one, Compute) and one.operation in FUNCTIONS:
+                alone = (PAIRS.get(one.operation, ("",))[0], one.arguments) not in joint
+                found[one.operation] += count * alone
+    return +found
+
+
+def _together(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]]:
+    """Name what is computed together of one argument: a sine and a cosine say."""
+    computed = {(one.operation, one.arguments) for one in body if isinstance(one, Compute) and one.operation in PAIRS}
+    asked = Counter((PAIRS[name][0], arguments) for name, arguments in computed)
+    return {one for one, count in asked.items() if count == _ALL_OF[one[0]]}
+
+
+def _size_of(name: str, lanes: int) -> int:
+    return definition(name, lanes)[0].count("\n")
+
+
+def _weight(program: Program, lanes: int) -> int:
+    """How many instructions a program has with its elementary functions put in their places."""
+    return program.size + sum(_size_of(name, lanes) * count for name, count in _used(program).items())
 
 
 def _calls(program: Program, name: str) -> int:
@@ -180,6 +211,8 @@ class _Printer:
         self._values: dict[str, str] = {}
         self._count = 0
         self._block = "entry"
+        self._joint = _together(program.body)
+        self._pairs: dict[tuple[str, str], str] = {}
 
     def entry(self) -> str:
         """Print the way in from outside: it finds what is not given in the table."""
@@ -240,10 +273,11 @@ class _Printer:
             self._print(line, "", 0)
 
     def _each(self, line: Each, index: str, shift: int) -> None:
-        outside = dict(self._values)
+        outside, joint, pairs = dict(self._values), self._joint, dict(self._pairs)
+        self._joint = joint | _together(line.body)
         for one in line.body:
             self._print(one, index, shift)
-        self._values = outside
+        self._values, self._joint, self._pairs = outside, joint, pairs
 
     def _loop(self, line: Each) -> None:
         """The lines for i from 0 to count - 1, as a loop."""
@@ -310,16 +344,20 @@ class _Printer:
             return self._new(f"call {number} @llvm.{INTRINSICS[name]}.{self._suffix}({number} {given[0]})")
         if name in COMPOSED:
             return self._composed(COMPOSED[name], given)
-        function = (
-            f"llvm.{LIBRARY_INTRINSICS[name]}.f64"
-            if name in LIBRARY_INTRINSICS
-            else name
-            if name in LIBRARY
-            else f"_{name}"
-        )
+        if name in PAIRS and (PAIRS[name][0], arguments) in self._joint:
+            return self._one_of(*PAIRS[name], given[0])
+        if name in FUNCTIONS:
+            return self._new(f"call {number} @elementary_{name}({', '.join(f'{number} {one}' for one in given)})")
         return self._by_lane(
-            "double", [(number, one) for one in given], lambda scalars: f"call double @{function}({scalars})"
+            "double", [(number, one) for one in given], lambda scalars: f"call double @_{name}({scalars})"
         )
+
+    def _one_of(self, pair: str, place: int, given: str) -> str:
+        """Compute functions of one argument together, and return the one that is asked for."""
+        kind = struct_of(pair, self._lanes)
+        if (pair, given) not in self._pairs:
+            self._pairs[pair, given] = self._new(f"call {kind} @elementary_{pair}({self._number} {given})")
+        return self._new(f"extractvalue {kind} {self._pairs[pair, given]}, {place}")
 
     def _composed(self, lines: tuple[str, ...], given: list[str]) -> str:
         constants = {"zero": 0.0, "one": 1.0, "minus": -1.0, "nan": float("nan")}

@@ -33,7 +33,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Compute:
-    """``target = operation(arguments)``; the operations stand in `kernels.elementary`."""
+    """``target = operation(arguments)``; the operations stand in `kernels.operations`."""
 
     target: str
     operation: str

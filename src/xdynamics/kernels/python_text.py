@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from xdynamics.kernels.elementary import COMPARISONS, INFIX
+from xdynamics.kernels.operations import COMPARISONS, INFIX
 from xdynamics.kernels.program import ARRAYS, AT, Call, Compute, Each, Load, Operand, Place, Program, Store
 
 _PLAIN = {
@@ -24,6 +24,7 @@ _PLAIN = {
     "tanh",
     "exp",
     "log",
+    "hypot",
 }
 _ATOM = 9
 SIGNATURE = ", ".join(f"_{name}" for name in ARRAYS)

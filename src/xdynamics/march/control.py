@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.law import FORCES
+from xdynamics.kernels.law import EXP, FORCES, LOG
 from xdynamics.kernels.program import T
-from xdynamics.march.handle import called
+from xdynamics.march.handle import applied, called
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
 
 SPACINGS = 10.0  # of t that the shortest step has at least, like scipy's
 NONFINITE_FACTOR = 0.25
 STRETCH = 1.01  # of a step that would end just before a node
-SMALLEST_NORM = 1e-4  # that the next step remembers
+LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
 CONTROLLER = "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1 (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
 ERROR_NORM = "largest component of |error|/(atol + rtol*max(|value before|, |value after|))"
 FIRST_STEP = "Hairer, Norsett, Wanner I, section II.4, a)-f), with the norm above; 1e-6 of the span stands for its 1e-6"
@@ -60,11 +60,10 @@ def shortest(run: Run) -> float:
 def grow(run: Run, h: float, cut: bool) -> None:
     """Choose the step after one that passed: no growth right after a rejection, and none lost to a cut step."""
     plan, now = run.plan[0], run.now[0]
-    k, norm = plan.order, now.norm
-    beta = 0.2 / k
-    factor = plan.greatest
-    if norm > 0.0:
-        factor = plan.safety * math.pow(norm, 0.75 * beta - 1.0 / k) * math.pow(now.step_norm, beta)
+    k, factor, logarithm = plan.order, plan.greatest, LEAST_LOGARITHM
+    if now.norm > 0.0:
+        beta, logarithm = 0.2 / k, applied(run.law[LOG], now.norm)
+        factor = plan.safety * applied(run.law[EXP], (0.75 * beta - 1.0 / k) * logarithm + beta * now.step_log)
         factor = min(plan.greatest, max(plan.least, factor))
     if now.rejected:
         factor = min(factor, 1.0)
@@ -72,7 +71,7 @@ def grow(run: Run, h: float, cut: bool) -> None:
     if cut and not now.rejected:
         step = max(step, now.step)
     now.step = min(plan.max_step, max(plan.min_step, step))
-    now.step_norm = max(norm, SMALLEST_NORM)
+    now.step_log = max(logarithm, LEAST_LOGARITHM)
     now.rejected = 0
 
 
@@ -82,7 +81,9 @@ def reduce(run: Run, h: float, failed_test: bool) -> None:
     plan, now = run.plan[0], run.now[0]
     factor = NONFINITE_FACTOR
     if failed_test and math.isfinite(now.norm):
-        factor = max(plan.least, min(0.9, plan.safety * math.pow(now.norm, -1.0 / plan.order)))
+        factor = max(
+            plan.least, min(0.9, plan.safety * applied(run.law[EXP], -applied(run.law[LOG], now.norm) / plan.order))
+        )
     now.step = max(h * factor, shortest(run))
     now.rejected = 1
 
@@ -118,7 +119,7 @@ def first_step(run: Run) -> float:
     elif steepest <= 1e-15:
         step = max(1e-6 * span, guess * 1e-3)
     else:
-        step = math.pow(0.01 / steepest, 1.0 / plan.order)
+        step = applied(run.law[EXP], applied(run.law[LOG], 0.01 / steepest) / plan.order)
     return min(max(min(100.0 * guess, step), shortest(run)), plan.max_step)
 
 

@@ -73,7 +73,7 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
         base.rows - now.rows, base.trials - now.trials, base.events - now.events, base.samples - now.samples,
     )  # fmt: skip
     run.plan[0] = plans[k]
-    now.t, now.h, now.norm, now.step, now.step_norm, now.first_step = plans[k].start, 0.0, 0.0, 0.0, 1.0, 0.0
+    now.t, now.h, now.norm, now.step, now.step_log, now.first_step = plans[k].start, 0.0, 0.0, 0.0, 0.0, 0.0
     now.status, now.rows, now.trials, now.events, now.samples = RUNNING, 0, 0, 0, 0
     now.grid, now.node, now.on_grid, now.rejected, now.evaluations = 0, 0, 1, 0, 0
     for i in range(starts.shape[1]):

@@ -33,7 +33,7 @@ from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.program import WORDS
 from xdynamics.march.run import ARRAYS, KINDS
 
-LAWS = "laws"
+LAWS, NOTHING = "laws", "nothing"  # what a call reads or writes
 SEEN_BY_LAWS = ("Floats", "Whole", "Columns")  # kinds that programs read or write
 CONSTANT = "Plans"  # the kind that nothing writes while code runs
 
@@ -286,6 +286,19 @@ def _noted(_typing: Any, address: Any, run: Any, y: Any, row: Any) -> Any:
     return types.void(address, run, y, row), generate
 
 
+_FUNCTION = ir.FunctionType(ir.DoubleType(), [ir.DoubleType()])
+
+
+def _applied(_typing: Any, address: Any, _x: Any) -> Any:
+    """Call the function of one number at an address."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        function = builder.inttoptr(arguments[0], _FUNCTION.as_pointer())
+        return marked(builder, builder.call(function, arguments[1:]), NOTHING)
+
+    return types.float64(address, types.float64), generate
+
+
 def _run_plainly(run: Any) -> Any:
     return run
 
@@ -299,6 +312,11 @@ def called_plainly(address: int, run: Any, y: Any, z: Any, sample: int) -> None:
     PLAIN[int(address)](run.at, y, run.p, run.tables, run.places, z, run.e, run.samples[sample:], run.w)
 
 
+def applied_plainly(address: int, x: float) -> Any:
+    """Call the function of one number that stands for an address where nothing is compiled."""
+    return np.float64(PLAIN[int(address)](float(x)))
+
+
 def noted_plainly(address: int, run: Any, y: Any, row: int) -> None:
     """Call one to fill a row of the log."""
     called_plainly(address, run, y, run.log_rows[:, row], 0)
@@ -308,5 +326,6 @@ def noted_plainly(address: int, run: Any, y: Any, row: int) -> None:
 _PLAINLY = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
 run_at: Any = _run_plainly if _PLAINLY else intrinsic(_run_at)
 march_by: Any = _march_by_plainly if _PLAINLY else intrinsic(_march_by)
+applied: Any = applied_plainly if _PLAINLY else intrinsic(_applied)
 called: Any = called_plainly if _PLAINLY else intrinsic(_called)
 noted: Any = noted_plainly if _PLAINLY else intrinsic(_noted)

@@ -36,7 +36,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     given = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
     grid, steps = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
     now = np.zeros(1, NOW)
-    now["t"], now["step_norm"], now["on_grid"], now["status"] = start, 1.0, 1, RUNNING
+    now["t"], now["on_grid"], now["status"] = start, 1, RUNNING
     equations, unknowns, entries = _equations(law)
     largest = max((one.unknowns for one in equations), default=0)
     return Run(

@@ -26,9 +26,9 @@ PLAN = _record(
     "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
     "adaptive estimates halved extrapolated limited stages samples coordinates used state",
 )
-# Where it stands: step is to be tried next, step_norm the error norm of the last accepted step, h the step last tried.
+# Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried.
 NOW = _record(
-    "t h norm step step_norm first_step",
+    "t h norm step step_log first_step",
     "status regime rows trials events samples grid node on_grid rejected evaluations",
 )
 # A step that was made and is yet to be judged; iterations are -1 where Newton's method did not converge; `unsound` is 0

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import schema
+from xdynamics.elementary import NAME
 from xdynamics.kernels import Layout
-from xdynamics.kernels.elementary import MATH_FUNCTIONS
 from xdynamics.march import March
 from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, SPACINGS
 from xdynamics.march.diagnosis import ending
@@ -53,7 +53,7 @@ def attributes(march: March) -> dict[str, Any]:
         "solver_event_root_method": ROOT_METHOD,
         "solver_force_samples": "all" if settings.samples else "none",
         "precision": "float64, IEEE 754 binary64, round to nearest",
-        "math_functions": MATH_FUNCTIONS,
+        "math_functions": NAME,
         "run_outcome": end.outcome.word,
         "run_outcome_text": end.text,
         "model_digest": model.digest,

@@ -1,7 +1,6 @@
-"""The operations of the laws, in one room: how each is written in Python and in LLVM, and what it is by itself.
+"""The operations of the laws: how each is written in Python and in LLVM, and what it is by itself.
 
-`sqrt`, `hypot` and the choices are IEEE operations and the same everywhere. The others are the C library's until a
-portable set takes their place; a run says so in `math_functions`.
+All are IEEE 754's own or made of those in `elementary`, and the same everywhere.
 """
 
 from __future__ import annotations
@@ -14,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary import FUNCTIONS
 from xdynamics.expressions.evaluation import NUMERIC
-
-MATH_FUNCTIONS = "libm"
 
 # operation: sign in Python and how strongly it binds; instruction in LLVM
 INFIX = {
@@ -27,9 +25,6 @@ COMPARISONS = {
     "equal": (" == ", "oeq"), "unequal": (" != ", "une"),
 }  # fmt: skip
 INTRINSICS = {"abs": "fabs", "sqrt": "sqrt"}
-# LLVM knows these four by name and merges a sine and a cosine of one angle; of the others it knows nothing
-LIBRARY_INTRINSICS = {"sin": "sin", "cos": "cos", "exp": "exp", "log": "log", "power": "pow"}
-LIBRARY = ("tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh")
 
 # what is composed of other LLVM instructions: lines with {0}, {1} for arguments, {T} for the type of numbers, {B} of truths
 # {a}, {b}, … for values of its own and {=} for the result
@@ -49,16 +44,6 @@ COMPOSED = {
     ),
     "positive": ("{a} = fcmp ogt {T} {0}, {zero}", "{=} = select {B} {a}, {T} {0}, {T} {nan}"),
 }  # fmt: skip
-
-
-def power(x: float, exponent: float) -> float:
-    """x**exponent where the exponent is no multiple of 1/2; nan below zero, inf beyond the numbers."""
-    try:
-        return math.pow(x, exponent)
-    except OverflowError:
-        return math.inf
-    except ValueError:
-        return math.nan
 
 
 def least(x: float, y: float) -> float:
@@ -89,7 +74,7 @@ def _kept(function: Callable[..., float]) -> Callable[..., float]:
 # by the names of printed Python, where a model's own names cannot meet those with an underscore
 PYTHON: dict[str, Any] = {name: _kept(one) for name, one in NUMERIC.items() if name != "positive"} | {
     "_positive": _kept(NUMERIC["positive"]),
-    "_power": _kept(power),
+    "_power": _kept(FUNCTIONS["power"]),
     "_least": _kept(least),
     "_greatest": _kept(greatest),
     "_unsound": unsound,
