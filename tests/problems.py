@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import mpmath
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
@@ -151,3 +152,53 @@ def damped() -> Problem:
         return {"x": found[:, 0], "v_x": found[:, 1], "s": found[:, 2]}
 
     return Problem(model, exact)
+
+
+# --------------------------------------------------------------------------------------- arguments of elementary functions
+
+
+def arguments_of(name: str, each: int) -> tuple[NDArray[np.float64], ...]:
+    """Five kinds of arguments, `each` of them: ordinary ones, all magnitudes, and the hard ones of a function."""
+    random = np.random.default_rng(sum(map(ord, name)))
+
+    def sized(low: float, high: float, *, signed: bool = True) -> NDArray[np.float64]:
+        sizes = 10.0 ** random.uniform(low, high, each)
+        return np.minimum(sizes, 1.7e308) * (random.choice([-1.0, 1.0], each) if signed else 1.0)
+
+    def spread(low: float, high: float) -> NDArray[np.float64]:
+        return random.uniform(low, high, each)
+
+    all_sizes = sized(-300, 300)
+    near_one = 1.0 + sized(-16, -2)
+    turns = np.round(10.0 ** random.uniform(0, 5.5, each)) * (np.pi / 2) * (1 + sized(-16, -6))
+    kinds: dict[str, list[tuple[NDArray[np.float64], ...]]] = {
+        "exp": [(spread(-1, 1),), (spread(-708, 709),), (spread(-746, -707),), (sized(-20, 0),), (sized(-300, 4),)],
+        "log": [(spread(0.5, 2),), (sized(-307, 308, signed=False),), (near_one,), (sized(-323.5, -307, signed=False),), (spread(0.99, 1.01),)],
+        "asin": [(spread(-1, 1),), (sized(-300, 0),), (1 - sized(-16, -1, signed=False),), (spread(0.49, 0.51),), (spread(-1.5, 1.5),)],
+        "sinh": [(spread(-1.1, 1.1),), (spread(-40, 40),), (spread(-711, 711),), (sized(-300, 3),), (spread(709, 711),)],
+        "tanh": [(spread(-0.3, 0.3),), (spread(-3, 3),), (spread(-30, 30),), (sized(-300, 3),), (spread(0.24, 0.26),)],
+        "atan": [(spread(-1.2, 1.2),), (spread(-20, 20),), (all_sizes,), (near_one,), (spread(0.1, 0.2),)],
+        "atan2": [(spread(-1, 1), spread(-1, 1)), (all_sizes, sized(-300, 300)), (sized(-3, 3), sized(-3, 3)), (sized(-323, -300), sized(-323, -300)), (spread(0.1, 0.2), near_one)],
+        "power": [(spread(0.1, 4), spread(-4, 4)), (sized(-300, 300, signed=False), sized(-3, 0)), (near_one, sized(0, 4)), (spread(0.5, 30), np.round(spread(-80, 80))), (sized(-320, -300, signed=False), spread(-0.9, 0.9))],
+        "hypot": [(spread(-1, 1), spread(-1, 1)), (all_sizes, sized(-300, 300)), (sized(-3, 3), sized(-3, 3)), (sized(-323, -300), sized(-323, -300)), (sized(300, 308), sized(300, 307))],
+    }  # fmt: skip
+    angles = [(spread(-10, 10),), (sized(-300, 300),), (sized(0, 6),), (turns,), (spread(-0.8, 0.8),)]
+    chosen = kinds.get({"acos": "asin", "cosh": "sinh"}.get(name, name), angles)
+    return tuple(np.concatenate(columns) for columns in zip(*chosen, strict=True))
+
+
+def true_value(name: str, *given: float) -> mpmath.mpf:
+    """The value of a function to far more digits than a double has."""
+    with mpmath.workprec(1300 if name in ("sin", "cos", "tan", "sinh", "tanh") else 400):
+        return getattr(mpmath, name)(*map(mpmath.mpf, given))
+
+
+def ulps(found: float, true: mpmath.mpf) -> float:
+    """How far a double is from a true value, in units of that value's last place; 0 where both are beyond the numbers."""
+    if not isinstance(true, mpmath.mpf) or mpmath.isnan(true):
+        return 0.0 if found != found else float("inf")
+    with mpmath.workprec(1300):
+        if abs(true) >= mpmath.mpf(2) ** 1024 * (1 - mpmath.mpf(2) ** -54):
+            return 0.0 if abs(found) == float("inf") else float("inf")
+        place = mpmath.mpf(2) ** max(int(mpmath.frexp(true)[1]) - 53, -1074) if true else mpmath.mpf(2) ** -1074
+        return float(abs(mpmath.mpf(found) - true) / place)

@@ -125,7 +125,7 @@ def test_show_names_everything(ball: Path) -> None:
         "vt = 30 ± 1 m s-1   terminal speed",
         "solver_update_equations = qm = q",
         "content_digest = ",
-        "math_functions = libm",
+        "math_functions = xdynamics 1",
     ):
         assert part in shown
 

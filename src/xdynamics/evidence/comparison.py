@@ -14,7 +14,9 @@ from xdynamics.record import own_attributes, plain
 from xdynamics.schema import COUNTS, EVENT_AFTER, ROOT_DIGEST, STEPS, VOLATILE
 
 SLAB = 1_000_000
-LAW = ("force_source", "force_digest")  # the text of the law, which another version may write in other words
+STATES = ("coordinate", "velocity", "state")  # roles
+# the text of the law, which another version may write in other words, and the set of elementary functions
+LAW = ("force_source", "force_digest", "math_functions")
 
 
 def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
@@ -36,24 +38,32 @@ def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        What `bitwise` gives. Where the archive was made by another version, words do not count: the text of the law and
-        the vocabulary of flags; `identical` is then 1 where every number has the same bits and every setting is the
-        same. `arithmetic` says in one sentence what differs; it is empty where nothing does.
+        What `bitwise` gives. Where the archive was made by another version, or with another set of elementary
+        functions, words do not count: the text of the law, the name of the set and the vocabulary of flags; `identical`
+        is then 1 where every number has the same bits and every setting is the same. `arithmetic` says in one sentence
+        what differs; it is empty where nothing does.
     """
     versions = [str(one.attrs.get("xdynamics_version", "of unknown name")) for one in (kept, again)]
-    same_version = versions[0] == versions[1]
-    table = _table(kept, again, worded=same_version)
+    sets = [str(one.attrs.get("math_functions", "of unknown name")) for one in (kept, again)]
+    table = _table(kept, again, worded=versions[0] == versions[1] and sets[0] == sets[1])
+    why = []
+    if versions[0] != versions[1] and kept.attrs.get("force_digest") != again.attrs.get("force_digest"):
+        why.append(f"version {versions[0]} wrote the law in other words than {versions[1]}")
+    if sets[0] != sets[1]:
+        why.append(f"the archive was made with the elementary functions '{sets[0]}', here they are '{sets[1]}'")
     if not table.attrs["identical"]:
-        return table.assign_attrs(arithmetic=_largest(kept, again))
-    words = kept.attrs.get("force_digest") != again.attrs.get("force_digest")
-    said = f"version {versions[0]} wrote the law in other words than {versions[1]}; every number has the same bits"
-    return table.assign_attrs(arithmetic=said if words else "")
+        return table.assign_attrs(arithmetic="; ".join([*why, _largest(kept, again)]))
+    return table.assign_attrs(arithmetic="; ".join([*why, "every number has the same bits"]) if why else "")
 
 
 def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
-    """Say how large the largest difference of a number is, against the range of its variable."""
+    """Say how large the largest difference of a state is, against the range of its variable; of another, where none is."""
+    states = [name for name, one in kept.variables.items() if one.attrs.get("role") in STATES]
     worst, said = 0.0, "no number of a row that both runs have differs"
-    for name, one in kept.variables.items():
+    for name in [*states, *(name for name in kept.variables if name not in states)]:
+        if worst and name not in states:
+            break
+        one = kept.variables[name]
         other = again.variables.get(name)
         if other is None or one.dtype.kind != "f" or not one.dims:
             continue

@@ -135,12 +135,12 @@ class Law:
 @lru_cache(maxsize=1)
 def _control() -> machine.Code:
     """Return machine code of the functions that step control calls."""
-    text = [f"declare double @llvm.{name}.f64(double)" for name in ("sqrt", "fabs")]
-    text.append(definitions(dict.fromkeys(CONTROL, True), 1))
-    for name in CONTROL:
-        text.append(
-            f"define double @{name}(double %x) {{\n  %y = call double @elementary_{name}(double %x)\n  ret double %y\n}}"
-        )
+    entry = "define double @{0}(double %x) {{\n  %y = call double @elementary_{0}(double %x)\n  ret double %y\n}}"
+    text = [
+        *(f"declare double @llvm.{name}.f64(double)" for name in ("sqrt", "fabs")),
+        definitions(dict.fromkeys(CONTROL, True), 1),
+        *map(entry.format, CONTROL),
+    ]
     return machine.compiled("\n".join([*text, "!0 = !{}"]), CONTROL)
 
 
