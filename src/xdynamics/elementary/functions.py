@@ -441,16 +441,12 @@ def wholeness(y: Number) -> tuple[Truth, Truth]:
 
 
 def half_growth(size: Number) -> tuple[Number, Number, Number, Number]:
-    """Return exp(size)/2 and exp(-size)/2, each as a number and its tail; the second is nothing beyond 40."""
-    root, more, k = growth(held(size, 800.0), 0.0)
+    """Return exp(size)/2 and exp(-size)/2, each as a number and its tail."""
+    root, more, k = growth(choose(size < 800.0, size, 800.0), 0.0)
     high, low = ordered_sum(root, more)
     high, low = scaled(high, k - 1), scaled(low, k - 1)
-    matters = size < 40.0
-    below = choose(matters, high, 1.0)
-    inverse = 0.25 / below
-    product, lost = exact_product(inverse, below)
-    rest = (((0.25 - product) - lost) - inverse * low) / below
-    return high, low, choose(matters, inverse, 0.0), choose(matters, rest, 0.0)
+    inverse = 0.25 / high
+    return high, low, inverse, -4.0 * (inverse * inverse) * low
 
 
 def cosh(x: Number) -> Number:
