@@ -118,10 +118,9 @@ class _Units:
         self.time = self.scales.of(TIME)
         self.known = units_of(about.model)
         model = about.model
-        for name, one in model.coordinates.items():
-            known = model.dimensions
+        known = model.dimensions
+        for i, (name, one) in enumerate(model.coordinates.items()):
             self.known[schema.acceleration(name)] = one.unit.per_second(2)
-            i = about.layout.coordinates.index(name)
             mass = dimension_of(model.mass[i][i], known)
             needed = spell(mass * known[name] / TIME**2, angle=known[name] == NONE)
             for term, parts in model.force_components.items():
