@@ -9,8 +9,6 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from xdynamics import archive, record
 from xdynamics.evidence.comparison import reproduced
 from xdynamics.faults import InputError, StabilityWarning
@@ -19,7 +17,7 @@ from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.record.provenance import asked_of
-from xdynamics.stability import stable_step
+from xdynamics.stability import fastest_rate, stable_step
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -155,7 +153,7 @@ def _fastest_rate(model: Model) -> float:
         jacobian = linearise(model, initial_state(model)).jacobian
     except InputError:
         return 0.0  # the march will say what is wrong with the forces at the start
-    return float(np.sqrt(np.abs(jacobian @ jacobian).sum(axis=1).max(initial=0.0)))
+    return fastest_rate(jacobian)
 
 
 def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:

@@ -1,5 +1,12 @@
 """How large a step a method bears, from the lines of its update."""
 
-from xdynamics.stability.limits import decay_limit, oscillator_limit, stable_step, stable_step_of, stiffness
+from xdynamics.stability.limits import (
+    decay_limit,
+    fastest_rate,
+    oscillator_limit,
+    stable_step,
+    stable_step_of,
+    stiffness,
+)
 
-__all__ = ["decay_limit", "oscillator_limit", "stable_step", "stable_step_of", "stiffness"]
+__all__ = ["decay_limit", "fastest_rate", "oscillator_limit", "stable_step", "stable_step_of", "stiffness"]
