@@ -173,8 +173,8 @@ def _expand(node: Node, definitions: Mapping[str, Node], known: dict[str, Node])
                 found = one if same else Binary(one.operator, found, right, one.column)
             return found
         case Compare():
-            sides = (_expand(one, definitions, known) for one in (node.left, node.right))
-            return Compare(node.operator, *sides, node.column)
+            left, right = _expand(node.left, definitions, known), _expand(node.right, definitions, known)
+            return Compare(node.operator, left, right, node.column)
         case Call():
             return Call(node.function, tuple(_expand(one, definitions, known) for one in node.arguments), node.column)
     return node

@@ -256,8 +256,8 @@ def _totals(model: Model) -> dict[str, Node]:
 def _mass(model: Model) -> Iterator[Assignment]:
     """Write what dividing by the mass needs: its diagonal, or the factors of M = L D L^T."""
     if not model.mass_is_full:
-        for i, row in enumerate(model.mass):
-            yield Assignment(f"_m{i}", Call("positive", (model.expanded(row[i]),)))
+        for i in range(len(model.coordinates)):
+            yield Assignment(f"_m{i}", Call("positive", (model.expanded(model.mass[i][i]),)))
         return
     mass = [[model.expanded(entry) for entry in row] for row in model.mass]
     for i, row in enumerate(mass):
