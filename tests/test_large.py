@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 import xdynamics as xd
 from problems import EPS
+from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.stability import surely_stable
 
 CHAINED = 1000
 
@@ -91,3 +93,13 @@ def test_a_diagonal_mass_is_not_looked_at_off_its_diagonal() -> None:
     model = chain(CHAINED)
     assert len(model.statement.mass_entries) == CHAINED
     assert not model.mass_is_full
+
+
+@pytest.mark.parametrize(("step", "sure"), [(0.99, True), (1.01, False)])
+def test_a_chain_is_stable_without_eigenvalues(step: float, sure: bool) -> None:
+    """Assert that the row sums of the stiffness, 4 k/m, bound its frequencies, and Verlet's limit of 2 is held to them."""
+    model = chain(CHAINED)
+    jacobian = linearise(model, initial_state(model)).jacobian
+    assert surely_stable(jacobian, xd.METHODS["velocity_verlet"], CHAINED, step) is sure
+    jacobian[CHAINED, CHAINED] = -0.1
+    assert not surely_stable(jacobian, xd.METHODS["velocity_verlet"], CHAINED, step)

@@ -17,6 +17,7 @@ from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Run
 
 _HUGE = 1 << 22  # bytes from which numpy asks for huge pages
 _WIDE = 100  # columns from which on huge pages pay: a row is then spread over more pages than a processor keeps in mind
+_SHORT = 1 << 16
 _POPULATE = 23  # MADV_POPULATE_WRITE of Linux 5.14
 MOST_SUBSTEPS = 200  # of one event's bracket; halving alone needs 60
 
@@ -157,7 +158,8 @@ def _pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:
     them: 16 ns a step and coordinate instead of 26 with 100 masses, 26 instead of 44 with 1,000.
     """
     size = shape[0] * shape[1] * np.dtype(dtype).itemsize
-    if size < _HUGE or shape[0] >= _WIDE or not hasattr(mmap, "MAP_PRIVATE"):
+    wide = shape[0] >= _WIDE and shape[1] <= _SHORT  # a page holds some columns, not a part of one that is never filled
+    if size < _HUGE or wide or not hasattr(mmap, "MAP_PRIVATE"):
         return np.empty(shape, dtype)
     memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     return np.frombuffer(memory, dtype).reshape(shape)

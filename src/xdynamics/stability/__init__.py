@@ -7,6 +7,9 @@ from xdynamics.stability.limits import (
     stable_step,
     stable_step_of,
     stiffness,
+    surely_stable,
 )
 
-__all__ = ["decay_limit", "fastest_rate", "oscillator_limit", "stable_step", "stable_step_of", "stiffness"]
+__all__ = [
+    "decay_limit", "fastest_rate", "oscillator_limit", "stable_step", "stable_step_of", "stiffness", "surely_stable",
+]  # fmt: skip
