@@ -9,8 +9,6 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from xdynamics import archive, record
 from xdynamics.evidence.comparison import reproduced
 from xdynamics.faults import InputError, StabilityWarning
@@ -19,7 +17,7 @@ from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.record.provenance import asked_of
-from xdynamics.stability import stable_step
+from xdynamics.stability import fastest_rate, stable_step, surely_stable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -134,8 +132,12 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
     if not isinstance(settings.step, float | int) or settings.adaptive or model.python_forces:
         return
     state = initial_state(model)
-    if settings.method.order > 1 and not settings.step * _fastest_rate(model) > SAFE_STEP:
-        return
+    if settings.method.order > 1:
+        if not settings.step * _fastest_rate(model) > SAFE_STEP:
+            return
+        jacobian = linearise(model, state).jacobian
+        if surely_stable(jacobian, settings.method, len(model.coordinates), settings.step):
+            return
     longest = stable_step(model, settings.method, state, growth=1.0 / (settings.until - state["t"]))
     if settings.step > longest:
         longest = stable_step(model, settings.method, state) or longest  # the limit itself, where there is one
@@ -155,7 +157,7 @@ def _fastest_rate(model: Model) -> float:
         jacobian = linearise(model, initial_state(model)).jacobian
     except InputError:
         return 0.0  # the march will say what is wrong with the forces at the start
-    return float(np.sqrt(np.abs(jacobian @ jacobian).sum(axis=1).max(initial=0.0)))
+    return fastest_rate(jacobian)
 
 
 def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:

@@ -53,10 +53,10 @@ class Dimension:
     powers: tuple[Fraction, ...] = (Fraction(0),) * len(BASE)
 
     def __mul__(self, other: Dimension) -> Dimension:
-        return Dimension(tuple(a + b for a, b in zip(self.powers, other.powers, strict=True)))
+        return Dimension(tuple(a + b if b else a for a, b in zip(self.powers, other.powers, strict=True)))
 
     def __truediv__(self, other: Dimension) -> Dimension:
-        return Dimension(tuple(a - b for a, b in zip(self.powers, other.powers, strict=True)))
+        return Dimension(tuple(a - b if b else a for a, b in zip(self.powers, other.powers, strict=True)))
 
     def __pow__(self, exponent: Fraction | int) -> Dimension:
         return Dimension(tuple(power * exponent for power in self.powers))

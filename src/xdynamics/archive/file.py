@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 BLOCK_ROWS = 131_072
+BLOCK_NUMBERS = 32_000_000  # of a block, which has fewer rows where there are many columns
 # what the libraries raise on files that are damaged or of another kind
 _DAMAGE = (OSError, RuntimeError, ValueError, AttributeError, LookupError, TypeError, MemoryError, OverflowError)
 READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
@@ -93,7 +94,8 @@ def stream(march: March, path: str | Path) -> Path:
             coordinates = "time" if STEPS in one.dims and one.name != "time" else None
             writer.define(one.name, one.dims, np.dtype(one.dtype), one.attributes, coordinates, {})
         pending: Future[None] | None = None
-        for block in march.blocks(BLOCK_ROWS):
+        rows = min(BLOCK_ROWS, BLOCK_NUMBERS // len(march.layout.row), march.expected_rows or BLOCK_ROWS)
+        for block in march.blocks(rows):
             parts = _taken(spec, block)
             if pending:
                 pending.result()

@@ -3,7 +3,7 @@
 Nothing in a text is ever executed. The tree is walked; that is all that happens to it.
 """
 
-from xdynamics.expressions.calculus import derivative, expand
+from xdynamics.expressions.calculus import derivative, derivatives, expand
 from xdynamics.expressions.dimensions import dimension_of
 from xdynamics.expressions.latex import latex
 from xdynamics.expressions.parser import parse
@@ -16,15 +16,17 @@ from xdynamics.expressions.tree import (
     Negative,
     Node,
     Number,
+    chain,
     digest,
     exponent_of,
     free_names,
     limits_domain,
+    shown,
     size,
     text_of,
 )
 
 __all__ = [
-    "FUNCTIONS", "Binary", "Call", "Compare", "Name", "Negative", "Node", "Number", "derivative", "digest",
-    "dimension_of", "expand", "exponent_of", "free_names", "latex", "limits_domain", "parse", "size", "text_of",
+    "FUNCTIONS", "Binary", "Call", "Compare", "Name", "Negative", "Node", "Number", "chain", "derivative",
+    "derivatives", "digest", "dimension_of", "expand", "exponent_of", "free_names", "latex", "limits_domain", "parse", "shown", "size", "text_of",
 ]  # fmt: skip

@@ -16,6 +16,7 @@ from xdynamics.expressions.tree import (
     Negative,
     Node,
     Number,
+    chain,
     children,
     exponent_of,
     text_of,
@@ -23,7 +24,10 @@ from xdynamics.expressions.tree import (
 from xdynamics.faults import InputError
 
 ZERO, ONE, TWO = Number(0.0), Number(1.0), Number(2.0)
-MOST_EXPANDED = 5000
+MOST_EXPANDED = 1_000_000
+MOST_LEVELS = 150  # so that every walk down a tree, and down its derivatives, stays far from Python's own limit
+
+Rates = Mapping[str, Node]  # the derivative by each thing that is differentiated by; what is not listed is zero
 
 
 def expand(node: Node, definitions: Mapping[str, Node]) -> Node:
@@ -32,17 +36,19 @@ def expand(node: Node, definitions: Mapping[str, Node]) -> Node:
     Raises
     ------
     InputError
-        If the result has more than 5,000 nodes.
+        If the result has more than 1,000,000 nodes, or more than 150 levels in one another.
     """
-    try:
-        if _expanded_size(node, definitions) <= MOST_EXPANDED:
-            return _expand(node, definitions)
-    except RecursionError:
-        raise InputError(f"definitions of '{text_of(node)[:60]}' are nested too deeply; shorten the chain") from None
-    raise InputError(f"definitions expand '{text_of(node)[:60]}' to over {MOST_EXPANDED} nodes; shorten them")
+    if not definitions:
+        return node
+    nodes, levels = _Sizes(definitions).of(node)
+    if levels > MOST_LEVELS:
+        raise InputError(f"definitions of '{text_of(node)[:60]}' are nested too deeply; shorten the chain")
+    if nodes > MOST_EXPANDED:
+        raise InputError(f"definitions expand '{text_of(node)[:60]}' to over {MOST_EXPANDED} nodes; shorten them")
+    return _expand(node, definitions, {})
 
 
-def derivative(node: Node, rates: Mapping[str, Node]) -> Node:
+def derivative(node: Node, rates: Rates) -> Node:
     """Return the derivative by the chain rule.
 
     Parameters
@@ -58,45 +64,119 @@ def derivative(node: Node, rates: Mapping[str, Node]) -> Node:
     At the kink of ``abs``, ``min``, ``max``, ``where`` the derivative is the one of the branch taken; of ``sign``
     it is zero everywhere.
     """
+    return derivatives(node, {name: {"": rate} for name, rate in rates.items()}).get("", ZERO)
+
+
+def derivatives(node: Node, rates: Mapping[str, Rates]) -> dict[str, Node]:
+    """Return the derivatives by many things at once, those that are not zero.
+
+    Parameters
+    ----------
+    node : Node
+    rates : mapping of str to mapping
+        For each name that varies its derivative by each thing: ``{"x": {"x": Number(1)}, "y": {"y": Number(1)}}`` gives
+        the gradient.
+
+    Notes
+    -----
+    Of a term of a sum only what it mentions is differentiated by: the gradient of a chain's potential costs as much as
+    writing it, however long the chain is.
+
+    Examples
+    --------
+    >>> from xdynamics.expressions import parse
+    >>> found = derivatives(parse("k*x**2/2 + x*y"), {"x": {"x": ONE}, "y": {"y": ONE}})
+    >>> {by: text_of(one) for by, one in found.items()}
+    {'x': 'k*(2*x)/2 + y', 'y': 'x'}
+    """
     match node:
         case Name():
-            return rates.get(node.name, ZERO)
+            return {by: rate for by, rate in rates.get(node.name, {}).items() if rate != ZERO}
         case Negative():
-            return negative(derivative(node.operand, rates))
+            return {by: negative(rate) for by, rate in derivatives(node.operand, rates).items()}
         case Binary():
-            return _of_binary(node, rates)
+            first, links = chain(node)
+            found = derivatives(first, rates)
+            for one in links:
+                found = _joined(one, found, derivatives(one.right, rates))
+            return found
         case Call():
-            return _of_call(node, rates)
-    return ZERO
+            inner = [derivatives(one, rates) for one in node.arguments]
+            return _by_each(inner, lambda given: _of_call(node, given))
+    return {}
 
 
-def _expanded_size(node: Node, definitions: Mapping[str, Node]) -> int:
-    sizes: dict[str, int] = {}
+def _joined(node: Binary, left: dict[str, Node], right: dict[str, Node]) -> dict[str, Node]:
+    """Return the derivatives of a binary node from those of its operands."""
+    if node.operator not in "+-":
+        return _by_each([left, right], lambda given: _of_product(node, *given))
+    for by, rate in right.items():  # those of the terms before stay as they are
+        total = add(left.get(by, ZERO), rate if node.operator == "+" else negative(rate))
+        if total == ZERO:
+            left.pop(by, None)
+        else:
+            left[by] = total
+    return left
 
-    def count(one: Node) -> int:
-        if isinstance(one, Name) and one.name in definitions:
-            if one.name not in sizes:
-                sizes[one.name] = count(definitions[one.name])
-            return sizes[one.name]
-        return 1 + sum(count(child) for child in children(one))
 
-    return count(node)
+def _by_each(inner: list[dict[str, Node]], rule: Callable[[list[Node]], Node]) -> dict[str, Node]:
+    """Apply a rule to the derivatives of the operands by each thing that one of them depends on."""
+    found = {by: rule([one.get(by, ZERO) for one in inner]) for by in dict.fromkeys(by for one in inner for by in one)}
+    return {by: rate for by, rate in found.items() if rate != ZERO}
 
 
-def _expand(node: Node, definitions: Mapping[str, Node]) -> Node:
+class _Sizes:
+    """How many nodes and how many levels an expression has when it is expanded; a chain is one level."""
+
+    def __init__(self, definitions: Mapping[str, Node]) -> None:
+        self._definitions = definitions
+        self._known: dict[str, tuple[int, int]] = {}
+
+    def of(self, node: Node, above: int = 0) -> tuple[int, int]:
+        nodes, deepest, waiting = 0, 0, [(node, 0)]
+        while waiting:
+            one, level = waiting.pop()
+            nodes, deepest = nodes + 1, max(deepest, level)
+            if isinstance(one, Name) and one.name in self._definitions:
+                inner = self._of_definition(one.name, above + level + 1)
+                nodes, deepest = nodes - 1 + inner[0], max(deepest, level + 1 + inner[1])
+            elif isinstance(one, Binary):
+                waiting += [(one.left, level), (one.right, level + 1)]
+            else:
+                waiting += [(child, level + 1) for child in children(one)]
+        return nodes, deepest
+
+    def _of_definition(self, name: str, above: int) -> tuple[int, int]:
+        if above > MOST_LEVELS:  # definitions in a circle end here too
+            return 0, 0
+        if name not in self._known:
+            self._known[name] = self.of(self._definitions[name], above)
+        return self._known[name]
+
+
+def _expand(node: Node, definitions: Mapping[str, Node], known: dict[str, Node]) -> Node:
+    """Expand; what has no definition in it stays the node that it is, and a definition is expanded once."""
     match node:
         case Name() if node.name in definitions:
-            return _expand(definitions[node.name], definitions)
+            if node.name not in known:
+                known[node.name] = _expand(definitions[node.name], definitions, known)
+            return known[node.name]
         case Negative():
-            return Negative(_expand(node.operand, definitions), node.column)
+            operand = _expand(node.operand, definitions, known)
+            return node if operand is node.operand else Negative(operand, node.column)
         case Binary():
-            return Binary(node.operator, _expand(node.left, definitions), _expand(node.right, definitions), node.column)
+            first, links = chain(node)
+            found = _expand(first, definitions, known)
+            for one in links:
+                right = _expand(one.right, definitions, known)
+                same = found is one.left and right is one.right
+                found = one if same else Binary(one.operator, found, right, one.column)
+            return found
         case Compare():
-            return Compare(
-                node.operator, _expand(node.left, definitions), _expand(node.right, definitions), node.column
-            )
+            left, right = _expand(node.left, definitions, known), _expand(node.right, definitions, known)
+            return Compare(node.operator, left, right, node.column)
         case Call():
-            return Call(node.function, tuple(_expand(one, definitions) for one in node.arguments), node.column)
+            return Call(node.function, tuple(_expand(one, definitions, known) for one in node.arguments), node.column)
     return node
 
 
@@ -138,14 +218,10 @@ def divide(left: Node, right: Node) -> Node:
     return left if right == ONE else Binary("/", left, right)
 
 
-def _of_binary(node: Binary, rates: Mapping[str, Node]) -> Node:
+def _of_product(node: Binary, left_rate: Node, right_rate: Node) -> Node:
+    """Differentiate a product, a quotient or a power."""
     left, right = node.left, node.right
-    left_rate, right_rate = derivative(left, rates), derivative(right, rates)
     match node.operator:
-        case "+":
-            return add(left_rate, right_rate)
-        case "-":
-            return add(left_rate, negative(right_rate))
         case "*":
             return add(multiply(left_rate, right), multiply(left, right_rate))
         case "/":
@@ -162,10 +238,9 @@ def _literal(value: float) -> Node:
     return Number(value) if value >= 0 else Negative(Number(-value))
 
 
-def _of_call(node: Call, rates: Mapping[str, Node]) -> Node:
+def _of_call(node: Call, inner_rates: list[Node]) -> Node:
     if node.function in ("min", "max"):
-        return _of_choice(node, rates)
-    inner_rates = [derivative(one, rates) for one in node.arguments]
+        return _of_choice(node, inner_rates)
     if node.function == "where":
         _, yes, no = inner_rates
         return ZERO if yes == no == ZERO else Call("where", (node.arguments[0], yes, no))
@@ -179,15 +254,15 @@ def _of_call(node: Call, rates: Mapping[str, Node]) -> Node:
     return _OUTER[node.function](node.arguments[0], node, inner_rates[0])
 
 
-def _of_choice(node: Call, rates: Mapping[str, Node]) -> Node:
+def _of_choice(node: Call, inner_rates: list[Node]) -> Node:
     """Differentiate min and max as the chain of `where` that they are."""
     operator = "<=" if node.function == "min" else ">="
-    *rest, last = node.arguments
-    result = derivative(last, rates)
+    *rest, _ = node.arguments
+    result = inner_rates[-1]
     for position in range(len(rest) - 1, -1, -1):
         others = node.arguments[position + 1 :]
         best = others[0] if len(others) == 1 else Call(node.function, others)
-        rate = derivative(rest[position], rates)
+        rate = inner_rates[position]
         if not rate == result == ZERO:
             result = Call("where", (Compare(operator, rest[position], best), rate, result))
     return result

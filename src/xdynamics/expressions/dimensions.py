@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, exponent_of, text_of
+from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of, shown
 from xdynamics.faults import InputError
 from xdynamics.units import NONE, Dimension
 
@@ -51,12 +51,20 @@ def _dimension(node: Node, names: Mapping[str, Dimension]) -> Dimension | None:
 
 
 def _binary(node: Binary, names: Mapping[str, Dimension]) -> Dimension | None:
-    if node.operator in "+-":
-        return _agreed((node.left, node.right), names, f"'{node.operator}'")
-    left = _dimension(node.left, names)
+    first, links = chain(node)
+    found = _dimension(first, names)
+    for one in links:
+        found = _joined(one, found, names)
+    return found
+
+
+def _joined(node: Binary, left: Dimension | None, names: Mapping[str, Dimension]) -> Dimension | None:
+    """Return the dimension of a binary node from that of its left operand."""
     if node.operator == "**":
         return None if left is None else left ** (exponent_of(node.right) or 0)
     right = _dimension(node.right, names)
+    if node.operator in "+-":
+        return _one_of((node.left, left), (node.right, right), f"'{node.operator}'")
     pair = left or NONE, right or NONE  # a zero that is multiplied is a number like others
     return pair[0] * pair[1] if node.operator == "*" else pair[0] / pair[1]
 
@@ -78,24 +86,32 @@ def _call(node: Call, names: Mapping[str, Dimension]) -> Dimension | None:
         return None if inner is None else inner ** (exponent_of(Number(0.5)) or 0)
     if inner not in (None, NONE):
         raise InputError(
-            f"{label} needs a pure number, got '{text_of(node.arguments[0])}' in '{inner}' (column {node.column})"
+            f"{label} needs a pure number, got '{shown(node.arguments[0])}' in '{inner}' (column {node.column})"
         )
     return NONE
 
 
 def _agreed(nodes: tuple[Node, ...], names: Mapping[str, Dimension], label: str) -> Dimension | None:
     """Return the one dimension that all of `nodes` have."""
-    agreed: Dimension | None = None
-    first = nodes[0]
-    for node in nodes:
-        found = _dimension(node, names)
-        if agreed is None:
-            agreed, first = found, node
-        elif found is not None and found != agreed:
-            raise InputError(
-                f"{label} joins '{text_of(first)}' in '{agreed}' with '{text_of(node)}' in '{found}'"
-                f" (column {node.column})"
-            )
+    agreed = nodes[0], _dimension(nodes[0], names)
+    for node in nodes[1:]:
+        found = node, _dimension(node, names)
+        dimension = _one_of(agreed, found, label)
+        agreed = agreed if agreed[1] is not None else (node, dimension)
+    return agreed[1]
+
+
+def _one_of(
+    first: tuple[Node, Dimension | None], second: tuple[Node, Dimension | None], label: str
+) -> Dimension | None:
+    """Return the dimension that two expressions share."""
+    (one, agreed), (other, found) = first, second
+    if agreed is None or found is None:
+        return found if agreed is None else agreed
+    if agreed != found:
+        raise InputError(
+            f"{label} joins '{shown(one)}' in '{agreed}' with '{shown(other)}' in '{found}' (column {other.column})"
+        )
     return agreed
 
 

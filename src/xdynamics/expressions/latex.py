@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, text_of
+from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, text_of
 
 _GREEK = {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi",
           "pi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega"}  # fmt: skip
@@ -28,19 +28,32 @@ def latex(node: Node) -> str:
             return f"-{_wrapped(node.operand)}"
         case Compare():
             return f"{latex(node.left)} {_SIGNS.get(node.operator, node.operator)} {latex(node.right)}"
-        case Binary(operator="/"):
-            return rf"\frac{{{latex(node.left)}}}{{{latex(node.right)}}}"
-        case Binary(operator="**"):
-            base = latex(node.left) if isinstance(node.left, Name | Number) else rf"\left({latex(node.left)}\right)"
-            return f"{{{base}}}^{{{latex(node.right)}}}"
-        case Binary(operator="*"):
-            left = latex(node.left) if isinstance(node.left, Negative) else _wrapped(node.left)
-            return rf"{left}\,{_wrapped(node.right)}"
         case Binary():
-            right = _wrapped(node.right) if node.operator == "-" else latex(node.right)
-            return f"{latex(node.left)} {node.operator} {right}"
+            return _chain(node)
         case Call():
             return _call(node)
+
+
+def _chain(node: Binary) -> str:
+    first, links = chain(node)
+    found = latex(first)
+    for one in links:
+        found = _joined(one, found)
+    return found
+
+
+def _joined(node: Binary, left: str) -> str:
+    """Return the LaTeX of a binary node from that of its left operand."""
+    match node.operator:
+        case "/":
+            return rf"\frac{{{left}}}{{{latex(node.right)}}}"
+        case "**":
+            base = left if isinstance(node.left, Name | Number) else rf"\left({left}\right)"
+            return f"{{{base}}}^{{{latex(node.right)}}}"
+        case "*":
+            before = rf"\left({left}\right)" if _is_sum(node.left) else left
+            return rf"{before}\,{_wrapped(node.right)}"
+    return f"{left} {node.operator} {_wrapped(node.right) if node.operator == '-' else latex(node.right)}"
 
 
 def _call(node: Call) -> str:
@@ -60,5 +73,8 @@ def _symbol(name: str) -> str:
 
 
 def _wrapped(node: Node) -> str:
-    loose = isinstance(node, Negative) or (isinstance(node, Binary) and node.operator in "+-")
-    return rf"\left({latex(node)}\right)" if loose else latex(node)
+    return rf"\left({latex(node)}\right)" if isinstance(node, Negative) or _is_sum(node) else latex(node)
+
+
+def _is_sum(node: Node) -> bool:
+    return isinstance(node, Binary) and node.operator in "+-"

@@ -1,10 +1,10 @@
-"""Text to syntax tree, through Python's parser and a whitelist."""
+"""Text to syntax tree: words, numbers and signs, read from the left."""
 
 from __future__ import annotations
 
-import ast
+import keyword
 import re
-import warnings
+from dataclasses import dataclass
 from math import isfinite
 
 from xdynamics.expressions.tree import (
@@ -20,15 +20,18 @@ from xdynamics.expressions.tree import (
 )
 from xdynamics.faults import InputError
 
-LONGEST_TEXT = 2000
-MOST_NODES = 400
+LONGEST_TEXT = 10_000_000
+LONGEST_WORD = 200
 DEEPEST = 40
 LARGEST_EXPONENT = 16
 
 _ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,<>=! ]*")
-_BINARY: dict[type[ast.operator], str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
-_COMPARE: dict[type[ast.cmpop], str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==",
-                                        ast.NotEq: "!="}  # fmt: skip
+_TOKEN = re.compile(
+    r" *(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?![A-Za-z0-9_.])"
+    r"|(?P<word>[A-Za-z_][A-Za-z0-9_]*)|(?P<sign>\*\*|[<>=!]=|[-+*/(),<>]))"
+)
+_STRENGTH = {"+": 1, "-": 1, "*": 2, "/": 2}
+_COMPARED = ("<", "<=", ">", ">=", "==", "!=")
 
 
 def parse(text: str) -> Node:
@@ -37,12 +40,17 @@ def parse(text: str) -> Node:
     Parameters
     ----------
     text : str
-        ASCII, at most 2,000 characters, 400 nodes, 40 levels; exponents constant and at most 16 in size.
+        ASCII, at most 40 levels of parentheses, functions and signs in one another; sums and products have any length.
+        Exponents are constant and at most 16 in size.
 
     Raises
     ------
     InputError
         With the column where reading failed.
+
+    Notes
+    -----
+    Precedence is that of Python: a power binds more than the sign before it and less than the one in its exponent.
 
     Examples
     --------
@@ -54,21 +62,11 @@ def parse(text: str) -> Node:
         raise InputError(f"expression {text!r} is no text")
     source = text.strip()
     _check_raw(source)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            parsed = ast.parse(source, mode="eval").body
-    except SyntaxError as error:
-        raise InputError(
-            f"expression {_shown(source)} cannot be read at column {error.offset or 1}: {error.msg}"
-        ) from None
-    except (RecursionError, MemoryError, ValueError, OverflowError):
-        raise InputError(f"expression {_shown(source)} cannot be read: it is nested too deeply") from None
-    return _Reader(source).read(parsed, 1)
+    return _Reader(source).whole()
 
 
 def _check_raw(source: str) -> None:
-    """Refuse what Python's parser should never see."""
+    """Refuse a text that is none of the language at first sight."""
     if not source:
         raise InputError("expression is empty")
     if len(source) > LONGEST_TEXT:
@@ -79,75 +77,127 @@ def _check_raw(source: str) -> None:
         raise InputError(f"expression {_shown(source)} has the character {source[end]!r} at column {end + 1}")
     if found := re.search(r"(?<![A-Za-z0-9_])[0-9.]+_", source):
         raise InputError(f"expression {_shown(source)} has an underscore in a number at column {found.start() + 1}")
-    depth = deepest = 0
-    for character in source:
-        depth += (character == "(") - (character == ")")
-        deepest = max(deepest, depth)
-    if deepest > DEEPEST:
-        raise InputError(f"expression {_shown(source)} has {deepest} levels of parentheses, {DEEPEST} at most")
 
 
 def _shown(source: str) -> str:
     return repr(source if len(source) <= 60 else source[:60] + "…")
 
 
+@dataclass(frozen=True)
+class _Token:
+    kind: str
+    text: str
+    column: int
+
+
 class _Reader:
-    """Walks Python's tree once, counting nodes and levels, and builds ours."""
+    """Reads by the strength of operators (V. R. Pratt, Top down operator precedence, 1973): a chain is a loop."""
 
     def __init__(self, source: str) -> None:
         self.source = source
-        self.nodes = 0
+        self.level = 0
+        self.position = 0
+        self.next = self._token()
 
-    def read(self, node: ast.expr, level: int) -> Node:
-        self.nodes += 1
-        if self.nodes > MOST_NODES:
-            raise InputError(
-                f"expression {_shown(self.source)} has over {MOST_NODES} nodes; name parts of it in definitions"
-            )
-        if level > DEEPEST:
-            raise InputError(
-                f"expression {_shown(self.source)} has over {DEEPEST} levels (a sum has one for each term);"
-                " name parts of it in definitions"
-            )
-        column = node.col_offset + 1
-        match node:
-            case ast.Constant(value=value) if isinstance(value, int | float) and not isinstance(value, bool):
-                return Number(self._finite(value, column), column)
-            case ast.Name():
-                return Name(node.id, column)
-            case ast.UnaryOp(op=ast.USub()):
-                return Negative(self.read(node.operand, level + 1), column)
-            case ast.UnaryOp(op=ast.UAdd()):
-                return self.read(node.operand, level + 1)
-            case ast.BinOp() if type(node.op) in _BINARY:
-                operator = _BINARY[type(node.op)]
-                pair = self.read(node.left, level + 1), self.read(node.right, level + 1)
-                if operator == "**":
-                    self._check_exponent(pair[1], column)
-                return Binary(operator, *pair, column)
-            case ast.Call(func=ast.Name(id=function), keywords=[]):
-                return self._call(function, node, level)
-        raise self._fault(column, "there is something that is no part of the language")
+    def whole(self) -> Node:
+        """Read the text to its end."""
+        found = self._expression(self._compared())
+        if self.next.text:
+            raise self._unreadable(f"{self.next.text!r} has no operator before it")
+        return found
 
-    def _call(self, function: str, node: ast.Call, level: int) -> Node:
-        column = node.col_offset + 1
+    def _compared(self) -> Node:
+        """Read a sum, or a comparison of two."""
+        column, left = self.next.column, self._joined(1)
+        if self.next.text not in _COMPARED:
+            return left
+        operator = self._take().text
+        found = Compare(operator, left, self._joined(1), column)
+        if self.next.text in _COMPARED:
+            raise self._fault(column, "a comparison has two sides")
+        return found
+
+    def _joined(self, weakest: int) -> Node:
+        """Read operands joined by operators, all at least as strong as `weakest`."""
+        column, found = self.next.column, self._signed()
+        while (strength := _STRENGTH.get(self.next.text, 0)) >= weakest:
+            operator = self._take().text
+            right = self._joined(strength + 1)
+            found = Binary(operator, self._expression(found), self._expression(right), column)
+        return found
+
+    def _signed(self) -> Node:
+        """Read an operand with its signs, and its exponent."""
+        column = self.next.column
+        if self.next.text not in ("+", "-"):
+            return self._power()
+        sign = self._take().text
+        self._enter(column)
+        operand = self._expression(self._signed())
+        self.level -= 1
+        return Negative(operand, column) if sign == "-" else operand
+
+    def _power(self) -> Node:
+        column, base = self.next.column, self._atom()
+        if self.next.text != "**":
+            return base
+        self._take()
+        self._enter(column)
+        exponent = self._expression(self._signed())
+        self.level -= 1
+        self._check_exponent(exponent, column)
+        return Binary("**", self._expression(base), exponent, column)
+
+    def _atom(self) -> Node:
+        token = self._take()
+        if token.kind == "number":
+            return Number(self._finite(token), token.column)
+        if token.kind == "word":
+            return self._word(token)
+        if token.text != "(":
+            raise self._unreadable(
+                "the expression ends too early" if not token.text else f"{token.text!r} is out of place", token
+            )
+        self._enter(token.column)
+        inner = self._compared()
+        self._close(")")
+        return inner
+
+    def _word(self, token: _Token) -> Node:
+        if len(token.text) > LONGEST_WORD:
+            raise self._fault(token.column, f"a word has {len(token.text)} characters, {LONGEST_WORD} at most")
+        if keyword.iskeyword(token.text):
+            raise self._fault(token.column, "there is something that is no part of the language")
+        if self.next.text != "(":
+            return Name(token.text, token.column)
+        self._enter(self._take().column)
+        arguments: list[Node] = []
+        while self.next.text != ")":
+            arguments.append(self._compared())
+            if self.next.text != ",":
+                break
+            self._take()
+        self._close(")")
+        return self._called(token, arguments)
+
+    def _called(self, token: _Token, arguments: list[Node]) -> Node:
+        function, column = token.text, token.column
         if function not in FUNCTIONS:
             raise self._fault(column, f"function '{function}' is not known; there are {', '.join(FUNCTIONS)}")
-        needed, got = FUNCTIONS[function], len(node.args)
+        needed, got = FUNCTIONS[function], len(arguments)
         if got != needed and not (function in ("min", "max") and got > needed):
             raise self._fault(column, f"function '{function}' takes {needed} arguments, got {got}")
-        if function == "where":
-            condition = self._comparison(node.args[0], level + 1)
-            return Call("where", (condition, *(self.read(one, level + 1) for one in node.args[1:])), column)
-        return Call(function, tuple(self.read(one, level + 1) for one in node.args), column)
-
-    def _comparison(self, node: ast.expr, level: int) -> Node:
-        self.nodes += 1
-        column = node.col_offset + 1
-        if not isinstance(node, ast.Compare) or len(node.ops) != 1 or type(node.ops[0]) not in _COMPARE:
+        conditions = 1 if function == "where" else 0
+        if conditions and not isinstance(arguments[0], Compare):
             raise self._fault(column, "the first argument of 'where' must be one comparison, like 'y > 0*metre'")
-        operator = _COMPARE[type(node.ops[0])]
-        return Compare(operator, self.read(node.left, level), self.read(node.comparators[0], level), column)
+        further = (self._expression(one) for one in arguments[conditions:])
+        return Call(function, (*arguments[:conditions], *further), column)
+
+    def _expression(self, node: Node) -> Node:
+        """Refuse a comparison where a number is needed."""
+        if isinstance(node, Compare):
+            raise self._fault(node.column, "there is something that is no part of the language")
+        return node
 
     def _check_exponent(self, node: Node, column: int) -> None:
         exponent = exponent_of(node)
@@ -156,14 +206,48 @@ class _Reader:
         if abs(exponent) > LARGEST_EXPONENT:
             raise self._fault(column, f"exponent {exponent} is over {LARGEST_EXPONENT} in size")
 
-    def _finite(self, value: float, column: int) -> float:
-        try:
-            number = float(value)
-        except OverflowError:
-            number = float("inf")
+    def _finite(self, token: _Token) -> float:
+        number = float(token.text)
         if not isfinite(number):
-            raise self._fault(column, "a number is not finite")
+            raise self._fault(token.column, "a number is not finite")
         return number
+
+    def _enter(self, column: int) -> None:
+        self.level += 1
+        if self.level > DEEPEST:
+            raise self._fault(
+                column,
+                f"there are over {DEEPEST} levels of parentheses, functions and signs in one another;"
+                " name the inner ones in definitions",
+            )
+
+    def _close(self, text: str) -> None:
+        if self.next.text != text:
+            raise self._unreadable(f"{text!r} is missing")
+        self._take()
+        self.level -= 1
+
+    def _take(self) -> _Token:
+        token, self.next = self.next, _Token("end", "", 0)
+        if token.text:
+            self.next = self._token()
+        return token
+
+    def _token(self) -> _Token:
+        found = _TOKEN.match(self.source, self.position)
+        if found is None and self.source[self.position :].strip():
+            column = self.position + 1
+            raise InputError(
+                f"expression {_shown(self.source)} cannot be read at column {column}: no word, number or sign of the language"
+            )
+        if found is None or found.lastgroup is None:
+            return _Token("end", "", len(self.source) + 1)
+        self.position = found.end()
+        return _Token(found.lastgroup, found[found.lastgroup], found.start(found.lastgroup) + 1)
+
+    def _unreadable(self, what: str, token: _Token | None = None) -> InputError:
+        column = (token or self.next).column
+        return InputError(f"expression {_shown(self.source)} cannot be read at column {column}: {what}")
 
     def _fault(self, column: int, what: str) -> InputError:
         return InputError(f"expression {_shown(self.source)}, column {column}: {what}")

@@ -1,8 +1,13 @@
-"""The syntax tree: six kinds of node, compared and hashed by what they say."""
+"""The syntax tree: six kinds of node, compared and hashed by what they say.
+
+A sum or product of n terms is n - 1 binary nodes, each the left one of the next. Whoever goes down a tree takes such a
+chain in a loop, by `chain`, so that a sum may have any length; only what is nested costs a level of recursion.
+"""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -37,7 +42,7 @@ class Negative:
     column: int = field(default=0, compare=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Binary:
     """One of ``+ - * / **``."""
 
@@ -45,6 +50,30 @@ class Binary:
     left: Node
     right: Node
     column: int = field(default=0, compare=False)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Binary):
+            return NotImplemented
+        if self is other:
+            return True
+        (first, links), (others_first, others) = chain(self), chain(other)
+        return (
+            len(links) == len(others)
+            and first == others_first
+            and all(a.operator == b.operator and a.right == b.right for a, b in zip(links, others, strict=True))
+        )
+
+    def __hash__(self) -> int:
+        first, links = chain(self)
+        return hash((first, *((one.operator, one.right) for one in links)))
+
+    def __repr__(self) -> str:
+        return f"<Binary {text_of(self)}>"
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle and copy a chain as a list: both go down a tree by recursion."""
+        first, links = chain(self)
+        return _linked, (first, [(one.operator, one.right, one.column) for one in links])
 
 
 @dataclass(frozen=True)
@@ -68,6 +97,7 @@ class Call:
 
 Node = Number | Name | Negative | Binary | Compare | Call
 
+_LONGEST_SHOWN = 400
 _STRENGTH = {"+": 1, "-": 1, "*": 2, "/": 2, "**": 4}
 
 
@@ -83,16 +113,41 @@ def children(node: Node) -> tuple[Node, ...]:
     return ()
 
 
+def chain(node: Node) -> tuple[Node, list[Binary]]:
+    """Take a chain of binary nodes apart: its first operand, and the nodes from there up to `node`.
+
+    Examples
+    --------
+    >>> from xdynamics.expressions import parse
+    >>> first, links = chain(parse("a*b + c - d/e"))
+    >>> text_of(first), [(one.operator, text_of(one.right)) for one in links]
+    ('a', [('*', 'b'), ('+', 'c'), ('-', 'd/e')])
+    """
+    links = []
+    while isinstance(node, Binary):
+        links.append(node)
+        node = node.left
+    links.reverse()
+    return node, links
+
+
+def every(node: Node) -> Iterator[Node]:
+    """Yield a node and all below it, in no order that means anything."""
+    waiting = [node]
+    while waiting:
+        one = waiting.pop()
+        yield one
+        waiting += children(one)
+
+
 def free_names(node: Node) -> set[str]:
     """Return every name an expression mentions."""
-    if isinstance(node, Name):
-        return {node.name}
-    return set().union(*(free_names(child) for child in children(node)))
+    return {one.name for one in every(node) if isinstance(one, Name)}
 
 
 def size(node: Node) -> int:
     """Count the nodes."""
-    return 1 + sum(size(child) for child in children(node))
+    return sum(1 for _ in every(node))
 
 
 def text_of(node: Node) -> str:
@@ -109,12 +164,14 @@ def text_of(node: Node) -> str:
             return f"{node.function}({', '.join(text_of(argument) for argument in node.arguments)})"
         case Compare():
             return f"{text_of(node.left)} {node.operator} {text_of(node.right)}"
-        case Binary(operator="**"):
-            return f"{_wrapped(node.left, 5)}**{_wrapped(node.right, 3)}"
         case Binary():
-            strength = _STRENGTH[node.operator]
-            gap = " " if strength == 1 else ""
-            return f"{_wrapped(node.left, strength)}{gap}{node.operator}{gap}{_wrapped(node.right, strength + 1)}"
+            return _text_of_chain(node)
+
+
+def shown(node: Node) -> str:
+    """Print an expression for a message: of a long one the beginning and the end."""
+    text = text_of(node)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:60]} … {text[-60:]}"
 
 
 def digest(node: Node) -> str:
@@ -136,23 +193,46 @@ def exponent_of(node: Node) -> Fraction | None:
     return None
 
 
-def _wrapped(node: Node, needed: int) -> str:
-    """Print with parentheses where the node binds weaker than its place needs."""
-    strength = 6
-    if isinstance(node, Binary):
-        strength = _STRENGTH[node.operator]
-    elif isinstance(node, Negative):
-        strength = 3
-    text = text_of(node)
-    return f"({text})" if strength < needed else text
-
-
 def limits_domain(node: Node) -> bool:
     """Whether an expression has a function that is not defined for every argument."""
-    if isinstance(node, Call) and node.function in ("sqrt", "log", "asin", "acos"):
-        return True
+    return any(map(_limited, every(node)))
+
+
+def _limited(node: Node) -> bool:
     if isinstance(node, Binary) and node.operator == "**":
         exponent = exponent_of(node.right)
-        if exponent is None or exponent.denominator != 1:
-            return True
-    return any(limits_domain(child) for child in children(node))
+        return exponent is None or exponent.denominator != 1
+    return isinstance(node, Call) and node.function in ("sqrt", "log", "asin", "acos")
+
+
+def _text_of_chain(node: Binary) -> str:
+    """Print a chain from its first operand on; parentheses on the left all open before it."""
+    first, links = chain(node)
+    parts, opened, strength = [text_of(first)], 0, _strength(first)
+    for one in links:
+        own = _STRENGTH[one.operator]
+        if strength < (5 if one.operator == "**" else own):
+            parts.append(")")
+            opened += 1
+        gap = " " if own == 1 else ""
+        parts.append(f"{gap}{one.operator}{gap}{_wrapped(one.right, 3 if one.operator == '**' else own + 1)}")
+        strength = own
+    return "(" * opened + "".join(parts)
+
+
+def _wrapped(node: Node, needed: int) -> str:
+    """Print with parentheses where the node binds weaker than its place needs."""
+    text = text_of(node)
+    return f"({text})" if _strength(node) < needed else text
+
+
+def _strength(node: Node) -> int:
+    if isinstance(node, Binary):
+        return _STRENGTH[node.operator]
+    return 3 if isinstance(node, Negative) else 6
+
+
+def _linked(first: Node, links: list[tuple[str, Node, int]]) -> Node:
+    for operator, right, column in links:
+        first = Binary(operator, first, right, column)
+    return first

@@ -7,7 +7,7 @@ import operator
 from collections.abc import Callable
 from fractions import Fraction
 
-from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, Number, exponent_of
+from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of
 from xdynamics.kernels.program import Compute, Load, Operand, Place, Store
 
 _OPERATIONS = {
@@ -54,9 +54,13 @@ class Assignments:
                 return self.named(tree.name)
             case Negative():
                 return self.compute("negative", self.value(tree.operand))
-            case Binary(operator="**"):
-                return self._power(self.value(tree.left), exponent_of(tree.right) or Fraction(0))
-            case Binary() | Compare():
+            case Binary():
+                first, links = chain(tree)
+                found = self.value(first)
+                for one in links:
+                    found = self._joined(one, found)
+                return found
+            case Compare():
                 return self.compute(_OPERATIONS[tree.operator], self.value(tree.left), self.value(tree.right))
             case Call():
                 return self._called(tree)
@@ -105,6 +109,12 @@ class Assignments:
     def store(self, place: Place, value: Operand) -> None:
         """Write to a place."""
         self.lines.append(Store(place, value))
+
+    def _joined(self, node: Binary, left: Operand) -> Operand:
+        """Write a binary node behind its left operand."""
+        if node.operator == "**":
+            return self._power(left, exponent_of(node.right) or Fraction(0))
+        return self.compute(_OPERATIONS[node.operator], left, self.value(node.right))
 
     def _called(self, tree: Call) -> Operand:
         operation = _CALLED.get(tree.function, tree.function)

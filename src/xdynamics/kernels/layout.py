@@ -157,9 +157,7 @@ class Layout:
                 Binary("/", self.model.expanded(entry), Number(2.0)),
                 Binary("*", Name(self.velocities[i]), Name(self.velocities[j])),
             )
-            for i, row in enumerate(self.model.mass)
-            for j, entry in enumerate(row)
-            if entry != Number(0.0)
+            for (i, j), entry in self.model.statement.mass_entries.items()
         ]
         kinetic = _sum(half_square)
         terms = [

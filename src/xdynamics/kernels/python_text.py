@@ -29,6 +29,8 @@ _PLAIN = {
 _ATOM = 9
 SIGNATURE = ", ".join(f"_{name}" for name in ARRAYS)
 
+HIGHEST = 100  # levels of one printed expression: Python's own compiler goes down some thousand, and 200 parentheses
+
 Text = tuple[str, int]  # an expression and how strongly it binds
 
 
@@ -55,6 +57,7 @@ class _Printer:
         self.lines: list[str] = []
         self._index = index
         self._texts: dict[str, Text] = dict(known or {})
+        self._heights: dict[Operand, int] = {}  # of what stands where it is used
         self._uses = Counter(_operands(body))
         for line in body:
             self._print(line)
@@ -64,7 +67,8 @@ class _Printer:
             case Load():
                 self._define(line.target, (self._place(line.place), _ATOM))
             case Compute():
-                self._define(line.target, self._computed(line))
+                height = 1 + max((self._heights.get(one, 0) for one in line.arguments), default=0)
+                self._define(line.target, self._computed(line), height)
             case Store():
                 self.lines.append(f"{self._place(line.place)} = {self._text(line.value)}")
             case Call():
@@ -75,9 +79,9 @@ class _Printer:
                 inner = _Printer(line.body, self._texts, "i").lines
                 self.lines += [f"for i in range({line.count}):", *(f"    {one}" for one in inner)]
 
-    def _define(self, target: str, text: Text) -> None:
-        if target.startswith("_") and self._uses[target] == 1:
-            self._texts[target] = text
+    def _define(self, target: str, text: Text, height: int = 0) -> None:
+        if target.startswith("_") and self._uses[target] == 1 and height < HIGHEST:
+            self._texts[target], self._heights[target] = text, height
             return
         self._texts[target] = (target, _ATOM)
         if target != text[0]:

@@ -160,6 +160,6 @@ def _limits_domain(model: Model) -> bool:
     """Whether the model has functions or tables that are not defined everywhere."""
     parts: Iterable[object] = (one for terms in model.force_components.values() for one in terms.values())
     trees = [one for one in parts if not isinstance(one, Function)]
-    trees += [entry for row in model.mass for entry in row] + [one.rate for one in model.states.values()]
+    trees += [*model.statement.mass_entries.values(), *(one.rate for one in model.states.values())]
     limited = any(limits_domain(model.expanded(tree)) for tree in trees)  # type: ignore[arg-type]
     return limited or any(drive.outside == "error" for drive in model.drives.values())

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from xdynamics.expressions import Binary, Call, Node, exponent_of, limits_domain, parse, text_of
+from xdynamics.expressions import Binary, Call, Node, chain, exponent_of, limits_domain, parse, text_of
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.numbers import number_of
 from xdynamics.expressions.tree import children
 from xdynamics.methods import Evaluation, Solve, Statement
 from xdynamics.methods.walk import Walker
@@ -107,14 +108,24 @@ def undefined_part(node: Node, values: Values) -> str:
     """Name the function of an expression that has no value at its argument; empty where there is none."""
     if not limits_domain(node):
         return ""
-    for child in children(node):
-        if found := undefined_part(child, values):
+    first, links = chain(node)
+    for one in (first, *links):
+        inner = (one.right,) if isinstance(one, Binary) else children(one)
+        for found in (undefined_part(child, values) for child in inner):
+            if found:
+                return found
+        if found := _undefined(one, values):
             return found
-    if isinstance(node, Call | Binary) and not isfinite(evaluate(node, values)):
-        argument = node.arguments[0] if isinstance(node, Call) else node.left
-        of_power = (
-            isinstance(node, Binary) and node.operator == "**" and (exponent_of(node.right) or 1).denominator != 1
-        )
-        if (of_power or isinstance(node, Call)) and isfinite(at := evaluate(argument, values)):
-            return f"{text_of(node)} has no value where {text_of(argument)} = {at:.6g}"
     return ""
+
+
+def _undefined(node: Node, values: Values) -> str:
+    """Say so where a function or power has no value, and its argument has."""
+    power = isinstance(node, Binary) and node.operator == "**" and (exponent_of(node.right) or 1).denominator != 1
+    if not power and not isinstance(node, Call):
+        return ""
+    assert isinstance(node, Call | Binary)  # noqa: S101 - what `power` says
+    argument = node.arguments[0] if isinstance(node, Call) else node.left
+    if isfinite(number_of(node, values)) or not isfinite(at := number_of(argument, values)):
+        return ""
+    return f"{text_of(node)} has no value where {text_of(argument)} = {at:.6g}"

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, text_of
+from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, shown, text_of
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.parts import Function
 from xdynamics.model.statement import Statement
@@ -137,16 +137,17 @@ def _check_motion(statement: Statement, known: Mapping[str, Dimension], ledger: 
             needed[name] = dimension_of(statement.mass[i][i], known) * known[name] / TIME**2
     if len(needed) < len(coordinates):
         return
-    for i, row in enumerate(coordinates):
-        for j, column in enumerate(coordinates):
-            if i != j and statement.mass[i][j] != Number(0.0):
-                label, unit = f"mass entry ({i + 1}, {j + 1})", needed[row] / known[column] * TIME**2
-                _needs(ledger, label, statement.mass[i][j], known, unit)
-            if i < j and statement.mass[i][j] != statement.mass[j][i]:
-                pair = text_of(statement.mass[i][j]), text_of(statement.mass[j][i])
-                ledger.note(
-                    f"mass matrix is not symmetric: entry ({i + 1}, {j + 1}) is '{pair[0]}', ({j + 1}, {i + 1}) is '{pair[1]}'"
-                )
+    for (i, j), entry in statement.mass_entries.items():
+        row, column, other = coordinates[i], coordinates[j], statement.mass[j][i]
+        if i != j:
+            _needs(ledger, f"mass entry ({i + 1}, {j + 1})", entry, known, needed[row] / known[column] * TIME**2)
+        if entry != other and (i < j or (j, i) not in statement.mass_entries):
+            first, second = sorted([(i, j), (j, i)])
+            pair = text_of(statement.mass[first[0]][first[1]]), text_of(statement.mass[second[0]][second[1]])
+            ledger.note(
+                f"mass matrix is not symmetric: entry ({first[0] + 1}, {first[1] + 1}) is '{pair[0]}',"
+                f" ({second[0] + 1}, {second[1] + 1}) is '{pair[1]}'"
+            )
     for term, force in statement.forces.items():
         if force.potential is not None:
             _check_potential(term, force.potential, statement, known, needed, ledger)
@@ -174,17 +175,18 @@ def _check_potential(
     except InputError as error:
         ledger.note(f"potential of '{term}': {error}")
         return
-    for drive in free_names(whole) & set(statement.drives):
+    used = free_names(whole)
+    for drive in used & set(statement.drives):
         if statement.drives[drive].argument != "t":
             ledger.note(
                 f"potential of '{term}' uses the drive '{drive}' of '{statement.drives[drive].argument}'; write a component"
             )
-    if any(name.startswith("v_") and name[2:] in needed for name in free_names(whole)):
+    if any(name.startswith("v_") and name[2:] in needed for name in used):
         ledger.note(f"potential of '{term}' depends on a velocity; write a component")
     if not needed:
         ledger.note(f"potential of '{term}' has no coordinate to act on")
         return
-    acted = [name for name in needed if name in free_names(whole)] or list(needed)[:1]
+    acted = [name for name in needed if name in used] or list(needed)[:1]
     for energy in dict.fromkeys(needed[name] * known[name] for name in acted):
         _needs(ledger, f"potential of '{term}'", potential, known, energy)
 
@@ -221,4 +223,4 @@ def _needs(ledger: Ledger, what: str, node: Node, known: Mapping[str, Dimension]
         return
     if found != needed and node != Number(0.0):
         column = getattr(node, "column", 1) or 1
-        ledger.note(f"{what} has units '{found}', needs '{needed}' (column {column}: {text_of(node)})")
+        ledger.note(f"{what} has units '{found}', needs '{needed}' (column {column}: {shown(node)})")

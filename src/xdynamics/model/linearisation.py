@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.numbers import number_of
 from xdynamics.faults import InputError
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, evaluated, force_totals, jacobian, tables_of, variables
@@ -82,18 +82,21 @@ def linearise(model: Model, state: Mapping[str, float]) -> Linearisation:
 def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Linearisation]:
     """Linearise a model about one state after the other; its trees are differentiated once."""
     known, tables, names, places = constants(model), tables_of(model), variables(model), jacobian(model)
-    n, mass = len(model.coordinates), [[model.expanded(entry) for entry in row] for row in model.mass]
+    n, column_of = len(model.coordinates), {name: i for i, name in enumerate(names)}
+    mass = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     row_of = {name: i for i, name in enumerate((*model.coordinates, *(rate(name) for name in model.states)))}
     for state in states:
         values = evaluated(model, _checked(model, state), known, tables, sloped=True)
         found, slopes = np.zeros((len(row_of), len(names))), np.zeros((n, len(names)))
         for (row, by), name in places.items():
-            column = names.index(by)
-            found[row_of[row], column] = values[name]
-            if row_of[row] < n:
-                slopes[row_of[row], column] = values[f"_s_{row}_{by}"]
+            place = row_of[row], column_of[by]
+            found[place] = values[name]
+            if place[0] < n:
+                slopes[place] = values[f"_s_{row}_{by}"]
         a = np.array([values[acceleration(name)] for name in model.coordinates])
-        matrix = np.array([[evaluate(entry, values) for entry in row] for row in mass]).reshape(n, n)
+        matrix = np.zeros((n, n))
+        for place, entry in mass.items():
+            matrix[place] = number_of(entry, values)
         whole = np.vstack([np.eye(n, len(names), n), found])
         yield Linearisation(names, matrix, 0.0 - slopes[:, :n], 0.0 - slopes[:, n : 2 * n], a, whole)
 

@@ -9,8 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from xdynamics.expressions import Name, Node, Number, derivative, expand, free_names
-from xdynamics.expressions.calculus import multiply, negative
+from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names
+from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import InputError, ModelError
 from xdynamics.model import toml
 from xdynamics.model.checking import check
@@ -188,7 +188,7 @@ class Model:
 
     def rate_of(self, node: Node) -> Node:
         """Return an expression's time derivative along the motion, with `a_q`, `rate_x` and `_slope_d` as names."""
-        rates: dict[str, Node] = {"t": Number(1.0)}
+        rates: dict[str, Node] = {"t": ONE}
         for name in self.coordinates:
             rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
         rates |= {name: Name(rate(name)) for name in self.states}
@@ -223,9 +223,9 @@ class Model:
     def _components(self, force: Force) -> dict[str, Node | Function]:
         if force.potential is None:
             return dict(force.components)
-        potential = self.expanded(force.potential)
-        derived = {name: negative(derivative(potential, {name: Number(1.0)})) for name in self.coordinates}
-        return {name: node for name, node in derived.items() if node != Number(0.0)}
+        rates: dict[str, dict[str, Node]] = {name: {name: ONE} for name in self.coordinates}
+        found = derivatives(self.expanded(force.potential), rates)
+        return {name: negative(found[name]) for name in self.coordinates if name in found}
 
 
 def _replaced(entry: str, old: Any, value: Any) -> Any:

@@ -14,9 +14,9 @@ from functools import lru_cache, reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import Binary, Call, Name, Node, derivative
+from xdynamics.expressions import Binary, Call, Name, Node, derivatives
 from xdynamics.expressions.calculus import ONE, ZERO, add
-from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.numbers import number_of
 from xdynamics.faults import InputError
 from xdynamics.model.drives import coefficients, looked_up
 from xdynamics.model.model import Model
@@ -57,9 +57,8 @@ def motion(model: Model) -> tuple[Assignment, ...]:
         for term, parts in model.force_components.items()
         for name, one in parts.items()
     ]
-    totals = {name: _total(model, name) for name in model.coordinates}
     found += _mass(model)
-    found += _solved(model, {acceleration(name): total for name, total in totals.items()})
+    found += _solved(model, {acceleration(name): total for name, total in _totals(model).items()})
     return (*found, *(Assignment(rate(name), model.expanded(one.rate)) for name, one in model.states.items()))
 
 
@@ -77,20 +76,36 @@ def slopes(model: Model) -> tuple[Assignment, ...]:
     forces, masses = force_derivatives(model), mass_derivatives(model)
     found = [Assignment(f"_dF_{key}_{by}", tree) for (key, by), tree in forces.items()]
     found += [Assignment(f"_dM_{i}_{j}_{by}", tree) for ((i, j), by), tree in masses.items()]
-    for by in variables(model):
-        right = {}
-        for i, name in enumerate(model.coordinates):
-            terms: list[Node] = [Name(f"_dF_force_{name}_{by}") if (f"force_{name}", by) in forces else ZERO]
-            terms += [
-                Binary("*", Name(f"_dM_{i}_{j}_{by}"), Name(acceleration(other)))
-                for j, other in enumerate(model.coordinates)
-                if ((i, j), by) in masses
-            ]
-            if model.mass_is_full or terms != [ZERO]:
-                right[name] = _less(terms[0], terms[1:])
+    for by, right in _changes(model).items():
         found += [Assignment(f"_s_{name}_{by}", tree) for name, tree in right.items()]
         found += _solved(model, {f"_da_{name}_{by}": Name(f"_s_{name}_{by}") for name in right}, list(right))
     return tuple(found)
+
+
+@lru_cache(maxsize=64)
+def _changes(model: Model) -> dict[str, dict[str, Node]]:
+    """Return dF - dM a by what is differentiated by and then by coordinate, in their orders.
+
+    Of a diagonal mass what is zero is left out; factors of a full one lead from each row to all.
+    """
+    taken: dict[tuple[str, str], list[Node]] = {}
+    coordinates = list(model.coordinates)
+    for (i, j), by in mass_derivatives(model):
+        term = Binary("*", Name(f"_dM_{i}_{j}_{by}"), Name(acceleration(coordinates[j])))
+        taken.setdefault((coordinates[i], by), []).append(term)
+    forces = {pair: Name(f"_dF_force_{pair[0]}_{pair[1]}") for pair in _acting(model)}
+    full = ((name, by) for name in coordinates for by in variables(model)) if model.mass_is_full else ()
+    place = _places(model)
+    found: dict[str, dict[str, Node]] = {}
+    for name, by in sorted({*forces, *taken, *full}, key=lambda pair: (place[pair[1]], place[pair[0]])):
+        found.setdefault(by, {})[name] = _less(forces.get((name, by), ZERO), taken.get((name, by), ()))
+    return found
+
+
+def _acting(model: Model) -> list[tuple[str, str]]:
+    """Return every coordinate whose force depends on something, with that."""
+    owners = {f"force_{name}": name for name in model.coordinates}
+    return [(owners[key], by) for key, by in force_derivatives(model) if key in owners]
 
 
 def jacobian(model: Model) -> dict[tuple[str, str], str]:
@@ -101,10 +116,11 @@ def jacobian(model: Model) -> dict[tuple[str, str], str]:
     dict of (str, str) to str
         By a coordinate (for its acceleration) or the rate of a state, and what it is differentiated by.
     """
-    given = {one.name for one in slopes(model)}
-    pairs = {(name, by): f"_da_{name}_{by}" for name in model.coordinates for by in variables(model)}
-    pairs |= {(rate(name), by): f"_dF_{rate(name)}_{by}" for name in model.states for by in variables(model)}
-    return {key: name for key, name in pairs.items() if name in given}
+    columns = _places(model)
+    rows = {name: i for i, name in enumerate((*model.coordinates, *map(rate, model.states)))}
+    found = {(name, by): f"_da_{name}_{by}" for by, right in _changes(model).items() for name in right}
+    found |= {(key, by): f"_dF_{key}_{by}" for key, by in force_derivatives(model) if key in rows}
+    return {pair: found[pair] for pair in sorted(found, key=lambda pair: (rows[pair[0]], columns[pair[1]]))}
 
 
 @lru_cache(maxsize=64)
@@ -163,9 +179,7 @@ def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
     """
     return {
         ((i, j), by): found
-        for i, row in enumerate(model.mass)
-        for j, entry in enumerate(row)
-        if entry != ZERO
+        for (i, j), entry in model.statement.mass_entries.items()
         for by, found in _derivatives(model, model.expanded(entry))
     }
 
@@ -226,22 +240,27 @@ def evaluated(
 def _number(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:
     if isinstance(value, Function):
         return float(model.functions[value.name](*(values[name] for name in value.arguments)))
-    return evaluate(value, values)
+    return number_of(value, values)
 
 
-def _total(model: Model, name: str) -> Node:
-    """Add the force terms of a coordinate, in their order."""
-    acting: list[Node] = [Name(force(term, name)) for term, parts in model.force_components.items() if name in parts]
-    return reduce(lambda one, other: Binary("+", one, other), acting) if acting else ZERO
+def _totals(model: Model) -> dict[str, Node]:
+    """Add the force terms of each coordinate, in their order."""
+    totals: dict[str, Node] = {}
+    for term, parts in model.force_components.items():
+        for name in parts:
+            one = Name(force(term, name))
+            totals[name] = Binary("+", totals[name], one) if name in totals else one
+    return {name: totals.get(name, ZERO) for name in model.coordinates}
 
 
 def _mass(model: Model) -> Iterator[Assignment]:
     """Write what dividing by the mass needs: its diagonal, or the factors of M = L D L^T."""
+    if not model.mass_is_full:
+        for i in range(len(model.coordinates)):
+            yield Assignment(f"_m{i}", Call("positive", (model.expanded(model.mass[i][i]),)))
+        return
     mass = [[model.expanded(entry) for entry in row] for row in model.mass]
     for i, row in enumerate(mass):
-        if not model.mass_is_full:
-            yield Assignment(f"_m{i}", Call("positive", (row[i],)))
-            continue
         for j in range(i):
             taken = (_product(f"_l{i}_{k}", f"_l{j}_{k}", f"_d{k}") for k in range(j))
             yield Assignment(f"_l{i}_{j}", Binary("/", _less(row[j], taken), Name(f"_d{j}")))
@@ -253,7 +272,7 @@ def _solved(model: Model, rows: Mapping[str, Node], names: Iterable[str] | None 
     """Solve M u = right for the unknowns, by division or forward and back through the factors."""
     unknowns, right = list(rows), list(rows.values())
     if not model.mass_is_full:
-        place = {name: i for i, name in enumerate(model.coordinates)}
+        place = _places(model)
         for name, unknown, tree in zip(model.coordinates if names is None else names, unknowns, right, strict=True):
             yield Assignment(unknown, Binary("/", tree, Name(f"_m{place[name]}")))
         return
@@ -276,12 +295,21 @@ def _less(tree: Node, taken: Iterable[Node]) -> Node:
     return reduce(lambda one, other: Binary("-", one, other), taken, tree)
 
 
-def _derivatives(model: Model, tree: Node) -> Iterator[tuple[str, Node]]:
-    """Yield the partial derivatives that are not zero, each with its variable."""
-    for by in variables(model):
-        given: dict[str, Node] = {
-            name: Name(slope(name)) for name, drive in model.drives.items() if drive.argument == by
-        }
-        found = derivative(tree, {by: ONE} | given)
-        if found != ZERO:
-            yield by, found
+@lru_cache(maxsize=64)
+def _places(model: Model) -> dict[str, int]:
+    """Number what the motion is differentiated by; a coordinate's place is its row of the mass too."""
+    return {name: i for i, name in enumerate(variables(model))}
+
+
+@lru_cache(maxsize=64)
+def _varying(model: Model) -> dict[str, dict[str, Node]]:
+    """Return how each variable, and each drive of one, changes by it."""
+    own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in variables(model)}
+    return own | {
+        name: {drive.argument: Name(slope(name))} for name, drive in model.drives.items() if drive.argument in own
+    }
+
+
+def _derivatives(model: Model, tree: Node) -> list[tuple[str, Node]]:
+    """Return the partial derivatives that are not zero, each with its variable."""
+    return sorted(derivatives(tree, _varying(model)).items(), key=lambda one: _places(model)[one[0]])

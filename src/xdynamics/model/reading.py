@@ -7,7 +7,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from xdynamics.expressions import Node, Number, parse
+from xdynamics.expressions import Node, parse
+from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.drives import INTERPOLATIONS, OUTSIDE, Table
 from xdynamics.model.parts import (
@@ -205,9 +206,8 @@ def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node,
     if missing or unknown:
         faults = [f"of coordinate '{name}' is missing" for name in missing]
         raise InputError("; ".join(faults + [f"of '{name}', which is no coordinate" for name in unknown]))
-    zero = Number(0.0)
-    diagonal = [parse(str(given[name])) for name in coordinates]
-    return tuple(tuple(one if i == j else zero for j in range(len(diagonal))) for i, one in enumerate(diagonal))
+    diagonal, n = [parse(str(given[name])) for name in coordinates], len(coordinates)
+    return tuple((*[ZERO] * i, one, *[ZERO] * (n - 1 - i)) for i, one in enumerate(diagonal))
 
 
 def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from xdynamics.expressions import Node, Number
+from xdynamics.expressions import Node
+from xdynamics.expressions.calculus import ZERO
 from xdynamics.model.parts import Coordinate, Drive, Event, Force, Parameter, State
 from xdynamics.units import Quantity
 
@@ -30,6 +31,16 @@ class Statement:
     run: dict[str, Any]
 
     @cached_property
+    def mass_entries(self) -> dict[tuple[int, int], Node]:
+        """Every entry of the mass matrix that is not a literal zero, by row and column."""
+        return {
+            (i, j): entry
+            for i, row in enumerate(self.mass)
+            for j, entry in enumerate(row)
+            if entry is not ZERO and entry != ZERO
+        }
+
+    @cached_property
     def mass_is_full(self) -> bool:
         """Whether an entry off the diagonal is not a literal zero."""
-        return any(entry != Number(0.0) for i, row in enumerate(self.mass) for j, entry in enumerate(row) if i != j)
+        return any(i != j for i, j in self.mass_entries)

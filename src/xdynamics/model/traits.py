@@ -32,16 +32,16 @@ def traits_of(model: Model) -> dict[Trait, str]:
         found[Trait.PYTHON_FORCES] = f"function {', '.join(one.name for one in model.python_forces)}"
     velocities = {velocity(name) for name in model.coordinates}
     motion = velocities | set(model.coordinates)
+    states = set(model.states)
     for label, used in _right_hand_side(model):
         if fault := used & velocities:
             found.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_listed(fault)}")
-        if fault := used & set(model.states):
+        if fault := used & states:
             found.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_listed(fault)}")
     if model.mass_is_full:
-        for i, row in enumerate(model.mass):
-            for j, entry in enumerate(row):
-                if fault := model.reads(entry) & set(model.coordinates):
-                    found.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_listed(fault)}")
+        for (i, j), entry in model.statement.mass_entries.items():
+            if fault := model.reads(entry) & set(model.coordinates):
+                found.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_listed(fault)}")
     for name, state in model.states.items():
         if fault := model.reads(state.rate) & (motion | set(model.states)):
             found.setdefault(Trait.COUPLED_STATES, f"the rate of '{name}' depends on {_listed(fault)}")
@@ -55,7 +55,7 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
         for term, components in model.force_components.items()
         for coordinate, expression in components.items()
     ]
-    masses = [("the mass", model.reads(entry)) for row in model.mass for entry in row]
+    masses = [("the mass", model.reads(entry)) for entry in model.statement.mass_entries.values()]
     return forces + masses
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,10 @@ class _About:
     @property
     def model(self) -> Model:
         return self.layout.model
+
+    @cached_property
+    def units(self) -> _Units:
+        return _Units(self)
 
 
 @lru_cache(maxsize=64)
@@ -118,10 +122,9 @@ class _Units:
         self.time = self.scales.of(TIME)
         self.known = units_of(about.model)
         model = about.model
-        for name, one in model.coordinates.items():
-            known = model.dimensions
+        known = model.dimensions
+        for i, (name, one) in enumerate(model.coordinates.items()):
             self.known[schema.acceleration(name)] = one.unit.per_second(2)
-            i = about.layout.coordinates.index(name)
             mass = dimension_of(model.mass[i][i], known)
             needed = spell(mass * known[name] / TIME**2, angle=known[name] == NONE)
             for term, parts in model.force_components.items():
@@ -144,7 +147,7 @@ class _Units:
 
 
 def _steps(about: _About) -> list[Column]:
-    units, layout, model = _Units(about), about.layout, about.model
+    units, layout, model = about.units, about.layout, about.model
     order = {name: index for index, name in enumerate(layout.row)}
     found = [Column(one, _row(order[one.name], units.time)) for one in schema.FIXED_STEPS[:2]]
     found.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
@@ -196,7 +199,7 @@ def _tolerance(about: _About, name: str, unit: Unit) -> dict[str, float]:
 
 
 def _trials(about: _About) -> list[Column]:
-    time = _Units(about).time
+    time = about.units.time
     takes = (
         _trial("time", "f8", time), _trial("step", "i8"), _trial("step_size", "f8", time), _trial("error_norm", "f8"),
         _trial("reason", "i1"),
@@ -205,7 +208,7 @@ def _trials(about: _About) -> list[Column]:
 
 
 def _events(about: _About) -> list[Column]:
-    units, model = _Units(about), about.model
+    units, model = about.units, about.model
     time = units.time
 
     def bounds(block: Block) -> Array:
@@ -235,8 +238,8 @@ def _events(about: _About) -> list[Column]:
     detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", more)
     found.append(Column(detector, _event("detector", "i1")))
     found.append(_residual(about))
-    for name in model.coordinates:
-        impulse = _impulse_unit(about, name)
+    for i, name in enumerate(model.coordinates):
+        impulse = _impulse_unit(model, i, name)
         found += [
             Column(Variable(f"event_impulse_{name}", (EVENTS,), "f8", impulse.text, f"contact impulse along {name}", "event"), _nothing),
             Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"offset put on {name} at the event", "event"), _nothing),
@@ -289,10 +292,9 @@ def _unit_text(dimension: Dimension) -> str:
         return "1"
 
 
-def _impulse_unit(about: _About, name: str) -> Unit:
-    i = about.layout.coordinates.index(name)
-    known = about.model.dimensions
-    return spell(dimension_of(about.model.mass[i][i], known) * known[schema.velocity(name)])
+def _impulse_unit(model: Model, i: int, name: str) -> Unit:
+    known = model.dimensions
+    return spell(dimension_of(model.mass[i][i], known) * known[schema.velocity(name)])
 
 
 def _nothing(block: Block) -> Array:
@@ -300,7 +302,7 @@ def _nothing(block: Block) -> Array:
 
 
 def _samples(about: _About) -> list[Column]:
-    units, layout = _Units(about), about.layout
+    units, layout = about.units, about.layout
     order = {name: index for index, name in enumerate(layout.sample)}
     time, step, stage = schema.FIXED_SAMPLES
     found = [

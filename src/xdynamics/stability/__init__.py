@@ -1,5 +1,15 @@
 """How large a step a method bears, from the lines of its update."""
 
-from xdynamics.stability.limits import decay_limit, oscillator_limit, stable_step, stable_step_of, stiffness
+from xdynamics.stability.limits import (
+    decay_limit,
+    fastest_rate,
+    oscillator_limit,
+    stable_step,
+    stable_step_of,
+    stiffness,
+    surely_stable,
+)
 
-__all__ = ["decay_limit", "oscillator_limit", "stable_step", "stable_step_of", "stiffness"]
+__all__ = [
+    "decay_limit", "fastest_rate", "oscillator_limit", "stable_step", "stable_step_of", "stiffness", "surely_stable",
+]  # fmt: skip
