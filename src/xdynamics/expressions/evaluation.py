@@ -8,7 +8,7 @@ from fractions import Fraction
 from functools import reduce
 
 from xdynamics.elementary import FUNCTIONS
-from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, exponent_of
+from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of
 from xdynamics.faults import InputError
 
 
@@ -47,9 +47,10 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
             return values[node.name]
         case Negative():
             return -evaluate(node.operand, values)
-        case Binary(operator="**"):
-            return power(evaluate(node.left, values), exponent_of(node.right) or Fraction(0))
-        case Binary() | Compare():
+        case Binary():
+            first, links = chain(node)
+            return reduce(lambda left, one: _joined(one, left, values), links, evaluate(first, values))
+        case Compare():
             return _OPERATORS[node.operator](evaluate(node.left, values), evaluate(node.right, values))
         case Call(function="where"):
             condition, yes, no = node.arguments
@@ -58,6 +59,12 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
             return reduce(_CHOICES[node.function], (evaluate(one, values) for one in node.arguments))
         case Call():
             return NUMERIC[node.function](*(evaluate(one, values) for one in node.arguments))
+
+
+def _joined(node: Binary, left: float, values: Mapping[str, float]) -> float:
+    if node.operator == "**":
+        return power(left, exponent_of(node.right) or Fraction(0))
+    return _OPERATORS[node.operator](left, evaluate(node.right, values))
 
 
 def power(base: float, exponent: Fraction) -> float:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from xdynamics.expressions import Binary, Call, Node, chain, exponent_of, limits_domain, parse, text_of
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.expressions.numbers import number_of
 from xdynamics.expressions.tree import children
 from xdynamics.methods import Evaluation, Solve, Statement
 from xdynamics.methods.walk import Walker
@@ -126,6 +125,6 @@ def _undefined(node: Node, values: Values) -> str:
         return ""
     assert isinstance(node, Call | Binary)  # noqa: S101 - what `power` says
     argument = node.arguments[0] if isinstance(node, Call) else node.left
-    if isfinite(number_of(node, values)) or not isfinite(at := number_of(argument, values)):
+    if isfinite(evaluate(node, values)) or not isfinite(at := evaluate(argument, values)):
         return ""
     return f"{text_of(node)} has no value where {text_of(argument)} = {at:.6g}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions.numbers import number_of
+from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, evaluated, force_totals, jacobian, tables_of, variables
@@ -96,7 +96,7 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
         a = np.array([values[acceleration(name)] for name in model.coordinates])
         matrix = np.zeros((n, n))
         for place, entry in mass.items():
-            matrix[place] = number_of(entry, values)
+            matrix[place] = evaluate(entry, values)
         whole = np.vstack([np.eye(n, len(names), n), found])
         yield Linearisation(names, matrix, 0.0 - slopes[:, :n], 0.0 - slopes[:, n : 2 * n], a, whole)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import Binary, Call, Name, Node, derivatives
 from xdynamics.expressions.calculus import ONE, ZERO, add
-from xdynamics.expressions.numbers import number_of
+from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
 from xdynamics.model.drives import coefficients, looked_up
 from xdynamics.model.model import Model
@@ -240,7 +240,7 @@ def evaluated(
 def _number(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:
     if isinstance(value, Function):
         return float(model.functions[value.name](*(values[name] for name in value.arguments)))
-    return number_of(value, values)
+    return evaluate(value, values)
 
 
 def _totals(model: Model) -> dict[str, Node]:
