@@ -29,7 +29,7 @@ from xdynamics.methods.scheme import Scheme
 LANES = (1, 2, 4, 8, 16)
 WITHIN = {"asin": (-1, 1), "acos": (-1, 1), "log": (0.01, 100), "power": (0.1, 10), "exp": (-10, 10)}
 SIZE = 4096
-STEPS = (("kepler", "dop853"), ("double_pendulum", "dop853"), ("pendulum", "dop853"), ("kepler", "velocity_verlet"))
+STEPS = (("kepler", "dop853"), ("double_pendulum", "dop853"), ("pendulum", "dop853"))
 
 
 def unvectorised(text: str) -> bytes:
