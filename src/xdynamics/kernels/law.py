@@ -25,6 +25,7 @@ from xdynamics.methods.scheme import Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
 FORCES, DETECT, SLOPES, ROW, INSIDE, PROPOSE = range(6)
+LINEARISED, RADAU = PROPOSE, PROPOSE + 1  # where `march.radau` makes the step: the derivatives, and behind the law that step
 HEADER = (
     '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
 )
@@ -56,7 +57,11 @@ class Law:
 
     @cached_property
     def steps(self) -> Steps:
-        """The programs of one step."""
+        """The programs of one step; of the derivatives alone, where `march.radau` makes the step."""
+        if self.scheme.method.simplified:
+            first = 3 * len(self.layout.used)
+            derivatives = quantities.linearised(self.layout, "w", first)
+            return Steps((derivatives,), (), first + len(self.layout.jacobian))
         return stepping.step(self.layout, self.scheme, sampled=self.sampled)
 
     @cached_property
@@ -74,7 +79,7 @@ class Law:
     @cached_property
     def programs(self) -> tuple[Program, ...]:
         """Every program, each behind those that it calls."""
-        inner = (quantities.linearised(self.layout),) if self.scheme.method.implicit else ()
+        inner = (quantities.linearised(self.layout),) if self.equations else ()
         return (self.entries[0], *inner, *self.entries[1:])
 
     @cached_property

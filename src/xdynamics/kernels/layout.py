@@ -126,6 +126,13 @@ class Layout:
         return tuple(motion.jacobian(self.model))
 
     @cached_property
+    def couplings(self) -> tuple[tuple[int, int], ...]:
+        """Row and column of each entry of `jacobian`: among velocities and states, and among all that is used."""
+        rows = {name: i for i, name in enumerate((*self.coordinates, *self.rates))}
+        columns = {name: i for i, name in enumerate(self.used)}
+        return tuple((rows[name], columns[by]) for name, by in self.jacobian)
+
+    @cached_property
     def sample(self) -> tuple[str, ...]:
         """The float columns of a logged force sample."""
         return ("time", "step", "stage", *self.used, *self.forces, *self.drives)

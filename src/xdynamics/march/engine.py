@@ -12,7 +12,7 @@ import numpy as np
 from numba import cfunc, config, from_dtype, njit, types
 
 from xdynamics.kernels import cache
-from xdynamics.kernels.compiling import OPTIONS
+from xdynamics.kernels.compiling import OPTIONS, PLAIN
 from xdynamics.march import entries, loop
 from xdynamics.march.run import NOW, PLAN
 
@@ -28,6 +28,7 @@ class Engine(NamedTuple):
     march: Callable[..., None]
     march_many: Callable[..., int]
     states_inside: Callable[..., None]
+    radau: int  # address of `entries.step_by_radau`
 
 
 def engine() -> Engine:
@@ -39,7 +40,9 @@ def engine() -> Engine:
 
 
 def _plain() -> Engine:
-    return Engine(loop.march, lambda run, *given: entries.march_many(run, loop.march, *given), entries.states_inside)
+    PLAIN[0] = entries.step_by_radau
+    many = entries.march_many
+    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside, 0)
 
 
 def _compiled() -> Engine:
@@ -65,6 +68,9 @@ def _entries(folder: Path | None) -> Engine:
     before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")  # type: ignore[attr-defined]
     try:
         march = cfunc(types.void(types.int64, types.int64), cache=keep, **OPTIONS)(loop.march)
+        radau = cfunc(types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3), cache=keep, **OPTIONS)(
+            entries.step_by_radau
+        )
         others = [njit(cache=keep, **OPTIONS)(one) for one in (entries.march_many, entries.states_inside)]
     finally:
         config.CACHE_DIR = before  # type: ignore[attr-defined]
@@ -72,11 +78,12 @@ def _entries(folder: Path | None) -> Engine:
         one.compile(signature)
     march_many, states_inside = others
     address, call = march.address, march.ctypes
-    _KEPT.append(march)  # the code behind the address lives as long as this
+    _KEPT.extend((march, radau))  # the code behind an address lives as long as this
     return Engine(
         lambda run, rows: call(run.address, rows),
         lambda run, *given: march_many(run.address, address, *given),
         lambda run, *given: states_inside(run.address, *given),
+        radau.address,
     )
 
 
@@ -94,10 +101,11 @@ def _key() -> str:
     from llvmlite import binding
 
     package = Path(__file__).parents[1]
-    files = sorted([*(package / "kernels").glob("*.py"), *(package / "march").glob("*.py"), package / "schema.py"])
+    rooms = [*(package / "kernels").glob("*.py"), *(package / "march").glob("*.py")]
+    files = sorted([*rooms, package / "schema.py", package / "methods" / "radau.py"])
     # numba believes a file it kept only if the entries' own files have the place and the date of then
-    rooms = [Path(str(room.__file__)).resolve() for room in (entries, loop)]
-    stamps = [f"{path} {path.stat().st_mtime!r}" for path in rooms]
+    ways_in = [Path(str(room.__file__)).resolve() for room in (entries, loop)]
+    stamps = [f"{path} {path.stat().st_mtime!r}" for path in ways_in]
     return cache.digest(
         *(path.read_text(encoding="utf-8") for path in files), numba.__version__, np.__version__, *stamps,
         binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,10 @@ from xdynamics.expressions import limits_domain
 from xdynamics.kernels import Law
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.tables import flattened
+from xdynamics.march.engine import engine
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.run import DETECTOR, EQUATIONS, NOW, PLAN, TRIAL, Run
+from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PLAN, TRIAL, Run
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.methods.scheme import EXTRAPOLATED
 from xdynamics.model import Function, Model
@@ -39,6 +41,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     now["t"], now["step_norm"], now["on_grid"], now["status"] = start, 1.0, 1, RUNNING
     equations, unknowns, entries = _equations(law)
     largest = max((one.unknowns for one in equations), default=0)
+    arrays = {"matrix": np.zeros(largest * largest), "right": np.zeros(largest), "entries": entries} | _kept(law)
     return Run(
         plan=plan,
         now=now,
@@ -55,12 +58,10 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         steps=steps,
         detectors=_detectors(model, scales),
         w=np.zeros(law.steps.memory),
-        matrix=np.zeros(largest * largest),
-        right=np.zeros(largest),
         equations=equations,
         unknowns=unknowns,
-        entries=entries,
-        law=addresses,
+        **arrays,
+        law=np.append(addresses, engine().radau) if law.scheme.method.simplified else addresses,
         **{f"log_{name}" if name != "base" else name: array for name, array in log._asdict().items()},
     )
 
@@ -77,8 +78,21 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
     # without tolerances nothing is asked of an error
-    arrays["atol"] = np.array([asked.of(name) / sizes[name] if asked else np.inf for name in layout.used])
+    arrays["atol"] = np.array([asked.of(name) / sizes[name] * widened(law, asked.rtol) if asked else np.inf for name in layout.used])
     return arrays
+
+
+def _kept(law: Law) -> dict[str, NDArray[Any]]:
+    """Return what `march.radau` works with: its matrices, stages, and where derivatives belong."""
+    layout, kept = law.layout, {"kept": np.zeros(1, KEPT)}
+    used = len(layout.used) if law.scheme.method.simplified else 0
+    factorised = used - len(layout.coordinates) if used else 0
+    kept |= {name: np.zeros(3 * used) for name in ("stages", "turned", "defects", "past")}
+    kept |= {"stage": np.zeros(len(layout.record) if used else 0), "pivots": np.zeros(2 * factorised, np.int64)}
+    if not used:
+        return kept
+    couplings = np.array(layout.couplings, np.int64).reshape(-1, 2)
+    return kept | {"matrix": np.zeros(3 * factorised**2), "right": np.zeros(2 * factorised), "entries": couplings}
 
 
 def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
@@ -92,7 +106,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "end": end,
         "snap": 4.0 * float(np.finfo(float).eps) * max(abs(start), abs(end)),
         "step_size": 0.0 if adaptive else single,
-        "rtol": asked.rtol if asked else 0.0,
+        "rtol": scheme.inner(asked.rtol) if asked else 0.0,
         "order": scheme.error_order,
         "safety": pacing.safety,
         "least": pacing.growth_limits[0],
@@ -103,6 +117,8 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "most_steps": pacing.max_steps if adaptive else np.inf,
         "divisor": 2.0**scheme.method.order - 1.0,
         "adaptive": adaptive,
+        "simplified": scheme.method.simplified,
+        "predictive": adaptive and scheme.predictive,
         "estimates": scheme.estimates,
         "halved": scheme.halved,
         "extrapolated": scheme.estimator == EXTRAPOLATED,
@@ -114,6 +130,11 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "state": len(layout.state),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
+
+
+def widened(law: Law, rtol: float) -> float:
+    """Return what absolute tolerances are multiplied by, so that they keep their ratio to the relative one."""
+    return law.scheme.inner(rtol) / rtol if law.scheme.predictive else 1.0
 
 
 def nodes_of(model: Model, scales: Scales) -> Floats:

@@ -153,6 +153,8 @@ class Method:
         The same in words.
     interpolation_order : int
         Order of the local error of the interpolant, less one.
+    simplified : bool
+        Whether its stages are found by the simplified Newton iterations of RADAU5 (`march.radau`), for the same solution.
     """
 
     name: str
@@ -169,6 +171,7 @@ class Method:
     extension: str = HERMITE
     interpolation: str = HERMITE_WORDS
     interpolation_order: int = 3
+    simplified: bool = False
 
     @cached_property
     def statements(self) -> tuple[Line, ...]:
