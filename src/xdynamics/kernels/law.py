@@ -25,7 +25,7 @@ from xdynamics.methods.scheme import Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
 FORCES, DETECT, SLOPES, ROW, INSIDE, PROPOSE = range(6)
-LINEARISED, RADAU = PROPOSE, PROPOSE + 1  # where `march.radau` makes the step: the derivatives, and behind the law that step
+LINEARISED = PROPOSE  # of a method whose step `march.radau` makes
 HEADER = (
     '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
 )

@@ -18,7 +18,7 @@ from xdynamics.march.outcomes import (
     STOPPED,
     Outcome,
 )
-from xdynamics.march.proposing import MOST_ITERATIONS
+from xdynamics.march.newton import MOST_ITERATIONS
 from xdynamics.march.retrace import retraced, undefined_part
 from xdynamics.march.runner import March
 from xdynamics.model import Function

@@ -17,6 +17,7 @@ from xdynamics.march import entries, loop
 from xdynamics.march.run import NOW, PLAN
 
 SECONDS = 12  # that compiling takes on a machine of 2026
+NEWTON, RADAU = -1, -2  # keys of steps where nothing is compiled
 _LOCK = threading.Lock()
 _FOUND: list[Engine] = []
 _KEPT: list[Any] = []
@@ -28,7 +29,8 @@ class Engine(NamedTuple):
     march: Callable[..., None]
     march_many: Callable[..., int]
     states_inside: Callable[..., None]
-    radau: int  # address of `entries.step_by_radau`
+    newton: int  # address of `entries.step_by_newton`
+    radau: int  # of `entries.step_by_radau`
 
 
 def engine() -> Engine:
@@ -40,9 +42,11 @@ def engine() -> Engine:
 
 
 def _plain() -> Engine:
-    PLAIN[0] = entries.step_by_radau
+    PLAIN[NEWTON], PLAIN[RADAU] = entries.step_by_newton, entries.step_by_radau
     many = entries.march_many
-    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside, 0)
+    return Engine(
+        loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside, NEWTON, RADAU
+    )
 
 
 def _compiled() -> Engine:
@@ -68,9 +72,9 @@ def _entries(folder: Path | None) -> Engine:
     before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")  # type: ignore[attr-defined]
     try:
         march = cfunc(types.void(types.int64, types.int64), cache=keep, **OPTIONS)(loop.march)
-        radau = cfunc(types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3), cache=keep, **OPTIONS)(
-            entries.step_by_radau
-        )
+        newton, radau = [
+            cfunc(_STEP, cache=keep, **OPTIONS)(one) for one in (entries.step_by_newton, entries.step_by_radau)
+        ]
         others = [njit(cache=keep, **OPTIONS)(one) for one in (entries.march_many, entries.states_inside)]
     finally:
         config.CACHE_DIR = before  # type: ignore[attr-defined]
@@ -78,11 +82,12 @@ def _entries(folder: Path | None) -> Engine:
         one.compile(signature)
     march_many, states_inside = others
     address, call = march.address, march.ctypes
-    _KEPT.extend((march, radau))  # the code behind an address lives as long as this
+    _KEPT.extend((march, newton, radau))  # the code behind an address lives as long as this
     return Engine(
         lambda run, rows: call(run.address, rows),
         lambda run, *given: march_many(run.address, address, *given),
         lambda run, *given: states_inside(run.address, *given),
+        newton.address,
         radau.address,
     )
 
@@ -91,6 +96,7 @@ def _array(dtype: Any, dims: int) -> Any:
     return types.Array(from_dtype(np.dtype(dtype)), dims, "C")
 
 
+_STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
 _MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), _array("f8", 2), types.int64, types.boolean)
 _SIGNATURES = ((types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 3))
 

@@ -14,6 +14,7 @@ from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.evaluating import evaluate
 from xdynamics.march.events import copy, propose_apart
 from xdynamics.march.handle import called, floats_at, march_by, run_at
+from xdynamics.march.newton import newton_step
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.radau import radau_step
 from xdynamics.march.run import BEGUN, Run
@@ -124,20 +125,25 @@ def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) ->
             found[n + i, k] = run.z[i]
 
 
-def step_by_radau(address: Any, t: float, t1: float, h: float, y: Any, z: Any, sample: int) -> None:
-    """Make a step by `march.radau`, for a loop that calls it by its address: it is compiled once, in no caller again.
+def step_by_newton(address: Any, t: float, t1: float, h: float, y: Any, z: Any, sample: int) -> None:
+    """Make a step by `march.newton`, for a loop that calls it by its address: no caller compiles it again.
 
     Parameters
     ----------
     address : int
         Of a `Run`.
     t, t1, h : float
-        Ends and size of the step.
+        Ends and size of the step, which the run's `at` holds too.
     y, z : int
         Where the places of two of its states stand: where the step starts, and to be filled.
     sample : int
         Place of the step's force evaluations in `samples`.
     """
+    newton_step(run_at(address), floats_at(y), floats_at(z), sample)
+
+
+def step_by_radau(address: Any, t: float, t1: float, h: float, y: Any, z: Any, sample: int) -> None:
+    """Make a step by `march.radau`, in the same way."""
     radau_step(run_at(address), t, t1, h, floats_at(y), floats_at(z), sample)
 
 

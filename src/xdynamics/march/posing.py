@@ -61,9 +61,16 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         equations=equations,
         unknowns=unknowns,
         **arrays,
-        law=np.append(addresses, engine().radau) if law.scheme.method.simplified else addresses,
+        law=np.append(addresses, np.array(_solver(law), np.int64)),
         **{f"log_{name}" if name != "base" else name: array for name, array in log._asdict().items()},
     )
+
+
+def _solver(law: Law) -> list[int]:
+    """Return the address of what solves the equations of a step, if it has some."""
+    if not law.scheme.method.implicit:
+        return []
+    return [engine().radau if law.scheme.method.simplified else engine().newton]
 
 
 def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
@@ -117,6 +124,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "most_steps": pacing.max_steps if adaptive else np.inf,
         "divisor": 2.0**scheme.method.order - 1.0,
         "adaptive": adaptive,
+        "implicit": scheme.method.implicit,
         "simplified": scheme.method.simplified,
         "predictive": adaptive and scheme.predictive,
         "estimates": scheme.estimates,

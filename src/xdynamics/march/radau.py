@@ -32,6 +32,7 @@ EPS = 2.220446049250313e-16
 MOST_TURNS = np.int64(7)  # Newton iterations, where a shorter step is the remedy
 MOST_SETTLING = np.int64(25)  # where the step is given
 SLOW = 1e-3  # theta from which on derivatives are evaluated anew
+FEW_TURNS = 2  # that are no reason to
 DIVERGING = 0.99
 SAME_STEP = 1e-6  # relative difference of a step from the one of the factors that serve it too
 SHARE = 0.03  # of what the error may be, left to Newton's method
@@ -84,7 +85,7 @@ def recall(run: Run) -> None:
         keep_polynomial(run)
         kept.step = 0.0 if run.plan[0].halved else run.now[0].h
         kept.norm, kept.fresh = max(LEAST_NORM, run.now[0].norm), 0
-        if kept.theta > SLOW:
+        if kept.turns > FEW_TURNS and kept.theta > SLOW:
             kept.linearised = 0
     kept.since = STAYED
 
@@ -169,7 +170,7 @@ def judged(run: Run, size: float, turn: int) -> int:
             lacking *= kept.theta
         if lacking > (tolerance if adaptive else ROUNDING):
             return IN_VAIN
-    kept.size = max(size, EPS)
+    kept.size, kept.turns = max(size, EPS), turn
     if kept.eta * size <= tolerance or (turn == most and size <= ROUNDING):
         return DONE
     return OPEN if turn < most else IN_VAIN
@@ -405,7 +406,7 @@ def look_ahead(run: Run, h: float) -> None:
         seen = plan.safety * (h / kept.step) * fourth_root(kept.norm / (norm * norm))
         kept.growth = min(kept.growth, seen)
     kept.growth = min(plan.greatest, max(plan.least, kept.growth))
-    if kept.theta <= SLOW and 1.0 <= kept.growth <= HELD:
+    if (kept.turns <= FEW_TURNS or kept.theta <= SLOW) and 1.0 <= kept.growth <= HELD:
         kept.growth = 1.0
 
 

@@ -24,7 +24,7 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 # `snap` to a node is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
-    "adaptive simplified predictive estimates halved extrapolated limited stages samples coordinates used state",
+    "adaptive implicit simplified predictive estimates halved extrapolated limited stages samples coordinates used state",
 )
 # Where it stands: step is to be tried next, step_norm the error norm of the last accepted step, h the step last tried.
 NOW = _record(
@@ -42,7 +42,7 @@ EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entr
 # size and ratio are of Newton's last correction, theta and eta how it converged; step and norm, 0 behind a start, those
 # of the accepted step before; growth is what the trial means for the next step. `linearised` says whether the derivatives
 # may be used, `fresh` whether they are those at the state itself, `since` what has become of the march since the last trial.
-KEPT = _record("factored size ratio theta eta step norm growth", "linearised fresh since")
+KEPT = _record("factored size ratio theta eta step norm growth", "linearised fresh since turns")
 BEGUN, STAYED, MOVED = range(3)
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
