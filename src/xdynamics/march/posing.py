@@ -85,7 +85,8 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
     # without tolerances nothing is asked of an error
-    arrays["atol"] = np.array([asked.of(name) / sizes[name] * widened(law, asked.rtol) if asked else np.inf for name in layout.used])
+    wider = widened(law, asked.rtol) if asked else 1.0
+    arrays["atol"] = np.array([asked.of(name) / sizes[name] * wider if asked else np.inf for name in layout.used])
     return arrays
 
 
