@@ -12,6 +12,8 @@ import xdynamics as xd
 from problems import ROOT
 
 ARCHIVES = sorted((ROOT / "data" / "golden" / "0.1").glob("*.nc"))
+# its method has other iterations and another choice of steps since
+OTHER_STEPS = {"linear_drag_radau_iia": "38 rows became 33"}
 # without elementary functions of the C library: the same bits on every machine
 EXACT = {"ball_drag_midpoint", "cart_spring_verlet", "kepler_dprkn6_given", "rocket_c6_midpoint"}
 
@@ -30,6 +32,10 @@ def test_numbers_are_reproduced(path: Path) -> None:
         assert said == "version 0.1.0 wrote the law in other words than 0.2.0; every number has the same bits"
         return
     assert path.stem not in EXACT
+    if path.stem in OTHER_STEPS:
+        assert said.endswith(OTHER_STEPS[path.stem])
+        assert "solver_controller: 'PI" in table.attrs["settings"]
+        return
     assert float(re.search(r": (\S+) of its largest value", said)[1]) < 1e-9
 
 

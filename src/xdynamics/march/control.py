@@ -124,4 +124,3 @@ def first_step(run: Run) -> float:
     else:
         step = math.pow(0.01 / steepest, 1.0 / plan.order)
     return min(max(min(100.0 * guess, step), shortest(run)), plan.max_step)
-

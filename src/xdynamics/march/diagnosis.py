@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
+from xdynamics.march.newton import MOST_ITERATIONS
 from xdynamics.march.outcomes import (
     COMPLETED,
     NONFINITE,
@@ -18,7 +19,6 @@ from xdynamics.march.outcomes import (
     STOPPED,
     Outcome,
 )
-from xdynamics.march.newton import MOST_ITERATIONS
 from xdynamics.march.retrace import retraced, undefined_part
 from xdynamics.march.runner import March
 from xdynamics.model import Function

@@ -44,9 +44,7 @@ def engine() -> Engine:
 def _plain() -> Engine:
     PLAIN[NEWTON], PLAIN[RADAU] = entries.step_by_newton, entries.step_by_radau
     many = entries.march_many
-    return Engine(
-        loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside, NEWTON, RADAU
-    )
+    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside, NEWTON, RADAU)
 
 
 def _compiled() -> Engine:
@@ -72,7 +70,7 @@ def _entries(folder: Path | None) -> Engine:
     before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")  # type: ignore[attr-defined]
     try:
         march = cfunc(types.void(types.int64, types.int64), cache=keep, **OPTIONS)(loop.march)
-        newton, radau = [
+        steps: list[Any] = [
             cfunc(_STEP, cache=keep, **OPTIONS)(one) for one in (entries.step_by_newton, entries.step_by_radau)
         ]
         others = [njit(cache=keep, **OPTIONS)(one) for one in (entries.march_many, entries.states_inside)]
@@ -81,6 +79,7 @@ def _entries(folder: Path | None) -> Engine:
     for one, signature in zip(others, _SIGNATURES, strict=True):
         one.compile(signature)
     march_many, states_inside = others
+    newton, radau = steps
     address, call = march.address, march.ctypes
     _KEPT.extend((march, newton, radau))  # the code behind an address lives as long as this
     return Engine(

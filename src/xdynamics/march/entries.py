@@ -125,14 +125,14 @@ def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) ->
             found[n + i, k] = run.z[i]
 
 
-def step_by_newton(address: Any, t: float, t1: float, h: float, y: Any, z: Any, sample: int) -> None:
+def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: Any, sample: int) -> None:
     """Make a step by `march.newton`, for a loop that calls it by its address: no caller compiles it again.
 
     Parameters
     ----------
     address : int
         Of a `Run`.
-    t, t1, h : float
+    _t, _t1, _h : float
         Ends and size of the step, which the run's `at` holds too.
     y, z : int
         Where the places of two of its states stand: where the step starts, and to be filled.

@@ -96,7 +96,7 @@ def _kept(law: Law) -> dict[str, NDArray[Any]]:
     used = len(layout.used) if law.scheme.method.simplified else 0
     factorised = used - len(layout.coordinates) if used else 0
     kept |= {name: np.zeros(3 * used) for name in ("stages", "turned", "defects", "past")}
-    kept |= {"stage": np.zeros(len(layout.record) if used else 0), "pivots": np.zeros(2 * factorised, np.int64)}
+    kept |= {"stage": np.zeros(len(layout.record) if used else 0), "pivots": np.zeros(6 * factorised, np.int64)}
     if not used:
         return kept
     couplings = np.array(layout.couplings, np.int64).reshape(-1, 2)

@@ -68,4 +68,3 @@ def double(run: Run, t1: float, h: float) -> None:
         evaluate(run, t1, run.z)
         run.at[UNSOUND] = 0.0 if finite_state(run) else nan
         keep_sample(run, t1, run.z, 3 * width)
-

@@ -45,7 +45,7 @@ SMALLEST = 1e-10  # norm that is told from none
 HELD = 1.2  # growth up to which the step is kept, for the factors' sake
 UNSOLVED_GROWTH = 0.5
 AT_START, AT_ITERATES = 1, 2  # where the derivatives are, after a first way in which they may be older
-OPEN, DONE, IN_VAIN = np.int64(0), np.int64(1), np.int64(2)
+OPEN, DONE, IN_VAIN = range(3)
 
 error_norm_apart, slope_apart = apart(error_norm), apart(slope_of)
 
@@ -152,15 +152,18 @@ def follow(run: Run, t: float, h: float, y: State) -> None:
 @shared
 def judged(run: Run, size: float, turn: int) -> int:
     """Judge the iteration by its corrections, the last of this size: DONE, IN_VAIN, or OPEN while it may still get there."""
-    kept, adaptive = run.kept[0], run.plan[0].adaptive
-    tolerance, most = newton_tolerance(run), MOST_TURNS if adaptive else MOST_SETTLING
+    kept, rtol = run.kept[0], run.plan[0].rtol
+    tolerance, rounding, most = SETTLED, ROUNDING, MOST_SETTLING
+    if run.plan[0].adaptive:
+        rounding, most = 10.0 * EPS / rtol, MOST_TURNS
+        tolerance = max(0.05 * rounding, min(SHARE, math.sqrt(rtol)))
     if not math.isfinite(size):
         return IN_VAIN
     if turn > 1:
-        ratio = size / kept.size
+        ratio = size / kept.change
         kept.theta = ratio if turn == 2 else math.sqrt(ratio * kept.ratio)
         kept.ratio = ratio
-        if not adaptive and size <= ROUNDING and ratio >= STALLED:
+        if size <= rounding and ratio >= STALLED:
             return DONE
         if not kept.theta < DIVERGING:
             return IN_VAIN
@@ -168,19 +171,12 @@ def judged(run: Run, size: float, turn: int) -> int:
         lacking = kept.eta * size
         for _ in range(most - turn):
             lacking *= kept.theta
-        if lacking > (tolerance if adaptive else ROUNDING):
+        if lacking > max(tolerance, rounding):
             return IN_VAIN
-    kept.size, kept.turns = max(size, EPS), turn
-    if kept.eta * size <= tolerance or (turn == most and size <= ROUNDING):
+    kept.change, kept.turns = max(size, EPS), turn
+    if kept.eta * size <= tolerance or (turn == most and size <= rounding):
         return DONE
     return OPEN if turn < most else IN_VAIN
-
-
-@shared
-def newton_tolerance(run: Run) -> float:
-    """Return how large what Newton's method lacks may be, as RADAU5 has it; near rounding where the step is given."""
-    rtol = run.plan[0].rtol
-    return max(10.0 * EPS / rtol, min(SHARE, math.sqrt(rtol))) if run.plan[0].adaptive else SETTLED
 
 
 @compiled
@@ -378,9 +374,7 @@ def estimate(run: Run, t: float, h: float, y: State) -> None:
     if not kept.factored > 0.0:
         return
     for i in range(n):
-        run.defects[i] = (
-            E1 * run.stages[i] + E2 * run.stages[n + i] + E3 * run.stages[2 * n + i]
-        ) / h
+        run.defects[i] = (E1 * run.stages[i] + E2 * run.stages[n + i] + E3 * run.stages[2 * n + i]) / h
         e[i] = run.defects[i] + slope_apart(run, y, i)
     solve_real(run, e)
     if (now.rejected or not kept.step > 0.0) and not error_norm_apart(run) <= 1.0:

@@ -39,10 +39,10 @@ DETECTOR = _record("tolerance", "direction stops")
 # What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
 # What `march.radau` keeps from step to step. The factors are those of the step size `factored`, 0 if there are none;
-# size and ratio are of Newton's last correction, theta and eta how it converged; step and norm, 0 behind a start, those
+# change and ratio are of Newton's last correction, theta and eta how it converged; step and norm, 0 behind a start, those
 # of the accepted step before; growth is what the trial means for the next step. `linearised` says whether the derivatives
 # may be used, `fresh` whether they are those at the state itself, `since` what has become of the march since the last trial.
-KEPT = _record("factored size ratio theta eta step norm growth", "linearised fresh since turns")
+KEPT = _record("factored change ratio theta eta step norm growth", "linearised fresh since turns")
 BEGUN, STAYED, MOVED = range(3)
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
@@ -125,7 +125,7 @@ class Run:
     turned: Floats  # W: the same in transformed variables
     defects: Floats  # what the transformed equations lack, and the corrections that follow
     past: Floats  # differences of the collocation polynomial of the step before
-    pivots: Whole  # rows exchanged in the real system, then in the complex one
+    pivots: Whole  # of the real system, then of the complex one: rows exchanged, first and last rows of columns
     law: Whole  # addresses
     base: Bases  # the counts of `now` at the log's first row
     log_flags: Flags  # kind, regime
