@@ -294,3 +294,70 @@ def test_compiled_equals_plain_python() -> None:
     ]
     assert len(told[0]) == 6
     assert told[0] == told[1]
+
+
+# -------------------------------------------------------------------------------------------------- by differences
+
+
+def pushed(method: str, **asked: Any) -> xr.Dataset:
+    """March a stiff damper whose force is written in Python, with a state beside it."""
+
+    def damper(x: float, v_x: float, y: float) -> float:
+        return -1000.0 * (v_x + x * x) - y
+
+    statement = {
+        "name": "damper", "coordinates": {"x": "m"}, "parameters": {"m": "2 kg", "tau": "1 s"}, "mass": {"x": "m"},
+        "forces": {"damper": {"x": damper}}, "states": {"y": {"unit": "1", "rate": "-y/tau"}},
+        "initial": {"x": "1 m", "v_x": "0 m s-1", "y": "1"},
+    }  # fmt: skip
+    return xd.simulate(xd.Model(**statement), method=method, until=2.0, **asked)
+
+
+def test_python_forces_by_differences() -> None:
+    """Assert that forces in Python are marched by differences, recorded as such, and reach what an explicit method does."""
+    run = pushed("radau_iia", rtol=1e-8, jacobian="differences")
+    explicit = pushed("dop853", rtol=1e-10)
+    assert run.attrs["run_outcome"] == "completed"
+    assert run.attrs["solver_jacobian"] == "differences"
+    assert run.sizes["step"] < explicit.sizes["step"] / 5
+    for name in ("x", "v_x", "y"):
+        assert run[name].values[-1] == pytest.approx(explicit[name].values[-1], abs=1e-8)
+
+
+def test_differences_cost_what_they_save_otherwise() -> None:
+    """Assert the same digits as with exact derivatives on HIRES, in as many steps, and the evaluations that it costs."""
+    asked = {"rtol": 1e-6, "atol": 1e-10, "until": STIFF["hires"].end, "force_samples": "none", "method": "radau_iia"}
+    exact, found = (
+        xd.simulate(STIFF["hires"].model(), jacobian=jacobian, **asked) for jacobian in ("exact", "differences")
+    )
+    assert relative("hires", found) < 1e-6
+    assert found.sizes["step"] == pytest.approx(exact.sizes["step"], rel=0.05)
+    spent = 8 * found.attrs["run_jacobian_evaluations"]
+    assert found.attrs["run_force_evaluations"] - spent == pytest.approx(exact.attrs["run_force_evaluations"], rel=0.05)
+
+
+def test_long_steps_by_differences_follow_the_iterates() -> None:
+    """Assert that derivatives by differences serve given steps too."""
+    run = xd.simulate(STIFF["van_der_pol"].model(), method="radau_iia", step=100.0, until=700.0, jacobian="differences")
+    assert run.attrs["run_outcome"] == "completed"
+    assert run.x.values[-1] == pytest.approx(1.342891731283, rel=1e-5)
+
+
+def test_a_run_by_differences_is_reproduced_and_sampled(tmp_path: Path) -> None:
+    """Assert that an archive knows the choice."""
+    asked = {"rtol": 1e-6, "until": 1.0, "jacobian": "differences", "method": "radau_iia"}
+    xd.simulate(STIFF["van_der_pol"].model(), path=tmp_path / "run.nc", **asked)
+    assert xd.reproduce(tmp_path / "run.nc").attrs["identical"] == 1
+    assert np.isfinite(xd.sample(xd.open_run(tmp_path / "run.nc"), [0.3, 0.7]).x).all()
+
+
+def test_refusals_name_the_choice() -> None:
+    """Assert that forces in Python are refused with the remedy, and what the choice is not for, by name."""
+    with pytest.raises(xd.InputError, match="radau_iia with jacobian = 'differences'"):
+        pushed("radau_iia", rtol=1e-6)
+    with pytest.raises(xd.InputError, match="forces written in Python"):
+        pushed("implicit_midpoint", step=0.1, jacobian="differences")
+    with pytest.raises(xd.InputError, match="jacobian = 'differences' is for radau_iia, and the method is 'midpoint'"):
+        pushed("midpoint", step=0.1, jacobian="differences")
+    with pytest.raises(xd.InputError, match="jacobian is 'guessed'; there are exact, differences"):
+        xd.simulate(falling_off(), method="radau_iia", step=0.1, until=1.0, jacobian="guessed")

@@ -18,6 +18,7 @@ from xdynamics.march.engine import engine
 from xdynamics.march.log import allocate
 from xdynamics.march.posing import posed
 from xdynamics.methods import METHODS
+from xdynamics.methods.scheme import EXACT
 from xdynamics.model import Model
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import STEPS
@@ -129,7 +130,10 @@ class _Inside:
         method, estimator = METHODS[used["solver_method"]], str(used["solver_estimator"])
         # the same force samples as the run had: so its law is compiled already
         sampled = used.get("solver_force_samples") == "all"
-        return Settings(method, start + 1.0, estimator=estimator, samples=sampled, scales=scales_of(self.run))
+        jacobian = str(used.get("solver_jacobian", EXACT))
+        return Settings(
+            method, start + 1.0, estimator=estimator, samples=sampled, scales=scales_of(self.run), jacobian=jacobian
+        )
 
     @cached_property
     def layout(self) -> Layout:

@@ -21,7 +21,7 @@ from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.stepping import Equations, Steps
 from xdynamics.kernels.tables import PYTHON_TABLES
-from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.scheme import EXACT, Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
 FORCES, DETECT, SLOPES, ROW, INSIDE, PROPOSE = range(6)
@@ -60,8 +60,9 @@ class Law:
         """The programs of one step; of the derivatives alone, where `march.radau` makes the step."""
         if self.scheme.method.simplified:
             first = 3 * len(self.layout.used)
-            derivatives = quantities.linearised(self.layout, "w", first)
-            return Steps((derivatives,), (), first + len(self.layout.jacobian))
+            exact = self.scheme.jacobian == EXACT
+            derivatives = (quantities.linearised(self.layout, "w", first),) if exact else ()
+            return Steps(derivatives, (), first + len(self.layout.couplings))
         return stepping.step(self.layout, self.scheme, sampled=self.sampled)
 
     @cached_property

@@ -18,7 +18,7 @@ from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PLAN, TRIAL, Run
 from xdynamics.march.settings import Settings, given_times
-from xdynamics.methods.scheme import EXTRAPOLATED
+from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
 from xdynamics.model import Function, Model
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.units import TIME, Scales
@@ -96,7 +96,8 @@ def _kept(law: Law) -> dict[str, NDArray[Any]]:
     used = len(layout.used) if law.scheme.method.simplified else 0
     factorised = used - len(layout.coordinates) if used else 0
     kept |= {name: np.zeros(3 * used) for name in ("stages", "turned", "defects", "past")}
-    kept |= {"stage": np.zeros(len(layout.record) if used else 0), "pivots": np.zeros(6 * factorised, np.int64)}
+    kept |= {name: np.zeros(len(layout.record) if used else 0) for name in ("stage", "shifted")}
+    kept |= {"pivots": np.zeros(6 * factorised, np.int64)}
     if not used:
         return kept
     couplings = np.array(layout.couplings, np.int64).reshape(-1, 2)
@@ -127,6 +128,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "adaptive": adaptive,
         "implicit": scheme.method.implicit,
         "simplified": scheme.method.simplified,
+        "differences": scheme.jacobian == DIFFERENCES,
         "predictive": adaptive and scheme.predictive,
         "estimates": scheme.estimates,
         "halved": scheme.halved,

@@ -22,7 +22,7 @@ from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
 from xdynamics.methods.radau import T as T_MATRIX
 
-SOLVED_BY = "simplified Newton iterations in transformed variables, with exact Jacobian and factors kept while they converge; in chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is allowed, in given ones until it is below the tolerance times the size of its unknown (Hairer, Wanner, Solving ODEs II, section IV.8)"
+SOLVED_BY = "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge; in chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is allowed, in given ones until it is below the tolerance times the size of its unknown (Hairer, Wanner, Solving ODEs II, section IV.8)"
 # numbers by themselves: of tuples numba would make new ones at every use
 C1, C2, _ = NODES
 E1, E2, E3 = ERROR
@@ -113,7 +113,7 @@ def prepare(run: Run, t: float, h: float, y: State, way: int) -> None:
     kept.eta = math.sqrt(kept.eta) * math.sqrt(math.sqrt(kept.eta))
     kept.theta = 0.0
     if way == AT_START or (way != AT_ITERATES and not kept.linearised):
-        linearise(run, t, y)
+        linearise(run, t, h, y)
         kept.fresh = 1
 
 
@@ -146,7 +146,9 @@ def follow(run: Run, t: float, h: float, y: State) -> None:
     used = run.plan[0].used
     for i in range(used):
         run.stage[i] = y[i] + run.stages[used + i]
-    linearise(run, t + C2 * h, run.stage)
+    if run.plan[0].differences:
+        evaluate(run, t + C2 * h, run.stage)
+    linearise(run, t + C2 * h, h, run.stage)
 
 
 @shared
@@ -255,12 +257,33 @@ def correction(run: Run, h: float, y: State) -> float:
 
 
 @shared
-def linearise(run: Run, t: float, y: State) -> None:
+def linearise(run: Run, t: float, h: float, y: State) -> None:
     """Evaluate the derivatives at a state; factors of others are of no use then."""
-    run.at[T] = t
-    called(run.law[LINEARISED], run, y, run.stage, 0)
+    if run.plan[0].differences:
+        differentiate(run, t, h, y)
+    else:
+        run.at[T] = t
+        called(run.law[LINEARISED], run, y, run.stage, 0)
     run.kept[0].linearised, run.kept[0].factored = 1, 0.0
     run.now[0].jacobians += 1
+
+
+@shared
+def differentiate(run: Run, t: float, h: float, y: State) -> None:
+    """Find the derivatives by one-sided differences, each over sqrt(eps) of the size of what is changed."""
+    used, shifted, place = run.plan[0].used, run.shifted, 3 * run.plan[0].used
+    for column in range(used):
+        for i in range(used):
+            shifted[i] = y[i]
+        size = max(abs(y[column]), abs(h * slope_apart(run, y, column)))
+        if math.isfinite(run.atol[column]):
+            size = max(size, run.atol[column])
+        shifted[column] += math.sqrt(EPS) * size if size > 0.0 else math.sqrt(EPS)
+        change = shifted[column] - y[column]  # as it was rounded
+        evaluate(run, t, shifted)
+        for i in range(run.plan[0].coordinates, used):
+            run.w[place] = (slope_apart(run, shifted, i) - slope_apart(run, y, i)) / change
+            place += 1
 
 
 @shared

@@ -24,7 +24,7 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 # `snap` to a node is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
-    "adaptive implicit simplified predictive estimates halved extrapolated limited stages samples coordinates used state",
+    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state",
 )
 # Where it stands: step is to be tried next, step_norm the error norm of the last accepted step, h the step last tried.
 NOW = _record(
@@ -121,6 +121,7 @@ class Run:
     entries: Lists
     kept: Kepts
     stage: Floats  # a state at which forces are evaluated
+    shifted: Floats  # a state beside it, for differences
     stages: Floats  # Z: increments of the stages, one behind the other
     turned: Floats  # W: the same in transformed variables
     defects: Floats  # what the transformed equations lack, and the corrections that follow

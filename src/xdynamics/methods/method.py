@@ -187,14 +187,17 @@ class Method:
         """Return the update equations as one line, with the vectors that a model has."""
         return printed(self.statements, model)
 
-    def refusals(self, model: Model) -> list[str]:
-        """Say why the method cannot march a model; empty if it can."""
+    def refusals(self, model: Model, *, by_differences: bool = False) -> list[str]:
+        """Say why the method cannot march a model, perhaps with derivatives by differences; empty if it can."""
         traits = traits_of(model) if self.refuses else {}
-        return [f"it is not defined for {trait} ({traits[trait]})" for trait in self.refuses if trait in traits]
+        found = [trait for trait in self.refuses if trait in traits]
+        if by_differences and self.simplified:
+            found = [trait for trait in found if trait != Trait.PYTHON_FORCES]
+        return [f"it is not defined for {trait} ({traits[trait]})" for trait in found]
 
 
-def method_named(name: str, model: Model, methods: Mapping[str, Method]) -> Method:
-    """Look a method up for a model.
+def method_named(name: str, model: Model, methods: Mapping[str, Method], *, by_differences: bool = False) -> Method:
+    """Look a method up for a model, that may want the derivatives by differences.
 
     Raises
     ------
@@ -202,9 +205,13 @@ def method_named(name: str, model: Model, methods: Mapping[str, Method]) -> Meth
         If there is no such method, or it refuses the model; names the methods that fit.
     """
     fitting = ", ".join(one.name for one in methods.values() if not one.refusals(model)) or "none"
+    differing = [
+        one.name for one in methods.values() if one.refusals(model) and not one.refusals(model, by_differences=True)
+    ]
+    fitting += "".join(f", {one} with jacobian = 'differences'" for one in differing)
     if name not in methods:
         raise InputError(f"method {name!r} is not known; these fit this model: {fitting}")
-    refusals = methods[name].refusals(model)
+    refusals = methods[name].refusals(model, by_differences=by_differences)
     if refusals:
         raise InputError(
             f"method '{name}' refuses the model '{model.name}': {'; '.join(refusals)}; these fit: {fitting}"

@@ -10,6 +10,7 @@ from xdynamics.methods.method import HERMITE, HERMITE_WORDS, Evaluation, Line, M
 NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
     "none", "embedded", "step_doubling", "step_doubling_extrapolated",
 )  # fmt: skip
+EXACT, DIFFERENCES = JACOBIANS = ("exact", "differences")
 INNER_SHARE, INNER_EXPONENT = 0.1, Decimal("0.8")
 INNER_NORM = "with 0.1*rtol**(4/5) in the place of rtol, and atol in the same ratio to it, so that the error at the end of a run is proportional to the tolerances"
 ESTIMATE_WORDS = {
@@ -28,10 +29,13 @@ class Scheme:
     method : Method
     estimator : str
         One of `ESTIMATORS`.
+    jacobian : str
+        One of `JACOBIANS`: where an implicit method has the derivatives of the forces from.
     """
 
     method: Method
     estimator: str = NO_ESTIMATE
+    jacobian: str = EXACT
 
     @property
     def estimates(self) -> bool:

@@ -112,6 +112,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "force_samples": used["solver_force_samples"],
         "estimator": used["solver_estimator"],
         "scales": scales or None,
+        "jacobian": used.get("solver_jacobian"),
     }
     if schema.GIVEN_STEP.name in run:
         asked["step"] = np.asarray(run[schema.GIVEN_STEP.name])
@@ -182,6 +183,7 @@ def _errors(march: March) -> dict[str, Any]:
     if method.simplified:
         said |= {
             "solver_equations_solved_by": SOLVED_BY,
+            "solver_jacobian": settings.jacobian,
             "solver_newton_tolerance": SHARE if settings.adaptive else SETTLED,
             "solver_newton_most_iterations": int(MOST_TURNS if settings.adaptive else MOST_SETTLING),
         }
