@@ -25,6 +25,10 @@ from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
 
+_NOTHING_TO_SOLVE: dict[str, NDArray[Any]] = {
+    "equations": np.zeros(0, EQUATIONS), "unknowns": np.zeros((0, 3), np.int64), "entries": np.zeros((0, 4), np.int64),
+    "pivots": np.zeros(0, np.int64),
+} | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))  # fmt: skip
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 
@@ -39,9 +43,6 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     grid, steps = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
     now = np.zeros(1, NOW)
     now["t"], now["step_norm"], now["on_grid"], now["status"] = start, 1.0, 1, RUNNING
-    equations, unknowns, entries = _equations(law)
-    largest = max((one.unknowns for one in equations), default=0)
-    arrays = {"matrix": np.zeros(largest * largest), "right": np.zeros(largest), "entries": entries} | _kept(law)
     return Run(
         plan=plan,
         now=now,
@@ -58,19 +59,34 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         steps=steps,
         detectors=_detectors(model, scales),
         w=np.zeros(law.steps.memory),
-        equations=equations,
-        unknowns=unknowns,
-        **arrays,
-        law=np.append(addresses, np.array(_solver(law), np.int64)),
+        kept=np.zeros(1, KEPT),
+        **_solving(law),
+        law=np.append(addresses, _solver(law)) if law.scheme.method.implicit else addresses,
         **{f"log_{name}" if name != "base" else name: array for name, array in log._asdict().items()},
     )
 
 
-def _solver(law: Law) -> list[int]:
-    """Return the address of what solves the equations of a step, if it has some."""
-    if not law.scheme.method.implicit:
-        return []
-    return [engine().radau if law.scheme.method.simplified else engine().newton]
+def _solver(law: Law) -> int:
+    """Return the address of what solves the equations of a step."""
+    return engine().radau if law.scheme.method.simplified else engine().newton
+
+
+def _solving(law: Law) -> dict[str, NDArray[Any]]:
+    """Return what equations are solved with; runs of explicit methods share empty arrays, which nothing writes to."""
+    layout, method = law.layout, law.scheme.method
+    if not method.implicit:
+        return _NOTHING_TO_SOLVE
+    if not method.simplified:
+        equations, unknowns, entries = _equations(law)
+        largest = max(one.unknowns for one in equations)
+        lists = {"equations": equations, "unknowns": unknowns, "entries": entries}
+        return _NOTHING_TO_SOLVE | lists | {"matrix": np.zeros(largest * largest), "right": np.zeros(largest)}
+    used, size = len(layout.used), len(layout.used) - len(layout.coordinates)
+    lengths = dict.fromkeys(("stages", "turned", "defects", "past"), 3 * used)
+    lengths |= dict.fromkeys(("stage", "shifted"), len(layout.record)) | {"matrix": 3 * size * size, "right": 2 * size}
+    own: dict[str, NDArray[Any]] = {name: np.zeros(length) for name, length in lengths.items()}
+    own |= {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "pivots": np.zeros(6 * size, np.int64)}
+    return _NOTHING_TO_SOLVE | own
 
 
 def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
@@ -88,20 +104,6 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     wider = widened(law, asked.rtol) if asked else 1.0
     arrays["atol"] = np.array([asked.of(name) / sizes[name] * wider if asked else np.inf for name in layout.used])
     return arrays
-
-
-def _kept(law: Law) -> dict[str, NDArray[Any]]:
-    """Return what `march.radau` works with: its matrices, stages, and where derivatives belong."""
-    layout, kept = law.layout, {"kept": np.zeros(1, KEPT)}
-    used = len(layout.used) if law.scheme.method.simplified else 0
-    factorised = used - len(layout.coordinates) if used else 0
-    kept |= {name: np.zeros(3 * used) for name in ("stages", "turned", "defects", "past")}
-    kept |= {name: np.zeros(len(layout.record) if used else 0) for name in ("stage", "shifted")}
-    kept |= {"pivots": np.zeros(6 * factorised, np.int64)}
-    if not used:
-        return kept
-    couplings = np.array(layout.couplings, np.int64).reshape(-1, 2)
-    return kept | {"matrix": np.zeros(3 * factorised**2), "right": np.zeros(2 * factorised), "entries": couplings}
 
 
 def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:

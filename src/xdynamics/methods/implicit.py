@@ -1,4 +1,4 @@
-"""Implicit methods: each step solves its equations by Newton's method with exact Jacobians."""
+"""Implicit methods: each step solves its equations by Newton's method."""
 
 from xdynamics.methods.method import Method, spread
 from xdynamics.model import Trait

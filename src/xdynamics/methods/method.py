@@ -204,19 +204,19 @@ def method_named(name: str, model: Model, methods: Mapping[str, Method], *, by_d
     InputError
         If there is no such method, or it refuses the model; names the methods that fit.
     """
-    fitting = ", ".join(one.name for one in methods.values() if not one.refusals(model)) or "none"
-    differing = [
-        one.name for one in methods.values() if one.refusals(model) and not one.refusals(model, by_differences=True)
+    refusals = methods[name].refusals(model, by_differences=by_differences) if name in methods else []
+    if name in methods and not refusals:
+        return methods[name]
+    fitting = [one.name for one in methods.values() if not one.refusals(model)]
+    fitting += [
+        f"{one.name} with jacobian = 'differences'"
+        for one in methods.values()
+        if one.name not in fitting and not one.refusals(model, by_differences=True)
     ]
-    fitting += "".join(f", {one} with jacobian = 'differences'" for one in differing)
+    fits = ", ".join(fitting) or "none"
     if name not in methods:
-        raise InputError(f"method {name!r} is not known; these fit this model: {fitting}")
-    refusals = methods[name].refusals(model, by_differences=by_differences)
-    if refusals:
-        raise InputError(
-            f"method '{name}' refuses the model '{model.name}': {'; '.join(refusals)}; these fit: {fitting}"
-        )
-    return methods[name]
+        raise InputError(f"method {name!r} is not known; these fit this model: {fits}")
+    raise InputError(f"method '{name}' refuses the model '{model.name}': {'; '.join(refusals)}; these fit: {fits}")
 
 
 @lru_cache(maxsize=256)
