@@ -16,10 +16,11 @@ from adaptive_problems import PROBLEMS
 from stiff_problems import STIFF, chain
 
 import xdynamics as xd
-from plain import plain
+from plain import made_by_hand, plain
 from problems import EPS
 from xdynamics.kernels import linear
-from xdynamics.march import March
+from xdynamics.march import March, march_many
+from xdynamics.march import radau as march_radau
 from xdynamics.march.asking import settings_for
 from xdynamics.march.engine import engine
 from xdynamics.march.log import allocate
@@ -182,7 +183,37 @@ def test_step_doubling_has_the_tolerance_that_is_asked_for() -> None:
     assert error(run) < 1e-6
 
 
+def test_many_runs_have_the_bits_of_each_alone() -> None:
+    """Assert it for tolerances of their own, of which the inner ones follow, and one absolute one for all."""
+    model, rtols = STIFF["hires"].model(), [1e-4, 3e-6, 1e-7]
+    asked = {"method": "radau_iia", "atol": {"y1": 1e-9}, "until": 300.0, "force_samples": "none"}
+    found = march_many(model, settings_for(model, rtol=1e-5, **asked), rtols=rtols)
+    for k, rtol in enumerate(rtols):
+        alone = xd.simulate(model, rtol=rtol, **asked)
+        assert [float(alone[name].values[-1]) for name in model.states] == found.state[k].tolist()
+        assert alone.sizes["step"] == found.rows[k]
+
+
 # ------------------------------------------------------------------------------------------------- what is kept
+
+
+@pytest.mark.parametrize(
+    ("sizes", "verdict"),
+    [
+        ([1e-9], march_radau.OPEN),  # one correction does not say how the next ones fall
+        ([1.0, 0.05, 1e-3], march_radau.DONE),
+        ([1.0, 0.995], march_radau.IN_VAIN),
+        ([1.0, 0.7], march_radau.IN_VAIN),  # 0.7**7 would not be small enough
+        ([1.0, np.nan], march_radau.IN_VAIN),
+        ([3e-3, 2e-3], march_radau.DONE),  # below 10 eps/rtol it is rounding that no longer falls
+    ],
+)
+def test_iterations_are_judged_by_their_corrections(sizes: list[float], verdict: int) -> None:
+    """Assert what is said of the last of some corrections, in units of the error that is allowed, for rtol = 1e-12."""
+    run = made_by_hand()
+    run.plan[0].adaptive, run.plan[0].rtol, run.kept[0].eta = 1, 1e-12, 1e6
+    told = [plain(march_radau.judged)(run, size, turn) for turn, size in enumerate(sizes, start=1)]
+    assert told == [march_radau.OPEN] * (len(sizes) - 1) + [verdict]
 
 
 @pytest.mark.parametrize("name", STIFF)

@@ -19,7 +19,7 @@ NONFINITE_FACTOR = 0.25
 STRETCH = 1.01  # of a step that would end just before a node
 SMALLEST_NORM = 1e-4  # that the next step remembers
 CONTROLLER = "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1 (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
-PREDICTIVE = "predictive: safety*min(norm**(-1/4)*15/(i + 14), h/h_before*(norm_before/norm**2)**(1/4)), i = Newton iterations; a growth of up to 1.2 is left out where they converge by less than 0.001, for the sake of what is kept (Hairer, Wanner, Solving ODEs II, IV.8; Gustafsson 1994, doi:10.1145/198429.198437)"
+PREDICTIVE = "predictive: safety*min(norm**(-1/4)*15/(i + 14), h/h_before*(norm_before/norm**2)**(1/4)), i = Newton iterations; a growth of up to 1.2 is left out after at most 2 of them or where they converge by theta < 0.001, for the sake of what is kept (Hairer, Wanner, Solving ODEs II, IV.8; Gustafsson 1994, doi:10.1145/198429.198437)"
 ERROR_NORM = "largest component of |error|/(atol + rtol*max(|value before|, |value after|))"
 FIRST_STEP = "Hairer, Norsett, Wanner I, section II.4, a)-f), with the norm above; 1e-6 of the span stands for its 1e-6"
 
@@ -83,7 +83,7 @@ def reduce(run: Run, h: float, failed_test: bool) -> None:
     """Choose the step after a trial of step h that was rejected."""
     plan, now = run.plan[0], run.now[0]
     factor = NONFINITE_FACTOR
-    if plan.predictive:
+    if plan.predictive and (failed_test or run.trial[0].iterations < 0):
         factor = min(0.9, run.kept[0].growth)
     elif failed_test and math.isfinite(now.norm):
         factor = max(plan.least, min(0.9, plan.safety * math.pow(now.norm, -1.0 / plan.order)))

@@ -22,7 +22,7 @@ from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
 from xdynamics.methods.radau import T as T_MATRIX
 
-SOLVED_BY = "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge; in chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is allowed, in given ones until it is below the tolerance times the size of its unknown (Hairer, Wanner, Solving ODEs II, section IV.8)"
+SOLVED_BY = "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge; in chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is allowed, with the rtol of the error norm, in given ones until it is below the tolerance times the size of its unknown (Hairer, Wanner, Solving ODEs II, section IV.8)"
 # numbers by themselves: of tuples numba would make new ones at every use
 C1, C2, _ = NODES
 E1, E2, E3 = ERROR
