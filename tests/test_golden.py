@@ -12,6 +12,8 @@ import xdynamics as xd
 from problems import ROOT
 
 ARCHIVES = sorted((ROOT / "data" / "golden" / "0.1").glob("*.nc"))
+# its method has other iterations and another choice of steps since
+OTHER_STEPS = {"linear_drag_radau_iia": "38 rows became 33"}
 # without elementary functions, fixed steps: the same bits whatever the set
 EXACT = {"ball_drag_midpoint", "cart_spring_verlet", "kepler_dprkn6_given", "rocket_c6_midpoint"}
 SAID = (
@@ -35,6 +37,10 @@ def test_numbers_are_reproduced(path: Path) -> None:
         assert said == "every number has the same bits"
         return
     assert path.stem not in EXACT
+    if path.stem in OTHER_STEPS:
+        assert said.endswith(OTHER_STEPS[path.stem])
+        assert "solver_controller: 'PI" in table.attrs["settings"]
+        return
     allowed = max(1e-9, float(xd.open_run(path).attrs.get("solver_rtol", 0.0)))  # chosen steps end at other times
     assert float(re.search(r"the largest difference is .*: (\S+) of its largest value$", said)[1]) < allowed
 

@@ -41,7 +41,8 @@ ENERGIES = {
 # facts about when and where a run was made: in the archive, out of every digest but the one of their own
 VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba_version", "llvmlite_version",
             "xarray_version", "cpu_name", "cpu_features", "wall_time", "xdynamics_version", "volatile_digest")  # fmt: skip
-COUNTS = ("run_force_evaluations", "run_accepted_steps", "run_rejected_trials")
+COUNTS = ("run_force_evaluations", "run_jacobian_evaluations", "run_factorisations", "run_accepted_steps",
+          "run_rejected_trials")  # fmt: skip
 REQUIRED_ATTRIBUTES = (
     "Conventions", "title", "summary", "source", "history", "date_created", "xdynamics_version", "schema_version",
     "solver_method", "solver_order", "solver_update_equations", "solver_update_order", "solver_interpolation",

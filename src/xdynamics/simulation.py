@@ -44,6 +44,7 @@ def simulate(
     path: str | Path | None = None,
     force_samples: str | None = None,
     scales: Mapping[str, str] | None = None,
+    jacobian: str | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """March a model and return its run record.
@@ -75,6 +76,9 @@ def simulate(
     scales : mapping, optional
         Length, time and mass to march in nondimensional variables with: ``{"length": "0.4 m"}``. Everything reported
         has its units again.
+    jacobian : {"exact", "differences"}
+        Where `radau_iia` has the derivatives of the forces from: from their expressions, or, for forces in Python too,
+        from differences of the forces.
     progress : callable, optional
         Called now and then with the fraction done, the time in s and the rows so far.
 
@@ -96,7 +100,9 @@ def simulate(
     Notes
     -----
     Error test and controller: Hairer, Norsett, Wanner, Solving ODEs I, section II.4, with the largest component in the
-    place of the root mean square, so that no component can hide behind others.
+    place of the root mean square, so that no component can hide behind others. `radau_iia` with its own estimate takes
+    0.1*rtol**(4/5) in the place of rtol, and atol in the same ratio to it: its error at the end is then proportional to
+    the tolerances.
 
     Examples
     --------
@@ -114,6 +120,7 @@ def simulate(
         "method": method, "step": step, "until": until, "rtol": rtol, "atol": atol, "estimator": estimator,
         "safety": safety, "growth_limits": growth_limits, "min_step": min_step, "max_step": max_step,
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
+        "jacobian": jacobian,
     }  # fmt: skip
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):

@@ -18,8 +18,9 @@ from xdynamics.march.engine import engine
 from xdynamics.march.log import allocate
 from xdynamics.march.posing import posed
 from xdynamics.methods import METHODS
+from xdynamics.methods.scheme import EXACT
 from xdynamics.model import Model
-from xdynamics.record.provenance import interpolation_orders, scales_of
+from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import STEPS
 from xdynamics.units import TIME, parse_time
 
@@ -129,7 +130,10 @@ class _Inside:
         method, estimator = METHODS[used["solver_method"]], str(used["solver_estimator"])
         # the same force samples as the run had: so its law is compiled already
         sampled = used.get("solver_force_samples") == "all"
-        return Settings(method, start + 1.0, estimator=estimator, samples=sampled, scales=scales_of(self.run))
+        jacobian = str(used.get("solver_jacobian", EXACT))
+        return Settings(
+            method, start + 1.0, estimator=estimator, samples=sampled, scales=scales_of(self.run), jacobian=jacobian
+        )
 
     @cached_property
     def layout(self) -> Layout:
@@ -155,7 +159,7 @@ class _Inside:
             about = run[name].attrs
             error = schema.error(name)
             rule = {
-                "interpolation": run.attrs["solver_interpolation"],
+                "interpolation": self.settings.scheme.interpolation,
                 "interpolation_order": orders[name],
                 "ancillary_variables": error,
             }
@@ -170,7 +174,8 @@ class _Inside:
             (INSTANTS,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
         )
         attributes = {key: run.attrs[key] for key in _KEPT if key in run.attrs}
-        return xr.Dataset(variables, attrs=attributes | {"error_estimate": ROUTE}).set_coords("time")
+        attributes |= interpolation(self.settings.scheme) | {"error_estimate": ROUTE}
+        return xr.Dataset(variables, attrs=attributes).set_coords("time")
 
     def _evaluated(self, where: Floats, columns: Floats) -> Floats:
         """Evaluate both routes; of `where` the rows are instant, start and end, of `columns` step and state."""
@@ -206,8 +211,7 @@ def _model_of(text: str, functions: tuple[tuple[str, Callable[..., float]], ...]
     return Model.from_text(text, functions=dict(functions))
 
 
-_KEPT = ("title", "solver_method", "solver_order", "solver_interpolation", "solver_interpolation_order", "solver_estimator",
-         "model_digest", "force_digest", "content_digest")  # fmt: skip
+_KEPT = ("title", "solver_method", "solver_order", "solver_estimator", "model_digest", "force_digest", "content_digest")
 
 
 def _check_whole(where: Floats, steps: Floats) -> None:

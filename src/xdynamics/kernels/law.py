@@ -23,10 +23,11 @@ from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.stepping import Equations, Steps
 from xdynamics.kernels.tables import PYTHON_TABLES
-from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.scheme import EXACT, Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
 EXP, LOG, FORCES, DETECT, SLOPES, ROW, INSIDE, PROPOSE = range(8)
+LINEARISED = PROPOSE  # of a method whose step `march.radau` makes
 CONTROL = ("exp", "log")  # what step control calls
 HEADER = (
     '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
@@ -59,7 +60,12 @@ class Law:
 
     @cached_property
     def steps(self) -> Steps:
-        """The programs of one step."""
+        """The programs of one step; of the derivatives alone, where `march.radau` makes the step."""
+        if self.scheme.method.simplified:
+            first = 3 * len(self.layout.used)
+            exact = self.scheme.jacobian == EXACT
+            derivatives = (quantities.linearised(self.layout, "w", first),) if exact else ()
+            return Steps(derivatives, (), first + len(self.layout.couplings))
         return stepping.step(self.layout, self.scheme, sampled=self.sampled)
 
     @cached_property
@@ -77,7 +83,7 @@ class Law:
     @cached_property
     def programs(self) -> tuple[Program, ...]:
         """Every program, each behind those that it calls."""
-        inner = (quantities.linearised(self.layout),) if self.scheme.method.implicit else ()
+        inner = (quantities.linearised(self.layout),) if self.equations else ()
         return (self.entries[0], *inner, *self.entries[1:])
 
     @cached_property

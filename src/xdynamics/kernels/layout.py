@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number
-from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.scheme import DIFFERENCES, Scheme
 from xdynamics.model import Model, motion
 from xdynamics.units import Dimension
 
@@ -124,6 +124,19 @@ class Layout:
     def jacobian(self) -> tuple[tuple[str, str], ...]:
         """What depends on what: pairs of a coordinate (for its acceleration) or a rate, and a name it depends on."""
         return tuple(motion.jacobian(self.model))
+
+    @cached_property
+    def couplings(self) -> tuple[tuple[int, int], ...]:
+        """Row and column of each derivative: among velocities and states, and among all that is used.
+
+        Exact ones are the entries of `jacobian`; by differences there are all, column by column.
+        """
+        if self.scheme is not None and self.scheme.jacobian == DIFFERENCES:
+            height = len(self.used) - len(self.coordinates)
+            return tuple((row, column) for column in range(len(self.used)) for row in range(height))
+        rows = {name: i for i, name in enumerate((*self.coordinates, *self.rates))}
+        columns = {name: i for i, name in enumerate(self.used)}
+        return tuple((rows[name], columns[by]) for name, by in self.jacobian)
 
     @cached_property
     def sample(self) -> tuple[str, ...]:

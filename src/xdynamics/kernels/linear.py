@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import compiled, shared
+
+_REAL, _COMPLEX = np.int64(1), np.int64(2)  # no literals: of a function that is given one, numba makes a copy for each
 
 
 @shared
@@ -47,3 +49,157 @@ def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], n: int
             right[i] -= matrix[i * n + j] * right[j]
         right[i] /= matrix[i * n + i]
     return True
+
+
+@shared
+def note_extents(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int, planes: int) -> None:
+    """Note the first and the last row of every column that is not zero, behind the rows exchanged; chains have few.
+
+    Of a real matrix there is one plane, of a complex one there are two behind it, for the real and the imaginary parts.
+    """
+    own = 3 * n * (planes - 1)
+    for k in range(n):
+        top, bottom = k, k
+        for i in range(n):
+            filled = False
+            for plane in range(planes):
+                filled = filled or matrix[(planes - 1 + plane) * n * n + k * n + i] != 0.0
+            if filled:
+                top, bottom = min(top, i), max(bottom, i)
+        pivots[own + n + k], pivots[own + 2 * n + k] = top, bottom
+
+
+@compiled
+def factorise(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int) -> bool:
+    """Take a matrix apart as P L U in place, with partial pivoting.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n*n,) or longer
+        Column by column.
+    pivots : ndarray of int, shape (3*n,) or longer
+        Filled: the row exchanged with each, and the first and the last row of each column that is not zero.
+    n : int
+
+    Returns
+    -------
+    bool
+        False where the matrix is singular or not finite.
+    """
+    for k in range(n):
+        pivot, column, last = k, k * n, k
+        for i in range(k + 1, n):
+            size = abs(matrix[column + i])
+            last = i if size != 0.0 else last
+            pivot = i if size > abs(matrix[column + pivot]) else pivot
+        size = abs(matrix[column + pivot])
+        if not size > 0.0 or not np.isfinite(size):
+            return False
+        pivots[k] = pivot
+        if pivot != k:
+            for j in range(n):
+                matrix[j * n + k], matrix[j * n + pivot] = matrix[j * n + pivot], matrix[j * n + k]
+        for i in range(k + 1, last + 1):
+            matrix[column + i] /= matrix[column + k]
+        for j in range(k + 1, n):
+            factor = matrix[j * n + k]
+            if factor != 0.0:
+                for i in range(k + 1, last + 1):
+                    matrix[j * n + i] -= factor * matrix[column + i]
+    note_extents(matrix, pivots, n, _REAL)
+    return True
+
+
+@compiled
+def substitute(matrix: NDArray[np.float64], pivots: NDArray[np.int64], right: NDArray[np.float64], n: int) -> None:
+    """Solve with the factors of `factorise`; the solution takes the place of the right-hand side."""
+    for k in range(n):
+        pivot = pivots[k]
+        if pivot != k:
+            right[k], right[pivot] = right[pivot], right[k]
+    for k in range(n):
+        for i in range(k + 1, pivots[2 * n + k] + 1):
+            right[i] -= right[k] * matrix[k * n + i]
+    for k in range(n - 1, -1, -1):
+        right[k] /= matrix[k * n + k]
+        for i in range(pivots[n + k], k):
+            right[i] -= right[k] * matrix[k * n + i]
+
+
+@compiled
+def factorise_complex(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int) -> bool:
+    """Do what `factorise` does for a complex matrix behind a real one; the diagonal of U is left inverted.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (3*n*n,) or longer
+        From n*n on the real parts, from 2*n*n on the imaginary ones, each column by column.
+    pivots : ndarray of int, shape (6*n,) or longer
+        Filled from 3*n on.
+    n : int
+
+    Returns
+    -------
+    bool
+        False where the matrix is singular or not finite.
+    """
+    re, im = n * n, 2 * n * n
+    for k in range(n):
+        pivot, column, size, last = k, k * n, -1.0, k
+        for i in range(k, n):
+            one = abs(matrix[re + column + i]) + abs(matrix[im + column + i])
+            last = i if one != 0.0 else last
+            pivot, size = (i, one) if one > size else (pivot, size)
+        if not size > 0.0 or not np.isfinite(size):
+            return False
+        pivots[3 * n + k] = pivot
+        if pivot != k:
+            for j in range(n):
+                a, b = re + j * n, im + j * n
+                matrix[a + k], matrix[a + pivot] = matrix[a + pivot], matrix[a + k]
+                matrix[b + k], matrix[b + pivot] = matrix[b + pivot], matrix[b + k]
+        # divided by their size first, so that the square neither overflows nor vanishes
+        x, y = matrix[re + column + k] / size, matrix[im + column + k] / size
+        square = (x * x + y * y) * size
+        x, y = x / square, -y / square
+        matrix[re + column + k], matrix[im + column + k] = x, y
+        for i in range(k + 1, last + 1):
+            u, v = matrix[re + column + i], matrix[im + column + i]
+            matrix[re + column + i], matrix[im + column + i] = u * x - v * y, u * y + v * x
+        for j in range(k + 1, n):
+            a, b = re + j * n, im + j * n
+            u, v = matrix[a + k], matrix[b + k]
+            if u != 0.0 or v != 0.0:
+                for i in range(k + 1, last + 1):
+                    p, q = matrix[re + column + i], matrix[im + column + i]
+                    matrix[a + i] -= u * p - v * q
+                    matrix[b + i] -= u * q + v * p
+    note_extents(matrix, pivots, n, _COMPLEX)
+    return True
+
+
+@compiled
+def substitute_complex(
+    matrix: NDArray[np.float64], pivots: NDArray[np.int64], right: NDArray[np.float64], n: int
+) -> None:
+    """Solve with the factors of `factorise_complex`; of `right` the first n numbers are real, the next n imaginary."""
+    re, im = n * n, 2 * n * n
+    for k in range(n):
+        pivot = pivots[3 * n + k]
+        if pivot != k:
+            right[k], right[pivot] = right[pivot], right[k]
+            right[n + k], right[n + pivot] = right[n + pivot], right[n + k]
+    for k in range(n):
+        u, v = right[k], right[n + k]
+        for i in range(k + 1, pivots[5 * n + k] + 1):
+            p, q = matrix[re + k * n + i], matrix[im + k * n + i]
+            right[i] -= u * p - v * q
+            right[n + i] -= u * q + v * p
+    for k in range(n - 1, -1, -1):
+        x, y = matrix[re + k * n + k], matrix[im + k * n + k]
+        u, v = right[k] * x - right[n + k] * y, right[k] * y + right[n + k] * x
+        right[k], right[n + k] = u, v
+        for i in range(pivots[4 * n + k], k):
+            p, q = matrix[re + k * n + i], matrix[im + k * n + i]
+            right[i] -= u * p - v * q
+            right[n + i] -= u * q + v * p

@@ -23,15 +23,15 @@ def forces(layout: Layout) -> Program:
     return Program("forces", "Accelerations, rates, force components and drives of a state.", tuple(lines.lines))
 
 
-def linearised(layout: Layout) -> Program:
-    """Write the forces with their exact derivatives, which go to `e`."""
+def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
+    """Write the forces with their exact derivatives, which go to `e`, or to another array from a place on."""
     model = layout.model
     lines = _moved(layout, (*motion(model), *slopes(model)))
-    first = len(layout.used)
+    used = len(layout.used)
     for i, name in enumerate(layout.evaluation):
-        lines.store(Place("z", first + i), lines.named(name))
+        lines.store(Place("z", used + i), lines.named(name))
     for i, name in enumerate(jacobian(model).values()):
-        lines.store(Place("e", i), lines.named(name))
+        lines.store(Place(array, first + i), lines.named(name))
     return Program("linearised", "What `forces` gives, and its derivatives by the state.", tuple(lines.lines))
 
 

@@ -72,8 +72,9 @@ def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
 def inside(layout: Layout, scheme: Scheme) -> Program:
     """Write the state at t + s*h, to `e`: from the states at both ends of the step, or with the step's own stages."""
     write = _Stepping(layout, sampled=False, working=False)
-    if scheme.extension == HERMITE:
+    if scheme.extension == HERMITE or scheme.method.simplified:
         write.ends_given()
+        write.stages_given()
     else:
         write.walk(scheme.method.statements)
         write.end()
@@ -152,6 +153,13 @@ class _Stepping(Walker):
         """Take the state at the end of the step as given in `z`."""
         for name in "qvxar":
             self._views[f"{name}1"] = ("z", *self._views[name][1:])
+
+    def stages_given(self) -> None:
+        """Take the states of two stages as given at the beginning of `w`."""
+        for k, stage in enumerate("23"):
+            for name in "qvx":
+                _, first, count = self._views[name]
+                self._views[f"{name}{stage}"] = ("w", k * len(self.layout.used) + first, count)
 
     def out(self, array: str, vectors: Iterable[str], names: tuple[str, ...]) -> None:
         """Copy vectors, one behind the other, into an array that was given."""

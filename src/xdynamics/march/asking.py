@@ -10,7 +10,7 @@ import numpy as np
 from xdynamics.faults import InputError
 from xdynamics.march.settings import Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
-from xdynamics.methods.scheme import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
+from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.units import NONE, Scales, parse_quantity, parse_time
@@ -36,7 +36,8 @@ def settings_for(model: Model, **asked: Any) -> Settings:
             raise InputError(f"model '{model.name}' has no {key} in its [run]; give {key}=…")
     if chosen["force_samples"] not in FORCE_SAMPLES:
         raise InputError(f"force_samples is {chosen['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
-    method = method_named(str(chosen["method"]), model, METHODS)
+    jacobian = str(chosen.get("jacobian", EXACT))
+    method = method_named(str(chosen["method"]), model, METHODS, by_differences=jacobian == DIFFERENCES)
     step = _step(chosen.get("step"))
     tolerances = _tolerances(model, chosen)
     if step is None and tolerances is None:
@@ -55,6 +56,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         str(chosen.get("estimator") or _estimator(method, tolerances)),
         chosen["force_samples"] == "all",
         Scales.parse(chosen["scales"]),
+        jacobian,
     )
     settings.check(model)
     return settings

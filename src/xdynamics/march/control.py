@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import EXP, FORCES, LOG
 from xdynamics.kernels.program import T
+from xdynamics.march.evaluating import slope_of
 from xdynamics.march.handle import applied, called
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
@@ -20,6 +19,7 @@ NONFINITE_FACTOR = 0.25
 STRETCH = 1.01  # of a step that would end just before a node
 LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
 CONTROLLER = "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1 (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
+PREDICTIVE = "predictive: safety*min(norm**(-1/4)*15/(i + 14), h/h_before*(norm_before/norm**2)**(1/4)), i = Newton iterations; a growth of up to 1.2 is left out after at most 2 of them or where they converge by theta < 0.001, for the sake of what is kept (Hairer, Wanner, Solving ODEs II, IV.8; Gustafsson 1994, doi:10.1145/198429.198437)"
 ERROR_NORM = "largest component of |error|/(atol + rtol*max(|value before|, |value after|))"
 FIRST_STEP = "Hairer, Norsett, Wanner I, section II.4, a)-f), with the norm above; 1e-6 of the span stands for its 1e-6"
 
@@ -61,7 +61,9 @@ def grow(run: Run, h: float, cut: bool) -> None:
     """Choose the step after one that passed: no growth right after a rejection, and none lost to a cut step."""
     plan, now = run.plan[0], run.now[0]
     k, factor, logarithm = plan.order, plan.greatest, LEAST_LOGARITHM
-    if now.norm > 0.0:
+    if plan.predictive:
+        factor = min(plan.greatest, max(plan.least, run.kept[0].growth))
+    elif now.norm > 0.0:
         beta, logarithm = 0.2 / k, applied(run.law[LOG], now.norm)
         factor = plan.safety * applied(run.law[EXP], (0.75 * beta - 1.0 / k) * logarithm + beta * now.step_log)
         factor = min(plan.greatest, max(plan.least, factor))
@@ -80,10 +82,11 @@ def reduce(run: Run, h: float, failed_test: bool) -> None:
     """Choose the step after a trial of step h that was rejected."""
     plan, now = run.plan[0], run.now[0]
     factor = NONFINITE_FACTOR
-    if failed_test and math.isfinite(now.norm):
-        factor = max(
-            plan.least, min(0.9, plan.safety * applied(run.law[EXP], -applied(run.law[LOG], now.norm) / plan.order))
-        )
+    if plan.predictive and (failed_test or run.trial[0].iterations < 0):
+        factor = min(0.9, run.kept[0].growth)
+    elif failed_test and math.isfinite(now.norm):
+        shrink = plan.safety * applied(run.law[EXP], -applied(run.law[LOG], now.norm) / plan.order)
+        factor = max(plan.least, min(0.9, shrink))
     now.step = max(h * factor, shortest(run))
     now.rejected = 1
 
@@ -100,19 +103,19 @@ def first_step(run: Run) -> float:
     for i in range(plan.used):
         scale = run.atol[i] + plan.rtol * abs(y[i])
         size = larger(size, abs(y[i]) / scale)
-        slope = larger(slope, abs(_slope(run, y, i)) / scale)
+        slope = larger(slope, abs(slope_of(run, y, i)) / scale)
     guess = 1e-6 * span if size < 1e-5 or slope < 1e-5 else 0.01 * size / slope
     node = run.nodes[run.now[0].node] if run.now[0].node < run.nodes.shape[0] else plan.end
     guess = min(guess, node - t, plan.max_step)
     for i in range(plan.used):
-        probe[i] = y[i] + guess * _slope(run, y, i)
+        probe[i] = y[i] + guess * slope_of(run, y, i)
     run.at[T] = t + guess
     called(run.law[FORCES], run, probe, probe, 0)
     run.now[0].evaluations += 1
     note_sample(run, t + guess, probe, 0)
     for i in range(plan.used):
         scale = run.atol[i] + plan.rtol * abs(y[i])
-        change = larger(change, abs(_slope(run, probe, i) - _slope(run, y, i)) / scale)
+        change = larger(change, abs(slope_of(run, probe, i) - slope_of(run, y, i)) / scale)
     steepest = max(slope, change / guess)
     if not math.isfinite(steepest):
         step = guess
@@ -121,10 +124,3 @@ def first_step(run: Run) -> float:
     else:
         step = applied(run.law[EXP], applied(run.law[LOG], 0.01 / steepest) / plan.order)
     return min(max(min(100.0 * guess, step), shortest(run)), plan.max_step)
-
-
-@compiled
-def _slope(run: Run, state: NDArray[Any], i: int) -> float:
-    """The time derivative of what a force evaluation uses: v of q, then a of v and the rates."""
-    n, used = run.plan[0].coordinates, run.plan[0].used
-    return state[n + i] if i < n else state[used + i - n]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
+from xdynamics.march.newton import MOST_ITERATIONS
 from xdynamics.march.outcomes import (
     COMPLETED,
     NONFINITE,
@@ -18,7 +19,7 @@ from xdynamics.march.outcomes import (
     STOPPED,
     Outcome,
 )
-from xdynamics.march.proposing import MOST_ITERATIONS
+from xdynamics.march.radau import MOST_TURNS
 from xdynamics.march.retrace import retraced, undefined_part
 from xdynamics.march.runner import March
 from xdynamics.model import Function
@@ -126,7 +127,8 @@ def _cause(march: March) -> str:
             return f"{plan.most_steps:.0f} accepted steps and rejected trials are used up; raise max_steps or the tolerances"
         case status if status == REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
-            return f"Newton's method, of at most {MOST_ITERATIONS} iterations, does not solve the step's equations; {remedy}"
+            most = MOST_TURNS if plan.simplified and plan.adaptive else MOST_ITERATIONS
+            return f"Newton's method, of at most {most} iterations, does not solve the step's equations; {remedy}"
         case status if status == STEP_TOO_SMALL and plan.adaptive and norm > 1.0:
             return (
                 f"the error test fails, with norm {norm:.3g}, at the shortest step that t resolves; the solution has a"

@@ -12,11 +12,12 @@ import numpy as np
 from numba import cfunc, config, from_dtype, njit, types
 
 from xdynamics.kernels import cache
-from xdynamics.kernels.compiling import OPTIONS
+from xdynamics.kernels.compiling import OPTIONS, PLAIN
 from xdynamics.march import entries, loop
 from xdynamics.march.run import NOW, PLAN
 
-SECONDS = 12  # that compiling takes on a machine of 2026
+SECONDS = 13  # that compiling takes on a machine of 2026
+NEWTON, RADAU = -1, -2  # keys of steps where nothing is compiled
 _LOCK = threading.Lock()
 _FOUND: list[Engine] = []
 _KEPT: list[Any] = []
@@ -28,6 +29,8 @@ class Engine(NamedTuple):
     march: Callable[..., None]
     march_many: Callable[..., int]
     states_inside: Callable[..., None]
+    newton: int  # address of `entries.step_by_newton`
+    radau: int  # of `entries.step_by_radau`
 
 
 def engine() -> Engine:
@@ -39,7 +42,9 @@ def engine() -> Engine:
 
 
 def _plain() -> Engine:
-    return Engine(loop.march, lambda run, *given: entries.march_many(run, loop.march, *given), entries.states_inside)
+    PLAIN[NEWTON], PLAIN[RADAU] = entries.step_by_newton, entries.step_by_radau
+    many = entries.march_many
+    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside, NEWTON, RADAU)
 
 
 def _compiled() -> Engine:
@@ -65,18 +70,24 @@ def _entries(folder: Path | None) -> Engine:
     before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")  # type: ignore[attr-defined]
     try:
         march = cfunc(types.void(types.int64, types.int64), cache=keep, **OPTIONS)(loop.march)
+        steps: list[Any] = [
+            cfunc(_STEP, cache=keep, **OPTIONS)(one) for one in (entries.step_by_newton, entries.step_by_radau)
+        ]
         others = [njit(cache=keep, **OPTIONS)(one) for one in (entries.march_many, entries.states_inside)]
     finally:
         config.CACHE_DIR = before  # type: ignore[attr-defined]
     for one, signature in zip(others, _SIGNATURES, strict=True):
         one.compile(signature)
     march_many, states_inside = others
+    newton, radau = steps
     address, call = march.address, march.ctypes
-    _KEPT.append(march)  # the code behind the address lives as long as this
+    _KEPT.extend((march, newton, radau))  # the code behind an address lives as long as this
     return Engine(
         lambda run, rows: call(run.address, rows),
         lambda run, *given: march_many(run.address, address, *given),
         lambda run, *given: states_inside(run.address, *given),
+        newton.address,
+        radau.address,
     )
 
 
@@ -84,6 +95,7 @@ def _array(dtype: Any, dims: int) -> Any:
     return types.Array(from_dtype(np.dtype(dtype)), dims, "C")
 
 
+_STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
 _MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), _array("f8", 2), types.int64, types.boolean)
 _SIGNATURES = ((types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 3))
 
@@ -94,10 +106,11 @@ def _key() -> str:
     from llvmlite import binding
 
     package = Path(__file__).parents[1]
-    files = sorted([*(package / "kernels").glob("*.py"), *(package / "march").glob("*.py"), package / "schema.py"])
+    rooms = [*(package / "kernels").glob("*.py"), *(package / "march").glob("*.py")]
+    files = sorted([*rooms, package / "schema.py", package / "methods" / "radau.py"])
     # numba believes a file it kept only if the entries' own files have the place and the date of then
-    rooms = [Path(str(room.__file__)).resolve() for room in (entries, loop)]
-    stamps = [f"{path} {path.stat().st_mtime!r}" for path in rooms]
+    ways_in = [Path(str(room.__file__)).resolve() for room in (entries, loop)]
+    stamps = [f"{path} {path.stat().st_mtime!r}" for path in ways_in]
     return cache.digest(
         *(path.read_text(encoding="utf-8") for path in files), numba.__version__, np.__version__, *stamps,
         binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),

@@ -11,11 +11,13 @@ from xdynamics.kernels.compiling import compiled
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import T1, H, S, T
 from xdynamics.kernels.tables import enter_pieces
+from xdynamics.march.evaluating import evaluate
 from xdynamics.march.events import copy, propose_apart
-from xdynamics.march.handle import called, march_by, run_at
+from xdynamics.march.handle import called, floats_at, march_by, run_at
+from xdynamics.march.newton import newton_step
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.proposing import evaluate
-from xdynamics.march.run import Run
+from xdynamics.march.radau import radau_step
+from xdynamics.march.run import BEGUN, Run
 
 Floats = NDArray[np.float64]
 Records = NDArray[Any]
@@ -75,7 +77,8 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
     run.plan[0] = plans[k]
     now.t, now.h, now.norm, now.step, now.step_log, now.first_step = plans[k].start, 0.0, 0.0, 0.0, 0.0, 0.0
     now.status, now.rows, now.trials, now.events, now.samples = RUNNING, 0, 0, 0, 0
-    now.grid, now.node, now.on_grid, now.rejected, now.evaluations = 0, 0, 1, 0, 0
+    now.grid, now.node, now.on_grid, now.rejected = 0, 0, 1, 0
+    now.evaluations, now.jacobians, now.factorisations = 0, 0, 0
     for i in range(starts.shape[1]):
         run.y[i] = starts[k, i]
     for i in range(parameters.shape[1]):
@@ -102,8 +105,10 @@ def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) ->
     n, before = states.shape[0], np.nan
     for k in range(steps.shape[1]):
         t, t1, h, time = steps[0, k], steps[1, k], steps[2, k], steps[3, k]
-        if k == 0 or t != before or changed(run, states, k):
+        # stages are not kept beside the step that is made again below
+        if k == 0 or run.plan[0].simplified or t != before or changed(run, states, k):
             before = t
+            run.kept[0].since = BEGUN
             run.now[0].t = t
             enter_pieces(t, run.tables, run.places, run.of_time)
             for i in range(n):
@@ -118,6 +123,28 @@ def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) ->
         propose_apart(run, time, time - t)
         for i in range(n):
             found[n + i, k] = run.z[i]
+
+
+def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: Any, sample: int) -> None:
+    """Make a step by `march.newton`, for a loop that calls it by its address: no caller compiles it again.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run`.
+    _t, _t1, _h : float
+        Ends and size of the step, which the run's `at` holds too.
+    y, z : int
+        Where the places of two of its states stand: where the step starts, and to be filled.
+    sample : int
+        Place of the step's force evaluations in `samples`.
+    """
+    newton_step(run_at(address), floats_at(y), floats_at(z), sample)
+
+
+def step_by_radau(address: Any, t: float, t1: float, h: float, y: Any, z: Any, sample: int) -> None:
+    """Make a step by `march.radau`, in the same way."""
+    radau_step(run_at(address), t, t1, h, floats_at(y), floats_at(z), sample)
 
 
 @compiled

@@ -242,6 +242,29 @@ def _run_at(_typing: Any, address: Any) -> Any:
     return RUN(address), generate
 
 
+def _floats_at(_typing: Any, address: Any) -> Any:
+    """Return the array of numbers whose place in a table is this address."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], _POINTER)
+
+    return _KINDS["Floats"](address), generate
+
+
+def _stepped_by(_typing: Any, step: Any, run: Any, t: Any, t1: Any, h: Any, y: Any, z: Any, sample: Any) -> Any:
+    """Call the compiled step at an address."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        step, run, t, t1, h, y, z, sample = arguments
+        run, y, z = (builder.ptrtoint(one, _WORD) for one in (run, y, z))
+        double = ir.DoubleType()
+        kind = ir.FunctionType(ir.VoidType(), [_WORD, double, double, double, _WORD, _WORD, _WORD])
+        builder.call(builder.inttoptr(step, kind.as_pointer()), [run, t, t1, h, y, z, sample])
+        return context.get_dummy_value()
+
+    return types.void(step, run, t, t1, h, y, z, sample), generate
+
+
 def _march_by(_typing: Any, march: Any, address: Any, rows: Any) -> Any:
     """Call the compiled march at an address."""
 
@@ -299,12 +322,16 @@ def _applied(_typing: Any, address: Any, _x: Any) -> Any:
     return types.float64(address, types.float64), generate
 
 
-def _run_plainly(run: Any) -> Any:
+def _itself(run: Any) -> Any:
     return run
 
 
 def _march_by_plainly(march: Any, run: Any, rows: int) -> None:
     march(run, rows)
+
+
+def _stepped_plainly(step: int, *given: Any) -> None:
+    PLAIN[int(step)](*given)
 
 
 def called_plainly(address: int, run: Any, y: Any, z: Any, sample: int) -> None:
@@ -324,7 +351,9 @@ def noted_plainly(address: int, run: Any, y: Any, row: int) -> None:
 
 # without numba's compiler, as NUMBA_DISABLE_JIT asks for, the engine is plain Python: entries are given the run itself
 _PLAINLY = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
-run_at: Any = _run_plainly if _PLAINLY else intrinsic(_run_at)
+run_at: Any = _itself if _PLAINLY else intrinsic(_run_at)
+floats_at: Any = _itself if _PLAINLY else intrinsic(_floats_at)
+stepped_by: Any = _stepped_plainly if _PLAINLY else intrinsic(_stepped_by)
 march_by: Any = _march_by_plainly if _PLAINLY else intrinsic(_march_by)
 applied: Any = applied_plainly if _PLAINLY else intrinsic(_applied)
 called: Any = called_plainly if _PLAINLY else intrinsic(_called)

@@ -16,6 +16,7 @@ from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import STRETCH, accepts, error_norm, first_step, grow, reduce, shortest
+from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events import copy, crosses, crosses_any, locate
 from xdynamics.march.handle import called, run_at
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
@@ -28,8 +29,8 @@ from xdynamics.march.outcomes import (
     STEP_TOO_SMALL,
     STOPPED,
 )
-from xdynamics.march.proposing import evaluate, finite_state, propose
-from xdynamics.march.run import Run
+from xdynamics.march.proposing import propose
+from xdynamics.march.run import BEGUN, MOVED, Run
 from xdynamics.schema import (
     CROSSING,
     EVENT_AFTER,
@@ -89,6 +90,7 @@ def start(run: Run) -> None:
     """Evaluate and note the initial state; choose the first step."""
     now, plan = run.now[0], run.plan[0]
     run.at[REGIME] = now.regime  # until an event changes it
+    run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)
@@ -230,6 +232,7 @@ def move(run: Run) -> None:
     """Take the trial's end for the place where the march stands."""
     now, trial = run.now[0], run.trial[0]
     now.t, now.h = trial.t, trial.h
+    run.kept[0].since = MOVED
     for i in range(run.y.shape[0]):  # a loop: a slice assignment takes numba seconds to compile
         run.y[i] = run.z[i]
     for i in range(run.g.shape[0]):
@@ -270,6 +273,7 @@ def hand_over(run: Run) -> None:
     else:
         now.on_grid = 0
     move(run)
+    run.kept[0].since = BEGUN
 
 
 @shared
@@ -294,6 +298,7 @@ def note_events(run: Run, row: int) -> None:
 def cross_node(run: Run) -> None:
     """Behind a node, evaluate the forces on its far side; the next step starts with those."""
     now = run.now[0]
+    run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     copy(run.y, run.z)
     evaluate(run, now.t, run.z)

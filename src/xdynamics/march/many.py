@@ -16,7 +16,7 @@ from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import OUTCOMES
-from xdynamics.march.posing import posed
+from xdynamics.march.posing import posed, widened
 from xdynamics.march.run import EVENT_ROW, NOW, Run
 from xdynamics.march.settings import LEAST_RTOL, Settings
 from xdynamics.model import Model
@@ -153,7 +153,7 @@ def _march(
 ) -> _Part:
     n, log = len(next(iter(arrays.values()))), allocate(law.layout, LOG_ROWS, sampled=0)
     run = posed(model, settings, law, log, law.addresses)
-    inputs = _inputs(model, settings, law.layout, run, arrays)
+    inputs = _inputs(model, settings, law, run, arrays)
     part = _Part(np.zeros(n, NOW), np.zeros((n, len(law.layout.used))), [], [])
     first = 0
     while True:
@@ -164,10 +164,10 @@ def _march(
 
 
 def _inputs(
-    model: Model, settings: Settings, layout: Layout, run: Run, arrays: Mapping[tuple[str, str], Floats]
+    model: Model, settings: Settings, law: Law, run: Run, arrays: Mapping[tuple[str, str], Floats]
 ) -> tuple[NDArray[Any], Floats, Floats, Floats]:
     """Return plan, start, parameters and absolute tolerances of every run, in internal units."""
-    n, scales = len(next(iter(arrays.values()))), settings.scales
+    n, scales, layout = len(next(iter(arrays.values()))), settings.scales, law.layout
     plans = np.repeat(run.plan, n)
     starts = np.tile(run.y[: len(layout.used)], (n, 1))
     parameters, atols = np.tile(run.p, (n, 1)), np.tile(run.atol, (n, 1))
@@ -180,10 +180,13 @@ def _inputs(
         elif kind == "step":
             plans["first_step" if settings.adaptive else "step_size"] = values / scales.of(TIME)
         else:
-            plans["rtol"] = values
+            plans["rtol"] = [law.scheme.inner(one) for one in values.tolist()]
+            factors = np.array([widened(law, one) for one in values.tolist()])
             for i, one in enumerate(layout.used):
-                if settings.tolerances is not None and not {one, ""} & set(settings.tolerances.atol):
-                    atols[:, i] = values / scales.of(model.dimensions[one])  # what is not named follows rtol
+                asked, scale = settings.tolerances, scales.of(model.dimensions[one])
+                if asked is not None:
+                    named = {one, ""} & set(asked.atol)
+                    atols[:, i] = (asked.of(one) if named else values) / scale * factors  # unnamed ones follow rtol
     return plans, starts, parameters, atols
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +13,22 @@ from xdynamics.expressions import limits_domain
 from xdynamics.kernels import Law
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.tables import flattened
+from xdynamics.march.engine import engine
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.run import DETECTOR, EQUATIONS, NOW, PLAN, TRIAL, Run
+from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PLAN, TRIAL, Run
 from xdynamics.march.settings import Settings, given_times
-from xdynamics.methods.scheme import EXTRAPOLATED
+from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
 from xdynamics.model import Function, Model
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
 
+_NOTHING_TO_SOLVE: dict[str, NDArray[Any]] = {
+    "equations": np.zeros(0, EQUATIONS), "unknowns": np.zeros((0, 3), np.int64), "entries": np.zeros((0, 4), np.int64),
+    "pivots": np.zeros(0, np.int64),
+} | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))  # fmt: skip
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 
@@ -37,8 +43,6 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     grid, steps = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
     now = np.zeros(1, NOW)
     now["t"], now["on_grid"], now["status"] = start, 1, RUNNING
-    equations, unknowns, entries = _equations(law)
-    largest = max((one.unknowns for one in equations), default=0)
     return Run(
         plan=plan,
         now=now,
@@ -55,14 +59,34 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         steps=steps,
         detectors=_detectors(model, scales),
         w=np.zeros(law.steps.memory),
-        matrix=np.zeros(largest * largest),
-        right=np.zeros(largest),
-        equations=equations,
-        unknowns=unknowns,
-        entries=entries,
-        law=addresses,
+        kept=np.zeros(1, KEPT),
+        **_solving(law),
+        law=np.append(addresses, _solver(law)) if law.scheme.method.implicit else addresses,
         **{f"log_{name}" if name != "base" else name: array for name, array in log._asdict().items()},
     )
+
+
+def _solver(law: Law) -> int:
+    """Return the address of what solves the equations of a step."""
+    return engine().radau if law.scheme.method.simplified else engine().newton
+
+
+def _solving(law: Law) -> dict[str, NDArray[Any]]:
+    """Return what equations are solved with; runs of explicit methods share empty arrays, which nothing writes to."""
+    layout, method = law.layout, law.scheme.method
+    if not method.implicit:
+        return _NOTHING_TO_SOLVE
+    if not method.simplified:
+        equations, unknowns, entries = _equations(law)
+        largest = max(one.unknowns for one in equations)
+        lists = {"equations": equations, "unknowns": unknowns, "entries": entries}
+        return _NOTHING_TO_SOLVE | lists | {"matrix": np.zeros(largest * largest), "right": np.zeros(largest)}
+    used, size = len(layout.used), len(layout.used) - len(layout.coordinates)
+    lengths = dict.fromkeys(("stages", "turned", "defects", "past"), 3 * used)
+    lengths |= dict.fromkeys(("stage", "shifted"), len(layout.record)) | {"matrix": 3 * size * size, "right": 2 * size}
+    own: dict[str, NDArray[Any]] = {name: np.zeros(length) for name, length in lengths.items()}
+    own |= {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "pivots": np.zeros(6 * size, np.int64)}
+    return _NOTHING_TO_SOLVE | own
 
 
 def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
@@ -77,7 +101,8 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
     # without tolerances nothing is asked of an error
-    arrays["atol"] = np.array([asked.of(name) / sizes[name] if asked else np.inf for name in layout.used])
+    wider = widened(law, asked.rtol) if asked else 1.0
+    arrays["atol"] = np.array([asked.of(name) / sizes[name] * wider if asked else np.inf for name in layout.used])
     return arrays
 
 
@@ -92,7 +117,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "end": end,
         "snap": 4.0 * float(np.finfo(float).eps) * max(abs(start), abs(end)),
         "step_size": 0.0 if adaptive else single,
-        "rtol": asked.rtol if asked else 0.0,
+        "rtol": scheme.inner(asked.rtol) if asked else 0.0,
         "order": scheme.error_order,
         "safety": pacing.safety,
         "least": pacing.growth_limits[0],
@@ -103,6 +128,10 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "most_steps": pacing.max_steps if adaptive else np.inf,
         "divisor": 2.0**scheme.method.order - 1.0,
         "adaptive": adaptive,
+        "implicit": scheme.method.implicit,
+        "simplified": scheme.method.simplified,
+        "differences": scheme.jacobian == DIFFERENCES,
+        "predictive": adaptive and scheme.predictive,
         "estimates": scheme.estimates,
         "halved": scheme.halved,
         "extrapolated": scheme.estimator == EXTRAPOLATED,
@@ -114,6 +143,11 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "state": len(layout.state),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
+
+
+def widened(law: Law, rtol: float) -> float:
+    """Return what absolute tolerances are multiplied by, so that they keep their ratio to the relative one."""
+    return law.scheme.inner(rtol) / rtol if law.scheme.predictive else 1.0
 
 
 def nodes_of(model: Model, scales: Scales) -> Floats:

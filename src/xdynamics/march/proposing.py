@@ -1,43 +1,22 @@
-"""One trial: the method's step, with step doubling or the solution of its equations where it asks for them."""
+"""One trial: the method's step, with step doubling where it is asked for."""
 
 from __future__ import annotations
 
 from math import nan
 from typing import Any
 
-import numpy as np
+from numpy import int64
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import apart, compiled, shared
-from xdynamics.kernels.law import DETECT, FORCES, PROPOSE
-from xdynamics.kernels.linear import solve_linear
+from xdynamics.kernels.law import DETECT, PROPOSE
 from xdynamics.kernels.program import T1, UNSOUND, H, T
-from xdynamics.kernels.stepping import DIRECT
-from xdynamics.march.handle import called
+from xdynamics.march.evaluating import evaluate, finite_state, keep_sample
+from xdynamics.march.handle import called, stepped_by
 from xdynamics.march.run import Run
 
-MOST_ITERATIONS = 25
-NEWTON_TOLERANCE = 1e-10  # of a correction against the size of its unknown; what is left is of the order of its square
-
 State = NDArray[Any]
-_FIRST = np.int64(0)  # no literal: of a function that is given one, numba makes a copy
-
-
-@shared
-def evaluate(run: Run, t: float, state: State) -> None:
-    """Evaluate the forces at a state, behind which they are put."""
-    run.at[T] = t
-    called(run.law[FORCES], run, state, state, 0)
-    run.now[0].evaluations += 1
-
-
-@shared
-def finite_state(run: Run) -> bool:
-    """Whether no number of the trial's state is nan or infinite."""
-    finite = True
-    for i in range(run.plan[0].state):
-        finite = finite and np.isfinite(run.z[i])
-    return finite
+_FIRST = int64(0)  # no literal: of a function that is given one, numba makes a copy
 
 
 @compiled
@@ -60,61 +39,11 @@ def propose(run: Run, t1: float, h: float) -> None:
 def advance(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
     """Make one step by the lines of the method, its force evaluations kept from place `sample` on."""
     run.at[T], run.at[T1], run.at[H] = t, t1, h
-    called(run.law[PROPOSE], run, y, z, sample)
-    run.now[0].evaluations += run.plan[0].stages
-    if run.equations.shape[0] > 0:
-        solve(run, y, z, sample)
-
-
-@shared
-def solve(run: Run, y: State, z: State, sample: int) -> None:
-    """Solve the equations of a step one after the other, and do what stands behind each."""
-    for k in range(run.equations.shape[0]):
-        turns = newton(run, k, y, z, sample)
-        trial = run.trial[0]
-        trial.iterations = trial.iterations + turns if turns >= 0 and trial.iterations >= 0 else -1
-        called(run.law[PROPOSE + 2 * k + 2], run, y, z, sample)
-
-
-@shared
-def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
-    """Solve by Newton's method with the exact Jacobian at every iteration; return the iterations, -1 if in vain."""
-    one, w = run.equations[k], run.w
-    n, right = one.unknowns, run.right
-    turns, solved = 0, n == 0
-    while turns < MOST_ITERATIONS and not solved:
-        turns += 1
-        called(run.law[PROPOSE + 2 * k + 1], run, y, z, sample)
-        assemble(run, k)
-        for i in range(n):
-            right[i] = w[one.residuals + i]
-        if not solve_linear(run.matrix, right, n):
-            break
-        solved = True
-        for i in range(n):
-            row = one.first_unknown + i
-            unknown, before, rate = run.unknowns[row, 0], run.unknowns[row, 1], run.unknowns[row, 2]
-            w[unknown] -= right[i]
-            if right[i] != 0.0:
-                size = abs(w[unknown]) + abs(y[before]) + abs(run.at[H] * y[rate])
-                solved = solved and abs(right[i]) / size <= NEWTON_TOLERANCE
-    run.now[0].evaluations += max(0, turns - 1) * one.evaluations
-    return turns if solved else -1
-
-
-@shared
-def assemble(run: Run, k: int) -> None:
-    """Put the matrix together: the unit matrix less what the equations have by themselves and through the forces."""
-    one, w = run.equations[k], run.w
-    n, matrix = one.unknowns, run.matrix
-    for i in range(n * n):
-        matrix[i] = 0.0
-    for i in range(n):
-        matrix[i * n + i] = 1.0
-    for i in range(one.first_entry, one.first_entry + one.entries):
-        row, column, place, slope = run.entries[i, 0], run.entries[i, 1], run.entries[i, 2], run.entries[i, 3]
-        # an entry left out has no such term at all: a derivative that is not a number must not reach the others
-        matrix[row * n + column] -= w[place] if slope == DIRECT else w[place] * w[slope]
+    if run.plan[0].implicit:
+        stepped_by(run.law[run.law.shape[0] - 1], run, t, t1, h, y, z, sample)
+    else:
+        called(run.law[PROPOSE], run, y, z, sample)
+        run.now[0].evaluations += run.plan[0].stages
 
 
 advance_apart = apart(advance)
@@ -128,7 +57,9 @@ def double(run: Run, t1: float, h: float) -> None:
     middle = t + h / 2.0
     advance_apart(run, t, t1, h, run.y, run.whole, _FIRST)
     advance_apart(run, t, middle, h / 2.0, run.y, run.half, width)
+    run.kept[0].fresh = 0  # derivatives are those of the first half
     advance_apart(run, middle, t1, h / 2.0, run.half, run.z, 2 * width)
+    run.kept[0].fresh = 0
     for i in range(plan.used):
         run.e[i] = (run.z[i] - run.whole[i]) / plan.divisor
     if plan.extrapolated:
@@ -136,16 +67,4 @@ def double(run: Run, t1: float, h: float) -> None:
             run.z[i] = run.z[i] + run.e[i]
         evaluate(run, t1, run.z)
         run.at[UNSOUND] = 0.0 if finite_state(run) else nan
-        if plan.samples > 0:
-            _sample(run, t1, 3 * width)
-
-
-@shared
-def _sample(run: Run, t: float, first: int) -> None:
-    """Keep the force evaluation at the trial's end as its last one."""
-    used, samples, found = run.plan[0].used, run.samples, run.log_samples.shape[0] - 3 - run.plan[0].used
-    samples[first] = t
-    for i in range(used):
-        samples[first + 1 + i] = run.z[i]
-    for i in range(found):
-        samples[first + 1 + used + i] = run.z[run.z.shape[0] - found + i]
+        keep_sample(run, t1, run.z, 3 * width)

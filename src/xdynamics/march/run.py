@@ -24,12 +24,12 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 # `snap` to a node is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
-    "adaptive estimates halved extrapolated limited stages samples coordinates used state",
+    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state",
 )
 # Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried.
 NOW = _record(
     "t h norm step step_log first_step",
-    "status regime rows trials events samples grid node on_grid rejected evaluations",
+    "status regime rows trials events samples grid node on_grid rejected evaluations jacobians factorisations",
 )
 # A step that was made and is yet to be judged; iterations are -1 where Newton's method did not converge; `unsound` is 0
 # where its state, and `unsound_events` where its event functions are finite, else nan.
@@ -38,6 +38,12 @@ TRIAL = _record("t h unsound unsound_events", "landing iterations")
 DETECTOR = _record("tolerance", "direction stops")
 # What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
+# What `march.radau` keeps from step to step. The factors are those of the step size `factored`, 0 if there are none;
+# change and ratio are of Newton's last correction, theta and eta how it converged; step and norm, 0 behind a start, those
+# of the accepted step before; growth is what the trial means for the next step. `linearised` says whether the derivatives
+# may be used, `fresh` whether they are those at the state itself, `since` what has become of the march since the last trial.
+KEPT = _record("factored change ratio theta eta step norm growth", "linearised fresh since turns")
+BEGUN, STAYED, MOVED = range(3)
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
 EVENT_ROW = _record("time left residual slope", "row_before row_after detector kind direction")
@@ -55,13 +61,14 @@ Nows = NDArray[Any]
 Trials = NDArray[Any]
 Detectors = NDArray[Any]
 Solves = NDArray[Any]
+Kepts = NDArray[Any]
 Bases = NDArray[Any]
 TrialRows = NDArray[Any]
 EventRows = NDArray[Any]
 KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimensions
     "Floats": ("f8", 1), "Columns": ("f8", 2), "Whole": ("i8", 1), "Lists": ("i8", 2), "Flags": ("i1", 2),
     "Plans": (PLAN, 1), "Nows": (NOW, 1), "Trials": (TRIAL, 1), "Detectors": (DETECTOR, 1), "Solves": (EQUATIONS, 1),
-    "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
+    "Kepts": (KEPT, 1), "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
 }  # fmt: skip
 FLEETING = ("law", "base")  # no part of the memory, nor what begins with log_: addresses belong to a process
 
@@ -84,7 +91,7 @@ class Run:
     z: Floats  # the state that the trial led to
     e: Floats  # its error
     samples: Floats  # force evaluations of the trial, one behind the other
-    w: Floats  # vectors of an implicit method
+    w: Floats  # vectors of an implicit method; of `march.radau` the states of its stages and the derivatives
     log_rows: Columns  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
     # what the march has besides
     plan: Plans
@@ -112,6 +119,14 @@ class Run:
     equations: Solves
     unknowns: Lists
     entries: Lists
+    kept: Kepts
+    stage: Floats  # a state at which forces are evaluated
+    shifted: Floats  # a state beside it, for differences
+    stages: Floats  # Z: increments of the stages, one behind the other
+    turned: Floats  # W: the same in transformed variables
+    defects: Floats  # what the transformed equations lack, and the corrections that follow
+    past: Floats  # differences of the collocation polynomial of the step before
+    pivots: Whole  # of the real system, then of the complex one: rows exchanged, first and last rows of columns
     law: Whole  # addresses
     base: Bases  # the counts of `now` at the log's first row
     log_flags: Flags  # kind, regime

@@ -11,7 +11,7 @@ import numpy as np
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
 from xdynamics.methods import Method
-from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, NO_ESTIMATE, Scheme
+from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, ESTIMATORS, EXACT, JACOBIANS, NO_ESTIMATE, Scheme
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.units import UNSCALED, Scales
@@ -133,6 +133,8 @@ class Settings:
         Whether every force evaluation of an accepted step is logged.
     scales : Scales
         Scales of the nondimensional variables marched in.
+    jacobian : str
+        Where `radau_iia` has the derivatives of the forces from: exact ones, or differences.
     """
 
     method: Method
@@ -143,6 +145,7 @@ class Settings:
     estimator: str = NO_ESTIMATE
     samples: bool = True
     scales: Scales = UNSCALED
+    jacobian: str = EXACT
 
     @property
     def adaptive(self) -> bool:
@@ -152,7 +155,7 @@ class Settings:
     @property
     def scheme(self) -> Scheme:
         """The method with its estimator."""
-        return Scheme(self.method, self.estimator)
+        return Scheme(self.method, self.estimator, self.jacobian)
 
     def expected_steps(self, model: Model) -> float:
         """Return how many steps there will be; where they are chosen, how many there may be."""
@@ -175,7 +178,7 @@ class Settings:
             With every fault: the value and what was needed.
         """
         start = model.initial["t"].si
-        faults = [*self._grid_faults(start), *self._estimator_faults(), *self.pacing.faults()]
+        faults = [*self._grid_faults(start), *self._estimator_faults(), *self._jacobian_faults(), *self.pacing.faults()]
         if self.tolerances is not None:
             faults += self.tolerances.faults(model)
         if self.pacing.min_step > self.until - start > 0:
@@ -210,6 +213,13 @@ class Settings:
             return [f"step, the first one, is {self.step!r} s, needs to be from min_step = {self.pacing.min_step!r} s to max_step = {self.pacing.max_step!r} s"]  # fmt: skip
         if not self.adaptive and (self.until - start) / self.step > 2**53:
             return [f"step {self.step!r} s makes over 2**53 steps to {self.until!r} s; take a longer one"]
+        return []
+
+    def _jacobian_faults(self) -> list[str]:
+        if self.jacobian not in JACOBIANS:
+            return [f"jacobian is {self.jacobian!r}; there are {', '.join(JACOBIANS)}"]
+        if self.jacobian == DIFFERENCES and not self.method.simplified:
+            return [f"jacobian = 'differences' is for radau_iia, and the method is '{self.method.name}'"]
         return []
 
     def _estimator_faults(self) -> list[str]:

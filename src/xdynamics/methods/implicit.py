@@ -1,4 +1,4 @@
-"""Implicit methods: each step solves its equations by Newton's method with exact Jacobians."""
+"""Implicit methods: each step solves its equations by Newton's method."""
 
 from xdynamics.methods.method import Method, spread
 from xdynamics.model import Trait
@@ -52,7 +52,7 @@ RADAU_IIA = Method(
     synonyms=("Radau IIA of order 5", "RADAU5", "Ehle's method"),
     order=5,
     symplectic=False,
-    evaluations=5,
+    evaluations=4,
     update=spread("""
         y2 = y + (4 - sqrt(6))/10*h*k
         y3 = y + (4 + sqrt(6))/10*h*k
@@ -79,6 +79,16 @@ RADAU_IIA = Method(
             ye = yz + 0.27488882959567735*h*(kd - k1)
     """),
     estimate_order=3,
+    extension=spread("""
+        ya = (y2 - y)/((4 - sqrt(6))/10)
+        yb = 5/sqrt(6)*(y3 - y2)
+        yc = (y1 - y3)/((6 - sqrt(6))/10)
+        yd = (yb - ya)/((4 + sqrt(6))/10)
+        yg = (yc - yb)/((6 + sqrt(6))/10) - yd
+        ys = y + s*(ya + (s - (4 - sqrt(6))/10)*(yd + (s - (4 + sqrt(6))/10)*yg))
+    """),
+    interpolation="the collocation polynomial, cubic, through the start and the three stages, solved for again",
+    simplified=True,
     refuses=(Trait.PYTHON_FORCES,),
 )
 

@@ -153,6 +153,8 @@ class Method:
         The same in words.
     interpolation_order : int
         Order of the local error of the interpolant, less one.
+    simplified : bool
+        Whether its stages are found by the simplified Newton iterations of RADAU5 (`march.radau`), for the same solution.
     """
 
     name: str
@@ -169,6 +171,7 @@ class Method:
     extension: str = HERMITE
     interpolation: str = HERMITE_WORDS
     interpolation_order: int = 3
+    simplified: bool = False
 
     @cached_property
     def statements(self) -> tuple[Line, ...]:
@@ -184,29 +187,36 @@ class Method:
         """Return the update equations as one line, with the vectors that a model has."""
         return printed(self.statements, model)
 
-    def refusals(self, model: Model) -> list[str]:
-        """Say why the method cannot march a model; empty if it can."""
+    def refusals(self, model: Model, *, by_differences: bool = False) -> list[str]:
+        """Say why the method cannot march a model, perhaps with derivatives by differences; empty if it can."""
         traits = traits_of(model) if self.refuses else {}
-        return [f"it is not defined for {trait} ({traits[trait]})" for trait in self.refuses if trait in traits]
+        found = [trait for trait in self.refuses if trait in traits]
+        if by_differences and self.simplified:
+            found = [trait for trait in found if trait != Trait.PYTHON_FORCES]
+        return [f"it is not defined for {trait} ({traits[trait]})" for trait in found]
 
 
-def method_named(name: str, model: Model, methods: Mapping[str, Method]) -> Method:
-    """Look a method up for a model.
+def method_named(name: str, model: Model, methods: Mapping[str, Method], *, by_differences: bool = False) -> Method:
+    """Look a method up for a model, that may want the derivatives by differences.
 
     Raises
     ------
     InputError
         If there is no such method, or it refuses the model; names the methods that fit.
     """
-    fitting = ", ".join(one.name for one in methods.values() if not one.refusals(model)) or "none"
+    refusals = methods[name].refusals(model, by_differences=by_differences) if name in methods else []
+    if name in methods and not refusals:
+        return methods[name]
+    fitting = [one.name for one in methods.values() if not one.refusals(model)]
+    fitting += [
+        f"{one.name} with jacobian = 'differences'"
+        for one in methods.values()
+        if one.name not in fitting and not one.refusals(model, by_differences=True)
+    ]
+    fits = ", ".join(fitting) or "none"
     if name not in methods:
-        raise InputError(f"method {name!r} is not known; these fit this model: {fitting}")
-    refusals = methods[name].refusals(model)
-    if refusals:
-        raise InputError(
-            f"method '{name}' refuses the model '{model.name}': {'; '.join(refusals)}; these fit: {fitting}"
-        )
-    return methods[name]
+        raise InputError(f"method {name!r} is not known; these fit this model: {fits}")
+    raise InputError(f"method '{name}' refuses the model '{model.name}': {'; '.join(refusals)}; these fit: {fits}")
 
 
 @lru_cache(maxsize=256)

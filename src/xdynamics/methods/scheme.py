@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal
 
 from xdynamics.methods.method import HERMITE, HERMITE_WORDS, Evaluation, Line, Method, Solve, read_lines
 
 NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
     "none", "embedded", "step_doubling", "step_doubling_extrapolated",
 )  # fmt: skip
+EXACT, DIFFERENCES = JACOBIANS = ("exact", "differences")
+INNER_SHARE, INNER_EXPONENT = 0.1, Decimal("0.8")
+INNER_NORM = "with 0.1*rtol**(4/5) in the place of rtol, and atol in the same ratio to it, so that the error at the end of a run is proportional to the tolerances"
 ESTIMATE_WORDS = {
     EMBEDDED: "difference from an embedded formula; the higher order goes on (local extrapolation)",
     STEP_DOUBLING: "two half steps less one whole step, over 2**order - 1; the two half steps go on",
@@ -25,10 +29,13 @@ class Scheme:
     method : Method
     estimator : str
         One of `ESTIMATORS`.
+    jacobian : str
+        One of `JACOBIANS`: where an implicit method has the derivatives of the forces from.
     """
 
     method: Method
     estimator: str = NO_ESTIMATE
+    jacobian: str = EXACT
 
     @property
     def estimates(self) -> bool:
@@ -39,6 +46,19 @@ class Scheme:
     def halved(self) -> bool:
         """Whether a step is made as a whole and as two halves, which go on."""
         return self.estimator in (STEP_DOUBLING, EXTRAPOLATED)
+
+    @property
+    def predictive(self) -> bool:
+        """Whether steps are chosen as RADAU5 does, and judged by an inner tolerance."""
+        return self.method.simplified and self.estimator == EMBEDDED
+
+    def inner(self, rtol: float) -> float:
+        """Return the relative tolerance that steps are judged by.
+
+        An estimate of order h**4 within tol**(4/5) makes steps of tol**(1/5), with a global error of h**5. Decimal
+        arithmetic gives the power the same digits on every machine.
+        """
+        return INNER_SHARE * float(Decimal(rtol) ** INNER_EXPONENT) if self.predictive and rtol > 0 else rtol
 
     @property
     def error_order(self) -> int:
@@ -53,7 +73,8 @@ class Scheme:
     @property
     def stages(self) -> int:
         """Force evaluations of one step by the method's lines; of equations that are solved, those of one iteration."""
-        return sum(_evaluations(line) for line in (*self.method.statements, *self.error_lines))
+        lines = () if self.method.simplified else self.error_lines
+        return sum(_evaluations(line) for line in (*self.method.statements, *lines))
 
     @property
     def samples(self) -> int:

@@ -30,7 +30,7 @@ SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definit
             "initial", "events", "observables", "run")  # fmt: skip
 LATER_SECTIONS = ("contacts", "regimes")
 RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
-            "max_steps", "force_samples", "scales")  # fmt: skip
+            "max_steps", "force_samples", "scales", "jacobian")  # fmt: skip
 
 Functions = Mapping[str, Callable[..., float]]
 

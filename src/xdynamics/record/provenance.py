@@ -12,13 +12,14 @@ from xdynamics import schema
 from xdynamics.elementary import NAME
 from xdynamics.kernels import Layout
 from xdynamics.march import March
-from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, SPACINGS
+from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, PREDICTIVE, SPACINGS
 from xdynamics.march.diagnosis import ending
 from xdynamics.march.events import ROOT_METHOD
+from xdynamics.march.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.outcomes import COMPLETED
-from xdynamics.march.proposing import MOST_ITERATIONS, NEWTON_TOLERANCE
+from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.methods.method import HERMITE, printed
-from xdynamics.methods.scheme import ESTIMATE_WORDS, Scheme
+from xdynamics.methods.scheme import ESTIMATE_WORDS, INNER_NORM, Scheme
 from xdynamics.units import TIME, UNSCALED, Scales
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ def attributes(march: March) -> dict[str, Any]:
         "solver_until": settings.until,
         "solver_until_units": "s",
         "run_force_evaluations": int(march.now.evaluations),
+        **_effort(march),
         "run_accepted_steps": march.accepted,
         "run_rejected_trials": int(march.now.trials),
         **_errors(march),
@@ -110,6 +112,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "force_samples": used["solver_force_samples"],
         "estimator": used["solver_estimator"],
         "scales": scales or None,
+        "jacobian": used.get("solver_jacobian"),
     }
     if schema.GIVEN_STEP.name in run:
         asked["step"] = np.asarray(run[schema.GIVEN_STEP.name])
@@ -150,7 +153,7 @@ def _steps(march: March) -> dict[str, Any]:
     scale = settings.scales.of(TIME)
     return {
         "solver_step_control": "adaptive",
-        "solver_controller": CONTROLLER,
+        "solver_controller": PREDICTIVE if settings.scheme.predictive else CONTROLLER,
         "solver_first_step": settings.step or float(march.now.first_step) * scale,
         "solver_first_step_units": "s",
         "solver_first_step_choice": "given" if settings.step else FIRST_STEP,
@@ -175,14 +178,32 @@ def _errors(march: March) -> dict[str, Any]:
     if settings.scheme.error_lines:
         said["solver_error_equations"] = printed(settings.scheme.error_lines, march.model)
     if settings.tolerances is not None:
-        said |= {"solver_rtol": settings.tolerances.rtol, "solver_error_norm": ERROR_NORM}
-    if method.implicit:
+        inner = f"; {INNER_NORM}" if settings.scheme.predictive else ""
+        said |= {"solver_rtol": settings.tolerances.rtol, "solver_error_norm": ERROR_NORM + inner}
+    if method.simplified:
+        said |= {
+            "solver_equations_solved_by": SOLVED_BY,
+            "solver_jacobian": settings.jacobian,
+            "solver_newton_tolerance": SHARE if settings.adaptive else SETTLED,
+            "solver_newton_most_iterations": int(MOST_TURNS if settings.adaptive else MOST_SETTLING),
+        }
+    elif method.implicit:
         said |= {
             "solver_equations_solved_by": "Newton's method with exact Jacobians, until a correction is below the tolerance times the size of its unknown",
             "solver_newton_tolerance": NEWTON_TOLERANCE,
             "solver_newton_most_iterations": MOST_ITERATIONS,
         }
     return said
+
+
+def _effort(march: March) -> dict[str, int]:
+    """Count what an implicit method does besides evaluating forces."""
+    if not march.settings.method.implicit:
+        return {}
+    return {
+        "run_jacobian_evaluations": int(march.now.jacobians),
+        "run_factorisations": int(march.now.factorisations),
+    }
 
 
 def _last_step(march: March) -> str:

@@ -1,0 +1,53 @@
+"""Evaluations of the forces at a state, and what is kept of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.law import FORCES
+from xdynamics.kernels.program import T
+from xdynamics.march.handle import called
+from xdynamics.march.run import Run
+
+State = NDArray[Any]
+
+
+@shared
+def evaluate(run: Run, t: float, state: State) -> None:
+    """Evaluate the forces at a state, behind which they are put."""
+    run.at[T] = t
+    called(run.law[FORCES], run, state, state, 0)
+    run.now[0].evaluations += 1
+
+
+@shared
+def finite_state(run: Run) -> bool:
+    """Whether no number of the trial's state is nan or infinite."""
+    finite = True
+    for i in range(run.plan[0].state):
+        finite = finite and np.isfinite(run.z[i])
+    return finite
+
+
+@compiled
+def slope_of(run: Run, state: State, i: int) -> float:
+    """The time derivative of what a force evaluation uses: v of q, then a of v and the rates."""
+    n, used = run.plan[0].coordinates, run.plan[0].used
+    return state[n + i] if i < n else state[used + i - n]
+
+
+@shared
+def keep_sample(run: Run, t: float, state: State, first: int) -> None:
+    """Keep a force evaluation of the trial, from place `first` of its samples on."""
+    used, samples, found = run.plan[0].used, run.samples, run.log_samples.shape[0] - 3 - run.plan[0].used
+    if run.plan[0].samples == 0:
+        return
+    samples[first] = t
+    for i in range(used):
+        samples[first + 1 + i] = state[i]
+    for i in range(found):
+        samples[first + 1 + used + i] = state[state.shape[0] - found + i]

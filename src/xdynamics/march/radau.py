@@ -1,0 +1,433 @@
+"""A step by Radau IIA as RADAU5 makes it: simplified Newton iterations, with derivatives and factors kept while they do.
+
+Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. The unknowns are the increments Z of three stages; transformed,
+W = T**-1 Z, they are those of a real system (gamma/h - J) and of a complex one ((alpha + i beta)/h - J). Of both, the
+coordinates are eliminated by their rows c dq - dv = r, so that velocities and first-order states are what is factorised.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.law import LINEARISED
+from xdynamics.kernels.linear import factorise, factorise_complex, substitute, substitute_complex
+from xdynamics.kernels.program import UNSOUND, T
+from xdynamics.march.control import NONFINITE_FACTOR, error_norm, larger
+from xdynamics.march.evaluating import State, evaluate, keep_sample, slope_of
+from xdynamics.march.handle import called
+from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
+from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
+from xdynamics.methods.radau import T as T_MATRIX
+
+SOLVED_BY = "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge; in chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is allowed, with the rtol of the error norm, in given ones until it is below the tolerance times the size of its unknown (Hairer, Wanner, Solving ODEs II, section IV.8)"
+# numbers by themselves: of tuples numba would make new ones at every use
+C1, C2, _ = NODES
+E1, E2, E3 = ERROR
+(T00, T01, T02), (T10, T11, T12), (T20, _, _) = T_MATRIX
+(A00, A01, A02), (A10, A11, A12), (A20, A21, A22) = T_INVERSE
+EPS = 2.220446049250313e-16
+MOST_TURNS = np.int64(7)  # Newton iterations, where a shorter step is the remedy
+MOST_SETTLING = np.int64(25)  # where the step is given
+SLOW = 1e-3  # theta from which on derivatives are evaluated anew
+FEW_TURNS = 2  # that are no reason to
+DIVERGING = 0.99
+SAME_STEP = 1e-6  # relative difference of a step from the one of the factors that serve it too
+SHARE = 0.03  # of what the error may be, left to Newton's method
+SETTLED = 1e-15  # a correction against the size of its unknown, where the step is given
+ROUNDING = 1e-10  # below which corrections that no longer fall are rounding
+STALLED = 0.5  # of a correction's ratio to the one before
+NEAR = 1e-2  # below which the derivatives at an iterate serve the next ones too
+LEAST_NORM = 1e-2  # that the next step remembers
+SMALLEST = 1e-10  # norm that is told from none
+HELD = 1.2  # growth up to which the step is kept, for the factors' sake
+UNSOLVED_GROWTH = 0.5
+AT_START, AT_ITERATES = 1, 2  # where the derivatives are, after a first way in which they may be older
+OPEN, DONE, IN_VAIN = range(3)
+
+error_norm_apart, slope_apart = apart(error_norm), apart(slope_of)
+
+
+@compiled
+def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
+    """Make one step of size h from t to t1 and y to z, with its force evaluations and the estimate of its error."""
+    plan, used, width = run.plan[0], run.plan[0].used, run.log_samples.shape[0] - 2
+    recall(run)
+    done = solved(run, t, h, y, sample)
+    for k in range(3):
+        for i in range(used):
+            run.w[k * used + i] = y[i] + run.stages[k * used + i]
+    for i in range(used):
+        z[i] = run.w[2 * used + i]
+    evaluate(run, t1, z)
+    keep_sample(run, t1, z, sample + 3 * width)
+    run.at[UNSOUND] = 0.0
+    for i in range(plan.state):
+        if not np.isfinite(z[i]):
+            run.at[UNSOUND] = np.nan
+    if not done:
+        run.trial[0].iterations, run.kept[0].growth = -1, UNSOLVED_GROWTH
+    elif plan.estimates and not plan.halved:
+        estimate(run, t, h, y)
+        look_ahead(run, h)
+
+
+@shared
+def recall(run: Run) -> None:
+    """Keep of the step that led here what this one may use: nothing behind a start, an event, a node of a drive."""
+    kept = run.kept[0]
+    if kept.since == BEGUN:
+        kept.linearised, kept.fresh, kept.factored = 0, 0, 0.0
+        kept.theta, kept.eta, kept.step, kept.norm = 0.0, 1.0, 0.0, 0.0
+    elif kept.since == MOVED:
+        keep_polynomial(run)
+        kept.step = 0.0 if run.plan[0].halved else run.now[0].h
+        kept.norm, kept.fresh = max(LEAST_NORM, run.now[0].norm), 0
+        if kept.turns > FEW_TURNS and kept.theta > SLOW:
+            kept.linearised = 0
+    kept.since = STAYED
+
+
+@compiled
+def solved(run: Run, t: float, h: float, y: State, sample: int) -> bool:
+    """Solve for the stages: with what is kept; with derivatives at y; if the step is given, with those at the iterates."""
+    kept, done = run.kept[0], False
+    for way in range(3):
+        if done or (way == AT_START and kept.fresh) or (way == AT_ITERATES and run.plan[0].adaptive):
+            continue
+        prepare(run, t, h, y, way)
+        done = iterate(run, t, h, y, sample, way == AT_ITERATES)
+        if way == AT_ITERATES:  # these derivatives are no other step's
+            kept.linearised, kept.fresh = 0, 0
+    return done
+
+
+@shared
+def prepare(run: Run, t: float, h: float, y: State, way: int) -> None:
+    """Have derivatives and starting values for an iteration."""
+    kept = run.kept[0]
+    guess(run, h, 0.0 if way == AT_ITERATES else kept.step)
+    kept.eta = max(kept.eta, EPS)
+    kept.eta = math.sqrt(kept.eta) * math.sqrt(math.sqrt(kept.eta))
+    kept.theta = 0.0
+    if way == AT_START or (way != AT_ITERATES and not kept.linearised):
+        linearise(run, t, h, y)
+        kept.fresh = 1
+
+
+@compiled
+def iterate(run: Run, t: float, h: float, y: State, sample: int, following: bool) -> bool:
+    """Correct the stages until what they lack is small enough; whether it came to that.
+
+    Following the iterates, the derivatives are those at each one's second stage, until the solution is near.
+    """
+    kept, verdict, turn = run.kept[0], OPEN, 0
+    while verdict == OPEN:
+        if following:
+            follow(run, t, h, y)
+        if not abs(h - kept.factored) <= SAME_STEP * h and not factorise_both(run, h):
+            verdict = IN_VAIN
+            continue
+        size, turn = correct(run, t, h, y, sample), turn + 1
+        if not following:
+            verdict = judged(run, size, turn)
+        elif size <= NEAR:
+            following, turn, kept.eta = False, 0, 1.0
+        elif turn == MOST_SETTLING or not math.isfinite(size):
+            verdict = IN_VAIN
+    return verdict == DONE
+
+
+@shared
+def follow(run: Run, t: float, h: float, y: State) -> None:
+    """Take the derivatives at the second stage of the iterate."""
+    used = run.plan[0].used
+    for i in range(used):
+        run.stage[i] = y[i] + run.stages[used + i]
+    if run.plan[0].differences:
+        evaluate(run, t + C2 * h, run.stage)
+    linearise(run, t + C2 * h, h, run.stage)
+
+
+@shared
+def judged(run: Run, size: float, turn: int) -> int:
+    """Judge the iteration by its corrections, the last of this size: DONE, IN_VAIN, or OPEN while it may still get there."""
+    kept, rtol = run.kept[0], run.plan[0].rtol
+    tolerance, rounding, most = SETTLED, ROUNDING, MOST_SETTLING
+    if run.plan[0].adaptive:
+        rounding, most = 10.0 * EPS / rtol, MOST_TURNS
+        tolerance = max(0.05 * rounding, min(SHARE, math.sqrt(rtol)))
+    if not math.isfinite(size):
+        return IN_VAIN
+    if turn > 1:
+        ratio = size / kept.change
+        kept.theta = ratio if turn == 2 else math.sqrt(ratio * kept.ratio)
+        kept.ratio = ratio
+        if size <= rounding and ratio >= STALLED:
+            return DONE
+        if not kept.theta < DIVERGING:
+            return IN_VAIN
+        kept.eta = kept.theta / (1.0 - kept.theta)
+        lacking = kept.eta * size
+        for _ in range(most - turn):
+            lacking *= kept.theta
+        if lacking > max(tolerance, rounding):
+            return IN_VAIN
+    kept.change, kept.turns = max(size, EPS), turn
+    if kept.eta * size <= tolerance or (turn == most and size <= rounding):
+        return DONE
+    return OPEN if turn < most else IN_VAIN
+
+
+@compiled
+def correct(run: Run, t: float, h: float, y: State, sample: int) -> float:
+    """Correct all stages once; return the largest correction against what is asked of its unknown."""
+    if run.trial[0].iterations >= 0:
+        run.trial[0].iterations += 1
+    slopes_at_stages(run, t, h, y, sample)
+    defects, turned, n = run.defects, run.turned, run.plan[0].used
+    gamma, alpha, beta = GAMMA / h, ALPHA / h, BETA / h
+    to_transformed(defects, defects, n)
+    for i in range(n):
+        w1, w2 = turned[n + i], turned[2 * n + i]
+        defects[i] -= gamma * turned[i]
+        defects[n + i] -= alpha * w1 - beta * w2
+        defects[2 * n + i] -= beta * w1 + alpha * w2
+    solve_real(run, defects)
+    solve_complex(run)
+    for i in range(3 * n):
+        turned[i] += defects[i]
+    to_stages(turned, run.stages, n)
+    return correction(run, h, y)
+
+
+@shared
+def to_transformed(given: State, found: State, n: int) -> None:
+    """Multiply three vectors of n components, one behind the other, by T**-1."""
+    for i in range(n):
+        z0, z1, z2 = given[i], given[n + i], given[2 * n + i]
+        found[i] = A00 * z0 + A01 * z1 + A02 * z2
+        found[n + i] = A10 * z0 + A11 * z1 + A12 * z2
+        found[2 * n + i] = A20 * z0 + A21 * z1 + A22 * z2
+
+
+@shared
+def to_stages(given: State, found: State, n: int) -> None:
+    """Multiply three vectors of n components, one behind the other, by T."""
+    for i in range(n):
+        w0, w1, w2 = given[i], given[n + i], given[2 * n + i]
+        found[i] = T00 * w0 + T01 * w1 + T02 * w2
+        found[n + i] = T10 * w0 + T11 * w1 + T12 * w2
+        found[2 * n + i] = T20 * w0 + w1
+
+
+@shared
+def slopes_at_stages(run: Run, t: float, h: float, y: State, sample: int) -> None:
+    """Evaluate the forces at the stages, and put the slopes there into `defects`."""
+    n, stage, width = run.plan[0].used, run.stage, run.log_samples.shape[0] - 2
+    for k in range(3):
+        time = t + (C1 if k == 0 else C2 if k == 1 else 1.0) * h
+        for i in range(n):
+            stage[i] = y[i] + run.stages[k * n + i]
+        evaluate(run, time, stage)
+        keep_sample(run, time, stage, sample + k * width)
+        for i in range(n):
+            run.defects[k * n + i] = slope_apart(run, stage, i)
+
+
+@shared
+def correction(run: Run, h: float, y: State) -> float:
+    """Return the largest of the last corrections: over its tolerance, or over the size of its unknown."""
+    n, plan, largest = run.plan[0].used, run.plan[0], 0.0
+    for i in range(n):
+        scale = run.atol[i] + plan.rtol * abs(y[i])
+        if not plan.adaptive:
+            moved = max(abs(run.stages[i]), abs(run.stages[n + i]), abs(run.stages[2 * n + i]))
+            scale = abs(y[i]) + abs(h * slope_apart(run, y, i)) + moved
+        for k in range(3):
+            change = abs(run.defects[k * n + i])
+            if change != 0.0:
+                largest = larger(largest, change / scale)
+    return largest
+
+
+# ------------------------------------------------------------------------------------------------- the linear systems
+
+
+@shared
+def linearise(run: Run, t: float, h: float, y: State) -> None:
+    """Evaluate the derivatives at a state; factors of others are of no use then."""
+    if run.plan[0].differences:
+        differentiate(run, t, h, y)
+    else:
+        run.at[T] = t
+        called(run.law[LINEARISED], run, y, run.stage, 0)
+    run.kept[0].linearised, run.kept[0].factored = 1, 0.0
+    run.now[0].jacobians += 1
+
+
+@shared
+def differentiate(run: Run, t: float, h: float, y: State) -> None:
+    """Find the derivatives by one-sided differences, each over sqrt(eps) of the size of what is changed."""
+    used, shifted, place = run.plan[0].used, run.shifted, 3 * run.plan[0].used
+    for column in range(used):
+        for i in range(used):
+            shifted[i] = y[i]
+        size = max(abs(y[column]), abs(h * slope_apart(run, y, column)))
+        if math.isfinite(run.atol[column]):
+            size = max(size, run.atol[column])
+        shifted[column] += math.sqrt(EPS) * size if size > 0.0 else math.sqrt(EPS)
+        change = shifted[column] - y[column]  # as it was rounded
+        evaluate(run, t, shifted)
+        for i in range(run.plan[0].coordinates, used):
+            run.w[place] = (slope_apart(run, shifted, i) - slope_apart(run, y, i)) / change
+            place += 1
+
+
+@shared
+def factorise_both(run: Run, h: float) -> bool:
+    """Put the real and the complex matrix together for a step size, and take them apart; False if one is singular."""
+    n, first, matrix = run.plan[0].coordinates, 3 * run.plan[0].used, run.matrix
+    size = run.plan[0].used - n
+    gamma, alpha, beta = GAMMA / h, ALPHA / h, BETA / h
+    square = alpha * alpha + beta * beta
+    for i in range(3 * size * size):
+        matrix[i] = 0.0
+    re, im = size * size, 2 * size * size
+    for i in range(size):
+        diagonal = i * size + i
+        matrix[diagonal], matrix[re + diagonal], matrix[im + diagonal] = gamma, alpha, beta
+    for k in range(run.entries.shape[0]):
+        row, column, slope = run.entries[k, 0], run.entries[k, 1], run.w[first + k]
+        if column < n:  # dq = dv/c, and 1/(alpha + i beta) is (alpha - i beta)/square
+            place = column * size + row
+            matrix[place] -= slope / gamma
+            matrix[re + place] -= slope * (alpha / square)
+            matrix[im + place] += slope * (beta / square)
+        else:
+            place = (column - n) * size + row
+            matrix[place] -= slope
+            matrix[re + place] -= slope
+    run.kept[0].factored = 0.0
+    if not factorise(matrix, run.pivots, size) or not factorise_complex(matrix, run.pivots, size):
+        return False
+    run.kept[0].factored = h
+    run.now[0].factorisations += 1
+    return True
+
+
+@shared
+def solve_real(run: Run, vector: State) -> None:
+    """Solve (gamma/h - J) d = r in place, with the factors that are there."""
+    n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
+    gamma = GAMMA / run.kept[0].factored
+    for i in range(n, used):
+        right[i - n] = vector[i]
+    for k in range(run.entries.shape[0]):
+        column = run.entries[k, 1]
+        if column < n:
+            right[run.entries[k, 0]] += run.w[first + k] * (vector[column] / gamma)
+    substitute(run.matrix, run.pivots, right, used - n)
+    for i in range(n, used):
+        vector[i] = right[i - n]
+    for i in range(n):
+        vector[i] = (vector[i] + vector[n + i]) / gamma
+
+
+@shared
+def solve_complex(run: Run) -> None:
+    """Solve ((alpha + i beta)/h - J) d = r in place, for the second and the third part of the defects."""
+    n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
+    size, defects = used - n, run.defects
+    alpha, beta = ALPHA / run.kept[0].factored, BETA / run.kept[0].factored
+    square = alpha * alpha + beta * beta
+    x, y = alpha / square, -beta / square
+    for i in range(n):
+        u, v = defects[used + i], defects[2 * used + i]
+        defects[used + i], defects[2 * used + i] = u * x - v * y, u * y + v * x
+    for i in range(size):
+        right[i], right[size + i] = defects[used + n + i], defects[2 * used + n + i]
+    for k in range(run.entries.shape[0]):
+        row, column = run.entries[k, 0], run.entries[k, 1]
+        if column < n:
+            right[row] += run.w[first + k] * defects[used + column]
+            right[size + row] += run.w[first + k] * defects[2 * used + column]
+    substitute_complex(run.matrix, run.pivots, right, size)
+    for i in range(size):
+        defects[used + n + i], defects[2 * used + n + i] = right[i], right[size + i]
+    for i in range(n):
+        u, v = right[i], right[size + i]
+        defects[used + i] += u * x - v * y
+        defects[2 * used + i] += u * y + v * x
+
+
+# -------------------------------------------------------------------------------------------- the step before, and errors
+
+
+@shared
+def guess(run: Run, h: float, before: float) -> None:
+    """Let the iteration start on the collocation polynomial of the step before; at rest, if its size is given as 0."""
+    n, stages, past = run.plan[0].used, run.stages, run.past
+    for k in range(3):
+        s = (C1 if k == 0 else C2 if k == 1 else 1.0) * (h / before) if before > 0.0 else 0.0
+        for i in range(n):
+            bent = past[n + i] + (s - (C1 - 1.0)) * past[2 * n + i]
+            stages[k * n + i] = s * (past[i] + (s - (C2 - 1.0)) * bent) if before > 0.0 else 0.0
+    to_transformed(stages, run.turned, n)
+
+
+@shared
+def keep_polynomial(run: Run) -> None:
+    """Keep the differences of the collocation polynomial, from the end of the step backwards."""
+    n, past = run.plan[0].used, run.past
+    for i in range(n):
+        z0, z1, z2 = run.stages[i], run.stages[n + i], run.stages[2 * n + i]
+        middle = (z0 - z1) / (C1 - C2)
+        past[i] = (z1 - z2) / (C2 - 1.0)
+        past[n + i] = (middle - past[i]) / (C1 - 1.0)
+        past[2 * n + i] = past[n + i] - (middle - z0 / C1) / C2
+
+
+@compiled
+def estimate(run: Run, t: float, h: float, y: State) -> None:
+    """Estimate the error by the embedded formula; where it fails at a start or again, with the slopes that it leads to."""
+    n, e, kept, now = run.plan[0].used, run.e, run.kept[0], run.now[0]
+    if not kept.factored > 0.0:
+        return
+    for i in range(n):
+        run.defects[i] = (E1 * run.stages[i] + E2 * run.stages[n + i] + E3 * run.stages[2 * n + i]) / h
+        e[i] = run.defects[i] + slope_apart(run, y, i)
+    solve_real(run, e)
+    if (now.rejected or not kept.step > 0.0) and not error_norm_apart(run) <= 1.0:
+        for i in range(n):
+            run.stage[i] = y[i] + e[i]
+        evaluate(run, t, run.stage)
+        for i in range(n):
+            e[i] = run.defects[i] + slope_apart(run, run.stage, i)
+        solve_real(run, e)
+
+
+@shared
+def look_ahead(run: Run, h: float) -> None:
+    """Note by which factor the next step may differ: the predictive controller where the trial passes, as RADAU5 has it."""
+    plan, kept, norm = run.plan[0], run.kept[0], error_norm_apart(run)
+    if not math.isfinite(norm):
+        kept.growth = NONFINITE_FACTOR
+        return
+    passed, norm = norm <= 1.0, max(norm, SMALLEST)
+    work = 2.0 * MOST_TURNS
+    kept.growth = plan.safety * min(1.0, (1.0 + work) / (run.trial[0].iterations + work)) / fourth_root(norm)
+    if passed and kept.step > 0.0:
+        seen = plan.safety * (h / kept.step) * fourth_root(kept.norm / (norm * norm))
+        kept.growth = min(kept.growth, seen)
+    kept.growth = min(plan.greatest, max(plan.least, kept.growth))
+    if (kept.turns <= FEW_TURNS or kept.theta <= SLOW) and 1.0 <= kept.growth <= HELD:
+        kept.growth = 1.0
+
+
+@shared
+def fourth_root(x: float) -> float:
+    """Return x**(1/4) by square roots, which every processor rounds alike."""
+    return math.sqrt(math.sqrt(x))
