@@ -108,7 +108,7 @@ def test_lanes_have_the_bits_of_one(name: str, method: object) -> None:
     alone = []
     for lane in range(16):
         bench = Bench(one, 1, states[:, [lane]], steps[[lane]])
-        for address in one.addresses[len(CONTROL) :]:
+        for address in one.addresses_inside[len(CONTROL) :]:
             bench.call(int(address))
         alone.append(bench)
     for lanes in LANES if method.name in ("velocity_verlet", "dop853") else (4,):
@@ -133,7 +133,7 @@ def test_printed_python_has_the_bits_of_machine_code(name: str, method: str) -> 
     one = law(name, xd.METHODS[method], sampled=True)
     states, steps = starts(one, 1)
     compiled, printed = Bench(one, 1, states, steps), Bench(one, 1, states, steps)
-    for address, key in zip(one.addresses[len(CONTROL) :], one.plain[len(CONTROL) :], strict=True):
+    for address, key in zip(one.addresses_inside[len(CONTROL) :], one.plain[len(CONTROL) :], strict=True):
         compiled.call(int(address))
         printed.call_plainly(int(key))
     for mine, other in zip(compiled.arrays(), printed.arrays(), strict=True):
@@ -152,7 +152,7 @@ def test_loops_have_the_bits_of_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(llvm_text, "UNROLLED", 1000)
     assert "phi" not in one.text()
     written = one.compiled()
-    for program, address in zip(one.entries, one.addresses[len(CONTROL) :], strict=True):
+    for program, address in zip(one.entries, one.addresses_inside[len(CONTROL) :], strict=True):
         loops.call(int(address))
         lines.call(written.addresses[program.name])
     for mine, other in zip(loops.arrays(), lines.arrays(), strict=True):

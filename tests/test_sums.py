@@ -88,7 +88,7 @@ def test_printed_python_of_a_long_sum_is_machine_code(n: int, place: str) -> Non
     """Assert that the printed law runs, and computes every number that the compiled one does."""
     law = law_of(layout_of(summed(n, place), Scheme(xd.METHODS["rk4"], "none")), sampled=True)
     compiled, printed = (Bench(law, 1, np.array([[1.3], [0.7]]), np.array([1e-3])) for _ in range(2))
-    for address, key in zip(law.addresses[len(CONTROL) :], law.plain[len(CONTROL) :], strict=True):
+    for address, key in zip(law.addresses_inside[len(CONTROL) :], law.plain[len(CONTROL) :], strict=True):
         compiled.call(int(address))
         printed.call_plainly(int(key))
     for mine, other in zip(compiled.arrays(), printed.arrays(), strict=True):

@@ -192,7 +192,7 @@ class _Inside:
         given = np.ascontiguousarray(np.stack([starts, ends, steps, times])[:, moving])
         # a run of its own: dask calls this in several threads
         log = allocate(self.layout, 1, sampled=0)
-        run = posed(self.model, self.settings, self.law, log, self.law.addresses)
+        run = posed(self.model, self.settings, self.law, log, self.law.addresses_inside)
         engine().states_inside(run, given, np.ascontiguousarray(states[:, moving]), inner)
         found[:n, moving] = inner[:n] * factors
         found[n:, moving] = np.abs(inner[:n] - inner[n:]) * factors

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import count
@@ -99,17 +100,29 @@ class Law:
 
     @property
     def addresses(self) -> NDArray[np.int64]:
-        """Where the programs begin, compiled; without a compiler, keys of `PLAIN`."""
+        """Where the programs of a march begin, compiled; without a compiler, keys of `PLAIN`."""
         with _LOCK:  # code that a second thread compiled in vain would be freed under the first one's feet
             return self._addresses
+
+    @property
+    def addresses_inside(self) -> NDArray[np.int64]:
+        """The same, and where the program for times inside a step begins, which no march needs."""
+        with _LOCK:
+            return self._addresses_inside
 
     @cached_property
     def _addresses(self) -> NDArray[np.int64]:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return self.plain
-        return np.array(
-            [*_control().addresses.values(), *(self._code.addresses[one.name] for one in self.entries)], np.int64
-        )
+        found = self._marching.addresses | {self.entries[INSIDE - FORCES].name: 0}
+        return np.array([*_control().addresses.values(), *(found[one.name] for one in self.entries)], np.int64)
+
+    @cached_property
+    def _addresses_inside(self) -> NDArray[np.int64]:
+        found = self._addresses.copy()
+        if not config.DISABLE_JIT:  # type: ignore[attr-defined]
+            found[INSIDE] = self._inside.addresses[self.entries[INSIDE - FORCES].name]
+        return found
 
     @cached_property
     def plain(self) -> NDArray[np.int64]:
@@ -123,19 +136,24 @@ class Law:
         )
         return np.array(keys, np.int64)
 
-    def text(self, lanes: int = 1) -> str:
-        """Return the law as LLVM text."""
+    def text(self, lanes: int = 1, without: Sequence[Program] = ()) -> str:
+        """Return the law as LLVM text, some programs left out."""
         functions = [(one.name, len(one.arguments)) for one in self.layout.model.python_forces]
-        return llvm_of(self.programs, lanes, functions)
+        return llvm_of([one for one in self.programs if one not in without], lanes, functions)
 
-    def compiled(self, lanes: int = 1) -> machine.Code:
-        """Compile the law for a number of lanes."""
+    def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:
+        """Compile the law for a number of lanes, without some of the programs."""
         functions = {f"_{quantities.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
-        return machine.compiled(self.text(lanes), [one.name for one in self.entries], functions)
+        names = [one.name for one in self.entries if one not in without]
+        return machine.compiled(self.text(lanes, without), names, functions)
 
     @cached_property
-    def _code(self) -> machine.Code:
-        return self.compiled()
+    def _marching(self) -> machine.Code:
+        return self.compiled(without=[self.entries[INSIDE - FORCES]])
+
+    @cached_property
+    def _inside(self) -> machine.Code:
+        return self.compiled(without=[one for i, one in enumerate(self.entries, FORCES) if i not in (FORCES, INSIDE)])
 
 
 @lru_cache(maxsize=1)
