@@ -28,7 +28,7 @@ from xdynamics.methods import radau
 
 # what keeps an absolute tolerance below the smallest component
 SMALL = {"hires": 1e-4, "robertson": 1e-8, "van_der_pol": 1.0}
-# of scipy 1.16's Radau at rtol = 1e-6 with the same tolerances: Jacobians, factorisations
+# of scipy 1.17.1's Radau at rtol = 1e-6 with the same tolerances: Jacobians, factorisations
 PEER = {"hires": (75, 232), "robertson": (132, 494), "van_der_pol": (122, 430)}
 
 

@@ -1,8 +1,7 @@
 """A step by Radau IIA as RADAU5 makes it: simplified Newton iterations, with derivatives and factors kept while they do.
 
 Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. The unknowns are the increments Z of three stages; transformed,
-W = T**-1 Z, they are those of a real system (gamma/h - J) and of a complex one ((alpha + i beta)/h - J). Of both, the
-coordinates are eliminated by their rows c dq - dv = r, so that velocities and first-order states are what is factorised.
+W = T**-1 Z, they are those of the two linear systems of `march.transformed`.
 """
 
 from __future__ import annotations
@@ -12,13 +11,11 @@ import math
 import numpy as np
 
 from xdynamics.kernels.compiling import apart, compiled, shared
-from xdynamics.kernels.law import LINEARISED
-from xdynamics.kernels.linear import factorise, factorise_complex, substitute, substitute_complex
-from xdynamics.kernels.program import UNSOUND, T
+from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm, larger
-from xdynamics.march.evaluating import State, evaluate, keep_sample, slope_of
-from xdynamics.march.handle import called
+from xdynamics.march.evaluating import State, evaluate, keep_sample
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
+from xdynamics.march.transformed import EPS, factorise_both, linearise, slope_apart, solve_complex, solve_real
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
 from xdynamics.methods.radau import T as T_MATRIX
 
@@ -28,7 +25,6 @@ C1, C2, _ = NODES
 E1, E2, E3 = ERROR
 (T00, T01, T02), (T10, T11, T12), (T20, _, _) = T_MATRIX
 (A00, A01, A02), (A10, A11, A12), (A20, A21, A22) = T_INVERSE
-EPS = 2.220446049250313e-16
 MOST_TURNS = np.int64(7)  # Newton iterations, where a shorter step is the remedy
 MOST_SETTLING = np.int64(25)  # where the step is given
 SLOW = 1e-3  # theta from which on derivatives are evaluated anew
@@ -47,7 +43,7 @@ UNSOLVED_GROWTH = 0.5
 AT_START, AT_ITERATES = 1, 2  # where the derivatives are, after a first way in which they may be older
 OPEN, DONE, IN_VAIN = range(3)
 
-error_norm_apart, slope_apart = apart(error_norm), apart(slope_of)
+error_norm_apart = apart(error_norm)
 
 
 @compiled
@@ -97,7 +93,7 @@ def solved(run: Run, t: float, h: float, y: State, sample: int) -> bool:
     for way in range(3):
         if done or (way == AT_START and kept.fresh) or (way == AT_ITERATES and run.plan[0].adaptive):
             continue
-        prepare(run, t, h, y, way)
+        prepare(run, h, way)
         done = iterate(run, t, h, y, sample, way == AT_ITERATES)
         if way == AT_ITERATES:  # these derivatives are no other step's
             kept.linearised, kept.fresh = 0, 0
@@ -105,16 +101,15 @@ def solved(run: Run, t: float, h: float, y: State, sample: int) -> bool:
 
 
 @shared
-def prepare(run: Run, t: float, h: float, y: State, way: int) -> None:
-    """Have derivatives and starting values for an iteration."""
+def prepare(run: Run, h: float, way: int) -> None:
+    """Choose starting values for an iteration, and forget derivatives that are older than this way allows."""
     kept = run.kept[0]
     guess(run, h, 0.0 if way == AT_ITERATES else kept.step)
     kept.eta = max(kept.eta, EPS)
     kept.eta = math.sqrt(kept.eta) * math.sqrt(math.sqrt(kept.eta))
     kept.theta = 0.0
-    if way == AT_START or (way != AT_ITERATES and not kept.linearised):
-        linearise(run, t, h, y)
-        kept.fresh = 1
+    if way == AT_START:
+        kept.linearised = 0
 
 
 @compiled
@@ -125,8 +120,7 @@ def iterate(run: Run, t: float, h: float, y: State, sample: int, following: bool
     """
     kept, verdict, turn = run.kept[0], OPEN, 0
     while verdict == OPEN:
-        if following:
-            follow(run, t, h, y)
+        freshen(run, t, h, y, following)
         if not abs(h - kept.factored) <= SAME_STEP * h and not factorise_both(run, h):
             verdict = IN_VAIN
             continue
@@ -141,14 +135,21 @@ def iterate(run: Run, t: float, h: float, y: State, sample: int, following: bool
 
 
 @shared
-def follow(run: Run, t: float, h: float, y: State) -> None:
-    """Take the derivatives at the second stage of the iterate."""
-    used = run.plan[0].used
-    for i in range(used):
-        run.stage[i] = y[i] + run.stages[used + i]
-    if run.plan[0].differences:
-        evaluate(run, t + C2 * h, run.stage)
-    linearise(run, t + C2 * h, h, run.stage)
+def freshen(run: Run, t: float, h: float, y: State, following: bool) -> None:
+    """Take the derivatives at the second stage of the iterate that is followed; or at y, where there are none to keep."""
+    used, kept, time = run.plan[0].used, run.kept[0], t
+    if kept.linearised and not following:
+        return
+    for i in range(y.shape[0]):
+        run.stage[i] = y[i]
+    if following:
+        time = t + C2 * h
+        for i in range(used):
+            run.stage[i] = y[i] + run.stages[used + i]
+        if run.plan[0].differences:
+            evaluate(run, time, run.stage)
+    linearise(run, time, h, run.stage)
+    kept.fresh = 1
 
 
 @shared
@@ -251,119 +252,6 @@ def correction(run: Run, h: float, y: State) -> float:
             if change != 0.0:
                 largest = larger(largest, change / scale)
     return largest
-
-
-# ------------------------------------------------------------------------------------------------- the linear systems
-
-
-@shared
-def linearise(run: Run, t: float, h: float, y: State) -> None:
-    """Evaluate the derivatives at a state; factors of others are of no use then."""
-    if run.plan[0].differences:
-        differentiate(run, t, h, y)
-    else:
-        run.at[T] = t
-        called(run.law[LINEARISED], run, y, run.stage, 0)
-    run.kept[0].linearised, run.kept[0].factored = 1, 0.0
-    run.now[0].jacobians += 1
-
-
-@shared
-def differentiate(run: Run, t: float, h: float, y: State) -> None:
-    """Find the derivatives by one-sided differences, each over sqrt(eps) of the size of what is changed."""
-    used, shifted, place = run.plan[0].used, run.shifted, 3 * run.plan[0].used
-    for column in range(used):
-        for i in range(used):
-            shifted[i] = y[i]
-        size = max(abs(y[column]), abs(h * slope_apart(run, y, column)))
-        if math.isfinite(run.atol[column]):
-            size = max(size, run.atol[column])
-        shifted[column] += math.sqrt(EPS) * size if size > 0.0 else math.sqrt(EPS)
-        change = shifted[column] - y[column]  # as it was rounded
-        evaluate(run, t, shifted)
-        for i in range(run.plan[0].coordinates, used):
-            run.w[place] = (slope_apart(run, shifted, i) - slope_apart(run, y, i)) / change
-            place += 1
-
-
-@shared
-def factorise_both(run: Run, h: float) -> bool:
-    """Put the real and the complex matrix together for a step size, and take them apart; False if one is singular."""
-    n, first, matrix = run.plan[0].coordinates, 3 * run.plan[0].used, run.matrix
-    size = run.plan[0].used - n
-    gamma, alpha, beta = GAMMA / h, ALPHA / h, BETA / h
-    square = alpha * alpha + beta * beta
-    for i in range(3 * size * size):
-        matrix[i] = 0.0
-    re, im = size * size, 2 * size * size
-    for i in range(size):
-        diagonal = i * size + i
-        matrix[diagonal], matrix[re + diagonal], matrix[im + diagonal] = gamma, alpha, beta
-    for k in range(run.entries.shape[0]):
-        row, column, slope = run.entries[k, 0], run.entries[k, 1], run.w[first + k]
-        if column < n:  # dq = dv/c, and 1/(alpha + i beta) is (alpha - i beta)/square
-            place = column * size + row
-            matrix[place] -= slope / gamma
-            matrix[re + place] -= slope * (alpha / square)
-            matrix[im + place] += slope * (beta / square)
-        else:
-            place = (column - n) * size + row
-            matrix[place] -= slope
-            matrix[re + place] -= slope
-    run.kept[0].factored = 0.0
-    if not factorise(matrix, run.pivots, size) or not factorise_complex(matrix, run.pivots, size):
-        return False
-    run.kept[0].factored = h
-    run.now[0].factorisations += 1
-    return True
-
-
-@shared
-def solve_real(run: Run, vector: State) -> None:
-    """Solve (gamma/h - J) d = r in place, with the factors that are there."""
-    n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
-    gamma = GAMMA / run.kept[0].factored
-    for i in range(n, used):
-        right[i - n] = vector[i]
-    for k in range(run.entries.shape[0]):
-        column = run.entries[k, 1]
-        if column < n:
-            right[run.entries[k, 0]] += run.w[first + k] * (vector[column] / gamma)
-    substitute(run.matrix, run.pivots, right, used - n)
-    for i in range(n, used):
-        vector[i] = right[i - n]
-    for i in range(n):
-        vector[i] = (vector[i] + vector[n + i]) / gamma
-
-
-@shared
-def solve_complex(run: Run) -> None:
-    """Solve ((alpha + i beta)/h - J) d = r in place, for the second and the third part of the defects."""
-    n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
-    size, defects = used - n, run.defects
-    alpha, beta = ALPHA / run.kept[0].factored, BETA / run.kept[0].factored
-    square = alpha * alpha + beta * beta
-    x, y = alpha / square, -beta / square
-    for i in range(n):
-        u, v = defects[used + i], defects[2 * used + i]
-        defects[used + i], defects[2 * used + i] = u * x - v * y, u * y + v * x
-    for i in range(size):
-        right[i], right[size + i] = defects[used + n + i], defects[2 * used + n + i]
-    for k in range(run.entries.shape[0]):
-        row, column = run.entries[k, 0], run.entries[k, 1]
-        if column < n:
-            right[row] += run.w[first + k] * defects[used + column]
-            right[size + row] += run.w[first + k] * defects[2 * used + column]
-    substitute_complex(run.matrix, run.pivots, right, size)
-    for i in range(size):
-        defects[used + n + i], defects[2 * used + n + i] = right[i], right[size + i]
-    for i in range(n):
-        u, v = right[i], right[size + i]
-        defects[used + i] += u * x - v * y
-        defects[2 * used + i] += u * y + v * x
-
-
-# -------------------------------------------------------------------------------------------- the step before, and errors
 
 
 @shared
