@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,10 +17,10 @@ from xdynamics.kernels.compiling import OPTIONS, PLAIN
 from xdynamics.march import entries, loop
 from xdynamics.march.run import NOW, PLAN
 
-SECONDS = 14  # that compiling takes on a machine of 2026
+SECONDS, SOLVERS_SECONDS = 10, 8  # that compiling takes on a machine of 2026
 NEWTON, RADAU = -1, -2  # keys of steps where nothing is compiled
 _LOCK = threading.Lock()
-_FOUND: list[Engine] = []
+_FOUND: dict[str, Any] = {}
 _KEPT: list[Any] = []
 
 
@@ -29,66 +30,94 @@ class Engine(NamedTuple):
     march: Callable[..., None]
     march_many: Callable[..., int]
     states_inside: Callable[..., None]
-    newton: int  # address of `entries.step_by_newton`
-    radau: int  # of `entries.step_by_radau`
+
+
+class Solvers(NamedTuple):
+    """Where the steps that solve equations begin."""
+
+    newton: int  # `entries.step_by_newton`
+    radau: int  # `entries.step_by_radau`
 
 
 def engine() -> Engine:
     """Return the engine, compiled if that was not done on this machine."""
+    found: Engine = _part("engine", "the engine", SECONDS, _entries, _plain_entries)
+    return found
+
+
+def solvers() -> Solvers:
+    """Return the solvers of implicit methods, compiled if that was not done on this machine."""
+    found: Solvers = _part("solvers", "the solvers of implicit methods", SOLVERS_SECONDS, _solvers, _plain_solvers)
+    return found
+
+
+def _part(name: str, words: str, seconds: int, compiled: Callable[[Path | None], Any], plain: Callable[[], Any]) -> Any:
     with _LOCK:
-        if not _FOUND:
-            _FOUND.append(_plain() if config.DISABLE_JIT else _compiled())  # type: ignore[attr-defined]
-    return _FOUND[0]
+        if name not in _FOUND:
+            jit = not config.DISABLE_JIT  # type: ignore[attr-defined]
+            _FOUND[name] = _loaded(f"{name}-{_key()}", words, seconds, compiled) if jit else plain()
+        return _FOUND[name]
 
 
-def _plain() -> Engine:
-    PLAIN[NEWTON], PLAIN[RADAU] = entries.step_by_newton, entries.step_by_radau
-    many = entries.march_many
-    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside, NEWTON, RADAU)
-
-
-def _compiled() -> Engine:
-    name = f"engine-{_key()}"
+def _loaded(name: str, words: str, seconds: int, compiled: Callable[[Path | None], Any]) -> Any:
     if kept := cache.sealed(name):
         try:
-            return _entries(kept)
-        except Exception:  # noqa: BLE001 - whatever a damaged file does, the engine is compiled anew
+            return compiled(kept)
+        except Exception:  # noqa: BLE001 - whatever a damaged file does, it is compiled anew
             cache.remove(name)
-    logging.getLogger("xdynamics").warning(
-        "xdynamics: compiling the engine, once per installation: about %d s", SECONDS
-    )
+    logging.getLogger("xdynamics").warning("xdynamics: compiling %s, once per installation: about %d s", words, seconds)
     try:
         with cache.filling(name) as folder:
-            return _entries(folder)
+            return compiled(folder)
     except OSError:  # the disk filled up meanwhile
-        return _entries(None)
+        return compiled(None)
+
+
+def _plain_entries() -> Engine:
+    many = entries.march_many
+    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside)
+
+
+def _plain_solvers() -> Solvers:
+    PLAIN[NEWTON], PLAIN[RADAU] = entries.step_by_newton, entries.step_by_radau
+    return Solvers(NEWTON, RADAU)
 
 
 def _entries(folder: Path | None) -> Engine:
     """Compile the entries, or load what numba kept of them in a folder; without one, nothing is kept."""
-    keep = folder is not None
-    before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")  # type: ignore[attr-defined]
-    try:
+    with _keeping(folder) as keep:
         march = cfunc(types.void(types.int64, types.int64), cache=keep, **OPTIONS)(loop.march)
-        steps: list[Any] = [
-            cfunc(_STEP, cache=keep, **OPTIONS)(one) for one in (entries.step_by_newton, entries.step_by_radau)
-        ]
         others = [njit(cache=keep, **OPTIONS)(one) for one in (entries.march_many, entries.states_inside)]
-    finally:
-        config.CACHE_DIR = before  # type: ignore[attr-defined]
     for one, signature in zip(others, _SIGNATURES, strict=True):
         one.compile(signature)
     march_many, states_inside = others
-    newton, radau = steps
     address, call = march.address, march.ctypes
-    _KEPT.extend((march, newton, radau))  # the code behind an address lives as long as this
+    _KEPT.append(march)  # the code behind an address lives as long as this
     return Engine(
         lambda run, rows: call(run.address, rows),
         lambda run, *given: march_many(run.address, address, *given),
         lambda run, *given: states_inside(run.address, *given),
-        newton.address,
-        radau.address,
     )
+
+
+def _solvers(folder: Path | None) -> Solvers:
+    """The same for the solvers."""
+    with _keeping(folder) as keep:
+        steps: list[Any] = [
+            cfunc(_STEP, cache=keep, **OPTIONS)(one) for one in (entries.step_by_newton, entries.step_by_radau)
+        ]
+    _KEPT.extend(steps)
+    return Solvers(*(one.address for one in steps))
+
+
+@contextmanager
+def _keeping(folder: Path | None) -> Iterator[bool]:
+    """Let numba keep in a folder what is compiled meanwhile."""
+    before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")  # type: ignore[attr-defined]
+    try:
+        yield folder is not None
+    finally:
+        config.CACHE_DIR = before  # type: ignore[attr-defined]
 
 
 def _array(dtype: Any, dims: int) -> Any:

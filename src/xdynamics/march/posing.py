@@ -13,7 +13,7 @@ from xdynamics.expressions import limits_domain
 from xdynamics.kernels import Law
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.tables import flattened
-from xdynamics.march.engine import engine
+from xdynamics.march.engine import solvers
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PLAN, TRIAL, Run
@@ -68,7 +68,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
 
 def _solver(law: Law) -> int:
     """Return the address of what solves the equations of a step."""
-    return engine().radau if law.scheme.method.simplified else engine().newton
+    return solvers().radau if law.scheme.method.simplified else solvers().newton
 
 
 def _solving(law: Law) -> dict[str, NDArray[Any]]:
