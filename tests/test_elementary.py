@@ -7,7 +7,7 @@ import hashlib
 import inspect
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import mpmath
 import numpy as np
@@ -15,9 +15,9 @@ import pytest
 from llvmlite import binding as llvm
 from numpy.typing import NDArray
 
-from elementary_tables import tables
+from elementary_tables import fitted, tables
 from problems import arguments_of, true_value, ulps
-from xdynamics.elementary import FUNCTIONS, TOGETHER
+from xdynamics.elementary import FUNCTIONS, TOGETHER, functions
 from xdynamics.elementary.functions import reduced_exactly
 from xdynamics.elementary.tables import TABLES
 from xdynamics.elementary.text import definitions
@@ -189,6 +189,29 @@ def test_pairs_have_the_bits_of_each() -> None:
 def test_tables_are_what_mpmath_says() -> None:
     """Assert that the kept tables are those that their script makes."""
     assert {name: tuple(table) for name, table in tables().items()} == TABLES
+
+
+@pytest.mark.parametrize(
+    ("powers", "function", "end"),
+    [
+        (functions.ARCTANGENT, mpmath.atan, "0.0361"), (functions.ARCSINE, mpmath.asin, "0.25"),
+        (functions.SINH, mpmath.sinh, "1"), (functions.TANH, mpmath.tanh, "0.0625"),
+    ],
+    ids=["atan", "asin", "sinh", "tanh"],
+)  # fmt: skip
+def test_polynomials_are_what_is_fitted(
+    powers: tuple[float, ...], function: Callable[..., mpmath.mpf], end: str
+) -> None:
+    """Assert that a polynomial is that of f(x)/x - 1 over x**2 at Chebyshev's points, with an error below 2**-55."""
+    with mpmath.workprec(400):
+        found, worst = fitted(
+            lambda u: (function(mpmath.sqrt(u)) / mpmath.sqrt(u) - 1) / u,
+            len(powers) - 1,
+            mpmath.mpf(end),
+            lambda _: mpmath.mpf(1),
+        )
+    assert tuple(found) == powers
+    assert worst < 2.0**-55
 
 
 @pytest.mark.parametrize("name", NAMES)

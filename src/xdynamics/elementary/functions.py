@@ -1,8 +1,8 @@
 """The elementary functions, from arithmetic that is the same on every machine.
 
 Each is one sequence of operations, for floats, arrays and written programs alike, and at most 1 ulp from the true
-value. Where a branch would be needed both ways are computed and one is chosen; what is needed for few arguments only is
-`rarely` computed. How: reduction and polynomials as in fdlibm (Ng 1993), tables as Tang proposed (1989,
+value. Where a branch would be needed both ways are computed and one is chosen; what few arguments need is `usually` left
+out. How: reduction and polynomials as in fdlibm (Ng 1993), tables as Tang proposed (1989,
 doi:10.1145/63522.214389), what rounding takes kept as a second number (Dekker 1971, doi:10.1007/BF01397083).
 """
 
@@ -48,10 +48,8 @@ TWO_OVER_PI = 0.6366197723675814
 # pi/2 in parts: two of 34 bits, whose products with 19 bits are exact, and one of 53
 PART1, PART2, PART3 = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
 LOG2_128 = 184.6649652337873  # 128/log(2)
-STEP, STEP_TAIL = (
-    0.005415212347998022,
-    1.2655086083325438e-13,
-)  # log(2)/128: 34 bits, whose products with 18 are exact; the rest
+# log(2)/128: 34 bits, whose products with 18 are exact; the rest
+STEP, STEP_TAIL = 0.005415212347998022, 1.2655086083325438e-13
 LOG2, LOG2_TAIL = 0.6931471805598903, 5.497923018708371e-14  # log(2): 42 bits behind the point; the rest
 
 # of 1 - sin(x)/x over x**2 and cos(x) - 1 + x**2/2 over x**4, from fdlibm's k_sin.c and k_cos.c (Sun Microsystems 1993);
