@@ -7,12 +7,12 @@ import re
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
+from xdynamics.model.splines import hermite_pieces, monotone_slopes, spline_slopes
 from xdynamics.units import Unit, parse_unit
 
 INTERPOLATIONS = ("previous", "linear", "pchip", "cubic")
@@ -116,10 +116,8 @@ def _pieces(argument: Floats, value: Floats, interpolation: str) -> Floats:
         return value[None, :-1]
     if interpolation == "linear":
         return np.vstack([np.diff(value) / np.diff(argument), value[:-1]])
-    from scipy.interpolate import CubicSpline, PchipInterpolator
-
-    rule: Any = PchipInterpolator if interpolation == "pchip" else CubicSpline
-    return np.asarray(rule(argument, value).c, dtype=np.float64)
+    slopes = monotone_slopes if interpolation == "pchip" else spline_slopes
+    return hermite_pieces(argument, value, slopes(argument, value))
 
 
 def _header(name: str, number: int, line: str) -> tuple[Unit, Unit]:

@@ -192,14 +192,15 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     return values | {name: float(constant(name).factor) / sizes[name] for name in CONSTANTS} | {"pi": math.pi}
 
 
-def tables_of(model: Model, scales: Scales = UNSCALED) -> list[Table]:
+@lru_cache(maxsize=16)
+def tables_of(model: Model, scales: Scales = UNSCALED) -> tuple[Table, ...]:
     """Return the pieces of every drive, in SI units over the scales."""
     found = []
     for name, drive in model.drives.items():
         argument = drive.table.argument / scales.of(model.dimensions[drive.argument])
         value = drive.table.value / scales.of(model.dimensions[name])
         found.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=drive.argument == "t"))
-    return found
+    return tuple(found)
 
 
 def evaluated(
