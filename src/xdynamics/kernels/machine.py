@@ -17,8 +17,9 @@ from xdynamics.kernels import cache
 
 PATIENCE = 1.0  # seconds of compiling that pass without a word
 # Lines of a text from which on instructions are chosen without a look around: LLVM's scheduling of one long block takes
-# time that grows with its square, 11 s for the forces of 3,000 masses, for steps that are a tenth faster. No bit changes.
-LONG_TEXT = 6_000
+# time that grows with its square, 11 s for the forces of 3,000 masses. Steps of sums are then a tenth slower, those of
+# elementary functions twice as slow. No bit changes.
+LONG_TEXT = 12_000
 
 
 class Code:
