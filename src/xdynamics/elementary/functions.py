@@ -84,6 +84,11 @@ PADDING = 3  # of them that are zero, in front
 
 def reduced(x: Number) -> Any:
     """Return x - n pi/2 in [-pi/4, pi/4] as a number and its tail, and n; of n the two last bits count."""
+    return usually(absolute(x) < 0.785, lambda: (x, x * 0.0, bits(x) & 0), lambda: reduced_near(x))
+
+
+def reduced_near(x: Number) -> Any:
+    """Reduce an angle of some turns."""
     rest, tail, n, turns = less_turns(x)
     # the tail is far below the last digit for small angles, and right for those that are no multiple but for 31 bits
     near = (turns < 8192.0) & (absolute(rest) >= turns * 2.0**-31)
