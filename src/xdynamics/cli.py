@@ -198,7 +198,7 @@ def reproduce(archive: str) -> None:
         click.echo(f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same")
         _say([table.attrs["arithmetic"]] if table.attrs["arithmetic"] else [])
         return
-    click.echo(f"not the same: {table.attrs['first_difference']}; {table.attrs['arithmetic']}")
+    click.echo(f"not the same: {table.attrs['arithmetic']}; the first is {table.attrs['first_difference']}")
     _say(f"  {line}" for line in table.attrs["settings"].splitlines())
     sys.exit(BADLY)
 
