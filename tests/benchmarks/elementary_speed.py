@@ -68,6 +68,18 @@ def nanoseconds(address: int, given: list[Any]) -> float:
     return best / SIZE * 1e9
 
 
+def per_call(address: int, given: list[int]) -> float:
+    """Seconds of one call of a program, the least of some rounds."""
+    call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(address)
+    best = np.inf
+    for _ in range(20):
+        begin = time.perf_counter()
+        for _ in range(2000):
+            call(*given)
+        best = min(best, time.perf_counter() - begin)
+    return best / 2000
+
+
 def step_times(model_name: str, method: str) -> list[float]:
     """Nanoseconds a step of one run, with 1 to 16 lanes."""
     chosen = xd.METHODS[method]
@@ -83,23 +95,10 @@ def step_times(model_name: str, method: str) -> list[float]:
         states = initial[:, None] * (1 + 1e-3 * np.arange(lanes))
         bench = Bench(law, lanes, states, np.full(lanes, 1e-3))
         code = law.compiled(lanes)
-        address = code.addresses["propose"]
-        call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(address)
         given = [one.ctypes.data for one in (bench.table, bench.y, bench.z, bench.samples)]
-        best = np.inf
-        for _ in range(20):
-            begin = time.perf_counter()
-            for _ in range(2000):
-                call(*given)
-            best = min(best, time.perf_counter() - begin)
-        empty = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(code.addresses["detect"])
-        least = np.inf
-        for _ in range(20):
-            begin = time.perf_counter()
-            for _ in range(2000):
-                empty(*given)
-            least = min(least, time.perf_counter() - begin)
-        found.append((best - least) / 2000 / lanes * 1e9)
+        # a program that computes nothing tells what a call costs from here
+        step, call = (per_call(code.addresses[name], given) for name in ("propose", "detect"))
+        found.append((step - call) / lanes * 1e9)
     return found
 
 

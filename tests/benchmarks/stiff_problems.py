@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-from adaptive_problems import Benchmark, Words
+from adaptive_problems import PROBLEMS, Benchmark, Words
 
 SOURCE = "Test Set for Initial Value Problem Solvers, release 2.4"
 
@@ -48,25 +49,8 @@ def _hires() -> Benchmark:
 
 
 def _robertson() -> Benchmark:
-    names, start = ("a", "b", "c"), (1.0, 0.0, 0.0)
-
-    def numbers(s: Any, _words: Words) -> list[Any]:
-        slow, back, fast = 0.04 * s[0], 1e4 * s[1] * s[2], 3e7 * s[1] * s[1]
-        return [back - slow, slow - back - fast, fast]
-
-    statement = {
-        "name": "Robertson's reactions, to 1e11",
-        "parameters": {"k1": "0.04 s-1", "k2": "3e7 s-1", "k3": "1e4 s-1"},
-        "definitions": {"slow": "k1*a", "fast": "k2*b**2", "back": "k3*b*c"},
-        "states": {
-            "a": {"unit": "1", "rate": "back - slow"},
-            "b": {"unit": "1", "rate": "slow - back - fast"},
-            "c": {"unit": "1", "rate": "fast"},
-        },
-        "initial": dict(zip(names, start, strict=True)),
-    }
     reference = (0.2083340149701255e-7, 0.8333360770334713e-13, 0.9999999791665050)
-    return Benchmark("Robertson", statement, names, start, 1e11, reference, numbers, SOURCE, stiff=True)
+    return replace(PROBLEMS["robertson"], end=1e11, reference=reference, source=SOURCE)
 
 
 def _van_der_pol() -> Benchmark:
