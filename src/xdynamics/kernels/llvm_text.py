@@ -31,7 +31,7 @@ from xdynamics.kernels.program import (
 )
 
 UNROLLED = 8  # components up to which vectors are written out; more are a loop
-INLINED = 4000  # instructions up to which a program is put in the place of its calls
+INLINED = 1500  # instructions up to which a program is put in the place of its calls
 _SIGNATURE = ", ".join(f"ptr noalias %_{name}" for name in ARRAYS) + ", i64 %_apart"
 UNSOUND = "unsound"
 _ALL_OF = Counter(pair for pair, _ in PAIRS.values())
