@@ -20,7 +20,7 @@ from problems import arguments_of, true_value, ulps
 from xdynamics.elementary import FUNCTIONS, TOGETHER, functions
 from xdynamics.elementary.functions import reduced_exactly
 from xdynamics.elementary.tables import TABLES
-from xdynamics.elementary.text import definitions
+from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import machine
 
 INF, NAN = math.inf, math.nan
@@ -227,9 +227,7 @@ def test_digests(name: str) -> None:
 def loops(lanes: int) -> str:
     """LLVM text that applies every function, and the pair, to arrays."""
     kind = "double" if lanes == 1 else f"<{lanes} x double>"
-    suffix = "f64" if lanes == 1 else f"v{lanes}f64"
-    text = [f"declare {kind} @llvm.{one}.{suffix}({kind})" for one in ("sqrt", "fabs")]
-    text += [definitions(dict.fromkeys([*NAMES, "sin_cos"], False), lanes), "!0 = !{}"]
+    text = [declarations(lanes), definitions(dict.fromkeys([*NAMES, "sin_cos"], False), lanes)]
     for name in NAMES:
         given = ", ".join([f"{kind} %a", f"{kind} %b"][: count(name)])
         text.append(f"""

@@ -36,7 +36,7 @@ def struct_of(name: str, lanes: int) -> str:
 
 
 def definitions(names: Mapping[str, bool], lanes: int) -> str:
-    """Print functions, what they call of LLVM's own, and the tables that they read.
+    """Print functions, which call what `declarations` declares, and the tables that they read.
 
     Parameters
     ----------
@@ -44,20 +44,20 @@ def definitions(names: Mapping[str, bool], lanes: int) -> str:
         For each function whether it is put in the place of its calls.
     lanes : int
     """
-    if not names:
-        return ""
     printed = {name: definition(name, lanes) for name in sorted(names)}
     tables = sorted({table for _, read in printed.values() for table in read})
     wide = '"prefer-vector-width"="512"'
     inner = {True: f"nounwind alwaysinline {wide}", False: f"nounwind {wide}"}
     text = [text.replace("ATTRIBUTES", inner[names[name]]) for name, (text, _) in printed.items()]
-    return "\n".join([*_declarations(lanes), *map(_table, tables), *text])
+    return "\n".join([*map(_table, tables), *text])
 
 
-def _declarations(lanes: int) -> list[str]:
+def declarations(lanes: int) -> str:
+    """Declare what functions and laws call of LLVM's own."""
     lines = Lines(lanes)
     number, suffix = lines.kind("n"), lines.suffix()
-    found = [f"declare {number} @llvm.copysign.{suffix}({number}, {number})"]
+    found = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in ("sqrt", "fabs")]
+    found.append(f"declare {number} @llvm.copysign.{suffix}({number}, {number})")
     if lanes > 1:
         found += [
             f"declare {lines.kind(letter)} @llvm.masked.gather.{lines.suffix(letter)}.v{lanes}p0"
@@ -65,7 +65,7 @@ def _declarations(lanes: int) -> list[str]:
             for letter in "nw"
         ]
         found.append(f"declare i1 @llvm.vector.reduce.and.{lines.suffix('t')}({lines.kind('t')})")
-    return found
+    return "\n".join([*found, "!0 = !{}"])
 
 
 def _table(name: str) -> str:

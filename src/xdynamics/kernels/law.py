@@ -14,7 +14,7 @@ from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.elementary import FUNCTIONS
-from xdynamics.elementary.text import definitions
+from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import machine, quantities, stepping
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.layout import Layout
@@ -160,12 +160,8 @@ class Law:
 def _control() -> machine.Code:
     """Return machine code of the functions that step control calls."""
     entry = "define double @{0}(double %x) {{\n  %y = call double @elementary_{0}(double %x)\n  ret double %y\n}}"
-    text = [
-        *(f"declare double @llvm.{name}.f64(double)" for name in ("sqrt", "fabs")),
-        definitions(dict.fromkeys(CONTROL, True), 1),
-        *map(entry.format, CONTROL),
-    ]
-    return machine.compiled("\n".join([*text, "!0 = !{}"]), CONTROL)
+    text = [declarations(1), definitions(dict.fromkeys(CONTROL, True), 1), *map(entry.format, CONTROL)]
+    return machine.compiled("\n".join(text), CONTROL)
 
 
 @lru_cache(maxsize=128)

@@ -6,13 +6,13 @@ is summed across lanes, contracted or reordered, so that a lane holds the bits t
 
 from __future__ import annotations
 
-import struct
 from collections import Counter
 from collections.abc import Iterable
 from string import ascii_lowercase
 
 from xdynamics.elementary import FUNCTIONS, PAIRS
-from xdynamics.elementary.text import definition, definitions, struct_of
+from xdynamics.elementary.text import declarations, definition, definitions, struct_of
+from xdynamics.elementary.written import Lines
 from xdynamics.kernels.operations import COMPARISONS, COMPOSED, INFIX, INTRINSICS
 from xdynamics.kernels.program import (
     ARRAYS,
@@ -127,7 +127,8 @@ def llvm_of(programs: Iterable[Program], lanes: int = 1, functions: Iterable[tup
         Python functions that are called, with how many arguments each takes.
     """
     known = {one.name: one for one in programs}
-    text = [_declarations(lanes, functions), _TABLES if any(map(_looks_up, known.values())) else ""]
+    text = [declarations(lanes), _TABLES if any(map(_looks_up, known.values())) else ""]
+    text += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
     weights = {name: _weight(one, lanes) for name, one in known.items()}
     used = sum((_used(one) for one in known.values()), Counter[str]())
     text.append(definitions({name: _size_of(name, lanes) * n <= INLINED // 2 for name, n in used.items()}, lanes))
@@ -140,21 +141,9 @@ def llvm_of(programs: Iterable[Program], lanes: int = 1, functions: Iterable[tup
         ]
     # "prefer-vector-width": without it 16 lanes are made of 256 bits each where 512 are there
     text.append('attributes #0 = { nounwind "prefer-vector-width"="512" }')
-    text.append("!0 = !{}")
     text.append("attributes #1 = { nounwind alwaysinline }")
     text.append('attributes #2 = { nounwind alwaysinline "prefer-vector-width"="512" }')
     return "\n".join(one for one in text if one) + "\n"
-
-
-def _declarations(lanes: int, functions: Iterable[tuple[str, int]]) -> str:
-    number, suffix = _types(lanes)
-    lines = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in INTRINSICS.values()]
-    lines += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
-    return "\n".join(lines)
-
-
-def _types(lanes: int) -> tuple[str, str]:
-    return ("double", "f64") if lanes == 1 else (f"<{lanes} x double>", f"v{lanes}f64")
 
 
 def _looks_up(program: Program) -> bool:
@@ -204,9 +193,9 @@ class _Printer:
     def __init__(self, program: Program, lanes: int) -> None:
         self._program = program
         self._lanes = lanes
-        self._number, self._suffix = _types(lanes)
-        self._truth = "i1" if lanes == 1 else f"<{lanes} x i1>"
-        self._whole = "i64" if lanes == 1 else f"<{lanes} x i64>"
+        self._kinds = Lines(lanes)
+        self._number, self._suffix = self._kinds.kind("n"), self._kinds.suffix()
+        self._truth, self._whole = self._kinds.kind("t"), self._kinds.kind("w")
         self._lines: list[str] = []
         self._values: dict[str, str] = {}
         self._count = 0
@@ -401,7 +390,4 @@ class _Printer:
         return f"%v.{self._count}"
 
     def _operand(self, operand: Operand) -> str:
-        if isinstance(operand, str):
-            return self._values[operand]
-        bits = f"0x{struct.pack('>d', operand).hex().upper()}"
-        return bits if self._lanes == 1 else "<" + ", ".join([f"double {bits}"] * self._lanes) + ">"
+        return self._values[operand] if isinstance(operand, str) else self._kinds.constant(float(operand)).text

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary import FUNCTIONS
 from xdynamics.expressions.evaluation import NUMERIC
 
 # operation: sign in Python and how strongly it binds; instruction in LLVM
@@ -72,9 +71,9 @@ def _kept(function: Callable[..., float]) -> Callable[..., float]:
 
 
 # by the names of printed Python, where a model's own names cannot meet those with an underscore
-PYTHON: dict[str, Any] = {name: _kept(one) for name, one in NUMERIC.items() if name != "positive"} | {
+PYTHON: dict[str, Any] = {name: _kept(one) for name, one in NUMERIC.items() if name not in ("positive", "power")} | {
     "_positive": _kept(NUMERIC["positive"]),
-    "_power": _kept(FUNCTIONS["power"]),
+    "_power": _kept(NUMERIC["power"]),
     "_least": _kept(least),
     "_greatest": _kept(greatest),
     "_unsound": unsound,

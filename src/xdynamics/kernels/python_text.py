@@ -5,27 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from xdynamics.kernels.operations import COMPARISONS, INFIX
+from xdynamics.kernels.operations import COMPARISONS, INFIX, PYTHON
 from xdynamics.kernels.program import ARRAYS, AT, Call, Compute, Each, Load, Operand, Place, Program, Store
 
-_PLAIN = {
-    "abs",
-    "sqrt",
-    "sign",
-    "sin",
-    "cos",
-    "tan",
-    "asin",
-    "acos",
-    "atan",
-    "atan2",
-    "sinh",
-    "cosh",
-    "tanh",
-    "exp",
-    "log",
-    "hypot",
-}
 _ATOM = 9
 SIGNATURE = ", ".join(f"_{name}" for name in ARRAYS)
 
@@ -104,7 +86,7 @@ class _Printer:
         if name in ("find_piece", "value_at", "slope_at", "piece_of"):
             extra = ", ".join(["_tables, _pieces", *(self._text(one) for one in arguments)])
             return f"_{name}({extra})", _ATOM
-        called = name if name in _PLAIN else f"_{name}"
+        called = name if name in PYTHON else f"_{name}"
         return f"{called}({', '.join(self._text(one) for one in arguments)})", _ATOM
 
     def _bound(self, operand: Operand, needed: int) -> str:
