@@ -10,7 +10,7 @@ from plain import kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
 from xdynamics.march import control, events, loop, proposing
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
-from xdynamics.march.run import DETECTOR, EVENT_ROW, Run
+from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, Run
 from xdynamics.schema import (
     EVENT_AFTER,
     EVENT_BEFORE,
@@ -211,6 +211,18 @@ def test_locate_ends_the_trial_behind_the_event() -> None:
     assert 0 <= h - 1.0 <= 1e-12
     assert run.lows[0] < 1.0 <= h
     assert run.z[0] == 1.0 - h * h
+
+
+def test_the_located_trial_comes_back_whole() -> None:
+    """Assert that every number of a trial is kept and taken back, whether it was sound among them."""
+    run = dropped()
+    for i, name in enumerate(TRIAL.names, start=1):
+        run.trial[name] = i
+    before = run.trial.tobytes()
+    plain(events.keep)(run)
+    run.trial[:] = np.zeros(1, TRIAL)
+    plain(events.take)(run)
+    assert run.trial.tobytes() == before
 
 
 @pytest.mark.parametrize("stops", [0, 1])
