@@ -12,6 +12,7 @@ import pytest
 import xdynamics as xd
 from problems import EPS, MODELS, ROOT, damped, oscillator, particle
 from xdynamics.march.outcomes import WORDS
+from xdynamics.schema import EVENT_AFTER
 
 
 @lru_cache
@@ -386,3 +387,15 @@ def test_a_failure_inside_a_solve_or_a_half_step_is_named() -> None:
     run = xd.simulate(window, method="velocity_verlet", step=1.0, until=2.0, estimator="step_doubling")
     assert run.attrs["run_outcome"] == "nonfinite_force"
     assert "force_push_x is nan in the evaluation at t = 0.5 s" in run.attrs["run_outcome_text"]
+
+
+def test_rows_that_no_step_led_to_have_no_error() -> None:
+    """Assert zeros at the start and on the far side of events, and errors of the steps on their near side."""
+    model = xd.Model.from_toml(MODELS / "pendulum.toml")
+    run = xd.simulate(model, method="dormand_prince", rtol=1e-8, atol=1e-8)
+    stands = run.step_size.values == 0.0
+    assert np.array_equal(stands[1:], run.row_kind.values[1:] == EVENT_AFTER)
+    assert stands.sum() > 2
+    for name in ("error_norm", "error_theta", "error_v_theta"):
+        assert not run[name].values[stands].any()
+        assert run[name].values[~stands].all()
