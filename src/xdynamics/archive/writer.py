@@ -1,0 +1,105 @@
+"""A netCDF file while it is filled: variables are defined, appended to, then sealed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import prod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, root_digest, volatile_digest
+from xdynamics.record import own_attributes
+from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, VOLATILE_DIGEST
+
+if TYPE_CHECKING:
+    import netCDF4
+
+Array = NDArray[Any]
+
+
+class Writer:
+    """Fills one netCDF file: variables are defined, appended to, then sealed."""
+
+    def __init__(self, file: netCDF4.Dataset) -> None:
+        self._file = file
+        self._seals: dict[str, Seal] = {}
+        self._attributes: dict[str, dict[str, Any]] = {}
+        self._coordinates: dict[str, str] = {}
+        self._filled: dict[str, int] = {}
+
+    def define(
+        self,
+        name: str,
+        dims: tuple[str, ...],
+        dtype: np.dtype[Any],
+        attributes: Mapping[str, Any],
+        coordinates: str | None,
+        sizes: Mapping[str, int],
+    ) -> None:
+        """Create a variable; a dimension without a size may grow."""
+        for dim in dims:
+            if dim not in self._file.dimensions:
+                self._file.createDimension(dim, 2 if dim == BOUNDS else sizes.get(dim))
+        seal = Seal(name, dims, dtype)
+        self._seals[name] = seal
+        self._attributes[name] = own_attributes(attributes)
+        self._filled[name] = 0
+        if coordinates:
+            self._coordinates[name] = coordinates
+        if seal.is_text:
+            return  # created when its length is known
+        chunks = (
+            [min(CHUNKS.get(dim, OTHER_CHUNK), max(1, sizes.get(dim, CHUNKS.get(dim, OTHER_CHUNK)))) for dim in dims]
+            if dims
+            else None
+        )
+        variable = self._file.createVariable(
+            name, seal.dtype, dims, chunksizes=chunks, fill_value=False, endian="little"
+        )
+        if chunks:
+            # room for the one chunk that is being filled: the library's 16 MiB each would not be bounded memory
+            variable.set_var_chunk_cache(size=2 * prod(chunks) * seal.dtype.itemsize)
+
+    def append(self, name: str, values: Array) -> None:
+        """Write and hash the next values of a variable."""
+        self.write([(name, values)])
+        self.hash([(name, values)])
+
+    def write(self, parts: list[tuple[str, Array]]) -> None:
+        """Write the next values of variables."""
+        for name, values in parts:
+            if self._seals[name].is_text:
+                self._write_text(name, letters(values))
+            elif values.ndim == 0:
+                self._file.variables[name][...] = values
+            elif values.shape[0]:
+                start = self._filled[name]
+                self._file.variables[name][start : start + values.shape[0]] = values
+                self._filled[name] = start + values.shape[0]
+
+    def _write_text(self, name: str, letters: Array) -> None:
+        """Write a text as characters: variable-length strings crash the library when a file is open twice."""
+        dim = f"{name}_characters"
+        self._file.createDimension(dim, len(letters))
+        variable = self._file.createVariable(name, "S1", (dim,), fill_value=False)
+        variable.set_auto_chartostring(False)
+        variable[:] = letters
+        variable.setncattr("_Encoding", "utf-8")
+
+    def hash(self, parts: list[tuple[str, Array]]) -> None:
+        """Add the next values of variables to their digests."""
+        for name, values in parts:
+            self._seals[name].update(values)
+
+    def finish(self, attributes: Mapping[str, Any]) -> None:
+        """Write every attribute and digest."""
+        kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST)}
+        digests = {name: seal.hexdigest() for name, seal in self._seals.items()}
+        for name, own in self._attributes.items():
+            kept_as = {"coordinates": self._coordinates[name]} if name in self._coordinates else {}
+            self._file.variables[name].setncatts(own | kept_as | {DIGEST: digests[name]})
+        self._file.setncatts(kept)
+        self._file.setncattr(ROOT_DIGEST, root_digest(digests, self._attributes, kept))
+        self._file.setncattr(VOLATILE_DIGEST, volatile_digest(kept))
