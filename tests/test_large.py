@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -79,7 +81,10 @@ def test_a_thousand_masses_keep_their_energy(method: str) -> None:
     """Assert that a long chain is one record of all its coordinates, from Python and from its file alike."""
     model = chain(CHAINED)
     asked = {"step": "0.01 s"} if method == "velocity_verlet" else {"rtol": 1e-10, "atol": 1e-10}
-    run = xd.simulate(model, method=method, until="2 s", **asked)
+    # far from the mass that is struck there is hardly any motion, and the run says so
+    quiet = pytest.warns(xd.AccuracyWarning, match="and .* more") if "rtol" in asked else nullcontext()
+    with quiet:
+        run = xd.simulate(model, method=method, until="2 s", **asked)
     energy = run.kinetic_energy.values + sum(
         (run[f"u{i + 1}"].values - run[f"u{i}"].values) ** 2 / 2 for i in range(CHAINED - 1)
     )

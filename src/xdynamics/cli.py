@@ -25,10 +25,11 @@ class _Command(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         import warnings
 
-        from xdynamics.faults import ArchiveError, InputError
+        from xdynamics.faults import AccuracyWarning, ArchiveError, InputError
 
         try:
             with warnings.catch_warnings():
+                warnings.simplefilter("ignore", AccuracyWarning)  # the outcome, which is printed, says the same
                 warnings.showwarning = lambda message, *_rest: _complain(f"warning: {message}")
                 return super().invoke(ctx)
         except ArchiveError as error:
@@ -65,7 +66,7 @@ def main() -> None:
     "atols",
     multiple=True,
     metavar="[NAME=]VALUE",
-    help="Absolute tolerance: 1e-9 is SI for every variable, y='1 um' for one.",
+    help="Absolute tolerance: 1e-9 is in every variable's own unit, y='1 um' for one.",
 )
 @click.option("--estimator", help="embedded, step_doubling, step_doubling_extrapolated or none.")
 @click.option("--min-step", help="Shortest step that control may take, like '1 ns'.")
@@ -289,7 +290,7 @@ def _absolute(texts: tuple[str, ...]) -> dict[str, Any] | None:
         try:
             named[""] = float(text)
         except ValueError:
-            raise InputError(f"--atol {text!r} needs a number in SI units, or NAME=VALUE") from None
+            raise InputError(f"--atol {text!r} needs a number, in every variable's own unit, or NAME=VALUE") from None
     return named or None
 
 

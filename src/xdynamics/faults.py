@@ -26,6 +26,10 @@ class StabilityWarning(UserWarning):
     """A fixed step is longer than the method bears for the model at its start."""
 
 
+class AccuracyWarning(UserWarning):
+    """The numbers of a run may be worth less than they look; its outcome says the same."""
+
+
 class ModelError(InputError):
     """A model statement cannot be marched as it stands."""
 

@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING
 
 from xdynamics import archive, record
 from xdynamics.evidence.comparison import reproduced
-from xdynamics.faults import InputError, StabilityWarning
+from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning
 from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
+from xdynamics.march.doubts import doubts
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.record.provenance import asked_of
 from xdynamics.stability import fastest_rate, stable_step, surely_stable
+from xdynamics.units import Quantity
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,7 +36,7 @@ def simulate(
     step: str | float | Sequence[float] | None = None,
     until: str | float | None = None,
     rtol: float | None = None,
-    atol: float | Mapping[str, str | float] | None = None,
+    atol: float | Mapping[str, str | float | Quantity] | None = None,
     estimator: str | None = None,
     safety: float | None = None,
     growth_limits: tuple[float, float] | None = None,
@@ -61,10 +63,11 @@ def simulate(
         Time at which to end, unless an event stops the run before.
     rtol, atol : float
         Relative and absolute tolerance: steps are chosen so that no component's estimated local error is larger than
-        atol + rtol*max(abs(value before), abs(value after)). `atol` is a number in SI units for every coordinate,
-        velocity and state, or one for each by name: ``{"y": "1 um", "v_y": "1 mm s-1"}``; what is not named, and
-        `atol` without a word, has the number `rtol` in SI units. Without either, a method with an embedded formula and
-        no step marches with 1e-6.
+        atol + rtol*max(abs(value before), abs(value after)). `atol` is a number for every coordinate, velocity and
+        state, or one for each by name: ``{"y": "1 um", "v_y": "1 mm s-1"}``. A number without a unit is in each
+        variable's own declared unit (a velocity's is that unit per second; with `scales`, theirs), and what has no
+        tolerance has the number `rtol` there. Without either, a method with an embedded formula and no step marches
+        with 1e-6.
     estimator : {"embedded", "step_doubling", "step_doubling_extrapolated", "none"}
         Where the error estimate comes from; the method's embedded formula if it has one, else step doubling.
     safety, growth_limits, min_step, max_step, max_steps
@@ -96,6 +99,8 @@ def simulate(
     -----
     StabilityWarning
         If a fixed step is beyond the method's stability limit for the model linearised at its start.
+    AccuracyWarning
+        If the tolerances did not control a variable, being too large for it; `run_outcome_text` says so too.
 
     Notes
     -----
@@ -130,8 +135,12 @@ def simulate(
     _warn_of_instability(model, settings)
     march = March(model, settings, progress)
     if path is not None:
-        return archive.open_run(archive.stream(march, path), check=False)
-    return record.dataset(march, march.blocks())
+        finished = archive.open_run(archive.stream(march, path), check=False)
+    else:
+        finished = record.dataset(march, march.blocks())
+    for doubt in doubts(march):
+        warnings.warn(f"{model.name}: {doubt}", AccuracyWarning, stacklevel=2)
+    return finished
 
 
 def _warn_of_instability(model: Model, settings: Settings) -> None:

@@ -96,21 +96,20 @@ static inline void note(long n, double t, double h, const double *y, const doubl
     for (int i = 0; i < M; i++) column[3 + 2 * M + i][n] = e[i];
 }
 
-/* The first step of section II.4, in the norm of the march; one evaluation. */
+/* The first step of section II.4, in the norm and the units of time of the march; one evaluation. */
 static inline __attribute__((always_inline)) double first_step(Rates rates, const double *y, const double *k,
                                                                double tol, double order, double end) {
     double d[M], y1[M], k1[M], force[N];
     memcpy(force, q_force, sizeof force);
-    double d0 = norm_of(y, y, y, tol), d1 = norm_of(k, y, y, tol);
-    double h0 = d0 < 1e-5 || d1 < 1e-5 ? 1e-6 : 0.01 * d0 / d1;
-    h0 = h0 < end ? h0 : end;
+    double d0 = norm_of(y, y, y, tol), d1 = norm_of(k, y, y, tol), T = d0 / d1;
+    double h0 = fmin(0.01 * T, end);
     for (int i = 0; i < M; i++) y1[i] = y[i] + h0 * k[i];
     rates(y1, k1);
     memcpy(q_force, force, sizeof force);
     for (int i = 0; i < M; i++) d[i] = (k1[i] - k[i]) / h0;
-    double d2 = larger(d1, norm_of(d, y, y, tol));
-    double h1 = d2 <= 1e-15 ? larger(1e-6, 1e-3 * h0) : pow(0.01 / d2, 1.0 / order);
-    return fmin(fmin(100.0 * h0, h1), end);
+    double d2 = norm_of(d, y, y, tol);
+    T = larger(T, sqrt(d0 / d2));
+    return fmin(T * fmin(1.0, pow(0.01 / larger(d1 * T, d2 * T * T), 1.0 / order)), end);
 }
 
 #define EACH for (int i = 0; i < M; i++)

@@ -109,7 +109,7 @@ class _Inside:
         if not isinstance(functions, Mapping | None):
             raise InputError(f"functions are {str(functions)[:40]!r}, need a mapping of names to functions")
         inside = cls(run, functions or {})
-        units = {name: unit.text for name, unit in record.units_of(inside.model).items()}
+        units = {name: unit.text for name, unit in inside.model.units.items()}
         for name in inside.layout.used:
             if name not in run.variables:
                 raise InputError(f"the record has no variable '{name}' of its model; sample the whole record")

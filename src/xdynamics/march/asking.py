@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from xdynamics.methods import METHODS, Method, method_named
 from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
-from xdynamics.units import NONE, Scales, parse_quantity, parse_time
+from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, parse_time
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
@@ -38,12 +40,12 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         raise InputError(f"force_samples is {chosen['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
     jacobian = str(chosen.get("jacobian", EXACT))
     method = method_named(str(chosen["method"]), model, METHODS, by_differences=jacobian == DIFFERENCES)
-    step = _step(chosen.get("step"))
-    tolerances = _tolerances(model, chosen)
+    step, scales = _step(chosen.get("step")), Scales.parse(chosen["scales"])
+    tolerances = _tolerances(model, chosen, scales)
     if step is None and tolerances is None:
         if not method.estimate:
             raise InputError(f"model '{model.name}' has no step in its [run]; give step=…, or rtol=… for chosen steps")
-        tolerances = Tolerances(DEFAULT_RTOL, {})
+        tolerances = Tolerances(DEFAULT_RTOL, {}, _own_units(model, scales))
     paced = [key for key in PACING if key in chosen]
     if paced and tolerances is None:
         raise InputError(f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give rtol or atol too")  # fmt: skip
@@ -55,7 +57,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         _pacing(chosen),
         str(chosen.get("estimator") or _estimator(method, tolerances)),
         chosen["force_samples"] == "all",
-        Scales.parse(chosen["scales"]),
+        scales,
         jacobian,
     )
     settings.check(model)
@@ -88,37 +90,50 @@ def _step(given: Any) -> float | tuple[float, ...] | None:
     return tuple(steps[steps != 0.0].tolist())  # the row behind an event has no step
 
 
-def _tolerances(model: Model, chosen: Mapping[str, Any]) -> Tolerances | None:
+def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tolerances | None:
     rtol, atol = chosen.get("rtol"), chosen.get("atol")
     if rtol is None and atol is None:
         return None
     relative = DEFAULT_RTOL if rtol is None else _number(rtol, "rtol")
+    units = _own_units(model, scales)
     if atol is None:
-        return Tolerances(relative, {})
+        return Tolerances(relative, {}, units)
     if isinstance(atol, Mapping) and not atol:
         raise InputError("atol is an empty mapping, needs a number or at least one name")
     if not isinstance(atol, Mapping):
-        return Tolerances(relative, {"": _number(atol, "atol")})
-    absolute = {}
-    for name, value in atol.items():
-        known = variables(model)
-        if name not in ("", *known):
-            raise InputError(f"atol names {name!r}; there are {', '.join(known)}")
-        absolute[name] = _absolute(model, name, value)
-    return Tolerances(relative, absolute)
+        return Tolerances(relative, {}, units, _number(atol, "atol"))
+    for name in atol:
+        if name not in ("", *units):
+            raise InputError(f"atol names {name!r}; there are {', '.join(units)}")
+    named = {name: _absolute(units[name], name, value) for name, value in atol.items() if name}
+    return Tolerances(relative, named, units, _number(atol[""], "atol") if "" in atol else None)
 
 
-def _absolute(model: Model, name: str, value: Any) -> float:
-    if not isinstance(value, str):
-        return _number(value, f"atol of '{name}'")
+def _own_units(model: Model, scales: Scales) -> dict[str, Unit]:
+    """Return the unit that a tolerance without one is in: the variable's own, or where the march has scales theirs."""
+    if scales == UNSCALED:
+        return model.units
+    sizes = {name: model.dimensions[name] for name in variables(model)}
+    return {name: Unit("", one, Fraction(scales.of(one))) for name, one in sizes.items()}
+
+
+def _absolute(unit: Unit, name: str, value: Any) -> float:
+    """Read an absolute tolerance, SI; a number without a unit has the variable's own."""
+    if not isinstance(value, str | Quantity):
+        return _in_unit(unit, _number(value, f"atol of '{name}'"))
     try:
-        quantity = parse_quantity(value)
+        quantity = value if isinstance(value, Quantity) else parse_quantity(value)
     except InputError as error:
         raise InputError(f"atol of '{name}': {error}") from None
-    needed = model.dimensions[name] if name else NONE
-    if quantity.unit.text != "1" and quantity.unit.dimension != needed:
-        raise InputError(f"atol of '{name}' is {value!r}, needs the unit '{needed}'")
+    if quantity.unit.text == "1":
+        return _in_unit(unit, quantity.value)
+    if quantity.unit.dimension != unit.dimension:
+        raise InputError(f"atol of '{name}' is {value!r}, needs the unit '{unit.dimension}'")
     return quantity.si
+
+
+def _in_unit(unit: Unit, value: float) -> float:
+    return unit.to_si(value) if isfinite(value) else value  # what is not finite is refused with the other faults
 
 
 def _number(value: Any, name: str) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
+from xdynamics.march.doubts import advice_on_stiffness, doubts
 from xdynamics.march.newton import MOST_ITERATIONS
 from xdynamics.march.outcomes import (
     COMPLETED,
@@ -33,10 +34,7 @@ from xdynamics.schema import (
     rate,
     velocity,
 )
-from xdynamics.stability import stiffness
 from xdynamics.units import TIME, UNSCALED
-
-FEW_ROWS = 100  # of a run, from which on stiffness is looked for
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ def ending(march: March) -> Ending:
     text = failure.outcome.sentence.format(t=f"{t:.15g}", h=f"{h:.6g}", cause=failure.cause)
     # a run that got on, or ran out of steps, has something to say about its steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
-    return Ending(failure.outcome, text + advice)
+    return Ending(failure.outcome, "; ".join(filter(None, (text, *doubts(march), advice))))
 
 
 @dataclass(frozen=True)
@@ -89,32 +87,6 @@ def diagnose(march: March) -> Failure:
     if status == REASON_NEWTON:
         return Failure(OUTCOMES[status], _cause(march))
     return _in_state(march, dict(zip(march.layout.record, march.run.z.tolist(), strict=True)))
-
-
-def advice_on_stiffness(march: March) -> str:
-    """Say so where an explicit method's chosen steps stand at the edge of its region of stability for most of a run."""
-    method, model, names, rows = march.settings.method, march.model, march.layout.used, march.witnesses[1:]
-    if not march.settings.adaptive or method.implicit or model.python_forces or march.now.rows < FEW_ROWS:
-        return ""
-    scales = march.settings.scales
-    time, factors = scales.of(TIME), [scales.of(model.dimensions[name]) for name in names]
-
-    def limited(first: int, last: int) -> float:
-        chosen = rows[:, first:last]
-        states = [
-            {"t": t * time} | {name: x * f for name, x, f in zip(names, state, factors, strict=True)}
-            for t, _, *state in chosen.T.tolist()
-        ]
-        return stiffness(model, method, states, (chosen[1] * time).tolist())
-
-    # one row first: it costs a millisecond, and most runs are not stiff
-    middle = rows.shape[1] // 2
-    if limited(middle, middle + 1) and limited(0, rows.shape[1]) > 0.5:
-        return (
-            f"; stiffness suspected: stability, not accuracy, limits the steps of '{method.name}' for most of the run;"
-            " radau_iia takes longer ones"
-        )
-    return ""
 
 
 def _cause(march: March) -> str:

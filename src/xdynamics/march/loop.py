@@ -98,6 +98,8 @@ def start(run: Run) -> None:
     called(run.law[DETECT], run, run.y, run.g, 0)
     sound_events = run.at[UNSOUND] == 0.0
     copy(run.y, run.z)
+    for i in range(run.largest.shape[0]):
+        run.largest[i] = abs(run.y[i])
     noted = note_apart(run, _INITIAL, now.t, 0.0, run.y)
     if not finite_state(run):
         now.status = nonfinite(run)
@@ -233,6 +235,9 @@ def move(run: Run) -> None:
     now, trial = run.now[0], run.trial[0]
     now.t, now.h = trial.t, trial.h
     run.kept[0].since = MOVED
+    if run.plan[0].adaptive:
+        for i in range(run.largest.shape[0]):
+            run.largest[i] = max(run.largest[i], abs(run.z[i]))
     for i in range(run.y.shape[0]):  # a loop: a slice assignment takes numba seconds to compile
         run.y[i] = run.z[i]
     for i in range(run.g.shape[0]):

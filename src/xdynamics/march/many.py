@@ -179,14 +179,12 @@ def _inputs(
             starts[:, layout.used.index(name)] = values / scales.of(model.dimensions[name])
         elif kind == "step":
             plans["first_step" if settings.adaptive else "step_size"] = values / scales.of(TIME)
-        else:
+        elif settings.tolerances is not None:
             plans["rtol"] = [law.scheme.inner(one) for one in values.tolist()]
             factors = np.array([widened(law, one) for one in values.tolist()])
+            each = [replace(settings.tolerances, rtol=one) for one in values.tolist()]  # unnamed ones follow rtol
             for i, one in enumerate(layout.used):
-                asked, scale = settings.tolerances, scales.of(model.dimensions[one])
-                if asked is not None:
-                    named = {one, ""} & set(asked.atol)
-                    atols[:, i] = (asked.of(one) if named else values) / scale * factors  # unnamed ones follow rtol
+                atols[:, i] = np.array([asked.of(one) for asked in each]) / scales.of(model.dimensions[one]) * factors
     return plans, starts, parameters, atols
 
 

@@ -95,7 +95,7 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     sizes = {name: settings.scales.of(model.dimensions[name]) for name in layout.used}
     n, events = len(layout.used), len(model.events)
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
-    lengths |= dict.fromkeys(("e", "located_e"), n)
+    lengths |= dict.fromkeys(("e", "located_e", "largest"), n)
     lengths |= dict.fromkeys(("g", "g1", "located_g", "lows", "slopes"), events)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}

@@ -110,6 +110,7 @@ class Run:
     slopes: Floats  # time derivatives of the event functions
     of_time: Whole  # drives of time
     atol: Floats
+    largest: Floats  # absolute values so far, where steps are chosen
     nodes: Floats  # times to land on between start and end
     grid: Floats  # times of a given grid
     steps: Floats  # the step to each of them

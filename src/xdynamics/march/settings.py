@@ -14,7 +14,7 @@ from xdynamics.methods import Method
 from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, ESTIMATORS, EXACT, JACOBIANS, NO_ESTIMATE, Scheme
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
-from xdynamics.units import UNSCALED, Scales
+from xdynamics.units import UNSCALED, Scales, Unit
 
 EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
@@ -39,18 +39,26 @@ class Tolerances:
     ----------
     rtol : float
     atol : dict of str to float
-        SI units, by name; a name that is not there has the number under ``""``.
+        SI units, by name.
+    units : dict of str to Unit
+        Of every coordinate, velocity and state: its own declared unit, or where a march has scales theirs.
+    bare : float, optional
+        What has no tolerance of its own has this number in its unit, or where there is none the number `rtol`.
     """
 
     rtol: float
     atol: Mapping[str, float]
+    units: Mapping[str, Unit]
+    bare: float | None = None
 
     def __hash__(self) -> int:
-        return hash((self.rtol, *sorted(self.atol.items())))
+        return hash((self.rtol, self.bare, *sorted(self.atol.items())))
 
     def of(self, name: str) -> float:
         """Return the absolute tolerance of a coordinate, velocity or state, SI."""
-        return self.atol.get(name, self.atol.get("", self.rtol))
+        if name in self.atol:
+            return self.atol[name]
+        return self.units[name].to_si(self.rtol if self.bare is None else self.bare)
 
     def faults(self, model: Model) -> list[str]:
         """List what no error test could use."""
@@ -58,12 +66,15 @@ class Tolerances:
         if not LEAST_RTOL <= self.rtol < 1:
             found.append(f"rtol is {self.rtol!r}, needs a number from 10 eps = {LEAST_RTOL:.3g}, below which rounding is as large, to 1")  # fmt: skip
         names = variables(model)
-        for name, value in self.atol.items():
-            if name and name not in names:
-                found.append(f"atol names '{name}', which is none of {', '.join(names)}")
-            elif not isfinite(value) or value < 0:
-                of = f" of '{name}'" if name else ""
-                found.append(f"atol{of} is {value!r}, needs a finite non-negative number")
+        given = {f" of '{name}'": value for name, value in self.atol.items()}
+        given |= {} if self.bare is None else {"": self.bare}
+        bad = {of: value for of, value in given.items() if not isfinite(value) or value < 0}
+        found += [f"atol{of} is {value!r}, needs a finite non-negative number" for of, value in bad.items()]
+        found += [
+            f"atol names '{name}', which is none of {', '.join(names)}" for name in self.atol if name not in names
+        ]
+        if bad:
+            return found
         found += [
             f"atol of '{name}' is 0 and {name} starts at 0: its error would have no scale; give it a positive one"
             for name in names

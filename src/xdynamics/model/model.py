@@ -18,7 +18,7 @@ from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Par
 from xdynamics.model.reading import read
 from xdynamics.model.statement import Statement
 from xdynamics.schema import acceleration, rate, velocity
-from xdynamics.units import Dimension, Quantity, parse_quantity, parse_unit
+from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, parse_unit
 
 LARGEST_FILE = 20_000_000
 
@@ -164,6 +164,13 @@ class Model:
     def digest(self) -> str:
         """sha256 of the model as TOML."""
         return hashlib.sha256(self.to_toml().encode()).hexdigest()
+
+    @cached_property
+    def units(self) -> dict[str, Unit]:
+        """The unit of every coordinate, velocity and first-order state: as declared, of a velocity that per second."""
+        moved = {name: one.unit for name, one in self.coordinates.items()}
+        rates = {velocity(name): unit.per_second() for name, unit in moved.items()}
+        return moved | rates | {name: one.unit for name, one in self.states.items()}
 
     @cached_property
     def force_components(self) -> dict[str, dict[str, Node | Function]]:

@@ -1,7 +1,7 @@
 """The run record: a march's log as one Dataset that says what every number is and how it came about."""
 
 from xdynamics.record.attributes import own_attributes, plain
-from xdynamics.record.columns import Column, columns, constants, factors, units_of
+from xdynamics.record.columns import Column, columns, constants, factors
 from xdynamics.record.dataset import check, check_kind, dataset
 
 __all__ = [
@@ -14,5 +14,4 @@ __all__ = [
     "factors",
     "own_attributes",
     "plain",
-    "units_of",
 ]

@@ -81,13 +81,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
 
 def factors(model: Model, scales: Scales) -> dict[str, float]:
     """Return the factor from a march's numbers to the record's, for every coordinate, velocity and state."""
-    return {name: scales.of(unit.dimension) / float(unit.factor) for name, unit in units_of(model).items()}
-
-
-def units_of(model: Model) -> dict[str, Unit]:
-    """Return the unit that every coordinate, velocity and state is recorded in."""
-    units: dict[str, Unit] = {name: one.unit for name, one in (model.coordinates | model.states).items()}
-    return units | {schema.velocity(name): one.unit.per_second() for name, one in model.coordinates.items()}
+    return {name: scales.of(unit.dimension) / float(unit.factor) for name, unit in model.units.items()}
 
 
 def _row(index: int, factor: float) -> Callable[[Block], Array]:
@@ -120,7 +114,7 @@ class _Units:
         self.about = about
         self.scales = about.scales
         self.time = self.scales.of(TIME)
-        self.known = units_of(about.model)
+        self.known = dict(about.model.units)
         model = about.model
         known = model.dimensions
         for i, (name, one) in enumerate(model.coordinates.items()):

@@ -20,7 +20,7 @@ from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.methods.method import HERMITE, printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INNER_NORM, Scheme
-from xdynamics.units import TIME, UNSCALED, Scales
+from xdynamics.units import TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -121,10 +121,12 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
     if "solver_rtol" in used:
         asked["rtol"] = float(used["solver_rtol"])
         asked["atol"] = {
-            str(name): float(one.attrs["atol_si"]) for name, one in run.data_vars.items() if "atol_si" in one.attrs
+            str(name): Quantity(float(one.attrs["atol_si"]), Unit("SI", parse_unit(one.attrs["units"]).dimension))
+            for name, one in run.data_vars.items()
+            if "atol_si" in one.attrs
         }
     if used["solver_step_control"] == "adaptive":
-        if used["solver_first_step_choice"] == "given":
+        if used["solver_first_step_choice"] != FIRST_STEP:  # given, or chosen by the rule of another version
             asked["step"] = float(used["solver_first_step"])
         asked |= {key: float(used[f"solver_{key}"]) for key in ("safety", "min_step", "max_step")}
         asked |= {
