@@ -16,6 +16,7 @@ import xdynamics as xd
 from problems import EPS, MODELS, free, oscillator, particle, pushed
 from xdynamics.march import March, Settings
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_EVENT
+from xdynamics.summary import summary
 
 MIDPOINT = xd.METHODS["midpoint"]
 
@@ -130,6 +131,18 @@ def test_event_brackets_its_root() -> None:
     assert high - low <= float(run.event_time_uncertainty[0]) < 2e-12
     # the grid goes on where it was
     assert run.time.values[after + 1] == 4 * 0.1
+
+
+def test_no_event_is_located_better_than_t_is_spaced() -> None:
+    """Assert half a spacing of t as the least uncertainty, the parts beside it, and words that speak of the location alone."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"), method="dop853", rtol=1e-10)
+    parts = [run[f"event_time_uncertainty_{part}"].values for part in ("bracket", "residual", "interpolation")]
+    least = np.spacing(run.event_time.values) / 2
+    assert np.sum(parts, axis=0)[0] < least[0]  # the apex is met to the bit
+    assert run.event_time_uncertainty.values.tolist() == np.maximum(np.sum(parts, axis=0), least).tolist()
+    lines = [line for line in summary(run) if line.startswith("event")]
+    assert len(lines) == 2
+    assert all(", located within " in line and "±" not in line for line in lines)
 
 
 def test_event_substeps_are_rejected_trials() -> None:

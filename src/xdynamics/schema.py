@@ -137,11 +137,16 @@ FIXED_TRIALS = (
 FIXED_EVENTS = (
     Variable("event_time", (EVENTS,), "f8", "s", "accepted time of the event: the right end of its bracket", "event", {"ancillary_variables": "event_time_uncertainty"}),
     Variable("event_time_bounds", (EVENTS, BOUNDS), "f8", "s", "final bracket of the event time", "event"),
-    Variable("event_time_uncertainty", (EVENTS,), "f8", "s", "uncertainty of locating the event: bracket width, residual over time derivative, and interpolation part (0: substeps are re-integrated); the error of the integration is not in it", "event"),
+    Variable("event_time_uncertainty", (EVENTS,), "f8", "s", "uncertainty of locating the event: the sum of its parts, at least half a spacing of t; the error of the integration is not in it", "event"),
     Variable("event_row_before", (EVENTS,), "i8", "1", "row of `step` with the state before the event", "event"),
     Variable("event_row_after", (EVENTS,), "i8", "1", "row of `step` with the state after the event", "event"),
     Variable("event_kind", (EVENTS,), "i1", "1", "kind of the event", "flag", flags(dict(enumerate(EVENT_KINDS)))),
     Variable("event_direction", (EVENTS,), "i1", "1", "direction in which the event function passed zero", "flag", flags(EVENT_DIRECTIONS)),
+)  # fmt: skip
+EVENT_UNCERTAINTIES = (
+    Variable("event_time_uncertainty_bracket", (EVENTS,), "f8", "s", "part of event_time_uncertainty: width of the final bracket", "event"),
+    Variable("event_time_uncertainty_residual", (EVENTS,), "f8", "s", "part of event_time_uncertainty: residual over the event function's time derivative", "event"),
+    Variable("event_time_uncertainty_interpolation", (EVENTS,), "f8", "s", "part of event_time_uncertainty: error of the interpolant; 0 where substeps are re-integrated", "event"),
 )  # fmt: skip
 FIXED_SAMPLES = (
     Variable("sample_time", (SAMPLES,), "f8", "s", "time at which the force was evaluated", "sample"),
@@ -178,7 +183,7 @@ OTHER_NAMES = (
 
 def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield every name that the record of a model uses, each with what claims it."""
-    for variable in FIXED:
+    for variable in (*FIXED, *EVENT_UNCERTAINTIES):
         yield variable.name, "the record"
     for name in OTHER_NAMES:
         yield name, "the record"

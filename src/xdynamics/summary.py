@@ -86,7 +86,7 @@ def _events(run: xr.Dataset) -> Iterator[str]:
     for i, row in enumerate(rows[:MOST_EVENTS]):
         time, doubt = float(run["event_time"][i]), float(run["event_time_uncertainty"][i])
         state = ", ".join(f"{name} = {float(run[name][row]):.9g} {run[name].attrs['units']}" for name in coordinates)
-        yield f"event     {names[i]} at t = {time:.15g} s (± {doubt:.2g} s): {state}"
+        yield f"event     {names[i]} at t = {time:.15g} s, located within {doubt:.2g} s: {state}"
     if len(rows) > MOST_EVENTS:
         yield f"event     … and {len(rows) - MOST_EVENTS} more"
 

@@ -17,6 +17,8 @@ SLAB = 1_000_000
 STATES = ("coordinate", "velocity", "state")  # roles
 # the text of the law, which another version may write in other words, and the set of elementary functions
 LAW = ("force_source", "force_digest", "math_functions")
+# what later versions define otherwise: of 0.1, the uncertainty of an event's location had no least value
+REDEFINED = ("event_time_uncertainty",)
 
 
 def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
@@ -39,8 +41,8 @@ def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         What `bitwise` gives. Where the archive was made by another version, or with another set of elementary
-        functions, words do not count: the text of the law, the name of the set and the vocabulary of flags; `identical`
-        is then 1 where every number has the same bits and every setting is the same. `arithmetic` says in one sentence
+        functions, words do not count: the text of the law, the name of the set and the vocabulary of flags, nor
+        variables that the archive's version did not have; `identical` is then 1 where every number has the same bits and every setting is the same. `arithmetic` says in one sentence
         what differs; it is empty where nothing does.
     """
     versions = [str(one.attrs.get("xdynamics_version", "of unknown name")) for one in (kept, again)]
@@ -85,8 +87,9 @@ def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
 
 def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset:
     names = [str(name) for name in first.variables]
-    names += [str(name) for name in second.variables if name not in first.variables]
-    names = [name for name in names if worded or name not in LAW]
+    if worded:
+        names += [str(name) for name in second.variables if name not in first.variables]
+    names = [name for name in names if worded or name not in (*LAW, *REDEFINED)]
     names.sort(key=lambda name: name != "time")  # of the variables of one row, time is named first
     rows = [_first_row(first, second, name, worded=worded) for name in names]
     settings = settings_apart(first, second)

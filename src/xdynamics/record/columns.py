@@ -209,13 +209,12 @@ def _events(about: _About) -> list[Column]:
         events = block.log.events[: block.events]
         return _times(np.stack([events["left"], events["time"]], axis=1), time)
 
+    parts = [_bracket(time), _left_over(time), _nothing]  # substeps are re-integrated, nothing is interpolated
+
     def uncertainty(block: Block) -> Array:
-        events = block.log.events[: block.events]
-        left, right, residual, slope = (events[name] for name in ("left", "time", "residual", "slope"))
-        # a vanishing slope makes the residual part infinite, which is what a tangent crossing is worth
-        with np.errstate(divide="ignore", invalid="ignore"):
-            part = np.where(residual == 0.0, 0.0, np.abs(residual / slope))
-        return _times((right - left) + part, time)
+        # of a time between two floats nobody knows more than that
+        least = np.spacing(np.abs(_times(block.log.events["time"][: block.events], time))) / 2.0
+        return np.maximum(sum(part(block) for part in parts), least)
 
     takes = (
         _event("time", "f8", time),
@@ -227,6 +226,7 @@ def _events(about: _About) -> list[Column]:
         _event("direction", "i1"),
     )
     found = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
+    found += [Column(variable, take) for variable, take in zip(schema.EVENT_UNCERTAINTIES, parts, strict=True)]
     names = dict(enumerate(model.events)) or {0: "none"}
     more = schema.flags(names) | _detectors(about)
     detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", more)
@@ -239,6 +239,25 @@ def _events(about: _About) -> list[Column]:
             Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"offset put on {name} at the event", "event"), _nothing),
         ]  # fmt: skip
     return found
+
+
+def _bracket(factor: float) -> Callable[[Block], Array]:
+    def take(block: Block) -> Array:
+        events = block.log.events[: block.events]
+        return _times(events["time"] - events["left"], factor)
+
+    return take
+
+
+def _left_over(factor: float) -> Callable[[Block], Array]:
+    def take(block: Block) -> Array:
+        events = block.log.events[: block.events]
+        residual, slope = events["residual"], events["slope"]
+        # a vanishing slope makes this part infinite, which is what a tangent crossing is worth
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return _times(np.where(residual == 0.0, 0.0, np.abs(residual / slope)), factor)
+
+    return take
 
 
 def _detectors(about: _About) -> dict[str, str]:
