@@ -105,9 +105,10 @@ def simulate(
     Notes
     -----
     Error test and controller: Hairer, Norsett, Wanner, Solving ODEs I, section II.4, with the largest component in the
-    place of the root mean square, so that no component can hide behind others. `radau_iia` with its own estimate takes
-    0.1*rtol**(4/5) in the place of rtol, and atol in the same ratio to it: its error at the end is then proportional to
-    the tolerances.
+    place of the root mean square, so that no component can hide behind others. Where the estimate is not of the order
+    of what goes on, steps are judged by other tolerances, so that the error at the end is proportional to those asked
+    for: with step doubling by rtol**((p + 1)/p), p the order of the method, and `radau_iia` with its own estimate by
+    0.1*rtol**(4/5); atol keeps its ratio to rtol. The record has both, `solver_rtol` and `solver_rtol_used`.
 
     Examples
     --------

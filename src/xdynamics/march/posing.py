@@ -147,7 +147,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
 
 def widened(law: Law, rtol: float) -> float:
     """Return what absolute tolerances are multiplied by, so that they keep their ratio to the relative one."""
-    return law.scheme.inner(rtol) / rtol if law.scheme.predictive else 1.0
+    return law.scheme.inner(rtol) / rtol
 
 
 def nodes_of(model: Model, scales: Scales) -> Floats:

@@ -191,7 +191,7 @@ class Settings:
         start = model.initial["t"].si
         faults = [*self._grid_faults(start), *self._estimator_faults(), *self._jacobian_faults(), *self.pacing.faults()]
         if self.tolerances is not None:
-            faults += self.tolerances.faults(model)
+            faults += self.tolerances.faults(model) or self._inner_faults(self.tolerances.rtol)
         if self.pacing.min_step > self.until - start > 0:
             faults.append(
                 f"min_step is {self.pacing.min_step!r} s, needs to be at most the span of {self.until - start!r} s"
@@ -225,6 +225,15 @@ class Settings:
         if not self.adaptive and (self.until - start) / self.step > 2**53:
             return [f"step {self.step!r} s makes over 2**53 steps to {self.until!r} s; take a longer one"]
         return []
+
+    def _inner_faults(self, rtol: float) -> list[str]:
+        """Refuse what step control could not keep to: a relative tolerance of a step below rounding."""
+        used = self.scheme.inner(rtol) if self.estimator in ESTIMATORS else rtol
+        if used >= LEAST_RTOL:
+            return []
+        least = LEAST_RTOL ** (self.method.order / self.scheme.error_order)
+        needed = f"rtol is {rtol!r}, for which a step of '{self.method.name}' would need {used:.3g}, less than rounding"
+        return [f"{needed}; take {least:.2g} or more, step_doubling_extrapolated or a method of higher order"]
 
     def _jacobian_faults(self) -> list[str]:
         if self.jacobian not in JACOBIANS:

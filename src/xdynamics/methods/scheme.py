@@ -12,7 +12,7 @@ NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
 )  # fmt: skip
 EXACT, DIFFERENCES = JACOBIANS = ("exact", "differences")
 INNER_SHARE, INNER_EXPONENT = 0.1, Decimal("0.8")
-INNER_NORM = "with 0.1*rtol**(4/5) in the place of rtol, and atol in the same ratio to it, so that the error at the end of a run is proportional to the tolerances"
+INNER_NORM = "with {} in the place of rtol, and atol in the same ratio to it, so that the error at the end of a run is proportional to the tolerances"
 ESTIMATE_WORDS = {
     EMBEDDED: "difference from an embedded formula; the higher order goes on (local extrapolation)",
     STEP_DOUBLING: "two half steps less one whole step, over 2**order - 1; the two half steps go on",
@@ -55,10 +55,25 @@ class Scheme:
     def inner(self, rtol: float) -> float:
         """Return the relative tolerance that steps are judged by.
 
-        An estimate of order h**4 within tol**(4/5) makes steps of tol**(1/5), with a global error of h**5. Decimal
-        arithmetic gives the power the same digits on every machine.
+        An estimate of order h**k within tol makes steps of tol**(1/k), with a global error of h**p, p the order of what
+        goes on: where the estimate is of what goes on itself (k = p + 1) that is tol**(p/k), and tol**(k/p) in its place
+        makes the error proportional to tol; likewise for RADAU5, whose estimate is of order h**4. Decimal arithmetic
+        gives the power the same digits on every machine.
         """
-        return INNER_SHARE * float(Decimal(rtol) ** INNER_EXPONENT) if self.predictive and rtol > 0 else rtol
+        if self.predictive:
+            return INNER_SHARE * float(Decimal(rtol) ** INNER_EXPONENT)
+        if self.estimator == STEP_DOUBLING:
+            return float(Decimal(rtol) ** (Decimal(self.error_order) / self.method.order))
+        return rtol
+
+    @property
+    def inner_norm(self) -> str:
+        """What `inner` does, in words; empty where it does nothing."""
+        if self.predictive:
+            return INNER_NORM.format("0.1*rtol**(4/5)")
+        if self.estimator == STEP_DOUBLING:
+            return INNER_NORM.format(f"rtol**({self.error_order}/{self.method.order})")
+        return ""
 
     @property
     def error_order(self) -> int:

@@ -19,7 +19,7 @@ from xdynamics.march.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.methods.method import HERMITE, printed
-from xdynamics.methods.scheme import ESTIMATE_WORDS, INNER_NORM, Scheme
+from xdynamics.methods.scheme import ESTIMATE_WORDS, STEP_DOUBLING, Scheme
 from xdynamics.units import TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
 
 if TYPE_CHECKING:
@@ -119,12 +119,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
     elif "solver_step" in used:
         asked["step"] = float(used["solver_step"])
     if "solver_rtol" in used:
-        asked["rtol"] = float(used["solver_rtol"])
-        asked["atol"] = {
-            str(name): Quantity(float(one.attrs["atol_si"]), Unit("SI", parse_unit(one.attrs["units"]).dimension))
-            for name, one in run.data_vars.items()
-            if "atol_si" in one.attrs
-        }
+        asked |= _tolerances(run)
     if used["solver_step_control"] == "adaptive":
         if used["solver_first_step_choice"] != FIRST_STEP:  # given, or chosen by the rule of another version
             asked["step"] = float(used["solver_first_step"])
@@ -134,6 +129,21 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
             "growth_limits": tuple(map(float, used["solver_growth_limits"])),
         }
     return asked
+
+
+def _tolerances(run: xr.Dataset) -> dict[str, Any]:
+    """Return the tolerances that a record was made with."""
+    rtol, wider = float(run.attrs["solver_rtol"]), 1.0
+    if run.attrs["solver_estimator"] == STEP_DOUBLING and "solver_rtol_used" not in run.attrs:
+        # version 0.1 judged by what was asked for: ask for what is rescaled to that
+        order = int(run.attrs["solver_order"])
+        wider = rtol ** (order / (order + 1)) / rtol
+    atol = {
+        str(name): Quantity(wider * float(one.attrs["atol_si"]), Unit("SI", parse_unit(one.attrs["units"]).dimension))
+        for name, one in run.data_vars.items()
+        if "atol_si" in one.attrs
+    }
+    return {"rtol": wider * rtol, "atol": atol}
 
 
 def _steps(march: March) -> dict[str, Any]:
@@ -180,8 +190,12 @@ def _errors(march: March) -> dict[str, Any]:
     if settings.scheme.error_lines:
         said["solver_error_equations"] = printed(settings.scheme.error_lines, march.model)
     if settings.tolerances is not None:
-        inner = f"; {INNER_NORM}" if settings.scheme.predictive else ""
-        said |= {"solver_rtol": settings.tolerances.rtol, "solver_error_norm": ERROR_NORM + inner}
+        scheme, rtol = settings.scheme, settings.tolerances.rtol
+        said |= {
+            "solver_rtol": rtol,
+            "solver_rtol_used": scheme.inner(rtol),
+            "solver_error_norm": "; ".join(filter(None, [ERROR_NORM, scheme.inner_norm])),
+        }
     if method.simplified:
         said |= {
             "solver_equations_solved_by": SOLVED_BY,
