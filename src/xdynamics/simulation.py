@@ -145,26 +145,35 @@ def simulate(
 
 
 def _warn_of_instability(model: Model, settings: Settings) -> None:
-    """Warn once where a fixed step is longer than the method bears at the initial state."""
-    if not isinstance(settings.step, float | int) or settings.adaptive or model.python_forces:
+    """Warn once where a fixed step is longer than the method bears at the initial state, by the limit that `modes` tells."""
+    step, method = settings.step, settings.method
+    if not isinstance(step, float | int) or settings.adaptive or model.python_forces:
         return
     state = initial_state(model)
-    if settings.method.order > 1:
-        if not settings.step * _fastest_rate(model) > SAFE_STEP:
+    span = settings.until - state["t"]
+    if method.order > 1:
+        turned = step * _fastest_rate(model)
+        if not (turned > SAFE_STEP or span / step * turned ** (method.order + 1) > 1.0):
             return
-        jacobian = linearise(model, state).jacobian
-        if surely_stable(jacobian, settings.method, len(model.coordinates), settings.step):
+        if surely_stable(linearise(model, state).jacobian, method, len(model.coordinates), step):
             return
-    longest = stable_step(model, settings.method, state, growth=1.0 / (settings.until - state["t"]))
-    if settings.step > longest:
-        longest = stable_step(model, settings.method, state) or longest  # the limit itself, where there is one
-        warnings.warn(
-            f"step {settings.step:.6g} s is beyond the stability limit {longest:.6g} s of '{settings.method.name}' for"
-            f" '{model.name}' at its start: errors grow from step to step; take a shorter step, or see"
-            " xdynamics.modes(model) for what other methods bear",
-            StabilityWarning,
-            stacklevel=3,
+    limit = stable_step(model, method, state)
+    if limit > 0.0 and step > limit:
+        _warn(
+            f"step {step:.6g} s is beyond the stability limit {limit:.6g} s of '{method.name}' for '{model.name}' at its"
+            " start: errors grow from step to step; take a shorter step, or see xdynamics.modes(model) for what other"
+            " methods bear"
         )
+    elif limit == 0.0 and step > (longest := stable_step(model, method, state, growth=1.0 / span)):
+        _warn(
+            f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is 0 s): errors"
+            f" grow from step to step, with {step:.6g} s more than e times within this run of {span:.6g} s, up to"
+            f" {longest:.3g} s less; see xdynamics.modes(model) for methods that are stable"
+        )
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, StabilityWarning, stacklevel=4)
 
 
 @lru_cache(maxsize=64)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
+import numpy as np
+from numpy.typing import NDArray
+
 from xdynamics.march.runner import March
+from xdynamics.model.linearisation import mass_matrices
 from xdynamics.stability import stiffness
 from xdynamics.units import TIME
 
@@ -12,11 +17,14 @@ CONTROLLED = 300.0  # absolute tolerances that the largest value of a variable h
 COMPARABLE = 10.0  # ratio of absolute to relative tolerance of a value up to which the relative one was meant so
 MOST_NAMED = 3
 FEW_ROWS = 100  # of a run, from which on stiffness is looked for
+FEW_LOOKS = 12  # at a mass matrix, 50 microseconds each
+WELL_CONDITIONED = 1e10  # leaves six digits of the accelerations
+EPS = 2.220446049250313e-16
 
 
 def doubts(march: March) -> list[str]:
     """Return, each in a sentence, why the numbers of a march that is over may be worth less than they look."""
-    return list(_of_tolerances(march))
+    return [*_of_tolerances(march), *_of_mass(march)]
 
 
 def _of_tolerances(march: March) -> Iterator[str]:
@@ -39,21 +47,53 @@ def _of_tolerances(march: March) -> Iterator[str]:
         )
 
 
+def _of_mass(march: March) -> Iterator[str]:
+    """Say how near to a singular mass matrix a run came, at some of its rows."""
+    model = march.model
+    if not model.mass_is_full:
+        return
+    moving = {"t", *march.layout.used, *model.drives}
+    varies = any(model.reads(entry) & moving for entry in model.statement.mass_entries.values())
+    every = max(1, march.witnesses.shape[1] // FEW_LOOKS) if varies else march.witnesses.shape[1]
+    states = _states(march, march.witnesses[1:, ::every])
+    conditions = [_condition(one) for one in mass_matrices(model, states)]
+    worst = int(np.argmax(conditions))
+    if conditions[worst] > WELL_CONDITIONED:
+        left = max(0.0, -math.log10(conditions[worst] * EPS))
+        yield (
+            f"the mass matrix is nearly singular, of condition {conditions[worst]:.2g} at t = {states[worst]['t']:.6g} s:"
+            f" of the 16 digits of accelerations about {left:.0f} are right; choose other coordinates"
+        )
+
+
+def _condition(mass: NDArray[np.float64]) -> float:
+    """Return the condition number of a mass matrix with ones on its diagonal, so that it does not depend on units."""
+    size = np.sqrt(np.abs(np.diagonal(mass)))
+    if not (np.isfinite(mass).all() and size.all()):
+        return math.inf
+    return float(np.linalg.cond(mass / np.outer(size, size)))
+
+
+def _states(march: March, rows: NDArray[np.float64]) -> list[dict[str, float]]:
+    """Return rows of time, step, state as SI numbers by name."""
+    scales, names = march.settings.scales, march.layout.used
+    time, factors = scales.of(TIME), [scales.of(march.model.dimensions[name]) for name in names]
+    return [
+        {"t": t * time} | {name: x * f for name, x, f in zip(names, state, factors, strict=True)}
+        for t, _, *state in rows.T.tolist()
+    ]
+
+
 def advice_on_stiffness(march: March) -> str:
     """Say so where an explicit method's chosen steps stand at the edge of its region of stability for most of a run."""
-    method, model, names, rows = march.settings.method, march.model, march.layout.used, march.witnesses[1:]
+    method, model, rows = march.settings.method, march.model, march.witnesses[1:]
     if not march.settings.adaptive or method.implicit or model.python_forces or march.now.rows < FEW_ROWS:
         return ""
-    scales = march.settings.scales
-    time, factors = scales.of(TIME), [scales.of(model.dimensions[name]) for name in names]
+    time = march.settings.scales.of(TIME)
 
     def limited(first: int, last: int) -> float:
         chosen = rows[:, first:last]
-        states = [
-            {"t": t * time} | {name: x * f for name, x, f in zip(names, state, factors, strict=True)}
-            for t, _, *state in chosen.T.tolist()
-        ]
-        return stiffness(model, method, states, (chosen[1] * time).tolist())
+        return stiffness(model, method, _states(march, chosen), (chosen[1] * time).tolist())
 
     # one row first: it costs a millisecond, and most runs are not stiff
     middle = rows.shape[1] // 2

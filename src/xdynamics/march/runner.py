@@ -151,7 +151,7 @@ class March:
 
     def _remember(self, block: Block) -> None:
         """Keep some rows of the whole run, the same whatever its blocks: those whose number a power of two divides."""
-        if not self.settings.adaptive:
+        if not (self.settings.adaptive or self.model.mass_is_full):
             return
         rows, n = _counts(self.run)[0], 2 + len(self.layout.used)
         first = rows - block.rows

@@ -10,11 +10,20 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
+from xdynamics.model.drives import looked_up
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, evaluated, force_totals, jacobian, tables_of, variables
 from xdynamics.schema import acceleration, rate
 
-__all__ = ["Linearisation", "force_totals", "initial_state", "linearise", "linearise_each", "variables"]
+__all__ = [
+    "Linearisation",
+    "force_totals",
+    "initial_state",
+    "linearise",
+    "linearise_each",
+    "mass_matrices",
+    "variables",
+]
 
 Floats = NDArray[np.float64]
 
@@ -99,6 +108,20 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
             matrix[place] = evaluate(entry, values)
         whole = np.vstack([np.eye(n, len(names), n), found])
         yield Linearisation(names, matrix, 0.0 - slopes[:, :n], 0.0 - slopes[:, n : 2 * n], a, whole)
+
+
+def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Floats]:
+    """Return the mass matrix at one state after the other, SI units; states as `linearise` takes them."""
+    known, tables, n = constants(model), tables_of(model), len(model.coordinates)
+    entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
+    for state in states:
+        values = dict(known) | _checked(model, state)
+        for (name, drive), table in zip(model.drives.items(), tables, strict=True):
+            values[name], _ = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
+        matrix = np.zeros((n, n))
+        for place, entry in entries.items():
+            matrix[place] = evaluate(entry, values)
+        yield matrix
 
 
 def initial_state(model: Model) -> dict[str, float]:
