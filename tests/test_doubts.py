@@ -67,7 +67,7 @@ def test_a_singular_mass_is_said(excess: str, digits: str, how: dict[str, float]
 def test_a_mass_that_becomes_singular_on_the_way_is_said() -> None:
     """Assert that the matrix is looked at along the run, not at its start alone."""
     model = pair("exp(-15*t/(1*second))", v_x="1 m s-1").replace(parameters={"k": 0.0})
-    with pytest.warns(xd.AccuracyWarning, match=r"nearly singular, of condition .* at t = 1\.[5-9]"):
+    with pytest.warns(xd.AccuracyWarning, match=r"nearly singular, of condition .* at t = (1\.[5-9]|2)"):
         xd.simulate(model, method="midpoint", step=1.0 / 64.0, until=2.0, force_samples="none")
 
 
