@@ -8,9 +8,21 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from problems import EPS, MODELS, SMOOTH, Problem, coupled_springs, damped, free, oscillator, pushed, springs
+from problems import (
+    EPS,
+    MODELS,
+    SMOOTH,
+    Problem,
+    coupled_springs,
+    damped,
+    driven_decay,
+    free,
+    oscillator,
+    pushed,
+    springs,
+)
 from xdynamics.kernels import Layout
-from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.scheme import RULES, Scheme
 from xdynamics.record.provenance import interpolation_orders
 
 METHODS = list(xd.METHODS.values())
@@ -99,14 +111,37 @@ def test_observed_order(method: object, problem: Callable[[], Problem]) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")  # the longest steps are far off
+@pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
-def test_observed_order_between_steps(method: object) -> None:
-    """Assert that between steps no component falls slower than method and interpolant promise together."""
+def test_observed_order_between_steps(method: object, rule: str) -> None:
+    """Assert that between steps no component falls slower than method and rule promise together."""
     problem = coupled_springs()
-    for name, order in interpolation_orders(Scheme(method), Layout(problem.model)).items():
+    for name, order in interpolation_orders(Scheme(method), Layout(problem.model), rule).items():
         expected = min(method.order, order + 1)
-        found = slope(problem, method, lambda run, exact, one=name: inner_errors(run, exact, one))
+        found = slope(problem, method, lambda run, exact, one=name: inner_errors(run, exact, one, rule))
         assert found > expected - 0.1, name
+
+
+@pytest.mark.parametrize("problem", ["kepler", "double_pendulum", "damped", "driven_decay"])
+@pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
+def test_error_inside_steps_is_that_at_their_ends(method: object, problem: str) -> None:
+    """Assert that between steps no component is twice as far from the solution as at any accepted state."""
+    models = {"damped": lambda: damped().model, "driven_decay": lambda: driven_decay().model}
+    model = models.get(problem, lambda: xd.Model.from_toml(MODELS / f"{problem}.toml"))()
+    if method.refusals(model):
+        pytest.skip(f"{method.name} refuses {problem}")
+    if problem == "kepler":
+        model = model.replace(initial={"x": 0.5, "v_y": 3**0.5})  # e = 0.5
+    step = {"kepler": 0.1, "double_pendulum": 0.02, "damped": 0.1, "driven_decay": 0.1}[problem] / {1: 16, 2: 4}.get(method.order, 1)  # fmt: skip
+    run = xd.simulate(model, method=method.name, step=step, until=20 * step)
+    starts, parts = run.time.values[:-1, None], np.array([0.0, 0.03, 0.2, 0.4, 0.6, 0.8, 0.97])
+    times = np.append((starts + parts * step).ravel(), run.time.values[-1])
+    reference = xd.simulate(model, method="dop853", step=np.diff(times), until=20 * step)
+    found, ends = xd.sample(run, times), np.arange(times.size) % parts.size == 0
+    assert np.abs(reference.time - times).max() < 8 * EPS
+    for name in Layout(model).used:
+        off = np.abs(found[name].values - reference[name].values)
+        assert off[~ends].max() <= 2 * off[ends].max(), name
 
 
 def grid_errors(run: object, exact: object) -> float:
@@ -114,10 +149,10 @@ def grid_errors(run: object, exact: object) -> float:
     return max(float(np.abs(run[name] - one).max() / np.abs(one).max()) for name, one in exact(run.time.values).items())
 
 
-def inner_errors(run: object, exact: object, name: str) -> float:
+def inner_errors(run: object, exact: object, name: str, rule: str) -> float:
     """The largest scaled error of one component within steps."""
     time = run.time.values
-    inner = xd.sample(run, np.concatenate([time[:-1] + part * np.diff(time) for part in (0.3, 0.55, 0.8)]))
+    inner = xd.sample(run, np.concatenate([time[:-1] + part * np.diff(time) for part in (0.3, 0.55, 0.8)]), rule=rule)
     one = exact(inner.time.values)[name]
     return float(np.abs(inner[name] - one).max() / np.abs(one).max())
 

@@ -116,33 +116,48 @@ def test_order_five_on_a_nonlinear_problem() -> None:
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(5, abs=0.15)
 
 
-def test_dense_output_is_the_collocation_polynomial() -> None:
+def test_the_interpolant_is_the_collocation_polynomial() -> None:
     """Assert that inside a step the state is cubic, and that its slope at the nodes is what the rate says there."""
     h = 0.25
     run = xd.simulate(falling_off(), method="radau_iia", step=h, until=0.5)
     inner = np.linspace(0.02, 0.98, 7)
-    cubic = np.polynomial.Polynomial.fit(inner, xd.sample(run, h + h * inner).y.values, 3)
+    found = xd.sample(run, h + h * inner, rule="interpolant").y.values
+    cubic = np.polynomial.Polynomial.fit(inner, found, 3)
     nodes = np.array(radau.NODES)
-    assert np.abs(cubic(inner) - xd.sample(run, h + h * inner).y.values).max() < 8 * EPS
+    assert np.abs(cubic(inner) - found).max() < 8 * EPS
     assert np.abs(cubic([0.0, 1.0]) - run.y.values[1:3]).max() < 64 * EPS
     assert cubic.deriv()(nodes) / h == pytest.approx(-(cubic(nodes) ** 3) / 2, rel=1e-12)
 
 
-def test_dense_output_order() -> None:
-    """Assert that the error inside steps falls as h**4, one more than the order that the record names."""
-    steps, errors = [0.05, 0.025, 0.0125], []
+@pytest.mark.parametrize(("rule", "order"), [("reintegrate", 5), ("interpolant", 4)])
+def test_order_inside_steps(rule: str, order: int) -> None:
+    """Assert that the error inside steps falls as that of the ends, or as h**4 by the cubic of order 3."""
+    steps, errors = [0.1, 0.05, 0.025], []
     for h in steps:
         run = xd.simulate(falling_off(), method="radau_iia", step=h, until=2.0)
-        errors.append(error(xd.sample(run, run.time.values[:-1] + 0.3 * h)))
-    assert run.attrs["solver_interpolation_order"] == 3
-    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(4, abs=0.15)
+        found = xd.sample(run, run.time.values[:-1] + 0.3 * h, rule=rule)
+        errors.append(error(found))
+    assert found.attrs["solver_interpolation_order"] == {"reintegrate": 5, "interpolant": 3}[rule]
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(order, abs=0.15)
 
 
 def test_samples_of_a_stiff_run_meet_its_states() -> None:
-    """Assert that the stages, solved for again, end within the tolerance of the accepted states, and none is lost."""
+    """Assert that steps solved again, with other iterations, end in the accepted states but for the last spacing of time."""
     run = stiff("van_der_pol", 1e-6)
-    found = xd.sample(run, np.nextafter(run.time.values[1:], 0.0))
-    assert np.abs(found.x.values - run.x.values[1:]).max() < 1e-6
+    for rule in ("reintegrate", "interpolant"):
+        found = xd.sample(run, np.nextafter(run.time.values[1:], 0.0), rule=rule)
+        moved = np.abs(run.v_x.values[1:]) * np.spacing(run.time.values[1:])
+        assert (np.abs(found.x.values - run.x.values[1:]) <= 1.01 * moved + 8 * EPS).all()
+
+
+def test_what_is_missing_at_the_end_counts_as_error() -> None:
+    """Assert that a step that ends beside the accepted state is bent to it, late, and says by how much."""
+    run = xd.simulate(falling_off(), method="radau_iia", step=0.25, until=0.25)
+    moved = run.assign(y=run.y + 1e-6 * (run.time > 0))
+    moved["y"].attrs = run.y.attrs
+    found, before = (xd.sample(one, [0.125, np.nextafter(0.25, 0.0)]) for one in (moved, run))
+    assert (found.y - before.y).values == pytest.approx([1e-6 / 64, 1e-6], rel=1e-6)
+    assert (found.error_y - before.error_y).values == pytest.approx([1e-6 / 64, 1e-6], rel=1e-6)
 
 
 # ----------------------------------------------------------------------------------------------------- tolerances

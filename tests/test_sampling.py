@@ -1,4 +1,4 @@
-"""Dense output: order, ends, events, laziness, refusals."""
+"""The state between steps: error, ends, events, laziness, refusals."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import xdynamics as xd
-from problems import EPS, MODELS, damped
+from problems import EPS, MODELS, damped, particle
 
 
 def run_of(method: str = "dormand_prince", **more: object) -> Any:
@@ -44,11 +45,96 @@ def test_result_carries_rule_order_units_and_route() -> None:
     found = xd.sample(run_of(), "1.5 s")
     assert found.sizes == {"instant": 1}
     assert found.x.attrs["units"] == "m"
-    assert found.x.attrs["interpolation_order"] == 4
-    assert "Shampine" in found.x.attrs["interpolation"]
+    assert found.x.attrs["interpolation_order"] == 5
+    assert "re-integration" in found.x.attrs["interpolation"]
     assert found.x.attrs["ancillary_variables"] == "error_x"
-    assert "re-integration" in found.error_x.attrs["long_name"]
+    assert "two steps of the run's method" in found.error_x.attrs["long_name"]
     assert found.error_v_x.attrs["units"] == "m s-1"
+    for name in ("solver_interpolation", "solver_interpolation_order"):  # what events are located on
+        assert found.attrs[name] == run_of().attrs[name]
+
+
+@pytest.mark.parametrize(
+    ("estimator", "orders", "words"),
+    [("embedded", (5, 4), "Shampine"), ("step_doubling", (5, 3), "Hermite"), ("step_doubling_extrapolated", (6, 3), "Hermite")],
+)  # fmt: skip
+def test_rules_have_their_orders(estimator: str, orders: tuple[int, int], words: str) -> None:
+    """Assert that a shorter step has the order of what goes on, and the interpolant that of its polynomial."""
+    run = run_of(estimator=estimator)
+    shorter, inner = xd.sample(run, "1.5 s"), xd.sample(run, "1.5 s", rule="interpolant")
+    assert (shorter.v_x.attrs["interpolation_order"], inner.v_x.attrs["interpolation_order"]) == orders
+    assert run.attrs["solver_interpolation_order"] == orders[0]
+    assert words in inner.attrs["solver_interpolation"]
+    assert inner.x.attrs["interpolation_order"] == (4 if words == "Shampine" else 5)
+
+
+# ------------------------------------------------------------------------------------------------ the error inside
+
+ORBIT = {"x": 0.5, "y": 0.0, "v_x": 0.0, "v_y": 3**0.5}  # e = 0.5
+RATES: dict[str, Any] = {
+    "kepler": lambda x, y, v, w: (v, w, -x / (x * x + y * y) ** 1.5, -y / (x * x + y * y) ** 1.5),
+    "pendulum": lambda theta, v: (v, -9.8 * np.sin(theta)),
+    "predators": lambda u, w: (u * (1 - w), w * (u - 1)),
+}
+
+
+def model_of(name: str) -> xd.Model:
+    """The model whose rates stand above."""
+    if name == "predators":
+        states = {"u": {"unit": "1", "rate": "k*u*(1 - w)"}, "w": {"unit": "1", "rate": "k*w*(u - 1)"}}
+        return xd.Model(name=name, parameters={"k": "1 s-1"}, states=states, initial={"u": "2", "w": "0.5"})
+    model = xd.Model.from_toml(MODELS / f"{name}.toml")
+    return model.replace(initial=ORBIT if name == "kepler" else {"theta": 2.0})
+
+
+def solution_through(name: str, starts: Any, states: Any, times: Any) -> Any:
+    """The solutions of a model through states at their times, at other times: side by side, each over its own span."""
+
+    def slopes(_: float, y: Any) -> Any:
+        return ((times - starts) * np.array(RATES[name](*y.reshape(states.shape)))).ravel()
+
+    return solve_ivp(slopes, (0, 1), states.ravel(), "DOP853", rtol=3e-14, atol=1e-17).y[:, -1].reshape(states.shape)
+
+
+@pytest.mark.parametrize("rule", ["reintegrate", "interpolant"])
+@pytest.mark.parametrize(
+    ("problem", "method", "step"),
+    [
+        ("kepler", "velocity_verlet", 0.02), ("kepler", "dormand_prince", 0.1), ("kepler", "kahan_li8", 0.2), ("kepler", "dop853", 0.25),
+        ("pendulum", "averaged_velocity", 0.01), ("pendulum", "kahan_li8", 0.15), ("pendulum", "dop853", 0.2), ("pendulum", "dprkn6", 0.1),
+        ("predators", "dormand_prince", 0.15), ("predators", "dop853", 0.4), ("predators", "radau_iia", 0.1),
+    ],
+)  # fmt: skip
+def test_error_is_that_of_the_solution_through_the_row(problem: str, method: str, step: float, rule: str) -> None:
+    """Assert that of 600 random instants, and of those near the ends, few are told less than half of their error."""
+    run = xd.simulate(model_of(problem), method=method, step=step, until=6.0, force_samples="none")
+    random = np.random.default_rng(7)
+    names = {"kepler": ["x", "y", "v_x", "v_y"], "pendulum": ["theta", "v_theta"], "predators": ["u", "w"]}[problem]
+    parts = np.concatenate([random.uniform(0, 1, 400), random.uniform(0, 0.05, 100), random.uniform(0.95, 1, 100)])
+    times, rows = run.time.values, random.integers(0, run.sizes["step"] - 1, 600)
+    found = xd.sample(run, times[rows] + parts * (times[rows + 1] - times[rows]), rule=rule)
+    rows = found.row.values
+    true = solution_through(problem, times[rows], np.array([run[one].values[rows] for one in names]), found.time.values)
+    off = np.abs(np.array([found[one] for one in names]) - true)
+    told = np.array([found[f"error_{one}"] for one in names])
+    inside = found.time.values > times[rows]
+    assert (told[:, inside] > 0).all()
+    for part in (inside, inside & (parts < 0.05), inside & (parts > 0.95)):
+        told_here, off_here = told[:, part], off[:, part]
+        assert np.quantile(told_here / np.maximum(off_here, 1e-20), 0.05) > 0.5
+        assert 0.7 < np.median(told_here / (off_here + EPS * np.abs(true[:, part]))) < 3
+
+
+@pytest.mark.parametrize("estimator", ["none", "step_doubling", "step_doubling_extrapolated"])
+def test_error_is_extrapolated_by_the_order_of_what_goes_on(estimator: str) -> None:
+    """Assert that of Euler's steps, halved or not, nearly all of the error is told, and not more."""
+    run = xd.simulate(model_of("pendulum"), method="forward_euler", step=0.002, until=1.0, estimator=estimator)
+    rows = np.arange(0, 500, 7)
+    found = xd.sample(run, run.time.values[rows] + 0.0015)
+    states = np.array([run[one].values[rows] for one in ("theta", "v_theta")])
+    true = solution_through("pendulum", run.time.values[rows], states, found.time.values)
+    told = found.error_v_theta.values / np.abs(found.v_theta.values - true[1])
+    assert np.median(told) == pytest.approx(1, abs=0.05)
 
 
 def test_an_archive_is_sampled_without_the_run(tmp_path: Any) -> None:
@@ -114,8 +200,53 @@ def test_behind_a_jump_the_drive_s_new_piece_counts() -> None:
 def test_dense_output_ends_in_the_accepted_state(estimator: str) -> None:
     """Assert that just before the end of every step the interpolant is at the state that was accepted."""
     run = run_of("bogacki_shampine", rtol=None, atol=None, step=0.5, estimator=estimator)
-    found = xd.sample(run, run.time.values[1:] * (1 - 1e-12))
-    assert np.abs(found.x.values - run.x.values[1:]).max() < 1e-10
+    for rule in ("reintegrate", "interpolant"):
+        found = xd.sample(run, np.nextafter(run.time.values[1:], 0.0), rule=rule)
+        assert np.abs(found.x.values - run.x.values[1:]).max() < 32 * EPS
+
+
+def test_a_grid_that_rounds_has_no_jumps() -> None:
+    """Assert that steps whose ends are further or less far apart than their size still end in the accepted state."""
+    start = {"t": "1e6 s", "x": "0 m", "v_x": "1e3 m s-1"}
+    run = xd.simulate(particle(initial=start), method="midpoint", step=0.1, until=1e6 + 1)
+    assert (np.diff(run.time) != 0.1).all()
+    for rule in ("reintegrate", "interpolant"):
+        found = xd.sample(run, np.nextafter(run.time.values[1:], 0.0), rule=rule)
+        moved = 1e3 * np.spacing(1e6)
+        assert np.abs(found.x.values - run.x.values[1:] + moved).max() < 1e-9 * moved + 1e3 * EPS
+
+
+def test_events_and_samples_agree() -> None:
+    """Assert that without an event a sample at its time is the state that the run with it landed on."""
+    model = model_of("pendulum")
+    with_event = xd.simulate(model, method="rk4", step=0.1, until=3.0)
+    without = xd.simulate(model.replace(events={}), method="rk4", step=0.1, until=3.0)
+    found = xd.sample(without, with_event.event_time.values[:1])
+    row = int(with_event.event_row_before[0])
+    assert float(found.theta[0]) == pytest.approx(float(with_event.theta[row]), abs=4 * EPS)
+    assert float(found.v_theta[0]) == pytest.approx(float(with_event.v_theta[row]), abs=1e-13)
+
+
+def test_scaled_runs_are_sampled_alike() -> None:
+    """Assert that in nondimensional variables values and errors are those of SI units, to rounding."""
+    times = np.linspace(0.02, 4.98, 99)  # off the grid, which in other units is a rounding off
+    given = {"method": "dormand_prince", "rtol": None, "atol": None, "step": 0.1}
+    plain, scaled = (xd.sample(run_of(**given, scales=one), times) for one in (None, {"length": "3 m", "time": "7 s"}))
+    for name in ("x", "v_x", "s"):
+        assert np.abs(plain[name] - scaled[name]).max() < 64 * EPS
+        assert np.abs(plain[f"error_{name}"] - scaled[f"error_{name}"]).max() < 64 * EPS
+
+
+def test_a_step_that_cannot_be_solved_again_is_no_number() -> None:
+    """Assert that where Newton's method fails on the shorter step neither a value nor an error is made up."""
+    states = {"y": {"unit": "1", "rate": "-k*y**3"}}
+    model = xd.Model(name="falling", parameters={"k": "1 s-1"}, states=states, initial={"y": "1"})
+    run = xd.simulate(model, method="implicit_midpoint", step=1.0, until=2.0)
+    assert np.isfinite(xd.sample(run, 0.5).y[0])
+    far = run.assign(y=("step", [1e20, 1.0, 1.0], run.y.attrs))
+    for rule in ("reintegrate", "interpolant"):
+        found = xd.sample(far, 0.5, rule=rule)
+        assert np.isnan([found.y[0], found.error_y[0]]).all()
 
 
 def test_a_thinned_or_converted_record_is_refused() -> None:
@@ -153,6 +284,8 @@ def test_other_faults_are_named() -> None:
     """Assert that a wrong side and a Dataset that is no run are refused."""
     with pytest.raises(xd.InputError, match="side is 'left'; there are before, after"):
         xd.sample(run_of(), 1.0, side="left")
+    with pytest.raises(xd.InputError, match="rule is 'hermite'; there are reintegrate, interpolant"):
+        xd.sample(run_of(), 1.0, rule="hermite")
     with pytest.raises(xd.InputError, match="this is no run record: it has no time, row_kind, step_size, model_toml"):
         xd.sample(xd.sample(run_of(), 1.0).drop_vars("time"), 1.0)
 

@@ -164,7 +164,9 @@ def methods() -> None:
         click.echo(
             f"    estimate  {f'embedded formula of order {one.estimate_order}' if one.estimate else 'by step doubling'}"
         )
-        click.echo(f"    between   {one.interpolation}; order {one.interpolation_order}")
+        click.echo(
+            f"    between   re-integration, order {one.order}; or {one.interpolation}, order {one.interpolation_order}"
+        )
         click.echo(f"    stable    {', '.join(_limits(one))}")
         click.echo(f"    refuses   {'; '.join(one.refuses) or 'nothing'}")
         click.echo(f"    also      {', '.join(one.synonyms)}")

@@ -19,6 +19,8 @@ STATES = ("coordinate", "velocity", "state")  # roles
 LAW = ("force_source", "force_digest", "math_functions")
 # what later versions define otherwise: of 0.1, the uncertainty of an event's location had no least value
 REDEFINED = ("event_time_uncertainty",)
+# what `sample` makes of method and estimator in the version that wrote them: no part of the march
+FOLLOWING = ("solver_interpolation", "solver_interpolation_order")
 
 
 def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
@@ -151,8 +153,8 @@ def compare(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 
 
 def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
-    """List the attributes that two runs do not share; dates, versions, machine and counts of what came out do not count."""
-    outside = {*VOLATILE, *COUNTS, ROOT_DIGEST}
+    """List the attributes that two runs do not share; dates, versions, machine, counts of what came out and what follows from others do not count."""
+    outside = {*VOLATILE, *COUNTS, *FOLLOWING, ROOT_DIGEST}
     names = [name for name in {**first.attrs, **second.attrs} if name not in outside]
     found = []
     for name in names:

@@ -1,4 +1,4 @@
-"""The state between accepted steps, from a record alone: by the method's dense output, and by a second route."""
+"""The state between accepted steps, from a record alone, and how far it is from the solution."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from xdynamics.march.engine import engine
 from xdynamics.march.log import allocate
 from xdynamics.march.posing import posed
 from xdynamics.methods import METHODS
-from xdynamics.methods.scheme import EXACT
+from xdynamics.methods.scheme import EXACT, REINTEGRATE, RULES
 from xdynamics.model import Model
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import STEPS
@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 INSTANTS = "instant"
 EPS = float(np.finfo(float).eps)
 SIDES = ("before", "after")
-ROUTE = "re-integration: one step of the run's method from the archived state to the instant; the error is its distance from the interpolated value"
+ROUTE = "its distance from two steps of the run's method from the archived state before to the instant, extrapolated with one: how far it is from the solution through that state"
 
 
 def sample(
@@ -39,9 +39,10 @@ def sample(
     times: Sequence[float] | Floats | float | str,
     *,
     side: str = "after",
+    rule: str = REINTEGRATE,
     functions: Mapping[str, Callable[..., float]] | None = None,
 ) -> xr.Dataset:
-    """Evaluate a run at any times inside it, by the dense output that `solver_interpolation` names.
+    """Evaluate a run at any times inside it: as if the step there had been shortened to end at the time.
 
     Parameters
     ----------
@@ -52,6 +53,10 @@ def sample(
         In any order; one time makes one instant. At an accepted time the accepted state is returned as it is.
     side : {"after", "before"}
         Which of the two states of an event to return at its very time. A step never reaches over an event.
+    rule : {"reintegrate", "interpolant"}
+        A step of the run's own method from the accepted state before, shortened to end at the time: of the method's
+        order, and what events are located on. Or the interpolant of the whole step, a polynomial, whose slopes too go on
+        from step to step where it is Hermite's; its order may be far below the method's, see ``xdynamics methods``.
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
 
@@ -59,7 +64,9 @@ def sample(
     -------
     xarray.Dataset
         Along `instant`: `time`, `row` (of `step`, from which the step goes), and for every coordinate, velocity and
-        state its value and `error_…`, its distance from a re-integration of the same stretch from the archived state.
+        state its value and `error_…`: how far it is from the solution that goes through the accepted state before. The
+        error of that state itself is not in it; at an accepted time it is zero. Where a step's equations could not be
+        solved again, both are nan.
 
     Raises
     ------
@@ -68,7 +75,10 @@ def sample(
 
     Notes
     -----
-    Continuous extensions: Hairer, Norsett, Wanner, Solving ODEs I, section II.6.
+    The error is estimated by two steps of half the length, extrapolated with the whole one (Hairer, Norsett, Wanner,
+    Solving ODEs I, section II.4), and what rounding does to one sum; continuous extensions: section II.6. A step of
+    `radau_iia` depends on the iterations before it and does not end again in the accepted state to the bit: what is
+    missing there is added with a weight that rises as s**6 along the step, and counted as error.
 
     Examples
     --------
@@ -79,7 +89,9 @@ def sample(
     >>> abs(found.x - np.cos(2 * found.time)).max().item() < 1e-6
     True
     """
-    inside = _Inside.of(run, functions)
+    if rule not in RULES:
+        raise InputError(f"rule is {rule!r}; there are {', '.join(RULES)}")
+    inside = _Inside.of(run, functions, rule)
     wanted = _wanted(times)
     if side not in SIDES:
         raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
@@ -93,9 +105,10 @@ class _Inside:
 
     run: xr.Dataset
     functions: Mapping[str, Callable[..., float]]
+    rule: str
 
     @classmethod
-    def of(cls, run: Any, functions: Any) -> _Inside:
+    def of(cls, run: Any, functions: Any, rule: str) -> _Inside:
         """Check that a Dataset is a whole run record, in the units of its model.
 
         Raises
@@ -108,7 +121,7 @@ class _Inside:
             raise InputError(f"the record's method '{run.attrs['solver_method']}' is not known to this version")
         if not isinstance(functions, Mapping | None):
             raise InputError(f"functions are {str(functions)[:40]!r}, need a mapping of names to functions")
-        inside = cls(run, functions or {})
+        inside = cls(run, functions or {}, rule)
         units = {name: unit.text for name, unit in inside.model.units.items()}
         for name in inside.layout.used:
             if name not in run.variables:
@@ -144,28 +157,25 @@ class _Inside:
         return law_of(self.layout, sampled=self.settings.samples)
 
     def dataset(self, times: Floats, rows: NDArray[np.int64], starts: Floats, ends: Floats) -> xr.Dataset:
-        """Gather the states that the steps start from, and evaluate."""
+        """Gather the states of the steps, and evaluate."""
         import xarray as xr
 
-        layout, run = self.layout, self.run
-        left = run[list(layout.used)].drop_vars("time", errors="ignore").isel({STEPS: rows}).rename({STEPS: INSTANTS})
-        following = np.minimum(rows + 1, run.sizes[STEPS] - 1)
-        steps = run["step_size"].drop_vars("time", errors="ignore").isel({STEPS: following})
-        columns = [steps.rename({STEPS: INSTANTS}).variable, *(left[name].variable for name in layout.used)]
-        found = _blockwise(self._evaluated, np.stack([times, starts, ends]), columns, 2 * len(layout.used))
-        orders = interpolation_orders(self.settings.scheme, layout)
+        layout, run, scheme = self.layout, self.run, self.settings.scheme
+        where = np.stack([times, starts, ends])
+        found = _blockwise(self._evaluated, where, self._columns(rows), 2 * len(layout.used))
+        orders = interpolation_orders(scheme, layout, self.rule)
         variables = {}
         for i, name in enumerate(layout.used):
             about = run[name].attrs
             error = schema.error(name)
             rule = {
-                "interpolation": self.settings.scheme.interpolation,
+                "interpolation": scheme.interpolation(self.rule),
                 "interpolation_order": orders[name],
                 "ancillary_variables": error,
             }
             kept = {key: about[key] for key in ("units", "long_name", "role")}
             variables[name] = xr.Variable((INSTANTS,), found[i], kept | rule)
-            said = {"units": about["units"], "long_name": f"error of {name}, by {ROUTE}", "role": "error"}
+            said = {"units": about["units"], "long_name": f"error of {name}: {ROUTE}", "role": "error"}
             variables[error] = xr.Variable((INSTANTS,), found[len(layout.used) + i], said)
         variables["time"] = xr.Variable(
             (INSTANTS,), times, {"units": "s", "long_name": "time of the instant", "role": "time"}
@@ -174,28 +184,40 @@ class _Inside:
             (INSTANTS,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
         )
         attributes = {key: run.attrs[key] for key in _KEPT if key in run.attrs}
-        attributes |= interpolation(self.settings.scheme) | {"error_estimate": ROUTE}
+        attributes |= interpolation(scheme, self.rule) | {"error_estimate": ROUTE}
         return xr.Dataset(variables, attrs=attributes).set_coords("time")
 
+    def _columns(self, rows: NDArray[np.int64]) -> list[Any]:
+        """Gather the size of every step and the state that it starts from; where it needs that too, the one it led to."""
+        run, used = self.run, list(self.layout.used)
+        following = np.minimum(rows + 1, run.sizes[STEPS] - 1)
+        # iterations that go on from those of the step before do not come to its end again, to the bit
+        wanted = [(["step_size"], following), (used, rows)] + [(used, following)] * self.settings.method.simplified
+        return [run[name].variable.isel({STEPS: which}) for names, which in wanted for name in names]
+
     def _evaluated(self, where: Floats, columns: Floats) -> Floats:
-        """Evaluate both routes; of `where` the rows are instant, start and end, of `columns` step and state."""
-        scales = self.settings.scales
+        """Evaluate states and their errors.
+
+        Of `where` the rows are instant, start and end, of `columns` the step, the state at its start and perhaps at its end.
+        """
+        scales, n, reintegrated = self.settings.scales, len(self.layout.used), self.rule == REINTEGRATE
         scale, factors = scales.of(TIME), self._factors
         _check_whole(where, columns[0])
         times, starts, ends = where / scale
-        steps, states = columns[0] / scale, columns[1:] / factors
-        moving, n = np.flatnonzero(times > starts), len(states)
-        found = np.vstack([columns[1:], np.zeros_like(states)])  # at an accepted time the accepted state, to the bit
+        moving = np.flatnonzero(times > starts)
+        # at an accepted time the accepted state, to the bit
+        found = np.vstack([columns[1 : n + 1], np.zeros((n, times.size))])
         if not moving.size:
             return found
+        steps = np.stack([starts, ends, columns[0] / scale, times])
+        given = [steps, columns[1 : n + 1] / factors, columns[n + 1 :] / factors[: len(columns) - n - 1]]
         inner = np.empty((2 * n, moving.size))
-        given = np.ascontiguousarray(np.stack([starts, ends, steps, times])[:, moving])
         # a run of its own: dask calls this in several threads
-        log = allocate(self.layout, 1, sampled=0)
-        run = posed(self.model, self.settings, self.law, log, self.law.addresses_inside)
-        engine().states_inside(run, given, np.ascontiguousarray(states[:, moving]), inner)
-        found[:n, moving] = inner[:n] * factors
-        found[n:, moving] = np.abs(inner[:n] - inner[n:]) * factors
+        addresses = self.law.addresses if reintegrated else self.law.addresses_inside
+        run = posed(self.model, self.settings, self.law, allocate(self.layout, 1, sampled=0), addresses)
+        given = [np.ascontiguousarray(one[:, moving]) for one in given]
+        engine().states_inside(run, *given, inner, reintegrated)
+        found[:, moving] = inner * np.vstack([factors, factors])
         return found
 
     @cached_property

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import compiled
+from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import T1, H, S, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.evaluating import evaluate
-from xdynamics.march.events import copy, propose_apart
+from xdynamics.march.events import EPS, copy, propose_apart
 from xdynamics.march.handle import called, floats_at, march_by, run_at
 from xdynamics.march.newton import newton_step
 from xdynamics.march.outcomes import RUNNING
@@ -87,8 +87,8 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
         run.atol[i] = atols[k, i]
 
 
-def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) -> None:
-    """Evaluate the state at each time inside its step, by interpolation and by re-integration.
+def states_inside(address: Any, steps: Floats, states: Floats, ends: Floats, found: Floats, reintegrated: bool) -> None:
+    """Evaluate the state at each time inside its step, and how far it is from a more accurate one.
 
     Parameters
     ----------
@@ -98,31 +98,71 @@ def states_inside(address: Any, steps: Floats, states: Floats, found: Floats) ->
         For each time: start and end of its step, its size, the time.
     states : ndarray, shape (n, k)
         The state at the start.
+    ends : ndarray, shape (n or 0, k)
+        The state at the end, of a method that does not come there twice by the same iterations.
     found : ndarray, shape (2*n, k)
-        Filled: the interpolated state, and the one that a shorter step leads to.
+        Filled: the state, and its distance from two steps of half the length, extrapolated; nan where equations were
+        not solved.
+    reintegrated : bool
+        Whether the state is that of a shorter step, or of the interpolant of the whole one.
     """
     run = run_at(address)
-    n, before = states.shape[0], np.nan
+    n = states.shape[0]
     for k in range(steps.shape[1]):
         t, t1, h, time = steps[0, k], steps[1, k], steps[2, k], steps[3, k]
-        # stages are not kept beside the step that is made again below
-        if k == 0 or run.plan[0].simplified or t != before or changed(run, states, k):
-            before = t
-            run.kept[0].since = BEGUN
-            run.now[0].t = t
-            enter_pieces(t, run.tables, run.places, run.of_time)
-            for i in range(n):
-                run.y[i] = states[i, k]
-            evaluate(run, t, run.y)
-            propose_apart(run, t1, h)
+        s = (time - t) / (t1 - t)  # h is not t1 - t to the bit: at t1 the step is to be the whole one
+        enter(run, t, states, k)
+        solved = shorter(run, t, time, s * h)
+        for i in range(n):
+            found[i, k] = found[n + i, k] = run.z[i] if solved else np.nan
+        if not reintegrated or ends.shape[0] > 0:
+            solved = shorter(run, t, t1, h)
             copy(run.z, run.located_z)
-        run.at[T], run.at[T1], run.at[H], run.at[S] = t, t1, h, (time - t) / h
-        called(run.law[INSIDE], run, run.y, run.located_z, 0)
-        for i in range(n):
-            found[i, k] = run.e[i]
-        propose_apart(run, time, time - t)
-        for i in range(n):
-            found[n + i, k] = run.z[i]
+        if not reintegrated:
+            run.at[T], run.at[T1], run.at[H], run.at[S] = t, t1, h, s
+            called(run.law[INSIDE], run, run.y, run.located_z, 0)
+            for i in range(n):
+                found[i, k] = run.e[i] if solved else np.nan
+        solved = shorter(run, t, t + (time - t) / 2.0, s * h / 2.0)
+        copy(run.z, run.y)
+        solved = shorter(run, t + (time - t) / 2.0, time, s * h / 2.0) and solved
+        judge_inside(run, s, states, ends, found, k, solved)
+
+
+@shared
+def enter(run: Run, t: float, states: Floats, k: int) -> None:
+    """Stand at the start of a step: on the far side of what changes there."""
+    enter_pieces(t, run.tables, run.places, run.of_time)
+    for i in range(states.shape[0]):
+        run.y[i] = states[i, k]
+    evaluate(run, t, run.y)
+
+
+@shared
+def shorter(run: Run, t: float, t1: float, h: float) -> bool:
+    """Make a step that remembers none before it; whether its equations were solved."""
+    run.now[0].t = t
+    run.kept[0].since = BEGUN
+    propose_apart(run, t1, h)
+    return run.trial[0].iterations >= 0
+
+
+@shared
+def judge_inside(run: Run, s: float, states: Floats, ends: Floats, found: Floats, k: int, solved: bool) -> None:
+    """Put the distance of a state from two half steps in the place of the one step that they are extrapolated with.
+
+    A step in halves has 2**-p of the error of the whole one. What rounding does is added, a spacing of the numbers that
+    were summed; and what is missing at the step's end, which is added to the state in the measure in which errors grow.
+    """
+    n, divisor, cube = states.shape[0], run.plan[0].divisor, s * s * s
+    if run.plan[0].extrapolated:
+        divisor = 2.0 * divisor + 1.0  # of an order more
+    for i in range(n):
+        value, whole, halves = found[i, k], found[n + i, k], run.z[i] if solved else np.nan
+        off = abs((value - halves) + (whole - halves) / divisor)
+        missing = cube * cube * (ends[i, k] - run.located_z[i]) if ends.shape[0] > 0 else 0.0
+        found[i, k] = value + missing
+        found[n + i, k] = off + abs(missing) + EPS * max(abs(states[i, k]), abs(value))
 
 
 def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: Any, sample: int) -> None:
@@ -145,12 +185,3 @@ def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: An
 def step_by_radau(address: Any, t: float, t1: float, h: float, y: Any, z: Any, sample: int) -> None:
     """Make a step by `march.radau`, in the same way."""
     radau_step(run_at(address), t, t1, h, floats_at(y), floats_at(z), sample)
-
-
-@compiled
-def changed(run: Run, states: Floats, k: int) -> bool:
-    """Whether a step starts from another state than the one before."""
-    other = False
-    for i in range(states.shape[0]):
-        other = other or states[i, k] != run.y[i]
-    return other

@@ -1,4 +1,4 @@
-"""A method with its estimator: what steps, what judges a step, what interpolates inside it."""
+"""A method with its estimator: what steps, what judges a step, what stands inside it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
     "none", "embedded", "step_doubling", "step_doubling_extrapolated",
 )  # fmt: skip
 EXACT, DIFFERENCES = JACOBIANS = ("exact", "differences")
+REINTEGRATE, INTERPOLANT = RULES = ("reintegrate", "interpolant")
+REINTEGRATION_WORDS = "re-integration: the run's own step from the accepted state before, shortened to end at the instant; events are located on the same"
 INNER_SHARE, INNER_EXPONENT = 0.1, Decimal("0.8")
 INNER_NORM = "with {} in the place of rtol, and atol in the same ratio to it, so that the error at the end of a run is proportional to the tolerances"
 ESTIMATE_WORDS = {
@@ -76,6 +78,11 @@ class Scheme:
         return ""
 
     @property
+    def order(self) -> int:
+        """Order of what goes on: that of the method, and one more where an estimate is added to it."""
+        return self.method.order + (self.estimator == EXTRAPOLATED)
+
+    @property
     def error_order(self) -> int:
         """The k of a local error that falls as h**k."""
         return 1 + (self.method.estimate_order if self.estimator == EMBEDDED else self.method.order)
@@ -98,17 +105,19 @@ class Scheme:
 
     @property
     def extension(self) -> str:
-        """The lines of the dense output: the method's own, or Hermite's where half steps went on."""
+        """The lines of the interpolant of a step: the method's own, or Hermite's where half steps went on."""
         return HERMITE if self.halved else self.method.extension
 
-    @property
-    def interpolation(self) -> str:
-        """The dense output in words."""
+    def interpolation(self, rule: str = REINTEGRATE) -> str:
+        """What stands between accepted states, in words."""
+        if rule == REINTEGRATE:
+            return REINTEGRATION_WORDS
         return HERMITE_WORDS if self.halved else self.method.interpolation
 
-    @property
-    def interpolation_order(self) -> int:
-        """Order of the local error of the interpolant, less one."""
+    def interpolation_order(self, rule: str = REINTEGRATE) -> int:
+        """Order of its local error, less one."""
+        if rule == REINTEGRATE:
+            return self.order
         return 3 if self.halved else self.method.interpolation_order
 
 

@@ -19,7 +19,7 @@ from xdynamics.march.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.methods.method import HERMITE, printed
-from xdynamics.methods.scheme import ESTIMATE_WORDS, STEP_DOUBLING, Scheme
+from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, STEP_DOUBLING, Scheme
 from xdynamics.units import TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
 
 if TYPE_CHECKING:
@@ -69,19 +69,19 @@ def attributes(march: March) -> dict[str, Any]:
     return used | _circumstances()
 
 
-def interpolation(scheme: Scheme) -> dict[str, Any]:
-    """Say which dense output belongs to a run."""
+def interpolation(scheme: Scheme, rule: str = REINTEGRATE) -> dict[str, Any]:
+    """Say what stands between the accepted states of a run."""
     return {
-        "solver_interpolation": scheme.interpolation,
-        "solver_interpolation_order": scheme.interpolation_order,
+        "solver_interpolation": scheme.interpolation(rule),
+        "solver_interpolation_order": scheme.interpolation_order(rule),
     }
 
 
-def interpolation_orders(scheme: Scheme, layout: Layout) -> dict[str, int]:
-    """Return the order of the dense output for every coordinate, velocity and state."""
-    if scheme.extension != HERMITE:
-        return dict.fromkeys(layout.used, scheme.interpolation_order)
-    return {name: 5 if name in layout.coordinates else 3 for name in layout.used}
+def interpolation_orders(scheme: Scheme, layout: Layout, rule: str = REINTEGRATE) -> dict[str, int]:
+    """Return the order of that for every coordinate, velocity and state."""
+    if rule == INTERPOLANT and scheme.extension == HERMITE:
+        return {name: 5 if name in layout.coordinates else 3 for name in layout.used}
+    return dict.fromkeys(layout.used, scheme.interpolation_order(rule))
 
 
 def force_digest(march: March) -> str:
