@@ -30,7 +30,7 @@ SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definit
             "initial", "events", "observables", "run")  # fmt: skip
 LATER_SECTIONS = ("contacts", "regimes")
 RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
-            "max_steps", "force_samples", "scales", "jacobian")  # fmt: skip
+            "max_steps", "force_samples", "scales", "jacobian", "summation")  # fmt: skip
 
 Functions = Mapping[str, Callable[..., float]]
 
@@ -219,7 +219,7 @@ def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
             if key in given:
                 parse_time(given[key], key)
         Scales.parse(given.get("scales"))
-        for key in ("method", "estimator", "force_samples"):
+        for key in ("method", "estimator", "force_samples", "jacobian", "summation"):
             if not isinstance(given.get(key, ""), str):
                 raise InputError(f"{key} is {given[key]!r}, needs a word")
     return dict(given)

@@ -20,6 +20,7 @@ from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.methods.method import HERMITE, printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, STEP_DOUBLING, Scheme
+from xdynamics.methods.summation import PLAIN
 from xdynamics.units import TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ def attributes(march: March) -> dict[str, Any]:
         "run_accepted_steps": march.accepted,
         "run_rejected_trials": int(march.now.trials),
         **_errors(march),
+        "solver_summation": settings.summation,
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHOD,
         "solver_force_samples": "all" if settings.samples else "none",
@@ -113,6 +115,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "estimator": used["solver_estimator"],
         "scales": scales or None,
         "jacobian": used.get("solver_jacobian"),
+        "summation": used.get("solver_summation", PLAIN),  # version 0.1 had no other
     }
     if schema.GIVEN_STEP.name in run:
         asked["step"] = np.asarray(run[schema.GIVEN_STEP.name])
