@@ -152,11 +152,12 @@ def test_plot_writes_a_figure(ball: Path, tmp_path: Path) -> None:
 
 
 def test_methods_prints_the_table() -> None:
-    """Assert that every method is there with order, update and what it refuses."""
+    """Assert that every method is there with order, update, and what stands between its steps."""
     table = call("methods").output
     for one in xd.METHODS.values():
         assert f"{one.name}: order {one.order}" in table
         assert one.equations()[:300] in table
+        assert f"between   re-integration, order {one.order}; or {one.interpolation}, order {one.interpolation_order}" in table  # fmt: skip
 
 
 def test_start_imports_little() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 import xdynamics as xd
@@ -93,6 +94,16 @@ def test_replace_keeps_the_unit_of_a_bare_number() -> None:
     assert model.initial["v_y"].si == 10.0
     with pytest.raises(xd.ModelError, match="parameters has no entry 'mass'; there are: m, g, vt"):
         model.replace(parameters={"mass": 1})
+
+
+@pytest.mark.parametrize(
+    "number", [np.float64(0.2), np.array(0.2), xr.DataArray(0.2)], ids=lambda one: type(one).__name__
+)
+def test_replace_takes_numbers_of_numpy_and_xarray(number: object) -> None:
+    """Assert that one number is one number, whatever library it comes from."""
+    model = xd.Model.from_text(GOOD)
+    for section, name in (("parameters", "m"), ("initial", "v_y")):
+        assert model.replace(**{section: {name: number}}).digest == model.replace(**{section: {name: 0.2}}).digest
 
 
 def test_traits_name_the_culprit() -> None:

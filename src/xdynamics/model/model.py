@@ -238,6 +238,8 @@ class Model:
 def _replaced(entry: str, old: Any, value: Any) -> Any:
     """Put a value in an entry's place; a bare number keeps the entry's unit, a quantity must be of its kind."""
     text = old.get("value") if isinstance(old, Mapping) else old
+    if getattr(value, "ndim", None) == 0:  # a number of numpy or xarray writes itself with its type
+        value = value.item()
     if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
         return value
     try:
