@@ -44,7 +44,7 @@ def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
     xarray.Dataset
         What `bitwise` gives. Where the archive was made by another version, or with another set of elementary
         functions, words do not count: the text of the law, the name of the set and the vocabulary of flags, nor
-        variables that the archive's version did not have; `identical` is then 1 where every number has the same bits and every setting is the same. `arithmetic` says in one sentence
+        variables and settings that the archive's version did not have; `identical` is then 1 where every number has the same bits and every setting is the same. `arithmetic` says in one sentence
         what differs; it is empty where nothing does.
     """
     versions = [str(one.attrs.get("xdynamics_version", "of unknown name")) for one in (kept, again)]
@@ -95,7 +95,8 @@ def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset
     names.sort(key=lambda name: name != "time")  # of the variables of one row, time is named first
     rows = [_first_row(first, second, name, worded=worded) for name in names]
     settings = settings_apart(first, second)
-    settings = [line for line in settings if worded or line.partition(":")[0] not in LAW]
+    if not worded:
+        settings = [line for line in settings if (name := line.partition(":")[0]) not in LAW and name in first.attrs]
     table = xr.Dataset(
         {
             "name": ("variable", np.array(names), {"long_name": "variable of the runs"}),
