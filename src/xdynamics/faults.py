@@ -2,8 +2,35 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+
+# controls, marks of direction and other characters without a shape, halves of pairs, ends of lines and paragraphs
+UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
+
+
+def escaped(text: str, *, lines: bool = False) -> str:
+    r"""Return a text as it may go to a terminal: what is not seen but does something is written out.
+
+    Parameters
+    ----------
+    text : str
+    lines : bool
+        Whether newlines and tabs are meant, as in a description or in equations.
+
+    Examples
+    --------
+    >>> print(escaped("ball\x1b[2J\nverified"))
+    ball\x1b[2J\nverified
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    meant = "\n\t" if lines else ""
+    return "".join(
+        one if one in meant or unicodedata.category(one) not in UNSEEN else one.encode("unicode_escape").decode()
+        for one in text
+    )
 
 
 class InputError(ValueError):
