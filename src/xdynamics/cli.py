@@ -90,6 +90,12 @@ def main() -> None:
     metavar="NAME=VALUE",
     help="March with a length, time or mass scale, like length='0.4 m'.",
 )
+@click.option(
+    "--tables",
+    type=click.Choice(["below", "anywhere"]),
+    default="below",
+    help="Where the model may take tables from: its own folder and below (default), or anywhere.",
+)
 def run(
     model_file: str,
     output: str,
@@ -105,12 +111,13 @@ def run(
     changes: tuple[str, ...],
     force_samples: str | None,
     scales: tuple[str, ...],
+    tables: str,
 ) -> None:
     """March a model file and archive the run."""
     from xdynamics.faults import InputError
     from xdynamics.model import Model
 
-    model = Model.from_toml(model_file)
+    model = Model.from_toml(model_file, tables=tables)
     if Path(output).exists() and Path(output).samefile(model_file):
         raise InputError(f"-o {output} is the model file itself; name another file")
     if changes:
