@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from xdynamics.faults import escaped
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -27,11 +29,16 @@ class _Command(click.Group):
 
         from xdynamics.faults import AccuracyWarning, ArchiveError, InputError
 
+        for stream in (sys.stdout, sys.stderr):
+            if hasattr(stream, "reconfigure"):  # a terminal without a sign for it shows it written out
+                stream.reconfigure(errors="backslashreplace")
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)  # the outcome, which is printed, says the same
                 warnings.showwarning = lambda message, *_rest: _complain(f"warning: {message}")
                 return super().invoke(ctx)
+        except click.UsageError as error:
+            raise click.UsageError(escaped(error.format_message()), error.ctx) from None
         except ArchiveError as error:
             _complain(error)
             ctx.exit(BADLY)
@@ -41,12 +48,13 @@ class _Command(click.Group):
 
 
 def _complain(error: Exception | str) -> None:
-    click.echo(f"xdynamics: {error}", err=True)
+    click.echo(f"xdynamics: {escaped(str(error), lines=isinstance(error, Exception))}", err=True)
 
 
 def _say(lines: Iterable[str]) -> None:
+    """Print lines, whatever the names and texts in them hold."""
     for line in lines:
-        click.echo(line)
+        click.echo(escaped(line))
 
 
 @click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"]})
@@ -152,7 +160,7 @@ def plot(archive: str, output: str) -> None:
     from xdynamics.figures import plot as draw
 
     draw(open_run(archive), output)
-    click.echo(f"figure    {output}")
+    _say([f"figure    {output}"])
 
 
 @main.command()
@@ -190,7 +198,7 @@ def verify(archives: tuple[str, ...]) -> None:
     damaged = False
     for archive in archives:
         try:
-            click.echo(f"verified  {archive}  {verified(archive)}")
+            _say([f"verified  {archive}  {verified(archive)}"])
         except ArchiveError as error:
             _complain(error)
             damaged = True
@@ -205,10 +213,10 @@ def reproduce(archive: str) -> None:
 
     table = again(archive)
     if table.attrs["identical"]:
-        click.echo(f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same")
+        _say([f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same"])
         _say([table.attrs["arithmetic"]] if table.attrs["arithmetic"] else [])
         return
-    click.echo(f"not the same: {table.attrs['arithmetic']}; the first is {table.attrs['first_difference']}")
+    _say([f"not the same: {table.attrs['arithmetic']}; the first is {table.attrs['first_difference']}"])
     _say(f"  {line}" for line in table.attrs["settings"].splitlines())
     sys.exit(BADLY)
 

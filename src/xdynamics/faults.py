@@ -39,14 +39,17 @@ class InputError(ValueError):
     Parameters
     ----------
     message : str
-        What is wrong, its value, what was needed and the remedy.
+        What is wrong, its value, what was needed and the remedy. Its lines are those of `numbered`; whatever else names
+        and values of a file would do to a terminal is written out.
     faults : tuple of str
         The single faults, when several were found in one input.
     """
 
     def __init__(self, message: str, faults: tuple[str, ...] = ()) -> None:
-        super().__init__(message)
-        self.faults = faults or (message,)
+        listed = numbered(faults) if message.endswith(numbered(faults)) else ""
+        said = escaped(message.removesuffix(listed)) + listed
+        super().__init__(said)
+        self.faults = tuple(map(escaped, faults)) or (said,)
 
 
 class StabilityWarning(UserWarning):
@@ -67,7 +70,7 @@ class ArchiveError(InputError):
 
 def numbered(faults: Iterable[str]) -> str:
     """Print faults as numbered lines, to follow a colon."""
-    return "".join(f"\n  {n}. {fault}" for n, fault in enumerate(faults, 1))
+    return "".join(f"\n  {n}. {escaped(fault)}" for n, fault in enumerate(faults, 1))
 
 
 class Ledger:

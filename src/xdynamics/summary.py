@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from xdynamics.faults import escaped
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
 
 MOST_EVENTS = 20
@@ -30,16 +31,18 @@ def summary(run: xr.Dataset) -> list[str]:
         lines.append(
             f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}, end minus start {change:.3g} {units}"
         )
-    return lines + list(_events(run))
+    return [escaped(line) for line in (*lines, *_events(run))]
 
 
 def details(run: xr.Dataset) -> list[str]:
-    """Describe a run whole: its summary, parameters, settings and digests."""
+    """Describe a run whole: its summary, parameters with their descriptions, settings and digests, a line each."""
     lines = [*summary(run), "parameters"]
     for name, one in run.data_vars.items():
         if one.attrs.get("role") == "parameter":
             uncertainty = f" ± {one.attrs['uncertainty']:g}" if "uncertainty" in one.attrs else ""
-            lines.append(f"  {name} = {float(one):.12g}{uncertainty} {one.attrs['units']}   {one.attrs['long_name']}")
+            first, *more = str(one.attrs["long_name"]).split("\n")
+            lines.append(f"  {name} = {float(one):.12g}{uncertainty} {one.attrs['units']}   {first}")
+            lines += [f"    {line}" for line in more]
     lines.append("settings and evidence")
     keys = [
         key for key in run.attrs if key.startswith(("solver_", "precision", "math_", "model_d", "force_d", "content_d"))
@@ -47,7 +50,8 @@ def details(run: xr.Dataset) -> list[str]:
     keys += [
         key for key in ("date_created", "xdynamics_version", "python_version", "numba_version") if key in run.attrs
     ]
-    return lines + [f"  {key} = {shortened(run.attrs[key])}" for key in keys]
+    lines += [f"  {key} = {shortened(run.attrs[key])}" for key in keys]
+    return [escaped(line) for line in lines]
 
 
 def shortened(value: Any) -> str:

@@ -9,7 +9,7 @@ from xdynamics.archive.library import DAMAGE, opened
 from xdynamics.archive.seals import root_digest, seal_holds, stored_digest, volatile_digest
 from xdynamics.archive.source import check_source
 from xdynamics.faults import ArchiveError, numbered
-from xdynamics.record import own_attributes
+from xdynamics.record import faults_of, own_attributes
 from xdynamics.schema import DIGEST, ROOT_DIGEST, VOLATILE_DIGEST
 
 if TYPE_CHECKING:
@@ -38,9 +38,22 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
     if check and not seal_holds(path):
         verify(path)
     try:
-        return xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
+        run = xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
     except DAMAGE as error:
         raise ArchiveError(f"'{path}' cannot be opened as a run archive: {error}") from None
+    _check_record(run, path)
+    return run
+
+
+def _check_record(run: xr.Dataset, path: Path) -> None:
+    """Refuse what bears right digests and is no run record: somebody else wrote it, or another version."""
+    try:
+        faults = faults_of(run, values=False)
+    except DAMAGE as error:
+        faults = [str(error)]
+    if faults:
+        run.close()
+        raise ArchiveError(f"'{path}' is as it was written, but no run record:{numbered(faults)}", tuple(faults))
 
 
 def verify(path: str | Path) -> str:
@@ -79,6 +92,7 @@ def verify(path: str | Path) -> str:
                 faults.append("the attributes on date, versions and machine differ from their digest")
     if faults:
         raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(faults)}", tuple(faults))
+    open_run(path, check=False).close()
     return str(attributes[ROOT_DIGEST])
 
 

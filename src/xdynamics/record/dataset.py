@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import schema
 from xdynamics.faults import InputError, numbered
 from xdynamics.march import Block, March
 from xdynamics.record import provenance
 from xdynamics.record.columns import columns, constants
+from xdynamics.record.conformity import faults_of
 from xdynamics.schema import STEPS
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def check(run: xr.Dataset) -> None:
     InputError
         With every fault.
     """
-    faults = schema.faults_of(run)
+    faults = faults_of(run)
     if faults:
         raise InputError(f"this is no run record:{numbered(faults)}", tuple(faults))
 
