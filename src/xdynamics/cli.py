@@ -27,7 +27,7 @@ class _Command(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         import warnings
 
-        from xdynamics.faults import AccuracyWarning, ArchiveError, InputError
+        from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, KindWarning
 
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):  # a terminal without a sign for it shows it written out
@@ -35,6 +35,7 @@ class _Command(click.Group):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)  # the outcome, which is printed, says the same
+                warnings.simplefilter("ignore", KindWarning)  # `verify` says it where others are verified
                 warnings.showwarning = lambda message, *_rest: _complain(f"warning: {message}")
                 return super().invoke(ctx)
         except click.UsageError as error:
@@ -192,13 +193,18 @@ def methods() -> None:
 @click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
 def verify(archives: tuple[str, ...]) -> None:
     """Compare every digest of archives with their data."""
+    from xdynamics.archive import open_run
     from xdynamics.archive import verify as verified
     from xdynamics.faults import ArchiveError
+    from xdynamics.record.kinds import said_of
 
     damaged = False
     for archive in archives:
         try:
-            _say([f"verified  {archive}  {verified(archive)}"])
+            digest = verified(archive)
+            with open_run(archive, check=False) as run:
+                kind = said_of(run.attrs)
+            _say([f"verified  {archive}  {digest}" if not kind else f"as written  {archive}  {digest}: {kind}"])
         except ArchiveError as error:
             _complain(error)
             damaged = True
@@ -213,7 +219,8 @@ def reproduce(archive: str) -> None:
 
     table = again(archive)
     if table.attrs["identical"]:
-        _say([f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same"])
+        part = f" in run {table.attrs['selection']} marched again" if table.attrs["selection"] else ""
+        _say([f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same{part}"])
         _say([table.attrs["arithmetic"]] if table.attrs["arithmetic"] else [])
         return
     _say([f"not the same: {table.attrs['arithmetic']}; the first is {table.attrs['first_difference']}"])

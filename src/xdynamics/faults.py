@@ -6,6 +6,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
+MOST_LISTED = 20  # faults that a message shows; an error bears them all
 # controls, marks of direction and other characters without a shape, halves of pairs, ends of lines and paragraphs
 UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 
@@ -60,6 +61,10 @@ class AccuracyWarning(UserWarning):
     """The numbers of a run may be worth less than they look; its outcome says the same."""
 
 
+class KindWarning(UserWarning):
+    """An archive is whole, and is no run but a selection of one or derived data."""
+
+
 class ModelError(InputError):
     """A model statement cannot be marched as it stands."""
 
@@ -70,7 +75,9 @@ class ArchiveError(InputError):
 
 def numbered(faults: Iterable[str]) -> str:
     """Print faults as numbered lines, to follow a colon."""
-    return "".join(f"\n  {n}. {escaped(fault)}" for n, fault in enumerate(faults, 1))
+    listed = [f"\n  {n}. {escaped(fault)}" for n, fault in enumerate(faults, 1)]
+    rest = len(listed) - MOST_LISTED
+    return "".join(listed if rest <= 1 else [*listed[:MOST_LISTED], f"\n  … and {rest} more"])
 
 
 class Ledger:

@@ -64,6 +64,12 @@ NUMBERS = (
 )  # fmt: skip
 PAIRS = ("solver_growth_limits",)
 DIGEST, ROOT_DIGEST, VOLATILE_DIGEST = "sha256", "content_digest", "volatile_digest"
+# what a record in memory was before anybody could edit it; not in files
+ORIGIN = "origin"
+# of what is no run: a text that says how it was made, and of a part of a run which part; content digests of the run
+DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL = (
+    "derived", "derived_from", "selection", "selection_of", "selection_atol_si",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, escaped
 from xdynamics.record import own_attributes, plain
-from xdynamics.schema import COUNTS, EVENT_AFTER, ROOT_DIGEST, STEPS, VOLATILE
+from xdynamics.schema import COUNTS, EVENT_AFTER, ORIGIN, ROOT_DIGEST, SELECTION_OF, STEPS, VOLATILE
 
 SLAB = 1_000_000
 STATES = ("coordinate", "velocity", "state")  # roles
@@ -85,7 +85,7 @@ def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
             said = escaped(
                 f"the largest difference is {largest:.3g} {one.attrs.get('units', '')} in '{name}', row {row}: {worst:.2g} of its largest value"
             )
-    rows = [int(run.sizes[STEPS]) for run in (kept, again)]
+    rows = [int(run.sizes.get(STEPS, 0)) for run in (kept, again)]
     return said if rows[0] == rows[1] else f"{said}; {rows[0]} rows became {rows[1]}"
 
 
@@ -110,6 +110,7 @@ def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset
         identical=int(identical),
         first_difference="" if identical else _earliest(first, second, names, rows, settings),
         settings="\n".join(settings),
+        selection=str(first.attrs.get(SELECTION_OF, "")),
     )
 
 
@@ -156,7 +157,7 @@ def compare(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 
 def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
     """List the attributes that two runs do not share; dates, versions, machine, counts of what came out and what follows from others do not count."""
-    outside = {*VOLATILE, *COUNTS, *FOLLOWING, ROOT_DIGEST}
+    outside = {*VOLATILE, *COUNTS, *FOLLOWING, ROOT_DIGEST, ORIGIN}
     names = [name for name in {**first.attrs, **second.attrs} if name not in outside]
     found = []
     for name in names:

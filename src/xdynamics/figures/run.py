@@ -15,6 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, escaped
+from xdynamics.record.kinds import is_whole
 from xdynamics.schema import STEPS, velocity
 from xdynamics.summary import event_names
 
@@ -53,9 +54,13 @@ def plot(run: xr.Dataset, path: str | Path | None = None) -> Figure:
 
     if path is not None:
         _check_path(Path(path))
-    if "time" not in run.variables or run.sizes.get(STEPS, 0) == 0:
+    if "time" not in run.variables or run["time"].dims != (STEPS,) or not run["time"].size:
         raise InputError("plot needs a run record with 'time' along 'step'")
     panels = list(_panels(run))
+    if not panels:
+        raise InputError(
+            f"there is nothing along '{STEPS}' to draw among {', '.join(map(str, run.data_vars)) or 'nothing'}"
+        )
     rows = (len(panels) + 1) // 2
     figure = Figure(figsize=(11, 2.9 * rows + 0.7), layout="constrained")
     grid = figure.subplots(rows, 2, squeeze=False)
@@ -92,17 +97,18 @@ def _panels(run: xr.Dataset) -> Iterator[Callable[[Axes], None]]:
     coordinates = _with_role(run, "coordinate")
     for names in _by_unit(run, coordinates):
         yield partial(_against_time, run, names, "trajectory")
-    moving = [name for name in coordinates if velocity(name) in run]
+    moving = [name for name in coordinates if _drawn(run, velocity(name))]
     for names in _by_unit(run, [velocity(name) for name in moving]):
         yield partial(_against_time, run, names, "velocity")
     for names in _by_unit(run, _with_role(run, "state")):
         yield partial(_against_time, run, names, "first-order state")
     for names in _by_unit(run, moving):
         yield partial(_phase, run, names)
-    if "total_energy" in run:
+    if _drawn(run, "total_energy"):
         yield partial(_energy, run)
-    yield partial(_steps, run)
-    if "error_norm" in run:
+    if _drawn(run, "step_size", "trial_reason", "trial_step_size", "trial_time"):
+        yield partial(_steps, run)
+    if _drawn(run, "error_norm"):
         yield partial(_errors, run)
 
 
@@ -122,8 +128,8 @@ def _against_time(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> N
 
 def _mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Mark every event on the first line, and name each kind once."""
-    if not run.sizes.get("event", 0):
-        return
+    if not run.sizes.get("event", 0) or not is_whole(run.attrs):
+        return  # of a selection, the rows that events name are those of the run
     detectors = event_names(run)
     rows = run["event_row_before"].values
     time, values = run["time"].values[rows], run[names[0]].values[rows]
@@ -203,7 +209,14 @@ def _errors(run: xr.Dataset, axes: Axes) -> None:
 
 
 def _with_role(run: xr.Dataset, role: str) -> list[str]:
-    return [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") == role]
+    return [
+        str(name) for name, one in run.data_vars.items() if one.attrs.get("role") == role and _drawn(run, str(name))
+    ]
+
+
+def _drawn(run: xr.Dataset, *names: str) -> bool:
+    """Whether there are rows of all of these, as in a whole record there are."""
+    return all(name in run and run[name].dims[:1] in ((STEPS,), ("trial",)) for name in names)
 
 
 def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:

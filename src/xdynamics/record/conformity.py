@@ -9,16 +9,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.record.attributes import plain
+from xdynamics.record.kinds import is_derived, is_whole
 from xdynamics.schema import (
     BY_STEP_CONTROL,
+    DERIVED,
+    DERIVED_FROM,
     EVENT_AFTER,
     EVENTS,
     FIXED,
     GIVEN_STEP,
+    LEFT_OUT_ATOL,
     NUMBERS,
     PAIRS,
     REQUIRED_ATTRIBUTES,
     SAMPLES,
+    SELECTION,
+    SELECTION_OF,
     STEPS,
     Variable,
 )
@@ -43,7 +49,7 @@ ROWS = ("event_row_before", "event_row_after")  # variables that name rows of `s
 STORED = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8")  # what a file keeps
 
 
-def faults_of(run: xr.Dataset, *, values: bool = True) -> list[str]:
+def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> list[str]:
     """List how a Dataset departs from the schema; an empty list is a valid record.
 
     Parameters
@@ -51,20 +57,30 @@ def faults_of(run: xr.Dataset, *, values: bool = True) -> list[str]:
     run : xarray.Dataset
     values : bool
         Whether to read the times and flags too, or of all values those of events alone.
+    whole : bool
+        Whether a record that does not say it is a selection or derived data has to have all that a run has.
     """
+    whole = whole and is_whole(run.attrs)
     named = {variable.name: variable for variable in FIXED}
-    found = {name: [*_variable(str(name), one, named.get(str(name)))] for name, one in run.variables.items()}
-    faults = [*_attributes(run.attrs), *_missing(run)]
+    placed = not is_derived(run.attrs)
+    found = {
+        name: [*_variable(str(name), one, named.get(str(name)) if placed else None, placed=placed)]
+        for name, one in run.variables.items()
+    }
+    faults = [*_attributes(run.attrs), *(_missing(run) if whole else ())]
     faults += [f"variable {str(name)!r} {fault}" for name, ones in found.items() for fault in ones]
     # values are looked at where they are what they have to be
     sound = {str(name): run.variables[name] for name, ones in found.items() if not ones}
     rows = run.sizes.get(STEPS, 0)
-    return [*faults, *_rows(sound, rows), *_flags(sound, everywhere=values), *(_times(sound) if values else ())]
+    faults += _rows(sound, rows) if whole else ()  # a selection's events name rows of the whole run
+    return [*faults, *_flags(sound, everywhere=values), *(_times(sound) if values else ())]
 
 
 def _attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
     for name in REQUIRED_ATTRIBUTES:
         if name not in attributes:
+            if is_derived(attributes):
+                continue
             yield f"attribute '{name}' is missing"
         elif name not in NUMBERS and not isinstance(attributes[name], str):
             yield f"attribute '{name}' is {_short(attributes[name])}, needs a text"
@@ -83,6 +99,11 @@ def _attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
         for name in PAIRS
         if name in attributes and np.shape(attributes[name]) != (2,)
     )
+    yield from (
+        f"attribute '{name}' is {_short(attributes[name])}, needs a text"
+        for name in (DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL)
+        if not isinstance(attributes.get(name, ""), str)
+    )
     yield from unkeepable(attributes)
 
 
@@ -96,8 +117,8 @@ def _missing(run: xr.Dataset) -> Iterator[str]:
         yield f"dimension '{STEPS}' has no row, needs the initial state"
 
 
-def _variable(name: str, one: xr.Variable, expected: Variable | None) -> Iterator[str]:
-    """List what is wrong with a variable as such."""
+def _variable(name: str, one: xr.Variable, expected: Variable | None, *, placed: bool) -> Iterator[str]:
+    """List what is wrong with a variable as such, and if it has its place in a record, there."""
     about = one.attrs
     if not _is_name(name):
         yield "has a name that no file can keep"
@@ -122,7 +143,7 @@ def _variable(name: str, one: xr.Variable, expected: Variable | None) -> Iterato
     yield from (f": {fault}" for fault in unkeepable(about))
     role = about.get("role")
     needed = (STEPS,) if role in ALONG_STEPS else () if role == "parameter" else None
-    if needed is not None and isinstance(role, str) and (tuple(one.dims) != needed or one.dtype.kind != "f"):
+    if placed and needed is not None and isinstance(role, str) and (tuple(one.dims) != needed or one.dtype.kind != "f"):
         yield f"is a {role} along {tuple(one.dims)} of type {one.dtype}, needs {needed} and float64"
     if expected and "units" in about and about["units"] != expected.units:
         yield f"has units {_short(about['units'])}, needs '{expected.units}'"
