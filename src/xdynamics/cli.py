@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from xdynamics.faults import escaped
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -25,13 +27,19 @@ class _Command(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         import warnings
 
-        from xdynamics.faults import AccuracyWarning, ArchiveError, InputError
+        from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, KindWarning
 
+        for stream in (sys.stdout, sys.stderr):
+            if hasattr(stream, "reconfigure"):  # a terminal without a sign for it shows it written out
+                stream.reconfigure(errors="backslashreplace")
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)  # the outcome, which is printed, says the same
+                warnings.simplefilter("ignore", KindWarning)  # `verify` says it where others are verified
                 warnings.showwarning = lambda message, *_rest: _complain(f"warning: {message}")
                 return super().invoke(ctx)
+        except click.UsageError as error:
+            raise click.UsageError(escaped(error.format_message()), error.ctx) from None
         except ArchiveError as error:
             _complain(error)
             ctx.exit(BADLY)
@@ -41,12 +49,13 @@ class _Command(click.Group):
 
 
 def _complain(error: Exception | str) -> None:
-    click.echo(f"xdynamics: {error}", err=True)
+    click.echo(f"xdynamics: {escaped(str(error), lines=isinstance(error, Exception))}", err=True)
 
 
 def _say(lines: Iterable[str]) -> None:
+    """Print lines, whatever the names and texts in them hold."""
     for line in lines:
-        click.echo(line)
+        click.echo(escaped(line))
 
 
 @click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"]})
@@ -90,6 +99,12 @@ def main() -> None:
     metavar="NAME=VALUE",
     help="March with a length, time or mass scale, like length='0.4 m'.",
 )
+@click.option(
+    "--tables",
+    type=click.Choice(["below", "anywhere"]),
+    default="below",
+    help="Where the model may take tables from: its own folder and below (default), or anywhere.",
+)
 def run(
     model_file: str,
     output: str,
@@ -105,12 +120,13 @@ def run(
     changes: tuple[str, ...],
     force_samples: str | None,
     scales: tuple[str, ...],
+    tables: str,
 ) -> None:
     """March a model file and archive the run."""
     from xdynamics.faults import InputError
     from xdynamics.model import Model
 
-    model = Model.from_toml(model_file)
+    model = Model.from_toml(model_file, tables=tables)
     if Path(output).exists() and Path(output).samefile(model_file):
         raise InputError(f"-o {output} is the model file itself; name another file")
     if changes:
@@ -145,7 +161,7 @@ def plot(archive: str, output: str) -> None:
     from xdynamics.figures import plot as draw
 
     draw(open_run(archive), output)
-    click.echo(f"figure    {output}")
+    _say([f"figure    {output}"])
 
 
 @main.command()
@@ -177,13 +193,18 @@ def methods() -> None:
 @click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
 def verify(archives: tuple[str, ...]) -> None:
     """Compare every digest of archives with their data."""
+    from xdynamics.archive import open_run
     from xdynamics.archive import verify as verified
     from xdynamics.faults import ArchiveError
+    from xdynamics.record.kinds import said_of
 
     damaged = False
     for archive in archives:
         try:
-            click.echo(f"verified  {archive}  {verified(archive)}")
+            digest = verified(archive)
+            with open_run(archive, check=False) as run:
+                kind = said_of(run.attrs)
+            _say([f"verified  {archive}  {digest}" if not kind else f"as written  {archive}  {digest}: {kind}"])
         except ArchiveError as error:
             _complain(error)
             damaged = True
@@ -198,10 +219,11 @@ def reproduce(archive: str) -> None:
 
     table = again(archive)
     if table.attrs["identical"]:
-        click.echo(f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same")
+        part = f" in run {table.attrs['selection']} marched again" if table.attrs["selection"] else ""
+        _say([f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same{part}"])
         _say([table.attrs["arithmetic"]] if table.attrs["arithmetic"] else [])
         return
-    click.echo(f"not the same: {table.attrs['arithmetic']}; the first is {table.attrs['first_difference']}")
+    _say([f"not the same: {table.attrs['arithmetic']}; the first is {table.attrs['first_difference']}"])
     _say(f"  {line}" for line in table.attrs["settings"].splitlines())
     sys.exit(BADLY)
 

@@ -17,6 +17,7 @@ from xdynamics.march.asking import settings_for
 from xdynamics.march.doubts import doubts
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.record.kinds import is_derived, said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.stability import fastest_rate, stable_step, surely_stable
 from xdynamics.units import Quantity
@@ -143,7 +144,7 @@ def simulate(
     if path is not None:
         finished = archive.open_run(archive.stream(march, path), check=False)
     else:
-        finished = record.dataset(march, march.blocks())
+        finished = archive.marched(record.dataset(march, march.blocks()))
     for doubt in doubts(march):
         warnings.warn(f"{model.name}: {doubt}", AccuracyWarning, stacklevel=2)
     return finished
@@ -194,6 +195,8 @@ def _fastest_rate(model: Model) -> float:
 def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
     """March an archive's own model again, from the file alone, and compare every variable bit for bit.
 
+    Of a selection the whole run is marched again, and every kept value is looked for in it.
+
     Parameters
     ----------
     path : str or Path
@@ -211,14 +214,24 @@ def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]]
     ------
     ArchiveError
         If the file is damaged.
+    InputError
+        If it holds derived data, or a selection without what its run is marched from.
     ModelError
         If a function is missing or another one.
     """
     kept = archive.open_run(path)
     with kept:
-        return reproduced(kept, _again(kept, functions))
+        if is_derived(kept.attrs):
+            raise InputError(f"'{path}' is {said_of(kept.attrs)}; reproduce the archive of that run")
+        return reproduced(kept, archive.selected_like(kept, _again(kept, functions)))
 
 
 def _again(kept: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
+    needed = ["model_toml", *(["given_step_size"] if kept.attrs["solver_step_control"] == "given" else ())]
+    missing = [name for name in needed if name not in kept.variables]
+    if missing:
+        raise InputError(
+            f"the selection was saved without {' and '.join(missing)}, from which its run is marched again"
+        )
     model = Model.from_text(str(kept["model_toml"].values), functions=functions)
     return simulate(model, **asked_of(kept))

@@ -1,9 +1,21 @@
 """Runs in files: written whole or not at all, with a digest for everything, checked on opening."""
 
+from xdynamics.archive.origin import marched
 from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import content_digest
 from xdynamics.archive.source import check_source
+from xdynamics.archive.standing import selected_like
 from xdynamics.archive.target import check_target
 from xdynamics.archive.writing import save, stream
 
-__all__ = ["check_source", "check_target", "content_digest", "open_run", "save", "stream", "verify"]
+__all__ = [
+    "check_source",
+    "check_target",
+    "content_digest",
+    "marched",
+    "open_run",
+    "save",
+    "selected_like",
+    "stream",
+    "verify",
+]

@@ -21,6 +21,7 @@ from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOL
 from xdynamics.methods.method import HERMITE, printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, STEP_DOUBLING, Scheme
 from xdynamics.methods.summation import PLAIN
+from xdynamics.record.kinds import left_out_atols
 from xdynamics.units import TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
 
 if TYPE_CHECKING:
@@ -146,6 +147,8 @@ def _tolerances(run: xr.Dataset) -> dict[str, Any]:
         for name, one in run.data_vars.items()
         if "atol_si" in one.attrs
     }
+    for name, (size, units) in left_out_atols(run.attrs).items():
+        atol[name] = Quantity(wider * size, Unit("SI", parse_unit(units).dimension))
     return {"rtol": wider * rtol, "atol": atol}
 
 
