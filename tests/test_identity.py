@@ -176,6 +176,17 @@ def test_a_selection_that_was_forged_is_found(tmp_path: Path) -> None:
     assert call("reproduce", forged).exit_code == 1
 
 
+def test_a_selection_of_another_run_is_found(tmp_path: Path) -> None:
+    """Assert that right values under the name of a run that they are not from are not reproduced."""
+    from odd import changed, with_attributes
+
+    xd.save(swing().isel(step=slice(10)), tmp_path / "part.nc")
+    forged = changed(tmp_path / "part.nc", tmp_path / "forged.nc", with_attributes(selection_of="0" * 64))
+    table = xd.reproduce(forged)
+    assert table.attrs["identical"] == 0
+    assert table.attrs["settings"].startswith("selection_of: ")
+
+
 def test_a_selection_without_its_model_is_not_reproduced(tmp_path: Path) -> None:
     """Assert that it is said what is missing."""
     xd.save(swing().drop_vars("model_toml"), tmp_path / "part.nc")
