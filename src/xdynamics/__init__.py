@@ -17,7 +17,15 @@ if TYPE_CHECKING:
     from xdynamics.evidence.comparison import compare
     from xdynamics.evidence.modes import modes
     from xdynamics.evidence.sampling import sample
-    from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, KindWarning, ModelError, StabilityWarning
+    from xdynamics.faults import (
+        AccuracyWarning,
+        ArchiveError,
+        InputError,
+        KindWarning,
+        ModelError,
+        PartialRunWarning,
+        StabilityWarning,
+    )
     from xdynamics.figures import plot
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
@@ -26,13 +34,13 @@ if TYPE_CHECKING:
 
 # public name -> the room it lives in, entered when the name is first used
 _ROOMS = {
-    "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "StabilityWarning": "faults",
+    "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "StabilityWarning": "faults",
     "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
     "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "simulate": "simulation", "verify": "archive",
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "StabilityWarning", "check", "compare", "content_digest", "modes", "open_run",
+    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "StabilityWarning", "check", "compare", "content_digest", "modes", "open_run",
     "plot", "reproduce", "sample", "save", "simulate", "verify",
 ]  # fmt: skip
 

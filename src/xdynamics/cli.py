@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,12 +23,23 @@ if TYPE_CHECKING:
 
 IN_MEMORY = 2_000_000  # rows up to which a run is marched in memory and saved; longer ones are streamed
 DONE, BADLY, WRONG_INPUT = 0, 1, 2
+TERMINATED = 143  # as a shell reports a process that SIGTERM ended
 
 
 class _Command(click.Group):
-    """Turns wrong input into one line and exit code 2, damage found into exit code 1."""
+    """Turns wrong input into one line and exit code 2, damage found into exit code 1, SIGTERM into 143."""
 
     def invoke(self, ctx: click.Context) -> Any:
+        with _terminable() as signals:
+            try:
+                return self._invoked(ctx)
+            except (KeyboardInterrupt, SystemExit):
+                if not signals:
+                    raise
+        _complain("terminated")
+        return ctx.exit(TERMINATED)
+
+    def _invoked(self, ctx: click.Context) -> Any:
         import warnings
 
         from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, KindWarning
@@ -46,6 +61,28 @@ class _Command(click.Group):
         except InputError as error:
             _complain(error)
             ctx.exit(WRONG_INPUT)
+
+
+@contextmanager
+def _terminable() -> Iterator[list[int]]:
+    """Let SIGTERM do what Ctrl-C does: end a march as an outcome, clear up, leave; gather the signals that came."""
+    came: list[int] = []
+
+    def terminate(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        keyboard = signal.getsignal(signal.SIGINT)
+        if not callable(keyboard):  # ignored, as in the background of a script
+            raise KeyboardInterrupt
+        keyboard(signal.SIGINT, frame)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+    previous = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGTERM, previous)
 
 
 def _complain(error: Exception | str) -> None:
@@ -123,21 +160,19 @@ def run(
     tables: str,
 ) -> None:
     """March a model file and archive the run."""
-    from xdynamics.faults import InputError
     from xdynamics.model import Model
 
     model = Model.from_toml(model_file, tables=tables)
-    if Path(output).exists() and Path(output).samefile(model_file):
-        raise InputError(f"-o {output} is the model file itself; name another file")
     if changes:
         model = model.replace(**_changed(model, _pairs(changes, "--set")))
     asked = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": _absolute(atols), "estimator": estimator,
              "min_step": min_step, "max_step": max_step, "max_steps": max_steps, "force_samples": force_samples}  # fmt: skip
-    finished = _marched(model, output, asked | {"scales": _pairs(scales, "--scale") or None})
+    finished, written = _marched(model, output, asked | {"scales": _pairs(scales, "--scale") or None})
+    from xdynamics.march.outcomes import GOOD
     from xdynamics.summary import summary
 
-    _say([*summary(finished), f"archive   {output}"])
-    sys.exit(DONE if finished.attrs["run_outcome"] in _good_words() else BADLY)
+    _say([*summary(finished), f"archive   {written}"])
+    sys.exit(DONE if finished.attrs["run_outcome"] in GOOD else BADLY)
 
 
 @main.command()
@@ -252,21 +287,21 @@ def _limits(method: Method) -> Iterable[str]:
             yield f"{bound} ({words})"
 
 
-def _marched(model: Any, output: str, asked: dict[str, Any]) -> xr.Dataset:
+def _marched(model: Any, output: str, asked: dict[str, Any]) -> tuple[xr.Dataset, Path]:
     """March in memory and save, or straight to disk where the run is long; show progress on what lasts."""
     from xdynamics import archive
     from xdynamics.march.asking import settings_for
     from xdynamics.simulation import simulate
 
-    archive.check_target(Path(output))
+    archive.check_target(Path(output), model)
     settings = settings_for(model, **asked)
     rows = settings.expected_steps(model)
     with _progress() as told:
         if rows > IN_MEMORY:
-            return simulate(model, **asked, path=output, progress=told)
+            finished = simulate(model, **asked, path=output, progress=told)
+            return finished, Path(finished.encoding["source"])
         finished = simulate(model, **asked, progress=told)
-    archive.save(finished, output)
-    return finished
+    return finished, archive.save(finished, output)
 
 
 class _progress:  # noqa: N801 - used as a statement
@@ -335,9 +370,3 @@ def _changed(model: Any, pairs: dict[str, str]) -> dict[str, dict[str, Any]]:
             value = text
         sections.setdefault(section, {})[name] = value
     return sections
-
-
-def _good_words() -> set[str]:
-    from xdynamics.march.outcomes import WORDS
-
-    return {word for word, outcome in WORDS.items() if outcome.good}

@@ -75,7 +75,8 @@ def simulate(
     safety, growth_limits, min_step, max_step, max_steps
         Limits of step control: 0.9, (0.2, 10), none but the spacing of t, the span, 1,000,000.
     path : str or Path, optional
-        Stream the run to this file, in bounded memory, and return it opened.
+        Stream the run to this file, in bounded memory, and return it opened. A run that ends badly does not replace an
+        archive of one that ended well: it is written beside it, with a warning.
     force_samples : {"all", "none"}
         Whether to record every force evaluation of the accepted steps.
     scales : mapping, optional

@@ -108,7 +108,7 @@ class March:
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():
-            while not self._is_over():
+            while not self._is_over() or not self.now.rows:  # interrupted at once, there is the initial row
                 if rows is None or len(kept) < 2:
                     log = allocate(self.layout, size, sampled=int(self.run.plan[0].samples))
                     kept = [*kept, log] if rows else []
@@ -138,7 +138,7 @@ class March:
         sampled = int(self.run.plan[0].samples)
         log.base[0] = first
         log.lend(self.run)
-        while before != (counts := _counts(self.run)) and not self._is_over():
+        while before != (counts := _counts(self.run)) and (not counts[0] or not self._is_over()):
             before = counts
             pause = min(PAUSE_ROWS, max(SHORTEST_PART, counts[0] // 4))  # so that little is made ready in vain
             log.make_ready(counts[0] - first[0], pause, sampled)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.record.attributes import plain
+from xdynamics.attributes import plain
 from xdynamics.record.kinds import is_derived, is_whole
 from xdynamics.schema import (
     BY_STEP_CONTROL,
