@@ -205,8 +205,11 @@ def _tables(run: xr.Dataset) -> list[str]:
     """Return the texts of the measured tables of a run's model."""
     if "model_toml" not in run.variables:
         return []
-    drives = tomllib.loads(str(run["model_toml"].values)).get("drives", {})
-    return [one["csv"] for one in drives.values() if "csv" in one]
+    try:
+        drives = tomllib.loads(str(run["model_toml"].values)).get("drives", {})
+        return [str(one["csv"]) for one in drives.values() if "csv" in one]
+    except (tomllib.TOMLDecodeError, RecursionError, AttributeError, TypeError):
+        return []  # derived data, whose text is no model
 
 
 def _taken(spec: Iterable[record.Column], block: Block) -> list[tuple[str, Array]]:
