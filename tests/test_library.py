@@ -123,6 +123,15 @@ def test_who_reads_by_xarray_is_waited_for() -> None:
     thread.join()
 
 
+def test_the_interpreter_ends_without_a_word(archived: Path) -> None:
+    """Assert that a run that is still open when a script ends says nothing of it."""
+    script = (
+        f"import xdynamics as xd\nrun = xd.open_run({str(archived)!r})\ntwice = run.x * 2\ndef kept(): return run\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_finaliser_does_not_wait(archived: Path) -> None:
     """Assert that a run is collected while another thread is in the library, and its file closed with the next."""
     run, held = xd.open_run(archived), threading.Event()

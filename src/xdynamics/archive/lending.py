@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 from collections import OrderedDict
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakSet, ref
 
 from xdynamics.archive.bounds import oversize
-from xdynamics.archive.library import alone, file_at, leave
+from xdynamics.archive.library import alone, close_left, file_at, leave
 from xdynamics.faults import ArchiveError, numbered
 
 if TYPE_CHECKING:
@@ -142,3 +143,12 @@ def _all() -> list[Lent]:
 def _identity(path: Path) -> Identity:
     about = path.stat()
     return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
+
+
+@atexit.register
+@alone
+def _end() -> None:
+    """Close what is still open: a file that is collected by an interpreter half gone complains on the terminal."""
+    while _open:
+        leave(_open.popitem()[1])
+    close_left()

@@ -83,15 +83,21 @@ def leave(file: netCDF4.Dataset) -> None:
 
 
 @alone
+def close_left() -> None:
+    """Close the files that finalisers left."""
+    while _left:
+        with suppress(RuntimeError):
+            _left.pop().close()
+
+
+@alone
 def file_at(path: Path, mode: Literal["r", "w"] = "r") -> netCDF4.Dataset:
     """Open a file with the library.
 
     The library takes texts, and a file's name is bytes: in Latin-1 every name is a text, and comes out as it went in.
     It also skips blanks at the beginning of a name, which an absolute one has not.
     """
-    while _left:
-        with suppress(RuntimeError):
-            _left.pop().close()
+    close_left()
     name = os.fsencode(path.absolute()).decode("latin-1")
     try:
         return _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
