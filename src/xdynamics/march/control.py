@@ -100,15 +100,16 @@ def first_step(run: Run) -> float:
     sample behind the initial one.
     """
     plan, t, y, probe = run.plan[0], run.now[0].t, run.y, run.half
+    node = run.nodes[run.now[0].node] if run.now[0].node < run.nodes.shape[0] else plan.end
+    span = node - t
     size, slope, change = 0.0, 0.0, 0.0
     for i in range(plan.used):
         scale = run.atol[i] + plan.rtol * abs(y[i])
         size = larger(size, abs(y[i]) / scale)
         slope = larger(slope, abs(slope_of(run, y, i)) / scale)
     size = size if size > 0.0 else 1.0
-    time = size / slope if slope > 0.0 else 1e-4 * (plan.end - t)
-    node = run.nodes[run.now[0].node] if run.now[0].node < run.nodes.shape[0] else plan.end
-    guess = min(0.01 * time, node - t, plan.max_step)
+    time = size / slope if slope > 0.0 else 1e-4 * span
+    guess = min(0.01 * time, span, plan.max_step)
     for i in range(plan.used):
         probe[i] = y[i] + guess * slope_of(run, y, i)
     run.at[T] = t + guess

@@ -146,6 +146,8 @@ class Settings:
         Scales of the nondimensional variables marched in.
     jacobian : str
         Where `radau_iia` has the derivatives of the forces from: exact ones, or differences.
+    nodes : tuple of float
+        Times to land on besides the breakpoints of drives, s, ascending.
     """
 
     method: Method
@@ -157,6 +159,7 @@ class Settings:
     samples: bool = True
     scales: Scales = UNSCALED
     jacobian: str = EXACT
+    nodes: tuple[float, ...] = ()
 
     @property
     def adaptive(self) -> bool:
@@ -198,6 +201,11 @@ class Settings:
             )
         if not isfinite(self.until) or self.until <= start:
             faults.append(f"until is {self.until!r} s, needs a time after the start at t = {start!r} s")
+        faults += [
+            f"nodes has {one!r} s, needs times between the start at t = {start!r} s and until = {self.until!r} s"
+            for one in self.nodes
+            if not start < one < self.until
+        ]
         if self.scales != UNSCALED and model.python_forces:
             faults.append("scales do not go with forces in Python, which are written in SI units")
         if len(faults) > 1:
