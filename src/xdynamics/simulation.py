@@ -47,6 +47,7 @@ def simulate(
     force_samples: str | None = None,
     scales: Mapping[str, str] | None = None,
     jacobian: str | None = None,
+    nodes: Sequence[str | float] | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """March a model and return its run record.
@@ -82,6 +83,8 @@ def simulate(
     jacobian : {"exact", "differences"}
         Where `radau_iia` has the derivatives of the forces from: from their expressions, or, for forces in Python too,
         from differences of the forces.
+    nodes : array of str or float
+        Times to land on, besides the breakpoints of measured drives: ``["1 s", "2.5 s"]``.
     progress : callable, optional
         Called now and then with the fraction done, the time in s and the rows so far.
 
@@ -126,7 +129,7 @@ def simulate(
         "method": method, "step": step, "until": until, "rtol": rtol, "atol": atol, "estimator": estimator,
         "safety": safety, "growth_limits": growth_limits, "min_step": min_step, "max_step": max_step,
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
-        "jacobian": jacobian,
+        "jacobian": jacobian, "nodes": nodes,
     }  # fmt: skip
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):
