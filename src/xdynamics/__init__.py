@@ -13,11 +13,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from xdynamics.archive import content_digest, open_run, save, verify
+    from xdynamics.archive import content_digest, discard, open_run, save, verify
     from xdynamics.evidence.comparison import compare
     from xdynamics.evidence.modes import modes
     from xdynamics.evidence.sampling import sample
-    from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, ModelError, StabilityWarning
+    from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, ModelError, ResumeWarning, StabilityWarning
     from xdynamics.figures import plot
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
@@ -26,13 +26,14 @@ if TYPE_CHECKING:
 
 # public name -> the room it lives in, entered when the name is first used
 _ROOMS = {
-    "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "StabilityWarning": "faults",
-    "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
+    "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "ResumeWarning": "faults",
+    "StabilityWarning": "faults",
+    "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "discard": "archive", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
     "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "simulate": "simulation", "verify": "archive",
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "Model", "ModelError", "StabilityWarning", "check", "compare", "content_digest", "modes", "open_run",
+    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "Model", "ModelError", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "modes", "open_run",
     "plot", "reproduce", "sample", "save", "simulate", "verify",
 ]  # fmt: skip
 

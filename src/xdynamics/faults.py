@@ -30,6 +30,10 @@ class AccuracyWarning(UserWarning):
     """The numbers of a run may be worth less than they look; its outcome says the same."""
 
 
+class ResumeWarning(UserWarning):
+    """A run that was to be resumed goes on from farther back than one would expect, or could not be resumed later."""
+
+
 class ModelError(InputError):
     """A model statement cannot be marched as it stands."""
 

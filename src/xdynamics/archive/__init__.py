@@ -2,8 +2,20 @@
 
 from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import content_digest
+from xdynamics.archive.segments import discard, has_segments
 from xdynamics.archive.source import check_source
+from xdynamics.archive.streaming import stream
 from xdynamics.archive.target import check_target
-from xdynamics.archive.writing import save, stream
+from xdynamics.archive.writing import save
 
-__all__ = ["check_source", "check_target", "content_digest", "open_run", "save", "stream", "verify"]
+__all__ = [
+    "check_source",
+    "check_target",
+    "content_digest",
+    "discard",
+    "has_segments",
+    "open_run",
+    "save",
+    "stream",
+    "verify",
+]

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
@@ -17,8 +15,6 @@ from xdynamics.archive.reading import verify
 from xdynamics.archive.seals import seal_file, slabs
 from xdynamics.archive.target import taking_name
 from xdynamics.archive.writer import Writer
-from xdynamics.march import Block, March
-from xdynamics.record import provenance
 from xdynamics.schema import STEPS
 
 if TYPE_CHECKING:
@@ -26,8 +22,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-BLOCK_ROWS = 131_072
-BLOCK_NUMBERS = 32_000_000  # of a block, which has fewer rows where there are many columns
 READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
 
 
@@ -51,7 +45,7 @@ def save(run: xr.Dataset, path: str | Path) -> Path:
         If the file cannot be written; the final name is untouched.
     """
     record.check(run)
-    with _new_file(Path(path)) as writer:
+    with new_file(Path(path)) as writer:
         for name, variable in run.variables.items():
             sizes = {str(dim): n for dim, n in zip(variable.dims, variable.shape, strict=True) if n}
             coordinates = "time" if STEPS in variable.dims and name != "time" else None
@@ -65,41 +59,8 @@ def save(run: xr.Dataset, path: str | Path) -> Path:
     return Path(path)
 
 
-def stream(march: March, path: str | Path) -> Path:
-    """March straight into a file, in bounded memory; one block is written while the next is marched.
-
-    Raises
-    ------
-    ArchiveError
-        If the file cannot be written; the final name is untouched.
-    """
-    spec = record.columns(march)
-    with _new_file(Path(path)) as writer, ThreadPoolExecutor(1) as pool:
-        for column in spec:
-            one = column.variable
-            coordinates = "time" if STEPS in one.dims and one.name != "time" else None
-            writer.define(one.name, one.dims, np.dtype(one.dtype), one.attributes, coordinates, {})
-        pending: Future[None] | None = None
-        rows = min(BLOCK_ROWS, BLOCK_NUMBERS // len(march.layout.row), march.expected_rows or BLOCK_ROWS)
-        for block in march.blocks(rows):
-            parts = _taken(spec, block)
-            if pending:
-                pending.result()
-            pending = pool.submit(writer.write, parts)
-            writer.hash(parts)
-        if pending:
-            pending.result()
-        for one, value in record.constants(march):
-            dtype = np.dtype(object) if one.dtype == "U" else np.dtype(one.dtype)
-            sizes = dict(zip(one.dims, np.shape(value), strict=True))
-            writer.define(one.name, one.dims, dtype, one.attributes, None, sizes)
-            writer.append(one.name, np.asarray(value, dtype=dtype))
-        writer.finish(provenance.attributes(march))
-    return Path(path)
-
-
 @contextmanager
-def _new_file(path: Path) -> Iterator[Writer]:
+def new_file(path: Path) -> Iterator[Writer]:
     """Write a file under a temporary name, check it, and give it its name."""
     import netCDF4
 
@@ -116,7 +77,3 @@ def _finish(temporary: Path) -> None:
         with opened(temporary):
             pass
     seal_file(temporary)
-
-
-def _taken(spec: Iterable[record.Column], block: Block) -> list[tuple[str, Array]]:
-    return [(column.variable.name, column.take(block)) for column in spec]

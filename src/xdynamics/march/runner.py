@@ -144,6 +144,11 @@ class March:
         """Whether it has ended or was interrupted."""
         return _status(self.run) != RUNNING or self.interrupted
 
+    @property
+    def unfinished(self) -> bool:
+        """Whether there is more to march: it was interrupted, or has not been asked for its blocks."""
+        return _status(self.run) == RUNNING
+
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return all that it takes to go on from here, by name."""
         return arrays_of(self.run) | {"witnesses": self.witnesses, "event_pairs": np.array([self.event_pairs])}

@@ -3,15 +3,20 @@
 from xdynamics.record.attributes import own_attributes, plain
 from xdynamics.record.columns import Column, columns, constants, factors
 from xdynamics.record.dataset import check, check_kind, dataset
+from xdynamics.record.identity import apart, identity, is_of, same_settings
 
 __all__ = [
     "Column",
+    "apart",
     "check",
     "check_kind",
     "columns",
     "constants",
     "dataset",
     "factors",
+    "identity",
+    "is_of",
     "own_attributes",
     "plain",
+    "same_settings",
 ]

@@ -269,6 +269,11 @@ def _machine() -> dict[str, str]:
     }
 
 
+def xdynamics_version() -> str:
+    """Return the version of this program."""
+    return _machine()["xdynamics_version"]
+
+
 def _circumstances() -> dict[str, Any]:
     from datetime import UTC, datetime
 
