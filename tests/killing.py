@@ -1,4 +1,4 @@
-"""Runs that are killed at random moments, process by process, and resumed: are their bits those of the whole run?
+"""Runs that are killed at random moments, process by process, and resumed to the bits of the whole run.
 
 By hand, with new processes and segments every 5 ms: `python tests/killing.py 200`. The ordinary tests fork a few.
 """
@@ -76,7 +76,7 @@ def forked(name: str, path: Path) -> int:
     try:
         march(name, path)
         status = 0
-    except BaseException:
+    except Exception:  # noqa: BLE001 - this process shall end here, whatever happens
         traceback.print_exc()
     finally:
         os._exit(status)

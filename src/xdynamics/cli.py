@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from xdynamics.methods import Method
 
-IN_MEMORY = 2_000_000  # rows up to which a run is marched in memory and saved; longer ones are streamed
 DONE, BADLY, WRONG_INPUT = 0, 1, 2
 
 
@@ -90,6 +89,8 @@ def main() -> None:
     metavar="NAME=VALUE",
     help="March with a length, time or mass scale, like length='0.4 m'.",
 )
+@click.option("--node", "nodes", multiple=True, metavar="TIME", help="A time to land on, like '1 s'.")
+@click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
 def run(
     model_file: str,
     output: str,
@@ -105,8 +106,13 @@ def run(
     changes: tuple[str, ...],
     force_samples: str | None,
     scales: tuple[str, ...],
+    nodes: tuple[str, ...],
+    resume: bool,
 ) -> None:
-    """March a model file and archive the run."""
+    """March a model file and archive the run.
+
+    What a long run has done is kept in segments beside the archive, until it is whole: --resume goes on from there.
+    """
     from xdynamics.faults import InputError
     from xdynamics.model import Model
 
@@ -115,12 +121,34 @@ def run(
         raise InputError(f"-o {output} is the model file itself; name another file")
     if changes:
         model = model.replace(**_changed(model, _pairs(changes, "--set")))
-    asked = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": _absolute(atols), "estimator": estimator,
+    asked: dict[str, Any] = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": _absolute(atols), "estimator": estimator,
              "min_step": min_step, "max_step": max_step, "max_steps": max_steps, "force_samples": force_samples}  # fmt: skip
-    finished = _marched(model, output, asked | {"scales": _pairs(scales, "--scale") or None})
+    from xdynamics.simulation import simulate
+
+    asked |= {"scales": _pairs(scales, "--scale") or None, "nodes": list(nodes) or None}
+    with _progress() as told:
+        finished = simulate(model, **asked, path=output, resume=resume, progress=told)
+    _close(finished, output)
+
+
+@main.command()
+@click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
+def discard(archives: tuple[str, ...]) -> None:
+    """Remove the segments of runs that were not finished; archives stay."""
+    from xdynamics.archive import discard as discarded
+
+    for archive in archives:
+        click.echo(f"discarded {discarded(archive)} segments of {archive}")
+
+
+def _close(finished: xr.Dataset, output: str) -> None:
+    """Say what became of a run, and end with the exit code of its outcome."""
+    from xdynamics.archive import has_segments
     from xdynamics.summary import summary
 
     _say([*summary(finished), f"archive   {output}"])
+    if has_segments(Path(output)):
+        click.echo(f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`")
     sys.exit(DONE if finished.attrs["run_outcome"] in _good_words() else BADLY)
 
 
@@ -228,23 +256,6 @@ def _limits(method: Method) -> Iterable[str]:
         if limit == limit:  # nan where the method refuses such forces
             bound = "any" if limit == float("inf") else "none" if limit == 0 else f"up to {limit:.4g}"
             yield f"{bound} ({words})"
-
-
-def _marched(model: Any, output: str, asked: dict[str, Any]) -> xr.Dataset:
-    """March in memory and save, or straight to disk where the run is long; show progress on what lasts."""
-    from xdynamics import archive
-    from xdynamics.march.asking import settings_for
-    from xdynamics.simulation import simulate
-
-    archive.check_target(Path(output))
-    settings = settings_for(model, **asked)
-    rows = settings.expected_steps(model)
-    with _progress() as told:
-        if rows > IN_MEMORY:
-            return simulate(model, **asked, path=output, progress=told)
-        finished = simulate(model, **asked, progress=told)
-    archive.save(finished, output)
-    return finished
 
 
 class _progress:  # noqa: N801 - used as a statement

@@ -1,7 +1,7 @@
-"""One finished stretch of a march as a file: what it is of, the march's memory at its end, its rows, a digest of all.
+"""One finished stretch of a march as a file: what it is of, the march's memory at its end, its rows.
 
-The first line is JSON; it says of every array its name, type and shape. The arrays follow in that order, then a line
-with the sha256 of everything before it.
+The first line is JSON: it says of every array its name, type and shape, and of every variable the digest of all its rows
+up to here. The arrays of the memory follow, then a line with the sha256 of everything before it, then the rows.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.archive.seals import Seal
 from xdynamics.faults import ArchiveError
 
 Array = NDArray[Any]
@@ -28,14 +29,13 @@ Shape = tuple[str, Any, tuple[int, ...]]  # name, type, shape of an array
 MEMORY, ROWS = "memory", "rows"
 _KIND = "xdynamics segment 1"
 _MARK = b"\nsha256 "
-_TAIL = len(_MARK) + 64 + 1
 _LONGEST_LINE = 1 << 26
 _PIECE = 1 << 22  # bytes that are read at once
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A whole segment: what its first line says, where its arrays begin, its digest."""
+    """A segment whose first line and memory are whole: what the line says, where arrays begin, a digest of both."""
 
     path: Path
     said: Mapping[str, Any]
@@ -51,29 +51,41 @@ class Segment:
     def rows(self) -> Iterator[Part]:
         """Yield the rows of one variable after the other, some megabytes at a time."""
         with self.path.open("rb") as file:
-            file.seek(self.first + sum(_size(kind, shape) for _, kind, shape in self.said[MEMORY]))
+            file.seek(_behind_head(self.said, self.first))
             for name, kind, (rows, *inner) in self.said[ROWS]:
                 most = max(1, _PIECE // _size(kind, inner))
                 for start in range(0, max(1, rows), most):  # none is told too: its form is in the digests
                     shape = (min(most, rows - start), *inner)
                     yield name, _taken(file.read(_size(kind, shape)), kind, shape)
 
+    def check(self, seals: Mapping[str, Seal]) -> None:
+        """Add its rows to digests of those before it, and compare.
+
+        Raises
+        ------
+        ArchiveError
+            Naming the first variable that differs.
+        """
+        for name, values in self.rows():
+            if name not in seals or seals[name].dtype != values.dtype:
+                raise ArchiveError(f"has a variable '{name}' that the run has not")
+            seals[name].update(values)
+        for name, seal in seals.items():
+            if self.said["digests"].get(name) != seal.hexdigest():
+                raise ArchiveError(f"differs from the digest of '{name}'")
+
 
 def write(path: Path, of: Mapping[str, Any], memory: Mapping[str, Array], rows: list[Shape], values: Iterable[Array]) -> str:  # fmt: skip
     """Write a segment whole or not at all; return its digest."""
     shapes = [(name, one.dtype, one.shape) for name, one in memory.items()]
     said = {"kind": _KIND} | dict(of) | {MEMORY: _described(shapes), ROWS: _described(rows)}
-    part, sha = path.with_suffix(".part"), hashlib.sha256()
+    head = json.dumps(said).encode() + b"\n" + b"".join(one.tobytes() for one in memory.values())
+    digest, part = hashlib.sha256(head).hexdigest(), path.with_suffix(".part")
     try:
         with part.open("wb") as file:
-            for content in (json.dumps(said).encode() + b"\n", *(_bytes_of(one) for one in memory.values())):
-                file.write(content)
-                sha.update(content)
+            file.write(head + _MARK + digest.encode() + b"\n")
             for one in values:
-                content = _bytes_of(one)
-                file.write(content)
-                sha.update(content)
-            file.write(_MARK + sha.hexdigest().encode() + b"\n")
+                file.write(np.ascontiguousarray(one).data)
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)
@@ -81,58 +93,57 @@ def write(path: Path, of: Mapping[str, Any], memory: Mapping[str, Array], rows: 
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise
-    return sha.hexdigest()
+    return digest
 
 
 def read(path: Path) -> Segment:
-    """Read what a segment says, and compare it with its digest.
+    """Read what a segment says, and compare that and its memory with their digest.
 
     Raises
     ------
     ArchiveError
         With a predicate: what the segment is or does that no segment should.
     """
+    if not path.is_file():
+        raise ArchiveError("is no file")
     try:
-        size = path.stat().st_size - _TAIL
-        if not path.is_file() or size < 0:
-            raise ArchiveError("is cut off")
         with path.open("rb") as file:
-            digest = _digest_of(file, size)
-            if file.read() != _MARK + digest.encode() + b"\n":
-                raise ArchiveError("differs from its digest")
-            file.seek(0)
-            said = json.loads(file.readline(_LONGEST_LINE))
-            first = file.tell()
-        if not isinstance(said["of"], dict):
-            raise ArchiveError("is no segment")
-        arrays = sum(_size(kind, shape) for _, kind, shape in (*said[MEMORY], *said[ROWS]))
-        if said["kind"] != _KIND or first + arrays != size:
-            raise ArchiveError("is no segment of this version")
+            said, first, digest = _head(file)
+            size = os.fstat(file.fileno()).st_size
+        needed = _behind_head(said, first) + sum(_size(kind, shape) for _, kind, shape in said[ROWS])
     except OSError as error:
         raise ArchiveError(f"cannot be read: {error.strerror or error}") from None
-    except (ValueError, LookupError, TypeError) as error:
-        if isinstance(error, ArchiveError):
-            raise
-        raise ArchiveError("is no segment") from None
+    except ArchiveError:
+        raise
+    except (ValueError, LookupError, TypeError, AttributeError, MemoryError, OverflowError):
+        raise ArchiveError("is damaged, or no segment of this version") from None
+    if size != needed:
+        raise ArchiveError(f"has {size} bytes and says {needed}")
     return Segment(path, said, first, digest)
 
 
-def _digest_of(file: Any, size: int) -> str:
-    sha = hashlib.sha256()
-    for start in range(0, size, _PIECE):
-        sha.update(file.read(min(_PIECE, size - start)))
-    return sha.hexdigest()
+def _head(file: IO[bytes]) -> tuple[dict[str, Any], int, str]:
+    """Return what the first line says, where the memory begins, and the digest of both."""
+    line = file.readline(_LONGEST_LINE)
+    said = json.loads(line)
+    if said["kind"] != _KIND:
+        raise ArchiveError("is of another version")
+    size = sum(_size(kind, shape) for _, kind, shape in said[MEMORY])
+    if not 0 <= size <= os.fstat(file.fileno()).st_size:
+        raise ArchiveError("is cut off")
+    digest = hashlib.sha256(line + file.read(size)).hexdigest()
+    if file.read(len(_MARK) + len(digest) + 1) != _MARK + digest.encode() + b"\n":
+        raise ArchiveError("differs from its digest")
+    return said, len(line), digest
 
 
-def _bytes_of(array: Array) -> Any:
-    return np.ascontiguousarray(array).data if array.dtype.names is None else array.tobytes()
+def _behind_head(said: Mapping[str, Any], first: int) -> int:
+    return first + sum(_size(kind, shape) for _, kind, shape in said[MEMORY]) + len(_MARK) + 64 + 1
 
 
 def _described(shapes: Iterable[Shape]) -> list[Any]:
-    return [
-        (name, np.dtype(kind).descr if np.dtype(kind).names else np.dtype(kind).str, shape)
-        for name, kind, shape in shapes
-    ]
+    kinds = [(name, np.dtype(kind), shape) for name, kind, shape in shapes]
+    return [(name, kind.descr if kind.names else kind.str, shape) for name, kind, shape in kinds]
 
 
 def _kind(described: Any) -> np.dtype[Any]:

@@ -13,7 +13,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from xdynamics import record
 from xdynamics.archive import segment
+from xdynamics.archive.seals import Seal
 from xdynamics.archive.segment import Part, Segment
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import ArchiveError, InputError, ResumeWarning
@@ -54,7 +56,7 @@ class Segments:
         names = _names(self.folder)
         if names and not resume:
             raise InputError(
-                f"'{archive}' has segments of a run that is not finished, in '{self.folder}': go on with it by resume,"
+                f"'{archive}' has segments of a run that is not finished, in '{self.folder}': resume that run,"
                 f" or remove them with `xdynamics discard {archive}`"
             )
         if self.folder.is_dir():
@@ -75,9 +77,11 @@ class Segments:
 
     def _gather(self, names: list[Path]) -> None:
         """Take the segments up to the first that is not whole."""
+        seals = {one.variable.name: Seal.of(one.variable) for one in record.columns(self.march)}
         for name in names:
             try:
                 one = self._checked(name)
+                one.check(seals)
             except ArchiveError as error:
                 where = f"goes on from t = {self._found[-1].said['t']:.9g} s" if self._found else "starts anew"
                 _warn(f"segment '{name}' {error}: the run {where}")
@@ -118,14 +122,14 @@ class Segments:
         now = time.monotonic()
         return not self.failed and now - self._last >= max(EVERY, SHARE * (now - self._started))
 
-    def keep(self, writer: Writer, memory: Mapping[str, NDArray[Any]]) -> None:
-        """Write a segment with the rows that the writer was given since the one before.
+    def keep(self, writer: Writer, memory: Mapping[str, NDArray[Any]], digests: Mapping[str, str]) -> None:
+        """Write a segment with the rows that the writer was given since the one before, and digests of all so far.
 
         A disk without room for it does not end the run: it goes on without.
         """
         filled = writer.filled
         t = float(memory["now"]["t"][0]) * self.march.settings.scales.of(TIME)
-        of = {"of": self._of, "before": self._before, "t": t}
+        of = {"of": self._of, "before": self._before, "t": t, "digests": dict(digests)}
         try:
             if self._lock is None:
                 self.folder.mkdir()

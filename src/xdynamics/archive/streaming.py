@@ -83,10 +83,10 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
             pending = [pool.submit(writer.write, parts)]
             writer.hash(parts)
             if segments.due and march.unfinished:
-                pending.append(pool.submit(segments.keep, writer, march.memory()))
+                pending.append(pool.submit(segments.keep, writer, march.memory(), writer.digests()))
         _settle(pending)
     if march.unfinished:
-        segments.keep(writer, march.memory())
+        segments.keep(writer, march.memory(), writer.digests())
 
 
 def _define(writer: Writer, spec: Iterable[record.Column], sizes: Mapping[str, int]) -> None:

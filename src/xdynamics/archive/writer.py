@@ -70,6 +70,10 @@ class Writer:
         """How many values along its first dimension every variable was given."""
         return dict(self._filled)
 
+    def digests(self) -> dict[str, str]:
+        """Return the digest of every variable, as far as it is hashed."""
+        return {name: seal.hexdigest() for name, seal in self._seals.items()}
+
     def shapes_since(self, before: Mapping[str, int]) -> list[tuple[str, Any, tuple[int, ...]]]:
         """Return name, type and shape of what variables were given since they held so much."""
         return [
