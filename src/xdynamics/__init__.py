@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from xdynamics.evidence.comparison import compare
     from xdynamics.evidence.modes import modes
     from xdynamics.evidence.sampling import sample
+    from xdynamics.extension import extend
     from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, ModelError, ResumeWarning, StabilityWarning
     from xdynamics.figures import plot
     from xdynamics.methods import METHODS
@@ -28,12 +29,12 @@ if TYPE_CHECKING:
 _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
-    "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "discard": "archive", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
+    "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "discard": "archive", "extend": "extension", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
     "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "simulate": "simulation", "verify": "archive",
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "Model", "ModelError", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "modes", "open_run",
+    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "Model", "ModelError", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "extend", "modes", "open_run",
     "plot", "reproduce", "sample", "save", "simulate", "verify",
 ]  # fmt: skip
 

@@ -141,6 +141,20 @@ def discard(archives: tuple[str, ...]) -> None:
         click.echo(f"discarded {discarded(archive)} segments of {archive}")
 
 
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+@click.option("--until", required=True, help="The new end, like '20 s'.")
+@click.option("-o", "--output", required=True, metavar="LONGER.nc", help="The archive to write.")
+@click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
+def extend(archive: str, until: str, output: str, resume: bool) -> None:
+    """Go on behind the end of a complete run, as if it had been asked for more at once."""
+    from xdynamics.extension import extend as extended
+
+    with _progress() as told:
+        longer = extended(archive, until=until, path=output, resume=resume, progress=told)
+    _close(longer, output)
+
+
 def _close(finished: xr.Dataset, output: str) -> None:
     """Say what became of a run, and end with the exit code of its outcome."""
     from xdynamics.archive import has_segments

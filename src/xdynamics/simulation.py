@@ -146,9 +146,9 @@ def simulate(
     _warn_of_instability(model, settings)
     march = March(model, settings, progress)
     if path is not None:
-        if not (resume and _is_whole(march, Path(path))):
-            archive.stream(march, path, resume=resume)
-        finished = archive.open_run(path, check=False)
+        if resume and _is_whole(march, Path(path)):
+            return archive.open_run(path, check=False)
+        finished = archive.open_run(archive.stream(march, path, resume=resume), check=False)
     else:
         finished = record.dataset(march, march.blocks())
     for doubt in doubts(march):

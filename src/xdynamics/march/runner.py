@@ -172,7 +172,8 @@ class March:
         started = looked = clock()
         log.base[0] = first
         log.lend(self.run)
-        while before != (counts := _counts(self.run)) and not self.is_over and looked - started < patience:
+        in_time = True
+        while before != (counts := _counts(self.run)) and in_time and not self.is_over:
             before = counts
             log.make_ready(counts[0] - first[0], pause, sampled)
             march(self.run, pause)
@@ -182,6 +183,7 @@ class March:
                 plan, now = self.run.plan[0], self.now
                 done = float((now.t - plan.start) / (plan.end - plan.start))
                 self.progress(done, float(now.t * self.settings.scales.of(TIME)), int(now.rows))
+            in_time = looked - started < patience
         return Block(log, *(after - before for after, before in zip(counts, first, strict=True)))
 
     def _remember(self, block: Block) -> None:
@@ -190,13 +192,18 @@ class March:
             return
         rows, n = _counts(self.run)[0], 2 + len(self.layout.used)
         first = rows - block.rows
-        stride = 1 << max(0, (rows // MOST_WITNESSES).bit_length())
+        stride = self.stride(rows)
         new = range(-(-first // stride) * stride, rows, stride)
         found = np.empty((1 + n, len(new)))
         found[0], found[1:] = new, block.log.rows[:n, new.start - first : block.rows : stride]
         if first:
             found = np.hstack([self.witnesses[:, self.witnesses[0] % stride == 0], found])
         self.witnesses = found
+
+    @staticmethod
+    def stride(rows: int) -> int:
+        """Return how far apart the witnesses of so many rows are."""
+        return 1 << max(0, (rows // MOST_WITNESSES).bit_length())
 
     def _look_at_the_end(self, block: Block) -> None:
         """Find out, while its log is at hand, which event stopped the run or what was not finite."""
