@@ -65,6 +65,7 @@ def test_an_extension_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             raise RuntimeError("power cut")
 
     monkeypatch.setattr(segments, "EVERY", 0.0)
+    monkeypatch.setattr(segments.Segments, "patience", float("inf"))
     monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 5_000)
     asked = {"method": "rk4", "step": 1e-3}
     start, path = tmp_path / "start.nc", tmp_path / "run.nc"
@@ -91,7 +92,7 @@ def other(**attributes: Any) -> xr.Dataset:
     ("run", "message"),
     [
         (lambda: xd.simulate(ROCKET), "it is 'stopped_by_event' .*'landing'.*: what stops a run is its end"),
-        (blown_up, "it is 'nonfinite_state' .*: there is nothing behind a bad end"),
+        (blown_up, "it is 'nonfinite_force' .*: there is nothing behind a bad end"),
         (lambda: other(run_outcome="interrupted"), "it is 'interrupted' .*: resume it first"),
         (lambda: xd.simulate(PENDULUM, step=[0.1] * 10, until=1.0), "its steps were given one by one"),
         (lambda: xd.simulate(PENDULUM, step=0.1, until=9.0), r"until is '2 s', needs a time behind the end of the run at t = 9.0 s"),

@@ -72,7 +72,8 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
         _define(writer, spec, {})
         for name, values in chain([first], rows):
             writer.append(name, values)
-        segments.go_on(writer)
+        if len(segments):
+            segments.go_on(writer)
     pending: list[Future[None]] = []
     with ThreadPoolExecutor(1) as pool:
         for block in march.blocks(_rows(march), segments.patience):
