@@ -17,6 +17,8 @@ import xdynamics as xd
 from problems import MODELS
 from xdynamics.archive import segments
 from xdynamics.cli import main
+from xdynamics.march import March
+from xdynamics.march.asking import settings_for
 
 PENDULUM = xd.Model.from_toml(MODELS / "pendulum.toml")
 ASKED: dict[str, Any] = {"method": "rk4", "step": 1e-3, "until": 40.0}
@@ -252,11 +254,9 @@ def test_two_processes_do_not_share_segments(broken: Path) -> None:
     assert len(names(broken)) == 5
 
 
-def test_slow_steps_are_kept_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_steps_are_kept_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a block is handed over when its time is up, with the same bits."""
     monkeypatch.setattr("xdynamics.march.runner.LOOK", 0.0)
-    march = __import__("xdynamics.march", fromlist=["March"]).March
-    settings = __import__("xdynamics.march.asking", fromlist=["settings_for"]).settings_for(PENDULUM, **ASKED)
-    blocks = list(march(PENDULUM, settings).blocks(50_000, patience=1e-4))
+    blocks = list(March(PENDULUM, settings_for(PENDULUM, **ASKED)).blocks(50_000, patience=1e-4))
     assert len(blocks) > 1
     assert sum(one.rows for one in blocks) == xd.simulate(PENDULUM, **ASKED).sizes["step"]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from xdynamics.archive import content_digest, discard, open_run, save, verify
+    from xdynamics.archive.signatures import sign, verify_signature
     from xdynamics.evidence.comparison import compare
     from xdynamics.evidence.modes import modes
     from xdynamics.evidence.sampling import sample
@@ -30,12 +31,13 @@ _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
     "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "discard": "archive", "extend": "extension", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
-    "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "simulate": "simulation", "verify": "archive",
+    "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "verify": "archive",
+    "verify_signature": "archive.signatures",
 }  # fmt: skip
 
 __all__ = [
     "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "Model", "ModelError", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "extend", "modes", "open_run",
-    "plot", "reproduce", "sample", "save", "simulate", "verify",
+    "plot", "reproduce", "sample", "save", "sign", "simulate", "verify", "verify_signature",
 ]  # fmt: skip
 
 

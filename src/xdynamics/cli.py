@@ -217,19 +217,45 @@ def methods() -> None:
 
 @main.command()
 @click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
-def verify(archives: tuple[str, ...]) -> None:
-    """Compare every digest of archives with their data."""
-    from xdynamics.archive import verify as verified
+@click.option("--key", metavar="PUBLIC.pem", help="Verify that the owner of this key signed them, too.")
+def verify(archives: tuple[str, ...], key: str | None) -> None:
+    """Compare every digest of archives with their data, and with --key their signatures."""
+    from xdynamics.archive import signatures
+    from xdynamics.archive import verify as digest_of
     from xdynamics.faults import ArchiveError
 
     damaged = False
     for archive in archives:
         try:
-            click.echo(f"verified  {archive}  {verified(archive)}")
+            digest = signatures.verify_signature(archive, key) if key else digest_of(archive)
+            shown = f"signed, by '{key}'" if key else signatures.protection(Path(archive))
+            click.echo(f"verified  {archive}  {digest}  ({shown})")
         except ArchiveError as error:
             _complain(error)
             damaged = True
     sys.exit(BADLY if damaged else DONE)
+
+
+@main.command()
+@click.argument("archives", nargs=-1, metavar="RUN.nc…")
+@click.option("--key", metavar="KEY.pem", help="Your private Ed25519 key.")
+@click.option("--new-key", metavar="KEY.pem", help="Make a pair of keys first: KEY.pem and KEY.public.pem.")
+def sign(archives: tuple[str, ...], key: str | None, new_key: str | None) -> None:
+    """Sign archives: a file RUN.nc.sig beside each, for `verify --key PUBLIC.pem`."""
+    from xdynamics.archive import signatures
+    from xdynamics.faults import InputError
+
+    if (key is None) == (new_key is None) or not (archives or new_key):
+        raise InputError("sign needs archives and one of --key KEY.pem and --new-key KEY.pem; --new-key goes alone too")
+    if new_key:
+        click.echo(f"new key   {new_key} (keep it to yourself), {signatures.new_key(new_key)} (give it to others)")
+
+    def ask() -> str:
+        asked: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True) if sys.stdin.isatty() else ""
+        return asked
+
+    for archive in archives:
+        click.echo(f"signed    {archive}  {signatures.sign(archive, key or str(new_key), passphrase=ask)}")
 
 
 @main.command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, record
 from xdynamics.archive.seals import slabs
-from xdynamics.faults import InputError
+from xdynamics.faults import AccuracyWarning, InputError
 from xdynamics.march import OUTCOMES, March
 from xdynamics.march.asking import settings_for
+from xdynamics.march.doubts import doubts
 from xdynamics.march.memory import go_on
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
@@ -103,12 +105,15 @@ def _extended(
             f"the run was made by version {kept.attrs['xdynamics_version']} of xdynamics, or its forces were written in"
             " other words: march it anew, up to the new end"
         )
-    if path is None:
-        if resume:
-            raise InputError("resume needs path=…, the file that the run was to be streamed to")
-        return record.dataset(march, march.blocks(), _rows(kept, march))
-    archive.stream(march, path, before=_rows(kept, march), resume=resume)
-    return archive.open_run(path, check=False)
+    if path is not None:
+        longer = archive.open_run(archive.stream(march, path, before=_rows(kept, march), resume=resume), check=False)
+    elif resume:
+        raise InputError("resume needs path=…, the file that the run was to be streamed to")
+    else:
+        longer = record.dataset(march, march.blocks(), _rows(kept, march))
+    for doubt in doubts(march):
+        warnings.warn(f"{model.name}: {doubt}", AccuracyWarning, stacklevel=3)
+    return longer
 
 
 def _refuse_other_ends(kept: xr.Dataset) -> None:
