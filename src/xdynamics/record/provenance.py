@@ -26,7 +26,6 @@ from xdynamics.units import TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
 if TYPE_CHECKING:
     import xarray as xr
 
-TO_FIRST_NODE = "; the span is that to the first node"
 _SCALES = {"length": "m", "time": "s", "mass": "kg"}
 
 
@@ -177,9 +176,7 @@ def _steps(march: March) -> dict[str, Any]:
         "solver_controller": PREDICTIVE if settings.scheme.predictive else CONTROLLER,
         "solver_first_step": settings.step or float(march.now.first_step) * scale,
         "solver_first_step_units": "s",
-        "solver_first_step_choice": "given"
-        if settings.step
-        else FIRST_STEP + (TO_FIRST_NODE if len(march.run.nodes) else ""),
+        "solver_first_step_choice": "given" if settings.step else FIRST_STEP,
         "solver_safety": pacing.safety,
         "solver_growth_limits": np.array(pacing.growth_limits),
         "solver_min_step": pacing.min_step,
