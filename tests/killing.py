@@ -88,10 +88,10 @@ def ended(number: int) -> int:
 
 
 def attempt(name: str, moments: random.Random, start: Callable[[str, Path], int], whole: float) -> tuple[str, int, int]:
-    """Kill a run up to three times, then let it end; return its digest, kills that met it, segments at the last one."""
+    """Kill a run once or twice, then let it end; return its digest, kills that met it, segments at the last one."""
     with tempfile.TemporaryDirectory(dir=os.environ.get("TMPDIR")) as folder:
         path, kills, left = Path(folder) / "run.nc", 0, 0
-        for _ in range(moments.randint(1, 3)):
+        for _ in range(moments.randint(1, 2)):
             number = start(name, path)
             time.sleep(moments.uniform(0.0, whole))
             os.kill(number, signal.SIGKILL)

@@ -70,7 +70,7 @@ def call(*arguments: object) -> Result:
 
 
 def test_kills_of_whole_processes() -> None:
-    """Assert equal digests of six kinds of run, each killed up to three times at random moments and resumed."""
+    """Assert equal digests of six kinds of run, each killed once or twice at random moments and resumed."""
     script = Path(__file__).with_name("killing.py")
     environment = os.environ | {"NUMBA_NUM_THREADS": "1"}
     done = subprocess.run([sys.executable, script, "fork", "6", "5"], capture_output=True, text=True, check=True, env=environment)  # fmt: skip
