@@ -144,6 +144,58 @@ def test_segments_without_room_do_not_end_the_run(often: None, tmp_path: Path) -
     assert xd.verify(tmp_path / "run.nc") == whole()
 
 
+def test_a_run_that_broke_off_while_it_was_sealed(often: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
+    """Assert that no segment is of a run that is over, so that what stopped it is found out again."""
+    rocket, path = xd.Model.from_toml(MODELS / "rocket_c6.toml"), tmp_path / "run.nc"
+    with monkeypatch.context() as patch:
+        patch.setattr("xdynamics.archive.writer.Writer.finish", lambda *_: (_ for _ in ()).throw(PowerCut))
+        with pytest.raises(PowerCut):
+            xd.simulate(rocket, step=1e-3, path=path)
+    assert names(path)
+    run = xd.simulate(rocket, step=1e-3, path=path, resume=True)
+    assert "event 'landing' stopped the run" in run.attrs["run_outcome_text"]
+    assert xd.verify(path) == xd.content_digest(xd.simulate(rocket, step=1e-3))
+
+
+def test_short_runs_are_small_files(tmp_path: Path) -> None:
+    """Assert that a streamed run of few rows takes no more room than a saved one."""
+    run = xd.simulate(PENDULUM, step=0.01, until=1.0)
+    saved, streamed = xd.save(run, tmp_path / "saved.nc"), tmp_path / "streamed.nc"
+    xd.simulate(PENDULUM, step=0.01, until=1.0, path=streamed).close()
+    assert streamed.stat().st_size == pytest.approx(saved.stat().st_size, rel=0.01)
+
+
+def test_no_segment_follows_one_that_failed(often: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
+    """Assert that after a segment that could not be written there is none, at a Ctrl-C neither: rows would be missing."""
+    whole_ones = iter([True, True, False])
+
+    def written(*given: Any) -> str:
+        if not next(whole_ones, True):
+            raise OSError(28, "No space left on device")
+        return write(*given)
+
+    write, path = segments.segment.write, tmp_path / "run.nc"
+    monkeypatch.setattr(segments.segment, "write", written)
+    stop = [False] * 7 + [True]
+    with pytest.warns(xd.ResumeWarning, match="No space left on device; the run goes on"):
+        run = xd.simulate(
+            PENDULUM, **ASKED, path=path, progress=lambda *_: os.kill(os.getpid(), 2) if stop and stop.pop(0) else None
+        )
+    assert run.attrs["run_outcome"] == "interrupted"
+    run.close()
+    assert [one.name for one in names(path)] == ["000001.segment", "000002.segment"]
+    xd.simulate(PENDULUM, **ASKED, path=path, resume=True).close()
+    assert xd.verify(path) == whole()
+
+
+@pytest.mark.parametrize("name", ["n" * 300, "nul\0", "nowhere/run.nc", "."])
+def test_what_is_no_target_has_no_segments(tmp_path: Path, name: str) -> None:
+    """Assert that resume and discard refuse a path that no run can be streamed to."""
+    for act in (lambda path: xd.simulate(PENDULUM, **ASKED, path=path, resume=True), xd.discard):
+        with pytest.raises(xd.InputError, match="no path for a file|does not exist|is a directory|has no segments"):
+            act(tmp_path / name)
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [

@@ -158,6 +158,7 @@ def simulate(
 
 def _is_whole(march: March, path: Path) -> bool:
     """Whether a file is the finished archive of a march, so that there is nothing to resume."""
+    archive.check_target(path)
     if not path.is_file() or archive.has_segments(path):
         return False
     try:

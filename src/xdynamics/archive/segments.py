@@ -17,6 +17,7 @@ from xdynamics import record
 from xdynamics.archive import segment
 from xdynamics.archive.seals import Seal
 from xdynamics.archive.segment import Part, Segment
+from xdynamics.archive.target import check_target
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import ArchiveError, InputError, ResumeWarning
 from xdynamics.march import March
@@ -24,6 +25,7 @@ from xdynamics.record import apart, identity
 from xdynamics.units import TIME
 
 EVERY = 10.0  # s between two segments: a run that is over sooner has none
+NO_LOCK = -1
 SHARE = 0.01  # of a run's time, between two segments of one that lasts long
 
 
@@ -52,15 +54,15 @@ class Segments:
         self._found: list[Segment] = []
         self._number, self._before = 1, ""  # of the next one, and the digest of the last
         self._kept: dict[str, int] = {}
-        self._lock: int | None = None
+        self._mine, self._lock = False, NO_LOCK
         names = _names(self.folder)
         if names and not resume:
             raise InputError(
-                f"'{archive}' has segments of a run that is not finished, in '{self.folder}': resume that run,"
-                f" or remove them with `xdynamics discard {archive}`"
+                f"'{archive}' has segments of a run that is not finished, in '{self.folder}': go on with it by"
+                f" resume, or remove them with `xdynamics discard {archive}`"
             )
         if self.folder.is_dir():
-            self._lock = _locked(self.folder, archive)
+            self._claim()
             self._gather(names)
         elif resume:
             _warn(f"there are no segments of '{archive}' to go on from: it is marched from its start")
@@ -69,8 +71,10 @@ class Segments:
         return self
 
     def __exit__(self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None) -> None:  # fmt: skip
-        if self._lock is not None:
-            os.close(self._lock)
+        _unlocked(self._lock)
+
+    def _claim(self) -> None:
+        self._lock, self._mine = _locked(self.folder, self.archive), True
 
     def __len__(self) -> int:
         return len(self._found)
@@ -127,24 +131,27 @@ class Segments:
 
         A disk without room for it does not end the run: it goes on without.
         """
+        if self.failed:  # rows would be missing
+            return
         filled = writer.filled
         t = float(memory["now"]["t"][0]) * self.march.settings.scales.of(TIME)
         of = {"of": self._of, "before": self._before, "t": t, "digests": dict(digests)}
         try:
-            if self._lock is None:
+            if not self._mine:
                 self.folder.mkdir()
-                self._lock = _locked(self.folder, self.archive)
+                self._claim()
             rows, values = writer.shapes_since(self._kept), writer.since(self._kept)
             self._before = segment.write(self._name, of, memory, rows, values)
             self._number += 1
-        except OSError as error:
+        except (OSError, InputError) as error:
             self.failed = True
-            _warn(f"no more segments of '{self.archive}' can be kept: {error.strerror or error}; the run goes on")
+            why = getattr(error, "strerror", None) or error
+            _warn(f"no more segments of '{self.archive}' can be kept: {why}; the run goes on")
         self._kept, self._last = filled, time.monotonic()
 
     def remove(self) -> None:
         """Remove all segments: the archive is whole."""
-        if self._lock is not None:
+        if self._mine:
             _emptied(self.folder)
 
     @property
@@ -181,6 +188,7 @@ def discard(archive: str | Path) -> int:
     InputError
         If there are none, or a process is writing them.
     """
+    check_target(Path(archive))
     folder = folder_of(Path(archive))
     names = _names(folder)
     if not folder.is_dir():
@@ -191,8 +199,7 @@ def discard(archive: str | Path) -> int:
     except OSError as error:
         raise ArchiveError(f"the segments in '{folder}' cannot be removed: {error.strerror or error}") from None
     finally:
-        if lock is not None:
-            os.close(lock)
+        _unlocked(lock)
     return len(names)
 
 
@@ -207,8 +214,8 @@ def _emptied(folder: Path) -> None:
     folder.rmdir()
 
 
-def _locked(folder: Path, archive: Path) -> int | None:
-    """Claim a folder for this process, for as long as the handle is open; None where the system has no locks."""
+def _locked(folder: Path, archive: Path) -> int:
+    """Claim a folder for this process, for as long as the handle is open; return it, NO_LOCK where the system has none."""
     with suppress(ImportError):
         import fcntl
 
@@ -221,7 +228,12 @@ def _locked(folder: Path, archive: Path) -> int | None:
         except OSError:  # a file system without locks
             pass
         return handle
-    return None
+    return NO_LOCK
+
+
+def _unlocked(handle: int) -> None:
+    if handle != NO_LOCK:
+        os.close(handle)
 
 
 def _warn(message: str) -> None:
