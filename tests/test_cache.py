@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import pickle
+import random
 import shutil
 import subprocess
 import sys
+import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +19,7 @@ from problems import MODELS
 from xdynamics.kernels import cache
 from xdynamics.march import engine as engine_room
 from xdynamics.march.engine import engine
+from xdynamics.march.kept import Kept
 
 SCRIPT = """
 import sys, logging
@@ -26,7 +31,7 @@ with event.install_recorder("numba:compile") as seen:
 print(xd.content_digest(run), len(seen.buffer))
 """
 KEPLER = str(MODELS / "kepler.toml")
-ENGINE = f"engine-{engine_room._key()}"
+ENGINE = f"engine-{engine_room._key()}.bin"
 
 
 def told(folder: Path, **more: str) -> tuple[str, int, str]:
@@ -44,9 +49,30 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A cache that holds the engine and one law, copied from this session's, and the digest of the run."""
     engine()
     folder = tmp_path_factory.mktemp("kept")
-    shutil.copytree(cache.folder() / ENGINE, folder / ENGINE)
+    shutil.copy(cache.folder() / ENGINE, folder / ENGINE)
     digest, _, _ = told(folder)
     return folder, digest
+
+
+def damaged(content: bytes, damage: str) -> bytes:
+    """Return a file's content cut, with one bit changed, or none of it."""
+    middle = len(content) // 2
+    flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+    return {"truncated": content[:100], "flipped": flipped, "empty": b""}[damage]
+
+
+def put_in_place(path: Path, damage: str) -> None:
+    """Put something else where a kept file was."""
+    if damage in ("truncated", "flipped", "empty"):
+        path.write_bytes(damaged(path.read_bytes(), damage))
+        return
+    path.unlink()
+    if damage == "directory":
+        (path / "inside").mkdir(parents=True)
+    elif damage == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to(path)
 
 
 def test_a_second_process_compiles_nothing(kept: tuple[Path, str]) -> None:
@@ -55,62 +81,172 @@ def test_a_second_process_compiles_nothing(kept: tuple[Path, str]) -> None:
     assert (digest, compiled, said) == (kept[1], 0, "")
 
 
-@pytest.mark.parametrize("damage", ["truncated", "flipped", "empty"])
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "empty", "directory", "pipe", "link to itself"])
 def test_a_damaged_law_is_compiled_anew(kept: tuple[Path, str], damage: str, tmp_path: Path) -> None:
-    """Assert that every law's file that is not as it was written is replaced."""
+    """Assert that whatever stands in the place of every law's file is replaced by what was there."""
     folder = shutil.copytree(kept[0], tmp_path / "cache")
     laws = sorted(folder.glob("law-*.o"))
     assert laws
     for law in laws:
-        content = bytearray(law.read_bytes())
-        content[len(content) // 2] ^= 1
-        law.write_bytes({"truncated": bytes(content[:100]), "flipped": bytes(content), "empty": b""}[damage])
-    assert told(folder)[:2] == (kept[1], 0)
+        put_in_place(law, damage)
+    assert told(folder) == (kept[1], 0, "")
     assert [one.read_bytes() for one in laws] == [(kept[0] / one.name).read_bytes() for one in laws]
 
 
-@pytest.mark.parametrize("what", ["*.nbi", "*.nbc", "sealed"])
-def test_a_damaged_engine_is_compiled_anew(kept: tuple[Path, str], what: str, tmp_path: Path) -> None:
-    """Assert that a truncated file of the engine costs a compilation, which is told, and is mended for the next process."""
+def test_no_flipped_bit_is_loaded(kept: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that of 200 random bits of each kept file none can change without the file being set aside."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    places = random.Random(4)
+    for one in kept[0].iterdir():
+        whole = one.read_bytes()
+        for _ in range(200):
+            changed = bytearray(whole)
+            changed[places.randrange(len(whole))] ^= 1 << places.randrange(8)
+            (tmp_path / one.name).write_bytes(changed)
+            assert cache.read(one.name) is None
+        (tmp_path / one.name).write_bytes(whole)
+        assert cache.read(one.name) == whole[32:]
+
+
+def test_a_damaged_engine_is_compiled_anew(kept: tuple[Path, str], tmp_path: Path) -> None:
+    """Assert that a damaged engine costs a compilation, which is told, and is mended for the next process."""
     folder = shutil.copytree(kept[0], tmp_path / "cache")
-    for one in (folder / ENGINE).rglob(what):
-        one.write_bytes(one.read_bytes()[: one.stat().st_size // 2])
+    put_in_place(folder / ENGINE, "flipped")
     digest, compiled, said = told(folder)
     assert digest == kept[1]
     assert compiled > 0
     assert "compiling the engine, once per installation" in said
-    assert told(folder)[:2] == (kept[1], 0)
+    assert told(folder) == (kept[1], 0, "")
+
+
+def test_the_bytes_that_were_verified_are_loaded(kept: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a file that is exchanged after its digest was compared changes nothing: it is not read again."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(kept[0]))
+    content = cache.read(ENGINE)
+    monkeypatch.setattr(cache, "read", lambda _name: content)
+    monkeypatch.setenv("XDYNAMICS_CACHE", "/nowhere")
+    loaded = engine_room._loaded(ENGINE, "the engine", 10, engine_room._entries)
+    assert callable(loaded.march)
+
+
+def test_what_cannot_be_loaded_is_compiled_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that whole files that this build of numba does not understand are replaced."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+
+    def compiled(kept: Kept) -> bool:
+        assert not kept._complete or kept._functions["march"]
+        return kept._complete
+
+    for content in (b"no pickle", pickle.dumps({})):
+        cache.write("engine-x", content)
+        assert engine_room._loaded("engine-x", "the engine", 10, compiled) is False
+        assert cache.read("engine-x") == Kept().content
 
 
 def test_a_cache_that_cannot_be_written(kept: tuple[Path, str], tmp_path: Path) -> None:
-    """Assert that a file in the place of the folder, as good as a read-only disk to root, costs time alone."""
+    """Assert that a file in the place of the folder, as good as a read-only disk to root, costs time and one line of advice."""
     (tmp_path / "cache").write_text("no folder")
-    digest, compiled, _ = told(tmp_path / "cache")
+    digest, compiled, said = told(tmp_path / "cache")
     assert digest == kept[1]
     assert compiled > 0
+    advice = (
+        f"xdynamics: compiled code cannot be kept in '{tmp_path / 'cache'}' (File exists), so every process compiles it"
+        " again; set XDYNAMICS_CACHE to a folder that can be written and has room"
+    )
+    assert sorted(said.splitlines()) == [advice, "xdynamics: compiling the engine: about 10 s"]
+    assert [one.name for one in tmp_path.iterdir()] == ["cache"]
 
 
-def test_a_full_disk_costs_a_compilation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Assert that where the cache has no room nothing is kept and nothing is left behind."""
+FULL = """
+import resource, sys
+from xdynamics.kernels import cache
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+print(cache.obstacle())
+for name in ("law-x.o", "law-y.o"):
+    cache.write(name, bytes(5000))
+    print(cache.read(name))
+"""
+
+
+def test_a_full_disk_costs_a_compilation(tmp_path: Path) -> None:
+    """Assert that where a file cannot grow nothing is kept and nothing is left behind, and that it is said once."""
+    done = subprocess.run(
+        [sys.executable, "-c", FULL], env=os.environ | {"XDYNAMICS_CACHE": str(tmp_path)}, capture_output=True,
+        text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.splitlines() == ["File too large", "None", "None"]
+    assert done.stderr.count("cannot be kept in") == len(done.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def homeless(monkeypatch: pytest.MonkeyPatch, temporary: Path) -> None:
+    """Make this a process of a user without a home."""
+
+    def no_home() -> Path:
+        raise RuntimeError("no home")
+
+    monkeypatch.delenv("XDYNAMICS_CACHE", raising=False)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", no_home)
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(temporary))
+
+
+def test_a_user_without_a_home_has_one_temporary_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that it is this user's, and the same one in every process."""
+    homeless(monkeypatch, tmp_path)
+    for name in ("law-x.o", "law-y.o"):
+        cache.write(name, b"code")
+        assert cache.read(name) == b"code"
+    assert [one.name for one in tmp_path.iterdir()] == [f"xdynamics-{os.getuid()}"]
+
+
+def test_somebody_elses_temporary_folder_is_not_believed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Assert that code is neither read from nor written to a folder that others can write to, or a link."""
+    homeless(monkeypatch, tmp_path)
+    monkeypatch.setattr(cache, "_ADVISED", [])
+    cache.write("law-x.o", b"code")
+    cache.folder().chmod(0o777)
+    assert cache.read("law-x.o") is None
+    cache.write("law-y.o", b"code")
+    assert "it is not this user's own folder" in cache.obstacle()
+    cache.folder().rename(tmp_path / "theirs")
+    (tmp_path / "theirs").chmod(0o700)
+    cache.folder().symlink_to(tmp_path / "theirs")
+    assert cache.read("law-x.o") is None
+    assert [one.name for one in (tmp_path / "theirs").iterdir()] == ["law-x.o"]
+    assert len(caplog.records) == 1
+
+
+def test_parts_of_dead_processes_are_removed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that a part older than an hour goes with the next write, and a younger one stays."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    for name, age in (("old.part", 2 * cache.ABANDONED), ("young.part", 0.0)):
+        (tmp_path / name).write_bytes(b"half")
+        os.utime(tmp_path / name, (time.time() - age,) * 2)
+    cache.write("law-x.o", b"code")
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["law-x.o", "young.part"]
+
+
+def test_an_interrupted_write_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that Ctrl-C in the middle leaves no half a file."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
 
-    def full(*_: object) -> int:
-        raise OSError(28, "No space left on device")
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr(Path, "write_bytes", full)
-    with cache.filling("engine-x") as folder:
-        assert folder is None
-    monkeypatch.setattr(os, "fdopen", full)
-    cache.write("law-x.o", b"code")
-    assert [one for one in tmp_path.iterdir() if one.suffix != ".part" or any(one.iterdir())] == []
-    assert cache.read("law-x.o") is None
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        cache.write("law-x.o", b"code")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_eight_processes_with_one_cold_cache(kept: tuple[Path, str], tmp_path: Path) -> None:
     """Assert that processes that compile one law at once all end right and leave one whole file of it."""
     folder = tmp_path / "cold"
     folder.mkdir()
-    shutil.copytree(kept[0] / ENGINE, folder / ENGINE)
+    shutil.copy(kept[0] / ENGINE, folder / ENGINE)
     environment = os.environ | {"XDYNAMICS_CACHE": str(folder)}
     started = [
         subprocess.Popen(
@@ -126,44 +262,6 @@ def test_eight_processes_with_one_cold_cache(kept: tuple[Path, str], tmp_path: P
     assert [code for _, code in ended] == [0] * 8
     assert {out.split()[0] for (out, _), _ in ended} == {kept[1]}
     assert not list(folder.glob("*.part"))
-
-
-def test_a_folder_is_whole_or_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Assert that of two that fill one folder the first one's stays, and that a damaged one is replaced."""
-    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
-    for content in ("first", "second"):
-        with cache.filling("engine-x") as folder:
-            assert folder is not None
-            (folder / "code").write_text(content)
-    assert (tmp_path / "engine-x" / "code").read_text() == "first"
-    (tmp_path / "engine-x" / "code").write_text("damaged")
-    assert cache.sealed("engine-x") is None
-    with cache.filling("engine-x") as folder:
-        (folder / "code").write_text("third")
-    assert (cache.sealed("engine-x") / "code").read_text() == "third"
-    assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_what_is_no_seal_is_replaced(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Assert that bytes that are no text, a file and a link to itself in the place of a folder are mended."""
-    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
-    (tmp_path / "engine-a").mkdir()
-    (tmp_path / "engine-a" / "sealed").write_bytes(b"\xff\xfe\x00\x81")
-    (tmp_path / "engine-b").write_text("a file")
-    (tmp_path / "engine-c").symlink_to(tmp_path / "engine-c")
-    for name in ("engine-a", "engine-b", "engine-c"):
-        assert cache.sealed(name) is None
-        with cache.filling(name) as folder:
-            (folder / "code").write_text("whole")
-        assert (cache.sealed(name) / "code").read_text() == "whole"
-
-
-def test_an_interrupted_compilation_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Assert that Ctrl-C in the middle leaves no half-filled folder."""
-    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
-    with pytest.raises(KeyboardInterrupt), cache.filling("engine-x"):
-        raise KeyboardInterrupt
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_relative_cache_stays_where_it_was(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -197,8 +295,6 @@ def test_a_long_compilation_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Assert that compiling a law beyond a second is said, and a quick one passes in silence."""
-    import time
-
     from xdynamics.kernels import machine
 
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))

@@ -98,6 +98,21 @@ def test_tolerances_reach_the_record(tmp_path: Path) -> None:
     assert call("reproduce", path).exit_code == 0
 
 
+def test_a_model_file_reaches_no_further_than_its_folder(tmp_path: Path) -> None:
+    """Assert that a table elsewhere is refused without a word of it, and taken where that is asked for."""
+    (tmp_path / "model").mkdir()
+    path = tmp_path / "model" / "cart.toml"
+    path.write_text((MODELS / "cart_spring.toml").read_text().replace("cart_spring.csv", "/etc/passwd"))
+    refused = call("run", path, "-o", tmp_path / "x.nc")
+    assert refused.exit_code == 2
+    assert "table '/etc/passwd' is out of reach" in refused.output
+    assert "root" not in refused.output
+    (tmp_path / "rows.csv").write_text((MODELS / "cart_spring.csv").read_text())
+    path.write_text((MODELS / "cart_spring.toml").read_text().replace("cart_spring.csv", "../rows.csv"))
+    assert call("run", path, "-o", tmp_path / "x.nc").exit_code == 2
+    assert call("run", path, "-o", tmp_path / "x.nc", "--tables", "anywhere").exit_code == 0
+
+
 @pytest.mark.filterwarnings("always::xdynamics.faults.StabilityWarning")
 def test_an_unstable_step_is_warned_of_in_one_line(tmp_path: Path) -> None:
     """Assert that the warning goes to the error stream and the run is made all the same."""
@@ -152,11 +167,12 @@ def test_plot_writes_a_figure(ball: Path, tmp_path: Path) -> None:
 
 
 def test_methods_prints_the_table() -> None:
-    """Assert that every method is there with order, update and what it refuses."""
+    """Assert that every method is there with order, update, and what stands between its steps."""
     table = call("methods").output
     for one in xd.METHODS.values():
         assert f"{one.name}: order {one.order}" in table
         assert one.equations()[:300] in table
+        assert f"between   re-integration, order {one.order}; or {one.interpolation}, order {one.interpolation_order}" in table  # fmt: skip
 
 
 def test_start_imports_little() -> None:

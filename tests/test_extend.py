@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 import xdynamics as xd
 from problems import MODELS, driven_decay, oscillator, particle
+from xdynamics.archive import marched
 from xdynamics.cli import main
 from xdynamics.evidence.comparison import bitwise
 
@@ -85,7 +86,7 @@ def blown_up() -> xr.Dataset:
 
 def other(**attributes: Any) -> xr.Dataset:
     """A good run that says something else of itself."""
-    return xd.simulate(oscillator().model, step=0.01, until=1.0).assign_attrs(attributes)
+    return marched(xd.simulate(oscillator().model, step=0.01, until=1.0).assign_attrs(attributes))
 
 
 @pytest.mark.parametrize(
@@ -96,9 +97,12 @@ def other(**attributes: Any) -> xr.Dataset:
         (lambda: other(run_outcome="interrupted"), "it is 'interrupted' .*: resume it first"),
         (lambda: xd.simulate(PENDULUM, step=[0.1] * 10, until=1.0), "its steps were given one by one"),
         (lambda: xd.simulate(PENDULUM, step=0.1, until=9.0), r"until is '2 s', needs a time behind the end of the run at t = 9.0 s"),
-        (lambda: other().drop_vars("end_memory"), "it keeps no 'end_memory'"),
+        (lambda: marched(other().drop_vars("end_memory")), "it keeps no 'end_memory'"),
         (lambda: other(xdynamics_version="9.9.9"), "made by version 9.9.9 of xdynamics"),
-        (lambda: other().isel(step=slice(50)), "the run has 50 rows and its memory is of 101: it was cut"),
+        (lambda: marched(other().isel(step=slice(50)).copy(deep=True)), "the run has 50 rows and its memory is of 101: it was cut"),
+        (lambda: other().isel(step=slice(50)), "this is a part of a run, 50 of 101 rows of 'step'; take the whole one"),
+        (lambda: other().assign_attrs(title="mine"), "this is not the record that was marched:\n  1. attribute 'title' is 'mine'"),
+        (lambda: other(derived="halved", derived_from="ab"), "it is derived data, no run: halved; from run ab; extend the run itself"),
         (lambda: xr.Dataset({"a": ("n", [1.0])}), "this is no run record"),
     ],
 )  # fmt: skip

@@ -116,6 +116,33 @@ def test_outside_its_table_a_drive_ends_the_run() -> None:
     assert held.force_push_x.values[-1] == 1.0
 
 
+@pytest.mark.parametrize(("rule", "last"), [("previous", 4.0), ("linear", 1.0), ("pchip", 1.0), ("cubic", 1.0)])
+def test_outside_its_table_a_drive_holds_the_value_at_that_end(rule: str, last: float) -> None:
+    """Assert that before its table a drive has the first value and behind it the last, in state, samples and motion."""
+    csv = (
+        "time [s],force [N]\n0.5,8\n1,4\n1.5,2\n2,1\n"
+        if rule != "previous"
+        else "time [s],force [N]\n0.5,8\n1,6\n2,4\n"
+    )
+    drive = {"table": "f.csv", "csv": csv, "interpolation": rule, "outside": "hold"}
+    run = xd.simulate(particle("pull", v="0 m s-1", drives={"pull": drive}), method="midpoint", step=0.25, until=3.0)
+    before, behind = run.time.values <= 0.5, run.time.values > 2.0
+    assert (run.force_push_x.values[before] == 8.0).all()
+    assert (run.force_push_x.values[behind] == last).all()
+    assert run.v_x.values[before].tolist() == [0.0, 1.0, 2.0]
+    assert set(run.sample_pull.values[run.sample_time.values < 0.5].tolist()) == {8.0}
+
+
+@pytest.mark.parametrize("outside", ["hold", "zero"])
+def test_outside_its_table_a_drive_of_a_coordinate(outside: str) -> None:
+    """Assert the force on either side of a table over x: of its nearer end, or none."""
+    table = {"table": "f.csv", "csv": "x [m],f [N]\n0,3\n1,5\n2,7\n", "argument": "x", "outside": outside}
+    for place, held in (("-1 m", 3.0), ("0 m", 3.0), ("2 m", 7.0), ("3 m", 7.0)):
+        run = pushed_by("f", drives={"f": table}, initial={"x": place, "v_x": "0 m s-1"})
+        inside = place in ("0 m", "2 m")
+        assert float(run.force_push_x[0]) == (held if outside == "hold" or inside else 0.0), place
+
+
 def test_event_brackets_its_root() -> None:
     """Assert bracket, both rows, direction, residual and uncertainty of a passage at t = 1/3 s."""
     run = xd.simulate(timed("x - 2*metre"), method="midpoint", step=0.1, until=1.0)
@@ -164,6 +191,31 @@ def test_event_direction(direction: str, count: int) -> None:
     expected = np.pi / 4 + np.pi / 2 * np.arange(6)
     chosen = {"falling": expected[::2], "rising": expected[1::2], "either": expected}[direction]
     assert np.abs(run.event_time.values - chosen).max() < 2e-4  # the method's own error at this step
+
+
+@pytest.mark.parametrize(
+    ("function", "direction"),
+    [("2*metre - x", "falling"), ("x - 2*metre", "rising"), ("2*metre - x", "either"), ("x - 2*metre", "either")],
+)
+def test_a_root_at_the_very_end_of_a_step_is_found_there(function: str, direction: str) -> None:
+    """Assert one event where the function is exactly zero at a step's end, there and not in the step behind it."""
+    event = {"function": function, "direction": direction}
+    model = particle(v="2 m s-1", events={"mark": event})  # x = 1 + 2 t
+    for method in ("midpoint", "velocity_verlet"):
+        run = xd.simulate(model, method=method, step=0.25, until=1.0)
+        assert run.x.values[run.time.values == 0.5].tolist() == [2.0, 2.0]
+        assert run.event_time.values.tolist() == [0.5]
+        assert run.event_residual.values.tolist() == [0.0]
+        assert run.event_direction.values.tolist() == [1 if function.startswith("x") else -1]
+        assert run.time.values.tolist() == [0.0, 0.25, 0.5, 0.5, 0.75, 1.0]
+
+
+@pytest.mark.parametrize("direction", ["rising", "falling", "either"])
+def test_a_root_at_the_start_is_no_event(direction: str) -> None:
+    """Assert that a function that leaves zero at the start, whichever way, did not cross it."""
+    for function in ("x - 1*metre", "1*metre - x"):
+        events = {"mark": {"function": function, "direction": direction}}
+        assert xd.simulate(particle(events=events), method="midpoint", step=0.25, until=1.0).sizes["event"] == 0
 
 
 def test_stop_ends_the_run_at_the_event() -> None:

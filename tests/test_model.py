@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 import xdynamics as xd
@@ -29,8 +32,6 @@ def test_toml_round_trip_loses_nothing(path: Path) -> None:
 
 def test_python_statement_equals_file() -> None:
     """Assert that the same sections in Python give the same model."""
-    import tomllib
-
     assert xd.Model(**tomllib.loads(GOOD)) == xd.Model.from_text(GOOD)
 
 
@@ -95,6 +96,16 @@ def test_replace_keeps_the_unit_of_a_bare_number() -> None:
         model.replace(parameters={"mass": 1})
 
 
+@pytest.mark.parametrize(
+    "number", [np.float64(0.2), np.array(0.2), xr.DataArray(0.2)], ids=lambda one: type(one).__name__
+)
+def test_replace_takes_numbers_of_numpy_and_xarray(number: object) -> None:
+    """Assert that one number is one number, whatever library it comes from."""
+    model = xd.Model.from_text(GOOD)
+    for section, name in (("parameters", "m"), ("initial", "v_y")):
+        assert model.replace(**{section: {name: number}}).digest == model.replace(**{section: {name: 0.2}}).digest
+
+
 def test_traits_name_the_culprit() -> None:
     """Assert that a drive of a coordinate counts as that coordinate."""
     assert Trait.VELOCITY_DEPENDENT not in traits_of(xd.Model.from_toml(MODELS / "cart_spring.toml"))
@@ -108,8 +119,11 @@ def test_traits_name_the_culprit() -> None:
         ("time [s],thrust [N]\n", "has 0 rows, needs 2"),
         ("time,thrust\n0,1\n1,2", "line 1: header 'time,thrust' needs two columns with units"),
         ("time [s],thrust [N]\n0,1\n0,2", "line 3: argument 0.0 does not increase after 0.0"),
-        ("# a note\ntime [s],thrust [N]\n0,1\n1,nan", "line 4: '1,nan' is not finite"),
+        ("# a note\ntime [s],thrust [N]\n0,1\n1,nan", "line 4: 'nan' is not finite"),
         ("time [s],thrust [N]\n0,1\n1;2", "line 3: '1;2' is no pair of numbers"),
+        ("time [s],thrust [N]\n0,1\n1,two", "line 3: 'two' is no number"),
+        ("time [s],thrust [N]\n0,1\n1,2,3", "line 3: '1' is the first of 3 cells, needs a pair of numbers"),
+        ("time [s],thrust [N]\n0,1\n" + "secret" * 9 + ",2", "line 3: 'secretsecretsecretsecret…' is no number"),
         ("time [s],thrust [bananas]\n0,1\n1,2", "unit 'bananas' is not known"),
         ("time [s],thrust [N],more [1]\n0,1,2\n1,2,3", "needs two columns"),
     ],
@@ -270,3 +284,85 @@ def test_python_force_with_a_closure_is_refused() -> None:
 
     with pytest.raises(xd.ModelError, match="function 'pull' takes k from around it"):
         particle(pull)
+
+
+TABLED = """
+name = "driven"
+[coordinates]
+x = { unit = "m" }
+[parameters]
+m = "1 kg"
+[mass]
+x = "m"
+[drives.pull]
+table = "TABLE"
+[forces.pull]
+x = "pull"
+[initial]
+x = "0 m"
+v_x = "0 m s-1"
+"""
+ROWS = "time [s],pull [N]\n0,0\n1,2\n"
+
+
+def tabled(folder: Path, table: str) -> Path:
+    """Write a model file with a table into a folder of its own, a table beside that, and links."""
+    (folder / "model" / "below").mkdir(parents=True)
+    for path in (folder / "out.csv", folder / "model" / "in.csv", folder / "model" / "below" / "in.csv"):
+        path.write_text(ROWS)
+    (folder / "model" / "inward.csv").symlink_to(folder / "model" / "below" / "in.csv")
+    (folder / "model" / "outward.csv").symlink_to(folder / "out.csv")
+    (folder / "model" / "away").symlink_to(folder)
+    path = folder / "model" / "driven.toml"
+    path.write_text(TABLED.replace("TABLE", table.replace("HERE", str(folder))))
+    return path
+
+
+@pytest.mark.parametrize("table", ["in.csv", "below/in.csv", "./in.csv", "inward.csv"])
+def test_a_model_file_takes_tables_from_below_it(tmp_path: Path, table: str) -> None:
+    """Assert that a table in the file's folder and below is read, links within it included."""
+    assert xd.Model.from_toml(tabled(tmp_path, table)).drives["pull"].table.value.tolist() == [0.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    "table", ["HERE/out.csv", "HERE/model/in.csv", "../out.csv", "below/../in.csv", "outward.csv", "away/out.csv"]
+)
+def test_no_table_out_of_reach_is_opened(tmp_path: Path, table: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that what lies elsewhere is refused unopened, and is read where everything is allowed."""
+    path = tabled(tmp_path, table)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "open", lambda *_: pytest.fail("opened"))
+        with pytest.raises(xd.ModelError, match="out of reach") as caught:
+            xd.Model.from_toml(path)
+    assert "--tables anywhere" in str(caught.value)
+    assert xd.Model.from_toml(path, tables="anywhere").drives["pull"].table.value.tolist() == [0.0, 2.0]
+
+
+def test_a_text_takes_no_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that an archive's model has its tables in it or none, and that Python may name any file."""
+    path = tabled(tmp_path, "in.csv")
+    monkeypatch.chdir(path.parent)
+    with pytest.raises(xd.ModelError, match="table 'in.csv' is not in the text"):
+        xd.Model.from_text(path.read_text())
+    named = xd.Model(**tomllib.loads(path.read_text().replace("in.csv", str(tmp_path / "out.csv"))))
+    assert xd.Model.from_text(named.to_toml()) == named
+
+
+@pytest.mark.parametrize("what", ["pipe", "folder", "missing", "bytes", "large"])
+def test_a_table_that_is_no_file(tmp_path: Path, what: str) -> None:
+    """Assert that each is one error at once, without a word of what it holds."""
+    path, table = tabled(tmp_path, "it.csv"), tmp_path / "model" / "it.csv"
+    act = {"pipe": lambda: os.mkfifo(table), "folder": table.mkdir, "missing": lambda: None,
+           "bytes": lambda: table.write_bytes(b"secret\xff"), "large": lambda: os.truncate(table, 1 << 40)}  # fmt: skip
+    if what == "large":
+        table.touch()
+    act[what]()
+    with pytest.raises(xd.ModelError, match="no regular file|cannot be read|has over") as caught:
+        xd.Model.from_toml(path)
+    assert "secret" not in str(caught.value)
+
+
+def test_what_tables_may_be(tmp_path: Path) -> None:
+    """Assert that a word that is none is refused."""
+    with pytest.raises(xd.InputError, match="tables is 'all'; there are below, anywhere"):
+        xd.Model.from_toml(tabled(tmp_path, "in.csv"), tables="all")

@@ -17,6 +17,7 @@ from cryptography.hazmat.primitives.asymmetric import ed25519, rsa
 
 import xdynamics as xd
 from problems import oscillator
+from xdynamics.archive import marched
 from xdynamics.archive.signatures import new_key, signature_of
 from xdynamics.cli import main
 
@@ -114,8 +115,7 @@ def resealed(path: Path) -> None:
     """Change a number, and make every digest and the seal anew, as someone would who wants to deceive."""
     with xd.open_run(path) as kept:
         run = kept.load()
-    run["x"].values[3] += 1.0
-    xd.save(run, path)
+    xd.save(marched(run.assign(x=run.x + 1.0).assign_attrs(run.attrs)), path)
 
 
 def rewritten(path: Path) -> None:
@@ -129,7 +129,7 @@ def redated(path: Path) -> None:
     """Say that a run was made on another day, seals made anew."""
     with xd.open_run(path) as kept:
         run = kept.load()
-    xd.save(run.assign_attrs(date_created="1999-01-01T00:00:00Z"), path)
+    xd.save(marched(run.assign_attrs(date_created="1999-01-01T00:00:00Z")), path)
 
 
 def flipped(path: Path) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+import xdynamics as xd
 from xdynamics.model.splines import hermite_pieces, monotone_slopes, spline_slopes
 
 
@@ -55,3 +58,23 @@ def test_monotone_data_stay_monotone() -> None:
         u = np.linspace(0.0, x[k + 1] - x[k], 50)
         along = ((cubic[k] * u + square[k]) * u + slope[k]) * u + value[k]
         assert np.all(np.diff(along) >= -1e-15)
+
+
+@pytest.mark.parametrize("rule", ["linear", "pchip", "cubic"])
+@pytest.mark.parametrize(
+    ("rows", "where"),
+    [
+        ("0,0\n1,-1e308\n1.5,1e308\n2,0\n3,0\n", "goes from -1e+308 at 1 to 1e+308 at 1.5"),
+        ("0,0\n1e-320,1\n1,2\n2,3\n", "goes from 0 at 0 to 1 at 9.99988867182683e-321"),
+    ],
+)
+def test_a_slope_that_overflows_is_named(rule: str, rows: str, where: str) -> None:
+    """Assert that the points between which no number holds the slope are told, before anything is marched."""
+    pull = {"table": "f.csv", "csv": "time [s],pull [N]\n" + rows, "interpolation": rule}
+    model = xd.Model(
+        name="pulled", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg"}, mass={"x": "m"},
+        forces={"pull": {"x": "pull"}}, drives={"pull": pull}, initial={"x": "0 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    with pytest.raises(xd.ModelError, match=re.escape(f"drive 'pull': table 'f.csv' {where}")) as caught:
+        xd.simulate(model, method="velocity_verlet", step=0.25, until=2.0)
+    assert f"the slopes of interpolation '{rule}' overflow" in str(caught.value)

@@ -19,7 +19,15 @@ if TYPE_CHECKING:
     from xdynamics.evidence.modes import modes
     from xdynamics.evidence.sampling import sample
     from xdynamics.extension import extend
-    from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, ModelError, ResumeWarning, StabilityWarning
+    from xdynamics.faults import (
+        AccuracyWarning,
+        ArchiveError,
+        InputError,
+        KindWarning,
+        ModelError,
+        ResumeWarning,
+        StabilityWarning,
+    )
     from xdynamics.figures import plot
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
@@ -28,7 +36,7 @@ if TYPE_CHECKING:
 
 # public name -> the room it lives in, entered when the name is first used
 _ROOMS = {
-    "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "ResumeWarning": "faults",
+    "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
     "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "discard": "archive", "extend": "extension", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
     "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "verify": "archive",
@@ -36,7 +44,7 @@ _ROOMS = {
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "Model", "ModelError", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "extend", "modes", "open_run",
+    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "extend", "modes", "open_run",
     "plot", "reproduce", "sample", "save", "sign", "simulate", "verify", "verify_signature",
 ]  # fmt: skip
 

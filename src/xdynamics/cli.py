@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from xdynamics.faults import escaped
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -24,13 +26,19 @@ class _Command(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         import warnings
 
-        from xdynamics.faults import AccuracyWarning, ArchiveError, InputError
+        from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, KindWarning
 
+        for stream in (sys.stdout, sys.stderr):
+            if hasattr(stream, "reconfigure"):  # a terminal without a sign for it shows it written out
+                stream.reconfigure(errors="backslashreplace")
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)  # the outcome, which is printed, says the same
+                warnings.simplefilter("ignore", KindWarning)  # `verify` says it where others are verified
                 warnings.showwarning = lambda message, *_rest: _complain(f"warning: {message}")
                 return super().invoke(ctx)
+        except click.UsageError as error:
+            raise click.UsageError(escaped(error.format_message()), error.ctx) from None
         except ArchiveError as error:
             _complain(error)
             ctx.exit(BADLY)
@@ -40,12 +48,13 @@ class _Command(click.Group):
 
 
 def _complain(error: Exception | str) -> None:
-    click.echo(f"xdynamics: {error}", err=True)
+    click.echo(f"xdynamics: {escaped(str(error), lines=isinstance(error, Exception))}", err=True)
 
 
 def _say(lines: Iterable[str]) -> None:
+    """Print lines, whatever the names and texts in them hold."""
     for line in lines:
-        click.echo(line)
+        click.echo(escaped(line))
 
 
 @click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"]})
@@ -91,6 +100,12 @@ def main() -> None:
 )
 @click.option("--node", "nodes", multiple=True, metavar="TIME", help="A time to land on, like '1 s'.")
 @click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
+@click.option(
+    "--tables",
+    type=click.Choice(["below", "anywhere"]),
+    default="below",
+    help="Where the model may take tables from: its own folder and below (default), or anywhere.",
+)
 def run(
     model_file: str,
     output: str,
@@ -108,6 +123,7 @@ def run(
     scales: tuple[str, ...],
     nodes: tuple[str, ...],
     resume: bool,
+    tables: str,
 ) -> None:
     """March a model file and archive the run.
 
@@ -116,7 +132,7 @@ def run(
     from xdynamics.faults import InputError
     from xdynamics.model import Model
 
-    model = Model.from_toml(model_file)
+    model = Model.from_toml(model_file, tables=tables)
     if Path(output).exists() and Path(output).samefile(model_file):
         raise InputError(f"-o {output} is the model file itself; name another file")
     if changes:
@@ -138,7 +154,7 @@ def discard(archives: tuple[str, ...]) -> None:
     from xdynamics.archive import discard as discarded
 
     for archive in archives:
-        click.echo(f"discarded {discarded(archive)} segments of {archive}")
+        _say([f"discarded {discarded(archive)} segments of {archive}"])
 
 
 @main.command()
@@ -162,7 +178,7 @@ def _close(finished: xr.Dataset, output: str) -> None:
 
     _say([*summary(finished), f"archive   {output}"])
     if has_segments(Path(output)):
-        click.echo(f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`")
+        _say([f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`"])
     sys.exit(DONE if finished.attrs["run_outcome"] in _good_words() else BADLY)
 
 
@@ -187,7 +203,7 @@ def plot(archive: str, output: str) -> None:
     from xdynamics.figures import plot as draw
 
     draw(open_run(archive), output)
-    click.echo(f"figure    {output}")
+    _say([f"figure    {output}"])
 
 
 @main.command()
@@ -220,16 +236,20 @@ def methods() -> None:
 @click.option("--key", metavar="PUBLIC.pem", help="Verify that the owner of this key signed them, too.")
 def verify(archives: tuple[str, ...], key: str | None) -> None:
     """Compare every digest of archives with their data, and with --key their signatures."""
-    from xdynamics.archive import signatures
+    from xdynamics.archive import open_run, signatures
     from xdynamics.archive import verify as digest_of
     from xdynamics.faults import ArchiveError
+    from xdynamics.record.kinds import said_of
 
     damaged = False
     for archive in archives:
         try:
             digest = signatures.verify_signature(archive, key) if key else digest_of(archive)
             shown = f"signed, by '{key}'" if key else signatures.protection(Path(archive))
-            click.echo(f"verified  {archive}  {digest}  ({shown})")
+            with open_run(archive, check=False) as run:
+                kind = said_of(run.attrs)
+            line = f"as written  {archive}  {digest}: {kind}" if kind else f"verified  {archive}  {digest}"
+            _say([f"{line}  ({shown})"])
         except ArchiveError as error:
             _complain(error)
             damaged = True
@@ -248,14 +268,14 @@ def sign(archives: tuple[str, ...], key: str | None, new_key: str | None) -> Non
     if (key is None) == (new_key is None) or not (archives or new_key):
         raise InputError("sign needs archives and one of --key KEY.pem and --new-key KEY.pem; --new-key goes alone too")
     if new_key:
-        click.echo(f"new key   {new_key} (keep it to yourself), {signatures.new_key(new_key)} (give it to others)")
+        _say([f"new key   {new_key} (keep it to yourself), {signatures.new_key(new_key)} (give it to others)"])
 
     def ask() -> str:
         asked: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True) if sys.stdin.isatty() else ""
         return asked
 
     for archive in archives:
-        click.echo(f"signed    {archive}  {signatures.sign(archive, key or str(new_key), passphrase=ask)}")
+        _say([f"signed    {archive}  {signatures.sign(archive, key or str(new_key), passphrase=ask)}"])
 
 
 @main.command()
@@ -266,10 +286,11 @@ def reproduce(archive: str) -> None:
 
     table = again(archive)
     if table.attrs["identical"]:
-        click.echo(f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same")
+        part = f" in run {table.attrs['selection']} marched again" if table.attrs["selection"] else ""
+        _say([f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same{part}"])
         _say([table.attrs["arithmetic"]] if table.attrs["arithmetic"] else [])
         return
-    click.echo(f"not the same: {table.attrs['arithmetic']}; the first is {table.attrs['first_difference']}")
+    _say([f"not the same: {table.attrs['arithmetic']}; the first is {table.attrs['first_difference']}"])
     _say(f"  {line}" for line in table.attrs["settings"].splitlines())
     sys.exit(BADLY)
 

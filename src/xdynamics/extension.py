@@ -19,6 +19,7 @@ from xdynamics.march.doubts import doubts
 from xdynamics.march.memory import go_on
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
+from xdynamics.record.kinds import said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.schema import END_MEMORY, EVENT_AFTER, GIVEN_STEP, NODE, STEP, STEPS
 from xdynamics.units import TIME, parse_time
@@ -80,6 +81,8 @@ def extend(
             raise InputError(f"'{path}' is the archive that is extended; name another file")
         with archive.open_run(run) as kept:
             return _extended(kept, until, path, functions, progress, resume=resume)
+    record.check_kind(run)
+    archive.check_unchanged(run)
     return _extended(run, until, path, functions, progress, resume=resume)
 
 
@@ -93,6 +96,8 @@ def _extended(
     resume: bool,
 ) -> xr.Dataset:
     record.check_kind(kept)
+    if said_of(kept.attrs):
+        raise InputError(f"the run cannot be extended, it is {said_of(kept.attrs)}; extend the run itself")
     _refuse_other_ends(kept)
     model = Model.from_text(str(kept["model_toml"].values), functions=functions)
     asked, end = asked_of(kept), float(kept.attrs["solver_until"])
@@ -110,7 +115,7 @@ def _extended(
     elif resume:
         raise InputError("resume needs path=…, the file that the run was to be streamed to")
     else:
-        longer = record.dataset(march, march.blocks(), _rows(kept, march))
+        longer = archive.marched(record.dataset(march, march.blocks(), _rows(kept, march)))
     for doubt in doubts(march):
         warnings.warn(f"{model.name}: {doubt}", AccuracyWarning, stacklevel=3)
     return longer

@@ -2,8 +2,36 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+
+MOST_LISTED = 20  # faults that a message shows; an error bears them all
+# controls, marks of direction and other characters without a shape, halves of pairs, ends of lines and paragraphs
+UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
+
+
+def escaped(text: str, *, lines: bool = False) -> str:
+    r"""Return a text as it may go to a terminal: what is not seen but does something is written out.
+
+    Parameters
+    ----------
+    text : str
+    lines : bool
+        Whether newlines and tabs are meant, as in a description or in equations.
+
+    Examples
+    --------
+    >>> print(escaped("ball\x1b[2J\nverified"))
+    ball\x1b[2J\nverified
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    meant = "\n\t" if lines else ""
+    return "".join(
+        one if one in meant or unicodedata.category(one) not in UNSEEN else one.encode("unicode_escape").decode()
+        for one in text
+    )
 
 
 class InputError(ValueError):
@@ -12,14 +40,17 @@ class InputError(ValueError):
     Parameters
     ----------
     message : str
-        What is wrong, its value, what was needed and the remedy.
+        What is wrong, its value, what was needed and the remedy. Its lines are those of `numbered`; whatever else names
+        and values of a file would do to a terminal is written out.
     faults : tuple of str
         The single faults, when several were found in one input.
     """
 
     def __init__(self, message: str, faults: tuple[str, ...] = ()) -> None:
-        super().__init__(message)
-        self.faults = faults or (message,)
+        listed = numbered(faults) if message.endswith(numbered(faults)) else ""
+        said = escaped(message.removesuffix(listed)) + listed
+        super().__init__(said)
+        self.faults = tuple(map(escaped, faults)) or (said,)
 
 
 class StabilityWarning(UserWarning):
@@ -34,6 +65,10 @@ class ResumeWarning(UserWarning):
     """A run that was to be resumed goes on from farther back than one would expect, or could not be resumed later."""
 
 
+class KindWarning(UserWarning):
+    """An archive is whole, and is no run but a selection of one or derived data."""
+
+
 class ModelError(InputError):
     """A model statement cannot be marched as it stands."""
 
@@ -44,7 +79,9 @@ class ArchiveError(InputError):
 
 def numbered(faults: Iterable[str]) -> str:
     """Print faults as numbered lines, to follow a colon."""
-    return "".join(f"\n  {n}. {fault}" for n, fault in enumerate(faults, 1))
+    listed = [f"\n  {n}. {escaped(fault)}" for n, fault in enumerate(faults, 1)]
+    rest = len(listed) - MOST_LISTED
+    return "".join(listed if rest <= 1 else [*listed[:MOST_LISTED], f"\n  … and {rest} more"])
 
 
 class Ledger:

@@ -47,10 +47,30 @@ COUNTS = ("run_force_evaluations", "run_jacobian_evaluations", "run_factorisatio
 REQUIRED_ATTRIBUTES = (
     "Conventions", "title", "summary", "source", "history", "date_created", "xdynamics_version", "schema_version",
     "solver_method", "solver_order", "solver_update_equations", "solver_update_order", "solver_interpolation",
-    "solver_event_root_method", "precision", "math_functions", "run_outcome", "run_outcome_text", "model_digest",
+    "solver_event_root_method", "solver_step_control", "solver_until", "solver_estimator", "solver_force_samples",
+    "precision", "math_functions", "run_outcome", "run_outcome_text", "run_force_evaluations", "model_digest",
     "force_digest",
 )  # fmt: skip
+# what the record of a run by each kind of step control needs besides
+BY_STEP_CONTROL = {
+    "fixed": ("solver_step",),
+    "given": (),
+    "adaptive": ("solver_rtol", "solver_first_step", "solver_first_step_choice", "solver_safety", "solver_growth_limits",
+                 "solver_min_step", "solver_max_step", "solver_max_steps"),
+}  # fmt: skip
+NUMBERS = (
+    "solver_order", "solver_until", "solver_step", "solver_rtol", "solver_first_step", "solver_safety",
+    "solver_min_step", "solver_max_step", "solver_max_steps", "solver_length_scale", "solver_time_scale",
+    "solver_mass_scale", "solver_interpolation_order", *COUNTS,
+)  # fmt: skip
+PAIRS = ("solver_growth_limits",)
 DIGEST, ROOT_DIGEST, VOLATILE_DIGEST = "sha256", "content_digest", "volatile_digest"
+# what a record in memory was before anybody could edit it; not in files
+ORIGIN = "origin"
+# of what is no run: a text that says how it was made, and of a part of a run which part; content digests of the run
+DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL = (
+    "derived", "derived_from", "selection", "selection_of", "selection_atol_si",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -214,59 +234,3 @@ def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         for name in one_force.components or parts["coordinates"]:
             yield force(term, name), f"force '{term}'"
             yield sampled(force(term, name)), f"force '{term}'"
-
-
-def faults_of(dataset: Any) -> list[str]:
-    """List how a Dataset departs from the schema; an empty list is a valid record."""
-    faults = [f"attribute '{name}' is missing" for name in REQUIRED_ATTRIBUTES if name not in dataset.attrs]
-    named = {variable.name: variable for variable in FIXED}
-    for variable in FIXED:
-        if variable.dims == (SAMPLES,) and SAMPLES not in dataset.dims:
-            continue
-        if variable.name not in dataset.variables:
-            faults.append(f"variable '{variable.name}' is missing")
-    for name, found in dataset.variables.items():
-        expected = named.get(name)
-        if expected and tuple(found.dims) != expected.dims:
-            faults.append(f"variable '{name}' has dims {tuple(found.dims)}, needs {expected.dims}")
-        missing = [word for word in ("units", "long_name", "role") if word not in found.attrs]
-        faults += [f"variable '{name}' has no attribute '{word}'" for word in missing]
-        if found.dtype.kind not in "fiuUO" or (found.dtype.kind in "UO" and found.dims):
-            faults.append(
-                f"variable '{name}' has the type {found.dtype}, needs numbers, or one text without a dimension"
-            )
-        faults += [f"variable '{name}': {fault}" for fault in _attribute_faults(found.attrs)]
-        if expected and "units" in found.attrs and found.attrs["units"] != expected.units:
-            faults.append(f"variable '{name}' has units '{found.attrs['units']}', needs '{expected.units}'")
-    return faults + _attribute_faults(dataset.attrs) + _time_faults(dataset)
-
-
-def _attribute_faults(attributes: Mapping[Any, Any]) -> list[str]:
-    """List the attributes that a file cannot keep as they are."""
-    return [
-        f"attribute '{name}' is {str(value)[:40]!r}, needs a text, a number or an array of numbers"
-        for name, value in attributes.items()
-        if isinstance(value, bool)
-        or not (
-            isinstance(value, str | float)
-            or getattr(value, "dtype", None)
-            or (isinstance(value, int) and abs(value) < 2**63)
-        )
-    ]
-
-
-def _time_faults(dataset: Any) -> list[str]:
-    """Check that time never decreases, and repeats only at an event's pair."""
-    if "time" not in dataset.variables or "row_kind" not in dataset.variables:
-        return []
-    import numpy as np
-
-    time, kind = np.asarray(dataset["time"]), np.asarray(dataset["row_kind"])
-    gaps = np.diff(time)
-    wrong = np.flatnonzero((gaps < 0) | ((gaps == 0) & (kind[1:] != EVENT_AFTER)) | np.isnan(gaps))
-    if not wrong.size:
-        return []
-    row = int(wrong[0]) + 1
-    return [
-        f"variable 'time' goes from {time[row - 1]!r} to {time[row]!r} at row {row}: it must increase, but at an event's pair"
-    ]

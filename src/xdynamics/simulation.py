@@ -18,6 +18,7 @@ from xdynamics.march.doubts import doubts
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.model.motion import variables
+from xdynamics.record.kinds import is_derived, said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.stability import fastest_rate, stable_step, surely_stable
 from xdynamics.units import Quantity
@@ -49,6 +50,7 @@ def simulate(
     force_samples: str | None = None,
     scales: Mapping[str, str] | None = None,
     jacobian: str | None = None,
+    summation: str | None = None,
     nodes: Sequence[str | float] | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
@@ -88,6 +90,10 @@ def simulate(
     jacobian : {"exact", "differences"}
         Where `radau_iia` has the derivatives of the forces from: from their expressions, or, for forces in Python too,
         from differences of the forces.
+    summation : {"compensated", "plain"}
+        Whether what rounding takes from the state at each update is carried to the next, so that a long run's error does
+        not grow with its steps (Hairer, Lubich, Wanner, section VIII.5); the first for symplectic methods but
+        `implicit_midpoint`, which has no such updates, else the second.
     nodes : array of str or float
         Times to land on, besides the breakpoints of measured drives: ``["1 s", "2.5 s"]``.
     progress : callable, optional
@@ -134,7 +140,7 @@ def simulate(
         "method": method, "step": step, "until": until, "rtol": rtol, "atol": atol, "estimator": estimator,
         "safety": safety, "growth_limits": growth_limits, "min_step": min_step, "max_step": max_step,
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
-        "jacobian": jacobian, "nodes": nodes,
+        "jacobian": jacobian, "summation": summation, "nodes": nodes,
     }  # fmt: skip
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):
@@ -150,7 +156,7 @@ def simulate(
             return archive.open_run(path, check=False)
         finished = archive.open_run(archive.stream(march, path, resume=resume), check=False)
     else:
-        finished = record.dataset(march, march.blocks())
+        finished = archive.marched(record.dataset(march, march.blocks()))
     for doubt in doubts(march):
         warnings.warn(f"{model.name}: {doubt}", AccuracyWarning, stacklevel=2)
     return finished
@@ -216,6 +222,8 @@ def _fastest_rate(model: Model) -> float:
 def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
     """March an archive's own model again, from the file alone, and compare every variable bit for bit.
 
+    Of a selection the whole run is marched again, and every kept value is looked for in it.
+
     Parameters
     ----------
     path : str or Path
@@ -233,14 +241,24 @@ def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]]
     ------
     ArchiveError
         If the file is damaged.
+    InputError
+        If it holds derived data, or a selection without what its run is marched from.
     ModelError
         If a function is missing or another one.
     """
     kept = archive.open_run(path)
     with kept:
-        return reproduced(kept, _again(kept, functions))
+        if is_derived(kept.attrs):
+            raise InputError(f"'{path}' is {said_of(kept.attrs)}; reproduce the archive of that run")
+        return reproduced(kept, archive.selected_like(kept, _again(kept, functions)))
 
 
 def _again(kept: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
+    needed = ["model_toml", *(["given_step_size"] if kept.attrs["solver_step_control"] == "given" else ())]
+    missing = [name for name in needed if name not in kept.variables]
+    if missing:
+        raise InputError(
+            f"the selection was saved without {' and '.join(missing)}, from which its run is marched again"
+        )
     model = Model.from_text(str(kept["model_toml"].values), functions=functions)
     return simulate(model, **asked_of(kept))

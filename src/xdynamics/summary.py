@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from xdynamics.faults import escaped
+from xdynamics.record.kinds import is_selection, is_whole, said_of
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
 
 MOST_EVENTS = 20
@@ -15,8 +17,13 @@ LONGEST = 400  # characters of a setting that are shown
 
 
 def summary(run: xr.Dataset) -> list[str]:
-    """Describe a run in lines: outcome, method, counts, end state, energy band, events."""
+    """Describe a run in lines: outcome, method, counts, end state, energy band, events.
+
+    Of a selection the rows that events name are not there; what its run came to is said of the run.
+    """
     used = run.attrs
+    if not is_whole(used):
+        return [escaped(line) for line in _partly(run)]
     lines = [
         used["title"],
         f"outcome   {used['run_outcome']}: {used['run_outcome_text']}",
@@ -30,16 +37,27 @@ def summary(run: xr.Dataset) -> list[str]:
         lines.append(
             f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}, end minus start {change:.3g} {units}"
         )
-    return lines + list(_events(run))
+    return [escaped(line) for line in (*lines, *_events(run))]
+
+
+def _partly(run: xr.Dataset) -> Iterator[str]:
+    used = run.attrs
+    yield str(used.get("title", "a record without a title"))
+    yield f"kind      {said_of(used)}"
+    if is_selection(used):
+        yield f"of run    {used['solver_method']}, {used['run_outcome']}: {used['run_outcome_text']}"
+    yield f"log       {', '.join(f'{size} rows of {dim}' for dim, size in run.sizes.items()) or 'no rows'}"
 
 
 def details(run: xr.Dataset) -> list[str]:
-    """Describe a run whole: its summary, parameters, settings and digests."""
+    """Describe a run whole: its summary, parameters with their descriptions, settings and digests, a line each."""
     lines = [*summary(run), "parameters"]
     for name, one in run.data_vars.items():
-        if one.attrs.get("role") == "parameter":
+        if one.attrs.get("role") == "parameter" and not one.dims:
             uncertainty = f" ± {one.attrs['uncertainty']:g}" if "uncertainty" in one.attrs else ""
-            lines.append(f"  {name} = {float(one):.12g}{uncertainty} {one.attrs['units']}   {one.attrs['long_name']}")
+            first, *more = str(one.attrs["long_name"]).split("\n")
+            lines.append(f"  {name} = {float(one):.12g}{uncertainty} {one.attrs['units']}   {first}")
+            lines += [f"    {line}" for line in more]
     lines.append("settings and evidence")
     keys = [
         key for key in run.attrs if key.startswith(("solver_", "precision", "math_", "model_d", "force_d", "content_d"))
@@ -47,7 +65,8 @@ def details(run: xr.Dataset) -> list[str]:
     keys += [
         key for key in ("date_created", "xdynamics_version", "python_version", "numba_version") if key in run.attrs
     ]
-    return lines + [f"  {key} = {shortened(run.attrs[key])}" for key in keys]
+    lines += [f"  {key} = {shortened(run.attrs[key])}" for key in keys]
+    return [escaped(line) for line in lines]
 
 
 def shortened(value: Any) -> str:

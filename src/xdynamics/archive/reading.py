@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.archive.library import DAMAGE, opened
+from xdynamics.archive.origin import read
 from xdynamics.archive.seals import root_digest, seal_holds, stored_digest, volatile_digest
 from xdynamics.archive.source import check_source
-from xdynamics.faults import ArchiveError, numbered
-from xdynamics.record import own_attributes
+from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered
+from xdynamics.record import faults_of, own_attributes
+from xdynamics.record.kinds import said_of
 from xdynamics.schema import DIGEST, ROOT_DIGEST, VOLATILE_DIGEST
 
 if TYPE_CHECKING:
@@ -38,9 +42,31 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
     if check and not seal_holds(path):
         verify(path)
     try:
-        return xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
+        run = xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
     except DAMAGE as error:
         raise ArchiveError(f"'{path}' cannot be opened as a run archive: {error}") from None
+    _check_record(run, path)
+    return read(run, partial(_again, path, str(run.attrs.get(ROOT_DIGEST, ""))))
+
+
+def _again(path: Path, digest: str) -> xr.Dataset | None:
+    """Open a file again, where it still holds the same record."""
+    try:
+        run = open_run(path)
+    except InputError:
+        return None
+    return run if run.attrs[ROOT_DIGEST] == digest else None
+
+
+def _check_record(run: xr.Dataset, path: Path) -> None:
+    """Refuse what bears right digests and is no run record: somebody else wrote it, or another version."""
+    try:
+        faults = faults_of(run, values=False)
+    except DAMAGE as error:
+        faults = [str(error)]
+    if faults:
+        run.close()
+        raise ArchiveError(f"'{path}' is as it was written, but no run record:{numbered(faults)}", tuple(faults))
 
 
 def verify(path: str | Path) -> str:
@@ -57,8 +83,22 @@ def verify(path: str | Path) -> str:
         If there is no such file.
     ArchiveError
         Naming every variable that differs from its digest.
+
+    Warns
+    -----
+    KindWarning
+        If the file is as it was written, and holds a selection of a run or derived data.
     """
-    path = Path(path)
+    digest = verified(Path(path))
+    with open_run(path, check=False) as run:
+        said = said_of(run.attrs)
+    if said:
+        warnings.warn(f"'{path}' is as it was written, and is {said}", KindWarning, stacklevel=2)
+    return digest
+
+
+def verified(path: Path) -> str:
+    """Compare with the digests alone; see `verify`."""
     check_source(path)
     faults = ["the bytes of the file differ from its seal"] if seal_holds(path) is False else []
     with opened(path) as file:

@@ -13,7 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.record import own_attributes, plain
-from xdynamics.schema import BOUNDS, EVENTS, ROOT_DIGEST, SAMPLES, STEPS, TRIALS, VOLATILE, VOLATILE_DIGEST, Variable
+from xdynamics.schema import (
+    BOUNDS,
+    EVENTS,
+    ORIGIN,
+    ROOT_DIGEST,
+    SAMPLES,
+    STEPS,
+    TRIALS,
+    VOLATILE,
+    VOLATILE_DIGEST,
+    Variable,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -142,7 +153,7 @@ def stored_digest(variable: Any) -> str:
 
 def root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]) -> str:
     """Return the content digest, from the variables' digests and every attribute that is no circumstance."""
-    outside = {*VOLATILE, ROOT_DIGEST}
+    outside = {*VOLATILE, ROOT_DIGEST, ORIGIN}
     content = {
         "variables": {name: [digests[name], plain(attributes[name])] for name in sorted(digests)},
         "attributes": plain({key: value for key, value in run.items() if key not in outside}),

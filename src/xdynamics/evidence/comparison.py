@@ -9,9 +9,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, escaped
 from xdynamics.record import own_attributes, plain
-from xdynamics.schema import COUNTS, EVENT_AFTER, ROOT_DIGEST, STEPS, VOLATILE
+from xdynamics.schema import COUNTS, EVENT_AFTER, ORIGIN, ROOT_DIGEST, SELECTION_OF, STEPS, VOLATILE
 
 SLAB = 1_000_000
 STATES = ("coordinate", "velocity", "state")  # roles
@@ -44,7 +44,7 @@ def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
     xarray.Dataset
         What `bitwise` gives. Where the archive was made by another version, or with another set of elementary
         functions, words do not count: the text of the law, the name of the set and the vocabulary of flags, nor
-        variables that the archive's version did not have; `identical` is then 1 where every number has the same bits and every setting is the same. `arithmetic` says in one sentence
+        variables and settings that the archive's version did not have; `identical` is then 1 where every number has the same bits and every setting is the same. `arithmetic` says in one sentence
         what differs; it is empty where nothing does.
     """
     versions = [str(one.attrs.get("xdynamics_version", "of unknown name")) for one in (kept, again)]
@@ -82,8 +82,10 @@ def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
         relative = largest / size if size > 0.0 and largest < np.inf else np.inf if largest else 0.0
         if relative > worst:
             worst, row = relative, int(np.argmax(apart.max(axis=1)))
-            said = f"the largest difference is {largest:.3g} {one.attrs.get('units', '')} in '{name}', row {row}: {worst:.2g} of its largest value"
-    rows = [int(run.sizes[STEPS]) for run in (kept, again)]
+            said = escaped(
+                f"the largest difference is {largest:.3g} {one.attrs.get('units', '')} in '{name}', row {row}: {worst:.2g} of its largest value"
+            )
+    rows = [int(run.sizes.get(STEPS, 0)) for run in (kept, again)]
     return said if rows[0] == rows[1] else f"{said}; {rows[0]} rows became {rows[1]}"
 
 
@@ -95,7 +97,8 @@ def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset
     names.sort(key=lambda name: name != "time")  # of the variables of one row, time is named first
     rows = [_first_row(first, second, name, worded=worded) for name in names]
     settings = settings_apart(first, second)
-    settings = [line for line in settings if worded or line.partition(":")[0] not in LAW]
+    if not worded:
+        settings = [line for line in settings if (name := line.partition(":")[0]) not in LAW and name in first.attrs]
     table = xr.Dataset(
         {
             "name": ("variable", np.array(names), {"long_name": "variable of the runs"}),
@@ -108,6 +111,7 @@ def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset
         identical=int(identical),
         first_difference="" if identical else _earliest(first, second, names, rows, settings),
         settings="\n".join(settings),
+        selection=str(first.attrs.get(SELECTION_OF, "")),
     )
 
 
@@ -154,13 +158,13 @@ def compare(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 
 def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
     """List the attributes that two runs do not share; dates, versions, machine, counts of what came out and what follows from others do not count."""
-    outside = {*VOLATILE, *COUNTS, *FOLLOWING, ROOT_DIGEST}
+    outside = {*VOLATILE, *COUNTS, *FOLLOWING, ROOT_DIGEST, ORIGIN}
     names = [name for name in {**first.attrs, **second.attrs} if name not in outside]
     found = []
     for name in names:
         one, other = (plain(run.attrs).get(name, "absent") for run in (first, second))
         if one != other:
-            found.append(f"{name}: {_short(one)} | {_short(other)}")
+            found.append(escaped(f"{name}: {_short(one)} | {_short(other)}"))
     return found
 
 
@@ -170,7 +174,12 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
         return 0
     one, other = first.variables[name], second.variables[name]
     own = [plain(own_attributes(attributes)) for attributes in (one.attrs, other.attrs)]
-    if one.dims != other.dims or own[0].get("units") != own[1].get("units") or (worded and own[0] != own[1]):
+    if (
+        one.dims != other.dims
+        or _kind(one) != _kind(other)
+        or own[0].get("units") != own[1].get("units")
+        or (worded and own[0] != own[1])
+    ):
         return 0
     if not one.dims:
         return None if _bits(one.values) == _bits(other.values) else 0
@@ -184,6 +193,11 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
     return None if one.shape == other.shape else shared
 
 
+def _kind(variable: xr.Variable) -> str:
+    """Return the type of a variable; texts are one type, however they are kept."""
+    return "text" if variable.dtype.kind in "UOT" else variable.dtype.str
+
+
 def _earliest(
     first: xr.Dataset, second: xr.Dataset, names: list[str], rows: list[int | None], settings: list[str]
 ) -> str:
@@ -195,7 +209,7 @@ def _earliest(
     row, name = min(along or apart, key=lambda pair: pair[0])
     values = [_value(run, name, row) for run in (first, second)]
     where = f", row {row}" if first.variables.get(name, second.variables.get(name)).dims else ""  # type: ignore[union-attr]
-    return f"variable '{name}'{where}: {values[0]} | {values[1]}"
+    return escaped(f"variable '{name}'{where}: {values[0]} | {values[1]}")
 
 
 def _value(run: xr.Dataset, name: str, row: int) -> str:

@@ -14,7 +14,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, escaped
+from xdynamics.record.kinds import is_whole
 from xdynamics.schema import STEPS, velocity
 from xdynamics.summary import event_names
 
@@ -53,9 +54,13 @@ def plot(run: xr.Dataset, path: str | Path | None = None) -> Figure:
 
     if path is not None:
         _check_path(Path(path))
-    if "time" not in run.variables or run.sizes.get(STEPS, 0) == 0:
+    if "time" not in run.variables or run["time"].dims != (STEPS,) or not run["time"].size:
         raise InputError("plot needs a run record with 'time' along 'step'")
     panels = list(_panels(run))
+    if not panels:
+        raise InputError(
+            f"there is nothing along '{STEPS}' to draw among {', '.join(map(str, run.data_vars)) or 'nothing'}"
+        )
     rows = (len(panels) + 1) // 2
     figure = Figure(figsize=(11, 2.9 * rows + 0.7), layout="constrained")
     grid = figure.subplots(rows, 2, squeeze=False)
@@ -66,9 +71,9 @@ def plot(run: xr.Dataset, path: str | Path | None = None) -> Figure:
         axes.grid(color="#e3e3e3", linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
     attributes = run.attrs
-    figure.suptitle(attributes.get("title", "run"), x=0.01, ha="left", fontsize=13)
+    figure.suptitle(_words(attributes.get("title", "run")), x=0.01, ha="left", fontsize=13)
     outcome = f"{attributes.get('run_outcome', '')}: {attributes.get('run_outcome_text', '')}"
-    figure.supxlabel(outcome[:180], fontsize=8, color="#555555", x=0.01, ha="left")
+    figure.supxlabel(_words(outcome[:180]), fontsize=8, color="#555555", x=0.01, ha="left")
     if path is not None:
         _write(figure, Path(path))
     return figure
@@ -92,16 +97,18 @@ def _panels(run: xr.Dataset) -> Iterator[Callable[[Axes], None]]:
     coordinates = _with_role(run, "coordinate")
     for names in _by_unit(run, coordinates):
         yield partial(_against_time, run, names, "trajectory")
-    for names in _by_unit(run, [velocity(name) for name in coordinates]):
+    moving = [name for name in coordinates if _drawn(run, velocity(name))]
+    for names in _by_unit(run, [velocity(name) for name in moving]):
         yield partial(_against_time, run, names, "velocity")
     for names in _by_unit(run, _with_role(run, "state")):
         yield partial(_against_time, run, names, "first-order state")
-    for names in _by_unit(run, coordinates):
+    for names in _by_unit(run, moving):
         yield partial(_phase, run, names)
-    if "total_energy" in run:
+    if _drawn(run, "total_energy"):
         yield partial(_energy, run)
-    yield partial(_steps, run)
-    if "error_norm" in run:
+    if _drawn(run, "step_size", "trial_reason", "trial_step_size", "trial_time"):
+        yield partial(_steps, run)
+    if _drawn(run, "error_norm"):
         yield partial(_errors, run)
 
 
@@ -111,8 +118,8 @@ def _against_time(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> N
         values = run[name].values
         rows = thinned(values)
         dots = "." if len(values) < FEW_ROWS else ""  # between long steps the line is only a line
-        axes.plot(time[rows], values[rows], dots + "-", color=colour, linewidth=1.2, markersize=4, label=name)
-    axes.set(xlabel="time (s)", ylabel=f"{_joined(names)} ({run[names[0]].attrs['units']})")
+        axes.plot(time[rows], values[rows], dots + "-", color=colour, linewidth=1.2, markersize=4, label=_words(name))
+    axes.set(xlabel="time (s)", ylabel=_words(f"{_joined(names)} ({run[names[0]].attrs['units']})"))
     axes.set_title(what, loc="left", fontsize=10)
     _mark_events(run, names, axes)
     if len(names) > 1:
@@ -121,8 +128,8 @@ def _against_time(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> N
 
 def _mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Mark every event on the first line, and name each kind once."""
-    if not run.sizes.get("event", 0):
-        return
+    if not run.sizes.get("event", 0) or not is_whole(run.attrs):
+        return  # of a selection, the rows that events name are those of the run
     detectors = event_names(run)
     rows = run["event_row_before"].values
     time, values = run["time"].values[rows], run[names[0]].values[rows]
@@ -134,7 +141,11 @@ def _mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
         )
         if n < MOST_LABELLED:
             axes.annotate(
-                detector, (time[chosen][0], values[chosen][0]), textcoords="offset points", xytext=(5, 5), fontsize=7.5
+                _words(detector),
+                (time[chosen][0], values[chosen][0]),
+                textcoords="offset points",
+                xytext=(5, 5),
+                fontsize=7.5,
             )
 
 
@@ -142,11 +153,12 @@ def _phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     for colour, name in zip(_cycled(names), names, strict=True):
         position, speed = run[name].values, run[velocity(name)].values
         rows = np.union1d(thinned(position), thinned(speed))
-        axes.plot(position[rows], speed[rows], color=colour, linewidth=1.0, label=name)
+        axes.plot(position[rows], speed[rows], color=colour, linewidth=1.0, label=_words(name))
         axes.plot(position[:1], speed[:1], "o", color=colour, markersize=4)
     units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]
     axes.set(
-        xlabel=f"{_joined(names)} ({units})", ylabel=f"{_joined([velocity(name) for name in names])} ({per_second})"
+        xlabel=_words(f"{_joined(names)} ({units})"),
+        ylabel=_words(f"{_joined([velocity(name) for name in names])} ({per_second})"),
     )
     axes.set_title("phase portrait (dot: start)", loc="left", fontsize=10)
     if len(names) > 1:
@@ -158,9 +170,9 @@ def _energy(run: xr.Dataset, axes: Axes) -> None:
     values = energy.values - energy.values[0]
     rows = thinned(values)
     axes.plot(run["time"].values[rows], values[rows], color=_COLOURS[1], linewidth=1.0)
-    axes.set(xlabel="time (s)", ylabel=f"E - E(0) ({energy.attrs['units']})")
+    axes.set(xlabel="time (s)", ylabel=_words(f"E - E(0) ({energy.attrs['units']})"))
     axes.set_title(
-        f"total energy less its start, {float(energy[0]):.6g} {energy.attrs['units']}", loc="left", fontsize=10
+        _words(f"total energy less its start, {float(energy[0]):.6g} {energy.attrs['units']}"), loc="left", fontsize=10
     )
 
 
@@ -197,7 +209,14 @@ def _errors(run: xr.Dataset, axes: Axes) -> None:
 
 
 def _with_role(run: xr.Dataset, role: str) -> list[str]:
-    return [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") == role]
+    return [
+        str(name) for name, one in run.data_vars.items() if one.attrs.get("role") == role and _drawn(run, str(name))
+    ]
+
+
+def _drawn(run: xr.Dataset, *names: str) -> bool:
+    """Whether there are rows of all of these, as in a whole record there are."""
+    return all(name in run and run[name].dims[:1] in ((STEPS,), ("trial",)) for name in names)
 
 
 def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
@@ -209,6 +228,11 @@ def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
 
 def _cycled(names: list[str]) -> list[str]:
     return [_COLOURS[i % len(_COLOURS)] for i in range(len(names))]
+
+
+def _words(text: Any) -> str:
+    """Return a record's text as it is to be read in a figure: no formula, nothing unseen."""
+    return escaped(str(text)).replace("$", r"\$")
 
 
 def _joined(names: list[str]) -> str:

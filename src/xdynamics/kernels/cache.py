@@ -1,19 +1,25 @@
-"""Files that spare a compilation: written whole or not at all, believed only if their digest holds."""
+"""Files that spare a compilation: written whole or not at all, and only bytes whose digest holds are ever used."""
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import shutil
+import stat
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
 from functools import lru_cache
 from pathlib import Path
 
+from xdynamics.faults import escaped
+
 ENVIRONMENT = "XDYNAMICS_CACHE"
 ROOM = 8_000_000  # bytes that are free where an engine is to be kept
-_SEAL = "sealed"
+LARGEST = 500_000_000  # bytes of a file that is read at all
+ABANDONED = 3600.0  # seconds after which a part that nobody finished is nobody's
+_PART = ".part"
+_ADVISED: list[str] = []
 
 
 def folder() -> Path:
@@ -23,9 +29,9 @@ def folder() -> Path:
     if kept := os.environ.get("XDG_CACHE_HOME"):
         return _from_here(kept) / "xdynamics"
     try:
-        return Path.home() / ".cache" / "xdynamics"
+        return _from_here(str(Path.home())) / ".cache" / "xdynamics"
     except RuntimeError:  # nobody's process: there is no home
-        return Path(tempfile.gettempdir()) / "xdynamics"
+        return Path(tempfile.gettempdir()) / f"xdynamics-{_user()}"
 
 
 @lru_cache
@@ -40,9 +46,19 @@ def digest(*parts: str) -> str:
 
 
 def read(name: str) -> bytes | None:
-    """Return what a file holds; None where it is not there, cannot be read or is not what was written."""
+    """Return what a file holds; None where it is not there, cannot be read or is not what was written.
+
+    The bytes that were compared with the digest are the bytes that are returned: no later look at the file.
+    """
+    # a pipe in the place of a file would wait for its writer for ever
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
-        whole = (folder() / name).read_bytes()
+        _check_owner(folder())
+        with os.fdopen(os.open(folder() / name, flags), "rb") as file:
+            about = os.fstat(file.fileno())
+            if not stat.S_ISREG(about.st_mode) or about.st_size > LARGEST:
+                return None
+            whole = file.read()
     except OSError:
         return None
     seal, content = whole[:32], whole[32:]
@@ -50,81 +66,71 @@ def read(name: str) -> bytes | None:
 
 
 def write(name: str, content: bytes) -> None:
-    """Keep a file with its digest in front; a folder that cannot be written costs a compilation each time, no more."""
+    """Keep a file with its digest in front; where that cannot be done it is said, once, and the process goes on."""
     try:
-        folder().mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=folder(), suffix=".part")
+        _make(folder())
+        handle, part = tempfile.mkstemp(dir=folder(), prefix=f"{name[:20]}-", suffix=_PART)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(hashlib.sha256(content).digest() + content)
+            if (folder() / name).is_dir() and not (folder() / name).is_symlink():
+                shutil.rmtree(folder() / name)  # nothing else makes way for a file
             Path(part).replace(folder() / name)
         except BaseException:
             Path(part).unlink(missing_ok=True)
             raise
-    except OSError:
+        _sweep()
+    except OSError as error:
+        advise(_reason(error))
+
+
+def obstacle() -> str:
+    """Say why no engine could be kept, before the time is spent on one; nothing where it could."""
+    try:
+        _make(folder())
+        with tempfile.NamedTemporaryFile(dir=folder(), suffix=_PART) as probe:
+            probe.write(bytes(ROOM))
+            probe.flush()
+    except OSError as error:
+        return _reason(error)
+    return ""
+
+
+def advise(reason: str) -> None:
+    """Say once in a process that nothing can be kept, and what helps."""
+    if _ADVISED:
         return
+    _ADVISED.append(reason)
+    logging.getLogger("xdynamics").warning(
+        "xdynamics: compiled code cannot be kept in '%s' (%s), so every process compiles it again; set %s to a folder that"
+        " can be written and has room", escaped(str(folder())), reason, ENVIRONMENT,
+    )  # fmt: skip
 
 
-def sealed(name: str) -> Path | None:
-    """Return a folder of files that are all as they were written; None where it is not there or damaged."""
-    place = folder() / name
-    try:
-        seal = (place / _SEAL).read_text()
-        return place if seal == _seal_of(place) else None
-    except (OSError, ValueError):  # ValueError: bytes that are no text
-        return None
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error)
 
 
-@contextmanager
-def filling(name: str) -> Iterator[Path | None]:
-    """Give a new folder to write files to, and when they are written its name; it is whole or not there.
+def _make(place: Path) -> None:
+    place.mkdir(parents=True, exist_ok=True)
+    _check_owner(place)
 
-    Where nothing can be written, there is no folder: None.
-    """
-    part = _fresh(name)
-    if part is None:
-        yield None
+
+def _check_owner(place: Path) -> None:
+    """Refuse a folder among everybody's temporary ones that somebody else could have put there."""
+    if place.parent != Path(tempfile.gettempdir()) or place.name != f"xdynamics-{_user()}":
         return
-    try:
-        yield part
-    except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
-        raise
-    try:
-        (part / _SEAL).write_text(_seal_of(part))
-        if sealed(name) is None:
-            remove(name)  # what bears the name is damaged
-        part.rename(folder() / name)
-    except OSError:  # another process was first, or the disk is full: this process has what it compiled
-        shutil.rmtree(part, ignore_errors=True)
+    about = place.lstat()
+    if not stat.S_ISDIR(about.st_mode) or about.st_uid != _user() or about.st_mode & 0o022:
+        raise PermissionError(1, "it is not this user's own folder")
 
 
-def remove(name: str) -> None:
-    """Remove what is damaged, be it a folder, a file or a link to nothing, so that a whole one can take its name."""
-    place = folder() / name
-    if place.is_symlink() or place.is_file():
-        place.unlink(missing_ok=True)
-    else:
-        shutil.rmtree(place, ignore_errors=True)
+def _user() -> int:
+    return os.getuid() if hasattr(os, "getuid") else 0
 
 
-def _fresh(name: str) -> Path | None:
-    """Make a new folder with room for an engine, or find out now, not in the middle of a compilation, that there is none."""
-    try:
-        folder().mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(dir=folder(), prefix=f"{name[:20]}-", suffix=".part"))
-    except OSError:
-        return None
-    try:
-        (part / "probe").write_bytes(bytes(ROOM))
-        (part / "probe").unlink()
-    except OSError:
-        shutil.rmtree(part, ignore_errors=True)
-        return None
-    return part
-
-
-def _seal_of(place: Path) -> str:
-    files = sorted(one for one in place.rglob("*") if one.is_file() and one.name != _SEAL)
-    lines = (f"{one.relative_to(place)} {hashlib.sha256(one.read_bytes()).hexdigest()}\n" for one in files)
-    return "".join(lines)
+def _sweep() -> None:
+    """Remove the parts of processes that died while they wrote."""
+    for part in folder().glob(f"*{_PART}"):
+        if time.time() - part.lstat().st_mtime > ABANDONED:
+            part.unlink(missing_ok=True) if not part.is_dir() else shutil.rmtree(part, ignore_errors=True)

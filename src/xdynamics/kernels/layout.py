@@ -92,9 +92,14 @@ class Layout:
         return self.accelerations + self.rates + self.forces + self.drives
 
     @cached_property
+    def carried(self) -> tuple[str, ...]:
+        """What rounding has taken from coordinates, velocities and states, where it is carried along."""
+        return tuple(f"_carried_{name}" for name in self.used) if self.scheme and self.scheme.compensated else ()
+
+    @cached_property
     def record(self) -> tuple[str, ...]:
-        """Everything in a state of the march: what a force evaluation used, and behind it what it gave."""
-        return self.used + self.evaluation
+        """Everything in a state of the march: what a force evaluation used, what it gave, and what is carried along."""
+        return self.used + self.evaluation + self.carried
 
     @cached_property
     def derived(self) -> dict[str, Node]:

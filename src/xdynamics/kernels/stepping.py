@@ -11,6 +11,7 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import AT, Call, Compute, Each, Instruction, Load, Operand, Place, Program, Store
 from xdynamics.methods.method import HERMITE, SCALARS, Evaluation, Solve, Statement, read_lines
 from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.summation import Update
 from xdynamics.methods.walk import Walker
 from xdynamics.schema import rate
 
@@ -102,13 +103,24 @@ class _Stepping(Walker):
         for name, count in zip("qvxar", self._counts("qvxar"), strict=True):
             self._views[name] = ("y", first, count)
             first += count
+        assert layout.scheme is not None  # noqa: S101 - who steps has one
+        self._updates = layout.scheme.compensated
+        self._carry: dict[str, str] = {}
+        first = len(layout.used) + len(layout.evaluation)
+        for name in "qvx" if self._updates else "":
+            self._carry[name] = f"{name}_carried"
+            self._views[self._carry[name]] = ("y", first, self._count(name))
+            first += self._count(name)
 
     # ------------------------------------------------------------------------------------------------ kinds of line
 
     def assign(self, line: Statement) -> None:
         """Write one vector from others."""
         self._vector(line.target)
-        self._each(line.target, line.expression)
+        if line.target in self._updates:
+            self._update(line.target, self._updates[line.target])
+        else:
+            self._each(line.target, line.expression)
 
     def evaluate(self, line: Evaluation) -> None:
         """Evaluate the forces at a state that is put together for it."""
@@ -147,7 +159,11 @@ class _Stepping(Walker):
             "z", ["q1", "v1", "x1", "a1", "r1"], (*self.layout.used, *self.layout.accelerations, *self.layout.rates)
         )
         first = len(self.layout.used) + len(self.layout.accelerations) + len(self.layout.rates)
-        self._copy(Place("z", first), Place(self._last, first), len(self.layout.record) - first)
+        last = len(self.layout.used) + len(self.layout.evaluation)
+        self._copy(Place("z", first), Place(self._last, first), last - first)
+        for name in "qvx" if self._updates else "":
+            self._copy(Place("z", last), Place(self._carry[name]), self._count(name))
+            last += self._count(name)
 
     def ends_given(self) -> None:
         """Take the state at the end of the step as given in `z`."""
@@ -208,13 +224,37 @@ class _Stepping(Walker):
         self._bodies[-1] += self._scalars.lines
         self._scalars.lines.clear()
 
-    def _each(self, target: str, expression: Node, taken_from: str = "") -> None:
-        """Compute an expression for every component of a vector; or how far another vector is from it."""
+    def _update(self, target: str, update: Update) -> None:
+        """Add to every component of a vector, and keep what rounding takes from the sum.
+
+        It is put back by the last update of the step; before, forces may be evaluated a rounding error beside the sum, so
+        that no evaluation waits for it.
+        """
+        letter, lines = target[0], self._component()
+        last = target == f"{letter}1"
+        before, added = lines.load(Place(update.before)), lines.value(update.added)
+        carried = lines.load(Place(self._carry[letter]))
+        if last:
+            added = lines.compute("add", added, carried)
+        total = lines.compute("add", before, added)
+        lost = lines.compute("subtract", added, lines.compute("subtract", total, before))
+        self._carry[letter] = self._array(f"{target}_carried", self._count(target))
+        lines.store(Place(target), total)
+        lines.store(Place(self._carry[letter]), lost if last else lines.compute("add", carried, lost))
+        self._flush()
+        self._bodies[-1].append(Each(self._count(target), tuple(lines.lines)))
+
+    def _component(self) -> Assignments:
+        """Begin the lines of one component of vectors."""
 
         def find(lines: Assignments, name: str) -> Operand:
             return self._scalars.named(name) if name in SCALARS else lines.load(Place(name))
 
-        lines = Assignments(find, f"_{len(self._bodies[-1])}_")
+        return Assignments(find, f"_{len(self._bodies[-1])}_")
+
+    def _each(self, target: str, expression: Node, taken_from: str = "") -> None:
+        """Compute an expression for every component of a vector; or how far another vector is from it."""
+        lines = self._component()
         value = lines.value(expression)
         if taken_from:
             value = lines.compute("subtract", lines.load(Place(taken_from)), value)
@@ -264,7 +304,7 @@ class _Stepping(Walker):
         self._views[sample] = ("samples", (self.stage - 1) * width, width)
         self._bodies[-1].append(Store(Place(sample), time))
         self._copy(Place(sample, 1), Place(record), n)
-        self._copy(Place(sample, 1 + n), Place(record, len(layout.record) - forces), forces)
+        self._copy(Place(sample, 1 + n), Place(record, n + len(layout.evaluation) - forces), forces)
 
     def _vector(self, name: str, count: int | None = None) -> None:
         if name not in self._views and name not in self._local:

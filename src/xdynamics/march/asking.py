@@ -13,6 +13,7 @@ from xdynamics.faults import InputError
 from xdynamics.march.settings import Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
 from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, STEP_DOUBLING
+from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, parse_time
@@ -59,6 +60,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         chosen["force_samples"] == "all",
         scales,
         jacobian,
+        str(chosen.get("summation") or _summation(method)),
         _nodes(chosen.get("nodes")),
     )
     settings.check(model)
@@ -179,3 +181,8 @@ def _estimator(method: Method, tolerances: Tolerances | None) -> str:
     if method.estimate:
         return EMBEDDED
     return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
+
+
+def _summation(method: Method) -> str:
+    """Return the summation where none is asked for: symplectic methods are for long runs, where rounding adds up."""
+    return COMPENSATED if method.symplectic and updates(method) else PLAIN

@@ -23,6 +23,7 @@ from xdynamics.march.outcomes import (
 from xdynamics.march.radau import MOST_TURNS
 from xdynamics.march.retrace import retraced, undefined_part
 from xdynamics.march.runner import March
+from xdynamics.march.worst import of_error, of_newton
 from xdynamics.model import Function
 from xdynamics.schema import (
     REASON_DOMAIN,
@@ -94,17 +95,26 @@ def _cause(march: March) -> str:
     norm, plan = float(march.now.norm), march.run.plan[0]
     match int(march.now.status):
         case status if status == REASON_ERROR:
-            return f"the error test fails at the minimum step, with norm {norm:.3g}; the tolerance or the minimum step does not suit the model"
+            return (
+                f"the error test fails at the minimum step, with norm {norm:.3g}, most of all in {of_error(march)}; the"
+                " tolerance or the minimum step does not suit the model"
+            )
         case status if status == STEP_LIMIT:
-            return f"{plan.most_steps:.0f} accepted steps and rejected trials are used up; raise max_steps or the tolerances"
+            return (
+                f"{plan.most_steps:.0f} accepted steps and rejected trials are used up, where {of_error(march)} has the"
+                " largest error; raise max_steps or the tolerances"
+            )
         case status if status == REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
             most = MOST_TURNS if plan.simplified and plan.adaptive else MOST_ITERATIONS
-            return f"Newton's method, of at most {most} iterations, does not solve the step's equations; {remedy}"
+            return (
+                f"Newton's method, of at most {most} iterations, does not solve the step's equations, that of"
+                f" {of_newton(march)} least of all; {remedy}"
+            )
         case status if status == STEP_TOO_SMALL and plan.adaptive and norm > 1.0:
             return (
-                f"the error test fails, with norm {norm:.3g}, at the shortest step that t resolves; the solution has a"
-                " singularity here, or t is too large for its time scale"
+                f"the error test fails, with norm {norm:.3g}, most of all in {of_error(march)}, at the shortest step that t"
+                " resolves; the solution has a singularity here, or t is too large for its time scale"
             )
         case status if status == STEP_TOO_SMALL:
             return "t + h is t in double precision; take a longer step or an earlier t"

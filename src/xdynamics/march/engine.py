@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import logging
+import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import cfunc, config, from_dtype, njit, types
+from numba import config, from_dtype, types
 
 from xdynamics.kernels import cache
-from xdynamics.kernels.compiling import OPTIONS, PLAIN
+from xdynamics.kernels.compiling import PLAIN
 from xdynamics.march import entries, loop
+from xdynamics.march.kept import Kept
 from xdynamics.march.run import NOW, PLAN
 
 SECONDS, SOLVERS_SECONDS = 10, 8  # that compiling takes on a machine of 2026
@@ -51,26 +52,31 @@ def solvers() -> Solvers:
     return found
 
 
-def _part(name: str, words: str, seconds: int, compiled: Callable[[Path | None], Any], plain: Callable[[], Any]) -> Any:
+def _part(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any], plain: Callable[[], Any]) -> Any:
     with _LOCK:
         if name not in _FOUND:
             jit = not config.DISABLE_JIT  # type: ignore[attr-defined]
-            _FOUND[name] = _loaded(f"{name}-{_key()}", words, seconds, compiled) if jit else plain()
+            _FOUND[name] = _loaded(f"{name}-{_key()}.bin", words, seconds, compiled) if jit else plain()
         return _FOUND[name]
 
 
-def _loaded(name: str, words: str, seconds: int, compiled: Callable[[Path | None], Any]) -> Any:
-    if kept := cache.sealed(name):
+def _loaded(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any]) -> Any:
+    content = cache.read(name)
+    if content is not None:
         try:
-            return compiled(kept)
-        except Exception:  # noqa: BLE001 - whatever a damaged file does, it is compiled anew
-            cache.remove(name)
-    logging.getLogger("xdynamics").warning("xdynamics: compiling %s, once per installation: about %d s", words, seconds)
-    try:
-        with cache.filling(name) as folder:
-            return compiled(folder)
-    except OSError:  # the disk filled up meanwhile
-        return compiled(None)
+            return compiled(Kept(content))
+        except Exception:  # noqa: BLE001, S110 - written by another build of numba: it is compiled anew
+            pass
+    reason = cache.obstacle()
+    often = "" if reason else ", once per installation"
+    logging.getLogger("xdynamics").warning("xdynamics: compiling %s%s: about %d s", words, often, seconds)
+    if reason:
+        cache.advise(reason)
+    kept = Kept()
+    found = compiled(kept)
+    if not reason:
+        cache.write(name, kept.content)
+    return found
 
 
 def _plain_entries() -> Engine:
@@ -83,14 +89,13 @@ def _plain_solvers() -> Solvers:
     return Solvers(NEWTON, RADAU)
 
 
-def _entries(folder: Path | None) -> Engine:
-    """Compile the entries, or load what numba kept of them in a folder; without one, nothing is kept."""
-    with _keeping(folder) as keep:
-        march = cfunc(types.void(types.int64, types.int64), cache=keep, **OPTIONS)(loop.march)
-        others = [njit(cache=keep, **OPTIONS)(one) for one in (entries.march_many, entries.states_inside)]
-    for one, signature in zip(others, _SIGNATURES, strict=True):
-        one.compile(signature)
-    march_many, states_inside = others
+def _entries(kept: Kept) -> Engine:
+    """Compile the entries, or load what was kept of them."""
+    march = kept.callback(loop.march, types.void(types.int64, types.int64))
+    march_many, states_inside = (
+        kept.function(one, signature)
+        for one, signature in zip((entries.march_many, entries.states_inside), _SIGNATURES, strict=True)
+    )
     address, call = march.address, march.ctypes
     _KEPT.append(march)  # the code behind an address lives as long as this
     return Engine(
@@ -100,24 +105,11 @@ def _entries(folder: Path | None) -> Engine:
     )
 
 
-def _solvers(folder: Path | None) -> Solvers:
+def _solvers(kept: Kept) -> Solvers:
     """The same for the solvers."""
-    with _keeping(folder) as keep:
-        steps: list[Any] = [
-            cfunc(_STEP, cache=keep, **OPTIONS)(one) for one in (entries.step_by_newton, entries.step_by_radau)
-        ]
+    steps: list[Any] = [kept.callback(one, _STEP) for one in (entries.step_by_newton, entries.step_by_radau)]
     _KEPT.extend(steps)
     return Solvers(*(one.address for one in steps))
-
-
-@contextmanager
-def _keeping(folder: Path | None) -> Iterator[bool]:
-    """Let numba keep in a folder what is compiled meanwhile."""
-    before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")  # type: ignore[attr-defined]
-    try:
-        yield folder is not None
-    finally:
-        config.CACHE_DIR = before  # type: ignore[attr-defined]
 
 
 def _array(dtype: Any, dims: int) -> Any:
@@ -130,17 +122,14 @@ _SIGNATURES = ((types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 
 
 
 def _key() -> str:
-    """Digest of all that is compiled into the engine: its sources, the schema's flags, numba, the processor."""
+    """Digest of all that is compiled into the engine: its sources, the schema's flags, Python, numba, the processor."""
     import numba
     from llvmlite import binding
 
     package = Path(__file__).parents[1]
     rooms = [*(package / "kernels").glob("*.py"), *(package / "march").glob("*.py")]
     files = sorted([*rooms, package / "schema.py", package / "methods" / "radau.py"])
-    # numba believes a file it kept only if the entries' own files have the place and the date of then
-    ways_in = [Path(str(room.__file__)).resolve() for room in (entries, loop)]
-    stamps = [f"{path} {path.stat().st_mtime!r}" for path in ways_in]
     return cache.digest(
-        *(path.read_text(encoding="utf-8") for path in files), numba.__version__, np.__version__, *stamps,
-        binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),
+        *(path.read_text(encoding="utf-8") for path in files), numba.__version__, np.__version__, sys.version,
+        binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),
     )  # fmt: skip

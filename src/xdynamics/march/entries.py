@@ -79,8 +79,8 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
     now.status, now.rows, now.trials, now.events, now.samples = RUNNING, 0, 0, 0, 0
     now.grid, now.node, now.crossed, now.on_grid, now.rejected = 0, 0, 0, 1, 0
     now.evaluations, now.jacobians, now.factorisations = 0, 0, 0
-    for i in range(starts.shape[1]):
-        run.y[i] = starts[k, i]
+    for i in range(run.y.shape[0]):  # nothing is carried along yet
+        run.y[i] = starts[k, i] if i < starts.shape[1] else 0.0
     for i in range(parameters.shape[1]):
         run.p[i] = parameters[k, i]
     for i in range(atols.shape[1]):
@@ -133,8 +133,8 @@ def states_inside(address: Any, steps: Floats, states: Floats, ends: Floats, fou
 def enter(run: Run, t: float, states: Floats, k: int) -> None:
     """Stand at the start of a step: on the far side of what changes there."""
     enter_pieces(t, run.tables, run.places, run.of_time)
-    for i in range(states.shape[0]):
-        run.y[i] = states[i, k]
+    for i in range(run.y.shape[0]):  # nothing is carried along
+        run.y[i] = states[i, k] if i < states.shape[0] else 0.0
     evaluate(run, t, run.y)
 
 

@@ -12,6 +12,7 @@ from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, ESTIMATORS, EXACT, JACOBIANS, NO_ESTIMATE, Scheme
+from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.units import UNSCALED, Scales, Unit
@@ -146,6 +147,8 @@ class Settings:
         Scales of the nondimensional variables marched in.
     jacobian : str
         Where `radau_iia` has the derivatives of the forces from: exact ones, or differences.
+    summation : str
+        Whether what rounding takes from the state is carried along.
     nodes : tuple of float
         Times to land on besides the breakpoints of drives, s, ascending.
     """
@@ -159,6 +162,7 @@ class Settings:
     samples: bool = True
     scales: Scales = UNSCALED
     jacobian: str = EXACT
+    summation: str = PLAIN
     nodes: tuple[float, ...] = ()
 
     @property
@@ -169,7 +173,7 @@ class Settings:
     @property
     def scheme(self) -> Scheme:
         """The method with its estimator."""
-        return Scheme(self.method, self.estimator, self.jacobian)
+        return Scheme(self.method, self.estimator, self.jacobian, self.summation)
 
     def expected_steps(self, model: Model) -> float:
         """Return how many steps there will be; where they are chosen, how many there may be."""
@@ -192,7 +196,13 @@ class Settings:
             With every fault: the value and what was needed.
         """
         start = model.initial["t"].si
-        faults = [*self._grid_faults(start), *self._estimator_faults(), *self._jacobian_faults(), *self.pacing.faults()]
+        faults = [
+            *self._grid_faults(start),
+            *self._estimator_faults(),
+            *self._jacobian_faults(),
+            *self._summation_faults(),
+            *self.pacing.faults(),
+        ]
         if self.tolerances is not None:
             faults += self.tolerances.faults(model) or self._inner_faults(self.tolerances.rtol)
         if self.pacing.min_step > self.until - start > 0:
@@ -248,6 +258,15 @@ class Settings:
             return [f"jacobian is {self.jacobian!r}; there are {', '.join(JACOBIANS)}"]
         if self.jacobian == DIFFERENCES and not self.method.simplified:
             return [f"jacobian = 'differences' is for radau_iia, and the method is '{self.method.name}'"]
+        return []
+
+    def _summation_faults(self) -> list[str]:
+        if self.summation not in SUMMATIONS:
+            return [f"summation is {self.summation!r}; there are {', '.join(SUMMATIONS)}"]
+        if self.summation == COMPENSATED and not updates(self.method):
+            return [
+                f"summation = 'compensated' is for methods that add to the state, and '{self.method.name}' does not"
+            ]
         return []
 
     def _estimator_faults(self) -> list[str]:

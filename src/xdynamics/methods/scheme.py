@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from xdynamics.methods.method import HERMITE, HERMITE_WORDS, Evaluation, Line, Method, Solve, read_lines
+from xdynamics.methods.summation import COMPENSATED, PLAIN, Update, updates
 
 NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
     "none", "embedded", "step_doubling", "step_doubling_extrapolated",
@@ -33,11 +34,14 @@ class Scheme:
         One of `ESTIMATORS`.
     jacobian : str
         One of `JACOBIANS`: where an implicit method has the derivatives of the forces from.
+    summation : str
+        One of `SUMMATIONS`: whether what rounding takes from the state is carried along.
     """
 
     method: Method
     estimator: str = NO_ESTIMATE
     jacobian: str = EXACT
+    summation: str = PLAIN
 
     @property
     def estimates(self) -> bool:
@@ -48,6 +52,11 @@ class Scheme:
     def halved(self) -> bool:
         """Whether a step is made as a whole and as two halves, which go on."""
         return self.estimator in (STEP_DOUBLING, EXTRAPOLATED)
+
+    @property
+    def compensated(self) -> dict[str, Update]:
+        """The updates whose rounding errors are carried along; none with plain summation."""
+        return updates(self.method) if self.summation == COMPENSATED else {}
 
     @property
     def predictive(self) -> bool:

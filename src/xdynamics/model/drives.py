@@ -6,7 +6,6 @@ import csv
 import re
 from dataclasses import dataclass, field
 from math import isfinite
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from xdynamics.units import Unit, parse_unit
 
 INTERPOLATIONS = ("previous", "linear", "pchip", "cubic")
 OUTSIDE = ("error", "zero", "hold")
-LARGEST_TABLE = 10_000_000
+SHOWN = 24  # characters of a cell that an error shows
 
 _PLAIN = re.compile(r"[\s0-9.eE+\-a-zA-Z]+", re.ASCII)  # no underscore, no digits of other alphabets
 _HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]\s*")
@@ -48,25 +47,14 @@ class Table:
     value: Floats = field(compare=False, repr=False)
 
     @classmethod
-    def read(cls, path: Path) -> Table:
-        """Read a CSV file.
+    def parse(cls, name: str, text: str) -> Table:
+        """Read CSV text.
 
         Raises
         ------
         InputError
-            If the file cannot be read, or is faulty; every fault with its line number.
+            If the text is faulty; every fault with its line number, and no more of a line than a cell's beginning.
         """
-        try:
-            if path.stat().st_size > LARGEST_TABLE:
-                raise InputError(f"table '{path}' has over {LARGEST_TABLE} bytes")
-            text = path.read_text(encoding="utf-8-sig")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"table '{path}' cannot be read: {error}") from None
-        return cls.parse(path.name, text)
-
-    @classmethod
-    def parse(cls, name: str, text: str) -> Table:
-        """Read CSV text; see `read`."""
         text = text.replace("\r\n", "\n").replace("\r", "\n")
         lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.strip() and not line.startswith("#")]
         if not lines:
@@ -125,13 +113,13 @@ def _header(name: str, number: int, line: str) -> tuple[Unit, Unit]:
     found = [_HEADER.fullmatch(cell) for cell in cells]
     if len(cells) != 2 or not all(found):
         raise InputError(
-            f"table '{name}', line {number}: header {line[:60]!r} needs two columns with units, like 'time [s],thrust [N]'"
+            f"table '{name}', line {number}: header {_short(line)} needs two columns with units, like 'time [s],thrust [N]'"
         )
     ledger = Ledger(f"table '{name}', line {number}")
     units = []
     for one in found:
         assert one is not None  # noqa: S101
-        with ledger.entry(f"column '{one['name']}'"):
+        with ledger.entry(f"column {_short(one['name'])}"):
             units.append(parse_unit(one["unit"]))
     ledger.settle()
     return units[0], units[1]
@@ -142,13 +130,18 @@ def _rows(name: str, lines: list[tuple[int, str]]) -> list[tuple[float, float]]:
     ledger = Ledger(f"table '{name}'")
     rows: list[tuple[float, float]] = []
     for number, line in lines:
-        try:
-            first, second = (float(cell) if _PLAIN.fullmatch(cell) else float("no number") for cell in line.split(","))
-        except ValueError:
-            ledger.note(f"line {number}: {line[:60]!r} is no pair of numbers")
+        cells = line.split(",")
+        if len(cells) != 2:
+            many = f"the first of {len(cells)} cells, needs a pair" if len(cells) > 1 else "no pair"
+            ledger.note(f"line {number}: {_short(cells[0])} is {many} of numbers")
             continue
+        wrong = [cell for cell in cells if not _is_number(cell)]
+        if wrong:
+            ledger.note(f"line {number}: {_short(wrong[0])} is no number")
+            continue
+        first, second = map(float, cells)
         if not (isfinite(first) and isfinite(second)):
-            ledger.note(f"line {number}: {line[:60]!r} is not finite")
+            ledger.note(f"line {number}: {_short(cells[isfinite(first)])} is not finite")
         elif rows and first <= rows[-1][0]:
             ledger.note(f"line {number}: argument {first!r} does not increase after {rows[-1][0]!r}")
         else:
@@ -159,6 +152,20 @@ def _rows(name: str, lines: list[tuple[int, str]]) -> list[tuple[float, float]]:
         ledger.note(f"has {len(rows)} rows, needs 2 or more")
     ledger.settle()
     return rows
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return _PLAIN.fullmatch(cell) is not None
+
+
+def _short(cell: str) -> str:
+    """Show the beginning of a cell: enough to find it, too little to tell what else is in a file."""
+    cell = cell.strip()
+    return repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "…")
 
 
 def looked_up(table: tuple[Floats, Floats], x: float, *, of_time: bool) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from xdynamics.faults import InputError, ModelError
 from xdynamics.model import toml
 from xdynamics.model.checking import check
 from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Parameter, State
+from xdynamics.model.reach import ANYWHERE, BELOW, EMBEDDED, REACHES, Reach
 from xdynamics.model.reading import read
 from xdynamics.model.statement import Statement
 from xdynamics.schema import acceleration, rate, velocity
@@ -71,10 +72,16 @@ class Model:
     dimensions: dict[str, Dimension]
 
     def __init__(self, **statement: Any) -> None:
-        self._fill(statement, Path(), {})
+        self._fill(statement, Path(), {}, Reach(Path(), ANYWHERE))
 
     @classmethod
-    def from_toml(cls, path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
+    def from_toml(
+        cls,
+        path: str | Path,
+        *,
+        functions: Mapping[str, Callable[..., float]] | None = None,
+        tables: str = BELOW,
+    ) -> Model:
         """Read a model file; drive tables are looked for next to it.
 
         Parameters
@@ -82,6 +89,8 @@ class Model:
         path : str or Path
         functions : mapping of str to callable, optional
             The Python functions that the file's forces name.
+        tables : {"below", "anywhere"}
+            Where the file may take its tables from: its own folder and below, no link out; or any file.
 
         Raises
         ------
@@ -89,6 +98,8 @@ class Model:
             If the file cannot be read, or with every fault of its statement.
         """
         path = Path(path)
+        if tables not in REACHES:
+            raise InputError(f"tables is {tables!r}; there are {', '.join(REACHES)}")
         try:
             if path.stat().st_size > LARGEST_FILE:
                 raise ModelError(f"model file '{path}' has over {LARGEST_FILE} bytes")
@@ -97,12 +108,12 @@ class Model:
             raise ModelError(f"model file '{path}' is a directory; name the .toml file in it") from None
         except (OSError, ValueError) as error:
             raise ModelError(f"model file '{path}' cannot be read: {error}") from None
-        return cls._parsed(text, path, functions)
+        return cls._parsed(text, path, functions, Reach(path.parent, tables))
 
     @classmethod
     def from_text(cls, text: str, *, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
-        """Read a model from TOML text, like the `model_toml` of an archive; see `from_toml`."""
-        return cls._parsed(text, Path("model.toml"), functions)
+        """Read a model from TOML text, like the `model_toml` of an archive, its tables in it; see `from_toml`."""
+        return cls._parsed(text, Path("model.toml"), functions, Reach(Path(), EMBEDDED))
 
     def to_toml(self) -> str:
         """Return the whole model as TOML, measured tables included."""
@@ -132,7 +143,7 @@ class Model:
                     raise ModelError(f"{section} has no entry '{key}'; there are: {known}")
                 statement[section][key] = _replaced(key, statement[section][key], value)
         model = object.__new__(Model)
-        model._fill(statement, Path(), self.functions)
+        model._fill(statement, Path(), self.functions, Reach(Path(), ANYWHERE))
         return model
 
     @property
@@ -214,17 +225,21 @@ class Model:
         return f"<xdynamics.Model {self.name!r}: {parts}; forces {', '.join(self.forces) or 'none'}>"
 
     @classmethod
-    def _parsed(cls, text: str, path: Path, functions: Mapping[str, Callable[..., float]] | None) -> Model:
+    def _parsed(
+        cls, text: str, path: Path, functions: Mapping[str, Callable[..., float]] | None, reach: Reach
+    ) -> Model:
         try:
             statement = tomllib.loads(text)
         except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
             raise ModelError(f"model file '{path}' is no TOML: {error}") from None
         model = object.__new__(cls)
-        model._fill(statement, path, functions or {})
+        model._fill(statement, path, functions or {}, reach)
         return model
 
-    def _fill(self, statement: Mapping[str, Any], path: Path, functions: Mapping[str, Callable[..., float]]) -> None:
-        self.statement = read(statement, path, functions)
+    def _fill(
+        self, statement: Mapping[str, Any], path: Path, functions: Mapping[str, Callable[..., float]], reach: Reach
+    ) -> None:
+        self.statement = read(statement, path, functions, reach)
         self.__dict__.update(vars(self.statement), dimensions=check(self.statement))
 
     def _components(self, force: Force) -> dict[str, Node | Function]:
@@ -238,6 +253,8 @@ class Model:
 def _replaced(entry: str, old: Any, value: Any) -> Any:
     """Put a value in an entry's place; a bare number keeps the entry's unit, a quantity must be of its kind."""
     text = old.get("value") if isinstance(old, Mapping) else old
+    if getattr(value, "ndim", None) == 0:  # a number of numpy or xarray writes itself with its type
+        value = value.item()
     if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
         return value
     try:

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from xdynamics.expressions import Binary, Call, Name, Node, derivatives
 from xdynamics.expressions.calculus import ONE, ZERO, add
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, ModelError
 from xdynamics.model.drives import coefficients, looked_up
 from xdynamics.model.model import Model
-from xdynamics.model.parts import Function
+from xdynamics.model.parts import Drive, Function
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.units import CONSTANTS, UNSCALED, Scales, constant
 
@@ -199,8 +199,28 @@ def tables_of(model: Model, scales: Scales = UNSCALED) -> tuple[Table, ...]:
     for name, drive in model.drives.items():
         argument = drive.table.argument / scales.of(model.dimensions[drive.argument])
         value = drive.table.value / scales.of(model.dimensions[name])
-        found.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=drive.argument == "t"))
+        of_time = drive.argument == "t"
+        with np.errstate(all="ignore"):  # judged below, where the place is known
+            found.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=of_time))
+        _check_pieces(name, drive, found[-1])
     return tuple(found)
+
+
+def _check_pieces(name: str, drive: Drive, pieces: Table) -> None:
+    """Refuse a table that passes between two of its points with a slope that no number holds."""
+    inner = pieces[1][:, 1:-1]
+    wrong = np.flatnonzero(~np.isfinite(inner).all(axis=0))
+    if wrong.size:
+        argument, value = drive.table.argument, drive.table.value
+        with np.errstate(all="ignore"):
+            steep = np.flatnonzero(~np.isfinite(np.diff(value) / np.diff(argument)))
+        first = int([*steep, *wrong][0])  # one slope of a spline spoils them all
+        last = first + 1
+        raise ModelError(
+            f"drive '{name}': table '{drive.table.name}' goes from {value[first]:.6g} at {argument[first]:.15g} to"
+            f" {value[last]:.6g} at {argument[last]:.15g} (SI units), where the slopes of interpolation"
+            f" '{drive.interpolation}' overflow; give points that lie further apart or nearer in value"
+        )
 
 
 def evaluated(

@@ -23,6 +23,7 @@ from xdynamics.model.parts import (
     Parameter,
     State,
 )
+from xdynamics.model.reach import Reach
 from xdynamics.model.statement import Statement
 from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
@@ -30,12 +31,12 @@ SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definit
             "initial", "events", "observables", "run")  # fmt: skip
 LATER_SECTIONS = ("contacts", "regimes")
 RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
-            "max_steps", "force_samples", "scales", "jacobian")  # fmt: skip
+            "max_steps", "force_samples", "scales", "jacobian", "summation")  # fmt: skip
 
 Functions = Mapping[str, Callable[..., float]]
 
 
-def read(statement: Mapping[str, Any], path: Path, functions: Functions) -> Statement:
+def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: Reach) -> Statement:
     """Read every section of a statement.
 
     Raises
@@ -70,7 +71,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions) -> Stat
     parts["coordinates"] = entries("coordinates", "coordinate", _coordinate)
     parts["parameters"] = entries("parameters", "parameter", _parameter)
     parts["definitions"] = entries("definitions", "definition", parse)
-    parts["drives"] = entries("drives", "drive", lambda given: _drive(given, path))
+    parts["drives"] = entries("drives", "drive", lambda given: _drive(given, reach))
     parts["states"] = entries("states", "state", _state)
     parts["forces"] = entries("forces", "force", lambda given: _force(given, functions))
     parts["events"] = entries("events", "event", _event)
@@ -158,12 +159,12 @@ def _function(given: Mapping[str, Any], functions: Functions) -> Function:
     return handed
 
 
-def _drive(given: Any, path: Path) -> Drive:
+def _drive(given: Any, reach: Reach) -> Drive:
     _keys(given, ("table", "csv", "argument", "interpolation", "outside", "description"), needed=("table",))
     name = given["table"]
     if not isinstance(name, str) or not name.isprintable() or not isinstance(given.get("csv", ""), str):
         raise InputError(f"table {name!r} must be the name of a CSV file")
-    table = Table.parse(Path(name).name, given["csv"]) if "csv" in given else Table.read(path.parent / name)
+    table = Table.parse(Path(name).name, given["csv"] if "csv" in given else reach.text_of(name))
     return Drive(
         table,
         str(given.get("argument", "t")),
@@ -219,7 +220,7 @@ def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
             if key in given:
                 parse_time(given[key], key)
         Scales.parse(given.get("scales"))
-        for key in ("method", "estimator", "force_samples"):
+        for key in ("method", "estimator", "force_samples", "jacobian", "summation"):
             if not isinstance(given.get(key, ""), str):
                 raise InputError(f"{key} is {given[key]!r}, needs a word")
     return dict(given)

@@ -2,6 +2,7 @@
 
 from xdynamics.record.attributes import own_attributes, plain
 from xdynamics.record.columns import Column, columns, constants, factors
+from xdynamics.record.conformity import faults_of
 from xdynamics.record.dataset import check, check_kind, dataset
 from xdynamics.record.identity import apart, identity, is_of, same_settings
 
@@ -14,6 +15,7 @@ __all__ = [
     "constants",
     "dataset",
     "factors",
+    "faults_of",
     "identity",
     "is_of",
     "own_attributes",

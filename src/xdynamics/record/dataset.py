@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import schema
 from xdynamics.faults import InputError, numbered
 from xdynamics.march import Block, March
 from xdynamics.record import provenance
 from xdynamics.record.columns import columns, constants
+from xdynamics.record.conformity import faults_of
 from xdynamics.schema import STEPS
 
 if TYPE_CHECKING:
@@ -49,15 +49,15 @@ def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, A
     return xr.Dataset(variables, {"time": time}, provenance.attributes(march))
 
 
-def check(run: xr.Dataset) -> None:
-    """Check that a Dataset is a run record.
+def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:
+    """Check that a Dataset is a run record, or if not `whole`, that it can be a part of one; see `faults_of`.
 
     Raises
     ------
     InputError
         With every fault.
     """
-    faults = schema.faults_of(run)
+    faults = faults_of(run, whole=whole, values=values)
     if faults:
         raise InputError(f"this is no run record:{numbered(faults)}", tuple(faults))
 

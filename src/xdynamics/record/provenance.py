@@ -21,6 +21,8 @@ from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.methods.method import HERMITE, printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, STEP_DOUBLING, Scheme
+from xdynamics.methods.summation import PLAIN
+from xdynamics.record.kinds import left_out_atols
 from xdynamics.units import TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
 
 if TYPE_CHECKING:
@@ -52,6 +54,7 @@ def attributes(march: March) -> dict[str, Any]:
         "run_accepted_steps": march.accepted,
         "run_rejected_trials": int(march.now.trials),
         **_errors(march),
+        "solver_summation": settings.summation,
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHOD,
         "solver_force_samples": "all" if settings.samples else "none",
@@ -116,6 +119,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "estimator": used["solver_estimator"],
         "scales": scales or None,
         "jacobian": used.get("solver_jacobian"),
+        "summation": used.get("solver_summation", PLAIN),  # version 0.1 had no other
         "nodes": np.atleast_1d(used["solver_nodes"]).tolist() if "solver_nodes" in used else None,
     }
     if schema.GIVEN_STEP.name in run:
@@ -151,6 +155,8 @@ def _tolerances(run: xr.Dataset) -> dict[str, Any]:
         for name, one in run.data_vars.items()
         if "atol_si" in one.attrs
     }
+    for name, (size, units) in left_out_atols(run.attrs).items():
+        atol[name] = Quantity(wider * size, Unit("SI", parse_unit(units).dimension))
     return {"rtol": wider * rtol, "atol": atol}
 
 

@@ -1,0 +1,220 @@
+"""What a record is by comparison with what it was: the run, a selection of it, or something that was edited."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.archive.origin import OUTSIDE, Origin, Part, digest_of
+from xdynamics.archive.seals import content_digest, slabs
+from xdynamics.faults import InputError, numbered
+from xdynamics.record import own_attributes, plain
+from xdynamics.record.kinds import is_selection
+from xdynamics.schema import LEFT_OUT_ATOL, ORIGIN, ROOT_DIGEST, SELECTION, SELECTION_OF
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST_NAMED = 10
+UNKNOWN = (
+    "nothing tells where it came from: it was neither marched nor opened by xdynamics, or its attribute"
+    f" '{ORIGIN}' is lost"
+)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What was found.
+
+    Attributes
+    ----------
+    origin : Origin or str
+        What it came from, or a digest; empty where that is not known.
+    faults : tuple of str
+        How it was edited.
+    selected : str
+        What of the run it is; empty where it is all of it.
+    left_out_atol : dict of str to (float, str)
+        Absolute tolerances in SI units, and the units, of variables that are left out: without them the run could not be marched again.
+    """
+
+    origin: Origin | str
+    faults: tuple[str, ...] = ()
+    selected: str = ""
+    left_out_atol: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+
+    @property
+    def of(self) -> str:
+        """Content digest of the record it came from, made when it is asked for; empty where that is not known."""
+        return self.origin.content_digest if isinstance(self.origin, Origin) else self.origin
+
+
+def standing(run: xr.Dataset) -> Standing:
+    """Compare a record with what it was when it was marched or read."""
+    origin = run.attrs.get(ORIGIN)
+    if not isinstance(origin, Origin):
+        digest = str(run.attrs.get(ROOT_DIGEST, ""))
+        if digest and content_digest(run) == digest:
+            return Standing(digest)
+        return Standing("", (UNKNOWN,))
+    faults = [*_attributes("", origin.attributes, run.attrs)]
+    fewer: dict[str, list[str]] = {}
+    for name, one in run.variables.items():
+        part = origin.parts.get(str(name))
+        if part is None:
+            faults.append(f"variable '{name}' is not in the run")
+            continue
+        faults += _attributes(f" of '{name}'", part.attributes, own_attributes(one.attrs))
+        if tuple(one.dims) != part.dims:
+            faults.append(f"variable '{name}' has the dims {tuple(one.dims)}, in the run {part.dims}")
+        elif one.shape == part.shape:
+            faults += _values(part, one, origin)
+        else:
+            fewer.setdefault(str(one.dims[0]), []).append(str(name))
+    for dim, names in fewer.items():
+        faults += _rows(dim, names, run, origin)
+    left_out = [name for name in origin.parts if name not in run.variables]
+    tolerances = {
+        name: (float(about["atol_si"]), str(about["units"]))
+        for name, about in ((name, origin.parts[name].attributes) for name in left_out)
+        if "atol_si" in about
+    }
+    return Standing(origin, tuple(faults), "; ".join(_selected(fewer, left_out, run, origin)), tolerances)
+
+
+def check_unchanged(run: xr.Dataset) -> None:
+    """Refuse a record that was edited since it was marched or read, or a part of one.
+
+    Raises
+    ------
+    InputError
+        Naming what differs.
+    """
+    found = standing(run)
+    if found.faults:
+        raise InputError(f"this is not the record that was marched:{numbered(found.faults)}", found.faults)
+    if found.selected:
+        raise InputError(f"this is a part of a run, {found.selected}; take the whole one")
+
+
+def _selected(fewer: Mapping[str, list[str]], left_out: list[str], run: xr.Dataset, origin: Origin) -> Iterator[str]:
+    for dim, names in fewer.items():
+        yield f"{run.sizes[dim]} of {origin.parts[names[0]].shape[0]} rows of '{dim}'"
+    if left_out:
+        rest = f" and {len(left_out) - MOST_NAMED} more" if len(left_out) > MOST_NAMED else ""
+        yield f"without {', '.join(left_out[:MOST_NAMED])}{rest}"
+
+
+def _attributes(whose: str, then: Mapping[str, Any], now: Mapping[Any, Any]) -> Iterator[str]:
+    before, after = plain(then), plain(now)
+    for name in {**before, **after}:
+        if name in OUTSIDE or repr(before.get(name)) == repr(after.get(name)):  # repr: a nan is the same nan
+            continue
+        if name not in after:
+            yield f"attribute '{name}'{whose} is gone"
+        elif name not in before:
+            yield f"attribute '{name}'{whose} is {_short(after[name])}, and the run has none"
+        else:
+            yield f"attribute '{name}'{whose} is {_short(after[name])}, in the run {_short(before[name])}"
+
+
+def _values(part: Part, now: xr.Variable, origin: Origin) -> Iterator[str]:
+    """Compare a variable of the same shape, and name the first value that differs."""
+    if part.variable is not None and now.data is part.variable.data:
+        return  # closed to writing since it was marched
+    if digest_of(part.name, now) == part.digest:
+        return
+    whole = origin.whole()
+    then = None if whole is None else whole.variables.get(part.name)
+    if then is None:
+        yield f"variable '{part.name}' differs from its digest in the run"
+    elif then.dtype.kind != now.dtype.kind or (then.dtype.itemsize != now.dtype.itemsize and now.dims):
+        yield f"variable '{part.name}' is of the type {now.dtype}, in the run {then.dtype}"
+    elif not now.dims:
+        yield f"variable '{part.name}' is {_short(now.values)}, in the run {_short(then.values)}"
+    else:
+        yield f"variable '{part.name}' is {_first_apart(now, then)}"
+
+
+def _first_apart(now: xr.Variable, then: xr.Variable) -> str:
+    """Say the first row that differs, a slab at a time."""
+    start = 0
+    for mine, theirs in zip(slabs(now), slabs(then), strict=True):
+        apart = np.flatnonzero((_bytes(mine) != _bytes(theirs)).any(axis=1))
+        if apart.size:
+            row = int(apart[0])
+            return f"{_short(mine[row])} in row {start + row}, in the run {_short(theirs[row])}"
+        start += len(mine)
+    return f"of the type {now.dtype}, in the run {then.dtype}"
+
+
+def _rows(dim: str, names: list[str], run: xr.Dataset, origin: Origin) -> Iterator[str]:
+    """Look for every kept row among the run's, in their order."""
+    whole = origin.whole()
+    if whole is None:
+        yield (
+            f"rows of '{dim}' are left out, and the run they were taken from is no longer at hand: save the selection in the"
+            " process that made it, or next to the archive it was read from"
+        )
+        return
+    found = rows_within(names, run, whole)
+    if isinstance(found, int):
+        yield f"row {found} of '{dim}', with {names[0]} = {_short(run[names[0]].values[found])}, is none of the run's rows"
+
+
+def selected_like(kept: xr.Dataset, whole: xr.Dataset) -> xr.Dataset:
+    """Select of a run what a selection has kept, found by its values; what is not found stays as it is."""
+    if not is_selection(kept.attrs):
+        return whole
+    names = [str(name) for name in kept.variables if name in whole.variables]
+    found = whole.drop_vars([name for name in whole.variables if name not in names])
+    for dim in found.dims:
+        along = [name for name in names if found.variables[name].dims[:1] == (dim,)]
+        if found.sizes[dim] != kept.sizes[dim]:
+            rows = rows_within(along, kept, whole)
+            found = found if isinstance(rows, int) else found.isel({dim: rows})
+    said = {name: kept.attrs[name] for name in (SELECTION, SELECTION_OF, LEFT_OUT_ATOL) if name in kept.attrs}
+    same = all(kept.attrs.get(name) == whole.attrs.get(name) for name in ("xdynamics_version", "math_functions"))
+    if same:  # another text of the law has another digest
+        said[SELECTION_OF] = content_digest(whole)
+    return found.assign_attrs(said)
+
+
+def rows_within(names: list[str], run: xr.Dataset, whole: xr.Dataset) -> NDArray[np.int64] | int:
+    """Find the rows of a selection among those of the whole, in their order; the first that is not there is returned alone."""
+    mine, theirs = (_joined([one.variables[name] for name in names]) for one in (run, whole))
+    if mine.dtype != theirs.dtype:
+        return 0
+    places, at = np.empty(len(mine), np.int64), 0
+    known = theirs.tolist()
+    for row, wanted in enumerate(mine.tolist()):
+        try:
+            at = known.index(wanted, at)
+        except ValueError:
+            return row
+        places[row] = at
+        at += 1
+    return places
+
+
+def _joined(variables: list[xr.Variable]) -> NDArray[Any]:
+    """Return every row of some variables as one word of bytes, which knows no tolerance and no nan."""
+    joined = np.ascontiguousarray(np.hstack([_bytes(np.asarray(one.values)) for one in variables]))
+    words: NDArray[Any] = joined.view(np.dtype((np.void, joined.shape[1]))).ravel()
+    return words
+
+
+def _bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return the bytes of every row."""
+    rows = np.ascontiguousarray(values)
+    return rows.view(np.uint8).reshape(len(rows), rows.dtype.itemsize * math.prod(rows.shape[1:]))
+
+
+def _short(value: Any) -> str:
+    text = repr(value.tolist() if hasattr(value, "tolist") else value)
+    return text if len(text) <= 60 else text[:57] + "…"

@@ -1,0 +1,36 @@
+"""Which coordinate, velocity or state a test that failed speaks of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xdynamics.march.runner import March
+
+
+def of_error(march: March) -> str:
+    """Name the component whose estimated error in the last trial is the largest over its scale; nothing without one."""
+    run, n = march.run, len(march.layout.used)
+    if not march.settings.scheme.estimates:
+        return ""
+    before, after = np.abs(run.y[:n]), np.abs(run.z[:n])
+    return _largest(march, run.e[:n], run.atol[:n] + run.plan[0].rtol * np.fmax(before, after))
+
+
+def of_newton(march: March) -> str:
+    """Name the component that Newton's method corrected the most, over its size, in its last iteration."""
+    run, n = march.run, len(march.layout.used)
+    if march.settings.method.simplified:
+        corrections, stages = (np.abs(one[: 3 * n]).reshape(3, n).max(axis=0) for one in (run.defects, run.stages))
+        return _largest(march, corrections, np.abs(run.y[:n]) + stages)
+    last = run.equations[-1]
+    first, unknowns = int(last["first_unknown"]), int(last["unknowns"])
+    places, before = run.unknowns[first : first + unknowns, 0], run.unknowns[first : first + unknowns, 1]
+    corrections, sizes = np.zeros(n), np.zeros(n)
+    corrections[before], sizes[before] = run.right[:unknowns], np.abs(run.w[places]) + np.abs(run.y[before])
+    return _largest(march, corrections, sizes)
+
+
+def _largest(march: March, parts: np.ndarray, scales: np.ndarray) -> str:
+    with np.errstate(all="ignore"):
+        ratios = np.where(parts == 0.0, 0.0, np.abs(parts) / scales)
+    return march.layout.used[int(np.argmax(np.where(np.isnan(ratios), np.inf, ratios)))]

@@ -1,0 +1,51 @@
+"""Which sums of a method's lines lead from the old state to the new one, so that what they lose can be carried along."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+from xdynamics.expressions import Binary, Name, Negative, Node
+from xdynamics.methods.method import Method, Statement
+
+PLAIN, COMPENSATED = SUMMATIONS = ("plain", "compensated")
+
+
+@dataclass(frozen=True)
+class Update:
+    """``v3 = v2 + 3/4*h*a2`` taken apart: the vector before, and what is added to it."""
+
+    before: str
+    added: Node
+
+
+@cache
+def updates(method: Method) -> dict[str, Update]:
+    """Return the sums by which q, v and x become q1, v1 and x1, by the vector that each gives; none unless all do so."""
+    sums = {line.target: _apart(line) for line in method.statements if isinstance(line, Statement)}
+    found = {}
+    for letter in "qvx":
+        target = f"{letter}1"
+        while target != letter:
+            update = sums.get(target)
+            if update is None or update.before[0] != letter:
+                return {}
+            found[target] = update
+            target = update.before
+    return found
+
+
+def _apart(line: Statement) -> Update | None:
+    """Take a sum apart; None where a line does not begin with one vector."""
+    terms: list[tuple[str, Node]] = []
+    node = line.expression
+    while isinstance(node, Binary) and node.operator in "+-":
+        terms.insert(0, (node.operator, node.right))
+        node = node.left
+    if not isinstance(node, Name) or not terms:
+        return None
+    sign, added = terms[0]
+    added = added if sign == "+" else Negative(added)
+    for sign, term in terms[1:]:
+        added = Binary(sign, added, term)
+    return Update(node.name, added)

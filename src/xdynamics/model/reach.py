@@ -1,0 +1,88 @@
+"""Which files a model may take its tables from, and how such a file is read."""
+
+from __future__ import annotations
+
+import os
+import stat
+from dataclasses import dataclass
+from pathlib import Path, PureWindowsPath
+
+from xdynamics.faults import InputError
+
+LARGEST_TABLE = 10_000_000  # bytes
+
+# a file's own folder and below; any file; none, where tables are part of the text
+BELOW, ANYWHERE, EMBEDDED = "below", "anywhere", "embedded"
+REACHES = (BELOW, ANYWHERE)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Where the tables of a model are looked for, and how far that may lead.
+
+    Attributes
+    ----------
+    folder : Path
+        Where the names of tables begin.
+    tables : {"below", "anywhere", "embedded"}
+        A model that came as a file from somebody else is read with no right to the reader's other files: what a table
+        says comes into the archive, and parts of it into errors.
+    """
+
+    folder: Path
+    tables: str
+
+    def text_of(self, name: str) -> str:
+        """Return the text of a table.
+
+        Raises
+        ------
+        InputError
+            If the file is out of reach, in which case it is not opened, or cannot be read.
+        """
+        if self.tables == EMBEDDED:
+            raise InputError(
+                f"table {name!r} is not in the text; a model from a text takes no files: give its rows as `csv`, or read a"
+                " model file with Model.from_toml"
+            )
+        path = self.folder / name
+        if self.tables == BELOW:
+            path = self._below(name)
+        try:
+            return _read(path)
+        except (OSError, ValueError) as error:  # ValueError: bytes that are no text, or a name with a null
+            why = error.strerror if isinstance(error, OSError) and error.strerror else "it is no UTF-8 text"
+            raise InputError(f"table {str(self.folder / name)!r} cannot be read: {why}") from None
+
+    def _below(self, name: str) -> Path:
+        """Follow every link of a name that stays below the folder."""
+        remedy = (
+            f"move it there, or allow every file with tables='{ANYWHERE}' (on the command line: --tables {ANYWHERE})"
+        )
+        parts = (Path(name), PureWindowsPath(name))
+        if any(one.is_absolute() or one.drive or ".." in one.parts for one in parts):
+            raise InputError(
+                f"table {name!r} is out of reach: a model file takes tables from its own folder and below; {remedy}"
+            )
+        try:
+            folder = self.folder.resolve()
+            path = (folder / name).resolve()
+        except (OSError, RuntimeError, ValueError):  # a loop of links
+            raise InputError(f"table {name!r} cannot be read: it is no path for a file") from None
+        if not path.is_relative_to(folder):
+            raise InputError(
+                f"table {name!r} is out of reach: a link leads out of the model file's own folder; {remedy}"
+            )
+        return path
+
+
+def _read(path: Path) -> str:
+    # neither a pipe, which would wait for its writer, nor a device, which never ends
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    with os.fdopen(handle, "rb") as file:
+        about = os.fstat(handle)
+        if not stat.S_ISREG(about.st_mode):
+            raise InputError(f"table {str(path)!r} is no regular file; name a CSV file")
+        if about.st_size > LARGEST_TABLE:
+            raise InputError(f"table {str(path)!r} has over {LARGEST_TABLE} bytes")
+        return file.read(LARGEST_TABLE + 1).decode("utf-8-sig")

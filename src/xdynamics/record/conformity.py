@@ -1,0 +1,229 @@
+"""How a Dataset departs from the schema: attributes, variables, and the values that others are looked up with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.record.attributes import plain
+from xdynamics.record.kinds import is_derived, is_whole
+from xdynamics.schema import (
+    BY_STEP_CONTROL,
+    DERIVED,
+    DERIVED_FROM,
+    EVENT_AFTER,
+    EVENTS,
+    FIXED,
+    GIVEN_STEP,
+    LEFT_OUT_ATOL,
+    NUMBERS,
+    PAIRS,
+    REQUIRED_ATTRIBUTES,
+    SAMPLES,
+    SELECTION,
+    SELECTION_OF,
+    STEPS,
+    Variable,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+NEEDED = ("units", "long_name", "role")  # of every variable
+ALONG_STEPS = (
+    "time",
+    "coordinate",
+    "velocity",
+    "acceleration",
+    "state",
+    "rate",
+    "force",
+    "energy",
+    "observable",
+    "error",
+)
+ROWS = ("event_row_before", "event_row_after")  # variables that name rows of `step`
+STORED = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8")  # what a file keeps
+
+
+def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> list[str]:
+    """List how a Dataset departs from the schema; an empty list is a valid record.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+    values : bool
+        Whether to read the times and flags too, or of all values those of events alone.
+    whole : bool
+        Whether a record that does not say it is a selection or derived data has to have all that a run has.
+    """
+    whole = whole and is_whole(run.attrs)
+    named = {variable.name: variable for variable in FIXED}
+    placed = not is_derived(run.attrs)
+    found = {
+        name: [*_variable(str(name), one, named.get(str(name)) if placed else None, placed=placed)]
+        for name, one in run.variables.items()
+    }
+    faults = [*_attributes(run.attrs), *(_missing(run) if whole else ())]
+    faults += [f"variable {str(name)!r} {fault}" for name, ones in found.items() for fault in ones]
+    # values are looked at where they are what they have to be
+    sound = {str(name): run.variables[name] for name, ones in found.items() if not ones}
+    rows = run.sizes.get(STEPS, 0)
+    faults += _rows(sound, rows) if whole else ()  # a selection's events name rows of the whole run
+    return [*faults, *_flags(sound, everywhere=values), *(_times(sound) if values else ())]
+
+
+def _attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
+    for name in REQUIRED_ATTRIBUTES:
+        if name not in attributes:
+            if is_derived(attributes):
+                continue
+            yield f"attribute '{name}' is missing"
+        elif name not in NUMBERS and not isinstance(attributes[name], str):
+            yield f"attribute '{name}' is {_short(attributes[name])}, needs a text"
+    control = attributes.get("solver_step_control", "given")
+    if control not in BY_STEP_CONTROL:
+        yield f"attribute 'solver_step_control' is {_short(control)}; there are {', '.join(BY_STEP_CONTROL)}"
+    else:
+        yield from (f"attribute '{name}' is missing" for name in BY_STEP_CONTROL[control] if name not in attributes)
+    yield from (
+        f"attribute '{name}' is {_short(attributes[name])}, needs a number"
+        for name in NUMBERS
+        if name in attributes and not _is_number(attributes[name])
+    )
+    yield from (
+        f"attribute '{name}' is {_short(attributes[name])}, needs two numbers"
+        for name in PAIRS
+        if name in attributes and np.shape(attributes[name]) != (2,)
+    )
+    yield from (
+        f"attribute '{name}' is {_short(attributes[name])}, needs a text"
+        for name in (DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL)
+        if not isinstance(attributes.get(name, ""), str)
+    )
+    yield from unkeepable(attributes)
+
+
+def _missing(run: xr.Dataset) -> Iterator[str]:
+    for variable in FIXED:
+        if variable.name not in run.variables and (variable.dims != (SAMPLES,) or SAMPLES in run.dims):
+            yield f"variable '{variable.name}' is missing"
+    if run.attrs.get("solver_step_control") == "given" and GIVEN_STEP.name not in run.variables:
+        yield f"variable '{GIVEN_STEP.name}' is missing"
+    if STEPS in run.dims and not run.sizes[STEPS]:
+        yield f"dimension '{STEPS}' has no row, needs the initial state"
+
+
+def _variable(name: str, one: xr.Variable, expected: Variable | None, *, placed: bool) -> Iterator[str]:
+    """List what is wrong with a variable as such, and if it has its place in a record, there."""
+    about = one.attrs
+    if not _is_name(name):
+        yield "has a name that no file can keep"
+    if expected and tuple(one.dims) != expected.dims:
+        yield f"has dims {tuple(one.dims)}, needs {expected.dims}"
+    elif expected and expected.dtype != "U" and one.dtype != np.dtype(expected.dtype):
+        yield f"has the type {one.dtype}, needs {np.dtype(expected.dtype)}"
+    elif (one.dtype.kind in "UO" and one.dims) or (one.dtype.kind not in "UO" and one.dtype.str[1:] not in STORED):
+        yield f"has the type {one.dtype}, needs numbers, or one text without a dimension"
+    yield from (f"has no attribute '{word}'" for word in NEEDED if word not in about)
+    texts = (*NEEDED, "flag_meanings")
+    yield from (
+        f"has the attribute {word} = {_short(about[word])}, needs a text"
+        for word in texts
+        if word in about and not isinstance(about[word], str)
+    )
+    yield from (
+        f"has the attribute {word} = {_short(about[word])}, needs a number"
+        for word in ("uncertainty", "atol", "atol_si")
+        if word in about and not _is_number(about[word])
+    )
+    yield from (f": {fault}" for fault in unkeepable(about))
+    role = about.get("role")
+    needed = (STEPS,) if role in ALONG_STEPS else () if role == "parameter" else None
+    if placed and needed is not None and isinstance(role, str) and (tuple(one.dims) != needed or one.dtype.kind != "f"):
+        yield f"is a {role} along {tuple(one.dims)} of type {one.dtype}, needs {needed} and float64"
+    if expected and "units" in about and about["units"] != expected.units:
+        yield f"has units {_short(about['units'])}, needs '{expected.units}'"
+    if role == "flag":
+        yield from _words(about)
+
+
+def _words(about: Mapping[Any, Any]) -> Iterator[str]:
+    """Compare the words of a flag with its numbers."""
+    words, numbers = str(about.get("flag_meanings", "")).split(), np.atleast_1d(about.get("flag_values", ()))
+    if not words or len(words) != numbers.size:
+        yield f"has {len(words)} words in flag_meanings and {numbers.size} numbers in flag_values, needs one for each"
+
+
+def unkeepable(attributes: Mapping[Any, Any]) -> Iterator[str]:
+    """List the attributes that a file cannot keep as they are."""
+    for name, value in attributes.items():
+        kind = getattr(value, "dtype", None)
+        if not isinstance(name, str) or not _is_name(name):
+            yield f"attribute {name!r} has a name that no file can keep"
+        elif isinstance(value, str):
+            if not _is_text(value):
+                yield f"attribute '{name}' is {_short(value)}, needs a text without null characters"
+        elif not (
+            (isinstance(value, float) and kind is None)
+            or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63)
+            or (kind is not None and kind.str[1:] in STORED and np.ndim(value) < 2 and np.size(value))
+        ):
+            yield f"attribute '{name}' is {_short(value)}, needs a text, a number or an array of numbers"
+
+
+def _rows(sound: Mapping[str, xr.Variable], rows: int) -> Iterator[str]:
+    for name in ROWS:
+        found = np.asarray(sound[name].values) if name in sound else np.zeros(0)
+        wrong = np.flatnonzero((found < 0) | (found >= rows))
+        if wrong.size:
+            yield f"variable '{name}' names row {found[wrong[0]]} at event {wrong[0]}, and there are {rows}"
+
+
+def _flags(sound: Mapping[str, xr.Variable], *, everywhere: bool) -> Iterator[str]:
+    for name, one in sound.items():
+        if one.attrs["role"] == "flag" and (everywhere or EVENTS in one.dims):
+            found = np.asarray(one.values)
+            wrong = np.flatnonzero(~np.isin(found, np.atleast_1d(one.attrs["flag_values"])))
+            if wrong.size:
+                yield f"variable '{name}' has the value {found.flat[wrong[0]]} at {wrong[0]}, which no word in flag_meanings stands for"
+
+
+def _times(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
+    """Check that time never decreases, and repeats only at an event's pair."""
+    if "time" not in sound or "row_kind" not in sound:
+        return
+    time, kind = np.asarray(sound["time"].values), np.asarray(sound["row_kind"].values)
+    gaps = np.diff(time)
+    wrong = np.flatnonzero((gaps < 0) | ((gaps == 0) & (kind[1:] != EVENT_AFTER)) | np.isnan(gaps))
+    if wrong.size:
+        row = int(wrong[0]) + 1
+        yield (
+            f"variable 'time' goes from {float(time[row - 1])!r} to {float(time[row])!r} at row {row}: it must increase,"
+            " but at an event's pair"
+        )
+
+
+def _is_number(value: Any) -> bool:
+    one = plain({"": value})[""]
+    return isinstance(one, int | float) and not isinstance(one, bool) and isfinite(one)
+
+
+def _is_name(name: str) -> bool:
+    first = name[:1].isalnum() or name[:1] == "_" or not name[:1].isascii()
+    return bool(name) and first and name.isprintable() and "/" not in name and not name.endswith(" ")
+
+
+def _is_text(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return "\0" not in text
+
+
+def _short(value: Any) -> str:
+    return repr(str(value)[:40])

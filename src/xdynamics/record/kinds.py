@@ -1,0 +1,49 @@
+"""Records that are no whole run: a selection of one, or data derived from one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from xdynamics.faults import InputError
+from xdynamics.schema import DERIVED, DERIVED_FROM, LEFT_OUT_ATOL, SELECTION, SELECTION_OF
+
+
+def is_derived(attributes: Mapping[Any, Any]) -> bool:
+    """Tell whether a record says that it was made from a run by something else than a march."""
+    return DERIVED in attributes
+
+
+def is_selection(attributes: Mapping[Any, Any]) -> bool:
+    """Tell whether a record says that it is a part of a run, nothing in it changed."""
+    return SELECTION_OF in attributes and not is_derived(attributes)
+
+
+def is_whole(attributes: Mapping[Any, Any]) -> bool:
+    """Tell whether a record is to have all that a run has."""
+    return not is_derived(attributes) and not is_selection(attributes)
+
+
+def said_of(attributes: Mapping[Any, Any]) -> str:
+    """Say in words what a record is that is no whole run; nothing of one that is."""
+    if is_derived(attributes):
+        return f"derived data, no run: {attributes[DERIVED]}; from run {attributes.get(DERIVED_FROM, 'unknown')}"
+    if is_selection(attributes):
+        return f"a selection of run {attributes[SELECTION_OF]}: {attributes.get(SELECTION, 'a part')}"
+    return ""
+
+
+def left_out_atols(attributes: Mapping[Any, Any]) -> dict[str, tuple[float, str]]:
+    """Return the absolute tolerances, in SI units, and the units of variables that a selection left out.
+
+    Raises
+    ------
+    InputError
+        If the attribute is not as it was written.
+    """
+    text = str(attributes.get(LEFT_OUT_ATOL, "{}"))
+    try:
+        return {str(name): (float(size), str(units)) for name, (size, units) in json.loads(text).items()}
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        raise InputError(f"attribute '{LEFT_OUT_ATOL}' is {text[:40]!r}, needs tolerances and units by name") from None
