@@ -272,6 +272,14 @@ def test_nothing_to_resume(tmp_path: Path) -> None:
     before = path.stat()
     xd.simulate(PENDULUM, **ASKED, path=path, resume=True).close()
     assert path.stat() == before
+    chosen: dict[str, Any] = {
+        "method": "dop853",
+        "atol": {"theta": "1 nrad"},
+        "until": 2.0,
+        "path": tmp_path / "chosen.nc",
+    }
+    xd.simulate(PENDULUM, **chosen).close()
+    xd.simulate(PENDULUM, **chosen, resume=True).close()  # without a warning
     with pytest.raises(xd.InputError, match="resume needs path="):
         xd.simulate(PENDULUM, **ASKED, resume=True)
 

@@ -13,6 +13,7 @@ from xdynamics.march import OUTCOMES, March, Pacing, Settings, Tolerances
 from xdynamics.march.outcomes import INTERRUPTED
 from xdynamics.methods import Method
 from xdynamics.record.provenance import force_digest, xdynamics_version
+from xdynamics.units import Unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,6 +57,8 @@ def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:
     """Take a value apart into names and texts."""
     if isinstance(value, Method):
         yield name, value.name
+    elif isinstance(value, Unit):  # the model's own: nothing is asked by it
+        return
     elif is_dataclass(value):
         own = "" if isinstance(value, Settings | Tolerances | Pacing) else f"{name}."
         for one in fields(value):
