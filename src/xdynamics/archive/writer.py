@@ -85,7 +85,10 @@ class Writer:
         """Read back what variables were given since they held so much, some megabytes at a time."""
         for name, n in self._filled.items():
             for start in range(before.get(name, 0), n, BACK):
-                yield np.asarray(self._file.variables[name][start : min(start + BACK, n)])
+                yield self._read_back(name, start, min(start + BACK, n))
+
+    def _read_back(self, name: str, start: int, stop: int) -> Array:
+        return np.asarray(self._file.variables[name][start:stop])
 
     def append(self, name: str, values: Array) -> None:
         """Write and hash the next values of a variable."""
