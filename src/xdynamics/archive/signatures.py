@@ -12,8 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.archive.library import opened
-from xdynamics.archive.reading import verify
+from xdynamics.archive.reading import open_run, verify
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.schema import VOLATILE_DIGEST
 
@@ -144,8 +143,8 @@ def protection(path: Path) -> str:
 def _digests(path: Path) -> tuple[str, str]:
     """Verify an archive; return its digests of content and circumstances."""
     content = verify(path)
-    with opened(path) as file:
-        return content, str(file.getncattr(VOLATILE_DIGEST))
+    with open_run(path, check=False) as run:
+        return content, str(run.attrs[VOLATILE_DIGEST])
 
 
 def _message(content: str, circumstances: str) -> bytes:
