@@ -59,7 +59,7 @@ class Segments:
         if names and not resume:
             raise InputError(
                 f"'{archive}' has segments of a run that is not finished, in '{self.folder}': go on with it by"
-                f" resume, or remove them with `xdynamics discard {archive}`"
+                f" resume (--resume), or remove them with `xdynamics discard {archive}`"
             )
         if self.folder.is_dir():
             self._claim()
