@@ -14,7 +14,9 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import EPS, MODELS, free, oscillator, particle, pushed
+from xdynamics import record
 from xdynamics.march import March, Settings
+from xdynamics.march.asking import settings_for
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_EVENT
 from xdynamics.summary import summary
 
@@ -320,6 +322,15 @@ def test_keyboard_interrupt_is_an_outcome() -> None:
     assert 0 < run.time.values[-1] < 3.0
     assert run.sizes["step"] > 1000
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_interrupted_at_once_there_is_the_initial_row() -> None:
+    """Assert that a run that is interrupted before its first step is still a record, of its initial state."""
+    march = March(free().model, settings_for(free().model, method="midpoint", step=1e-6, until=3.0))
+    march.interrupted = True
+    run = record.dataset(march, march.blocks(1000))
+    assert (run.attrs["run_outcome"], run.time.values[0]) == ("interrupted", 0.0)
+    assert 0 < run.sizes["step"] < 10_000  # of 3,000,000
 
 
 PLAIN = """

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         InputError,
         KindWarning,
         ModelError,
+        PartialRunWarning,
         ResumeWarning,
         StabilityWarning,
     )
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
 # public name -> the room it lives in, entered when the name is first used
 _ROOMS = {
-    "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "ResumeWarning": "faults",
+    "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
     "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "discard": "archive", "extend": "extension", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
     "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "verify": "archive",
@@ -44,7 +45,7 @@ _ROOMS = {
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "extend", "modes", "open_run",
+    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "extend", "modes", "open_run",
     "plot", "reproduce", "sample", "save", "sign", "simulate", "verify", "verify_signature",
 ]  # fmt: skip
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -18,12 +22,23 @@ if TYPE_CHECKING:
     from xdynamics.methods import Method
 
 DONE, BADLY, WRONG_INPUT = 0, 1, 2
+TERMINATED = 143  # as a shell reports a process that SIGTERM ended
 
 
 class _Command(click.Group):
-    """Turns wrong input into one line and exit code 2, damage found into exit code 1."""
+    """Turns wrong input into one line and exit code 2, damage found into exit code 1, SIGTERM into 143."""
 
     def invoke(self, ctx: click.Context) -> Any:
+        with _terminable() as signals:
+            try:
+                return self._invoked(ctx)
+            except (KeyboardInterrupt, SystemExit):
+                if not signals:
+                    raise
+        _complain("terminated")
+        return ctx.exit(TERMINATED)
+
+    def _invoked(self, ctx: click.Context) -> Any:
         import warnings
 
         from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, KindWarning
@@ -45,6 +60,28 @@ class _Command(click.Group):
         except InputError as error:
             _complain(error)
             ctx.exit(WRONG_INPUT)
+
+
+@contextmanager
+def _terminable() -> Iterator[list[int]]:
+    """Let SIGTERM do what Ctrl-C does: end a march as an outcome, clear up, leave; gather the signals that came."""
+    came: list[int] = []
+
+    def terminate(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        keyboard = signal.getsignal(signal.SIGINT)
+        if not callable(keyboard):  # ignored, as in the background of a script
+            raise KeyboardInterrupt
+        keyboard(signal.SIGINT, frame)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+    previous = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGTERM, previous)
 
 
 def _complain(error: Exception | str) -> None:
@@ -129,12 +166,9 @@ def run(
 
     What a long run has done is kept in segments beside the archive, until it is whole: --resume goes on from there.
     """
-    from xdynamics.faults import InputError
     from xdynamics.model import Model
 
     model = Model.from_toml(model_file, tables=tables)
-    if Path(output).exists() and Path(output).samefile(model_file):
-        raise InputError(f"-o {output} is the model file itself; name another file")
     if changes:
         model = model.replace(**_changed(model, _pairs(changes, "--set")))
     asked: dict[str, Any] = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": _absolute(atols), "estimator": estimator,
@@ -174,12 +208,13 @@ def extend(archive: str, until: str, output: str, resume: bool) -> None:
 def _close(finished: xr.Dataset, output: str) -> None:
     """Say what became of a run, and end with the exit code of its outcome."""
     from xdynamics.archive import has_segments
+    from xdynamics.march.outcomes import GOOD
     from xdynamics.summary import summary
 
-    _say([*summary(finished), f"archive   {output}"])
+    _say([*summary(finished), f"archive   {finished.encoding['source']}"])
     if has_segments(Path(output)):
         _say([f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`"])
-    sys.exit(DONE if finished.attrs["run_outcome"] in _good_words() else BADLY)
+    sys.exit(DONE if finished.attrs["run_outcome"] in GOOD else BADLY)
 
 
 @main.command()
@@ -385,9 +420,3 @@ def _changed(model: Any, pairs: dict[str, str]) -> dict[str, dict[str, Any]]:
             value = text
         sections.setdefault(section, {})[name] = value
     return sections
-
-
-def _good_words() -> set[str]:
-    from xdynamics.march.outcomes import WORDS
-
-    return {word for word, outcome in WORDS.items() if outcome.good}

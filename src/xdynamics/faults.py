@@ -69,6 +69,10 @@ class KindWarning(UserWarning):
     """An archive is whole, and is no run but a selection of one or derived data."""
 
 
+class PartialRunWarning(UserWarning):
+    """A run that ended badly was written beside the archive of a complete one, which stays."""
+
+
 class ModelError(InputError):
     """A model statement cannot be marched as it stands."""
 

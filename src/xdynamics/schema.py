@@ -41,7 +41,8 @@ ENERGIES = {
 
 # facts about when and where a run was made: in the archive, out of every digest but the one of their own
 VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba_version", "llvmlite_version",
-            "xarray_version", "cpu_name", "cpu_features", "wall_time", "xdynamics_version", "volatile_digest")  # fmt: skip
+            "xarray_version", "cpu_name", "cpu_features", "wall_time", "xdynamics_version", "archive_seal",
+            "volatile_digest")  # fmt: skip
 COUNTS = ("run_force_evaluations", "run_jacobian_evaluations", "run_factorisations", "run_accepted_steps",
           "run_rejected_trials")  # fmt: skip
 REQUIRED_ATTRIBUTES = (
@@ -71,6 +72,8 @@ ORIGIN = "origin"
 DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL = (
     "derived", "derived_from", "selection", "selection_of", "selection_atol_si",
 )  # fmt: skip
+SEALED = "archive_seal"  # of files only: that the seal must be there
+SEAL_WORDS = "the file ends with a seal, a sha256 of every byte before it"
 
 
 @dataclass(frozen=True)

@@ -78,8 +78,9 @@ def simulate(
     safety, growth_limits, min_step, max_step, max_steps
         Limits of step control: 0.9, (0.2, 10), none but the spacing of t, the span, 1,000,000.
     path : str or Path, optional
-        Stream the run to this file, in bounded memory, and return it opened. A run that lasts keeps its finished
-        segments in a folder beside it, `.run.nc.segments`, until it is whole.
+        Stream the run to this file, in bounded memory, and return it opened. A run that ends badly does not replace an
+        archive of one that ended well: it is written beside it, with a warning. What is
+        finished of a run that lasts is kept in a folder beside it, `.run.nc.segments`, until it is whole.
     resume : bool
         Go on from the segments that a process left behind, to the bits of the uninterrupted run.
     force_samples : {"all", "none"}

@@ -1,14 +1,27 @@
 """Runs in files: written whole or not at all, with a digest for everything, checked on opening."""
 
-from xdynamics.archive.origin import marched
-from xdynamics.archive.reading import open_run, verify
-from xdynamics.archive.seals import content_digest
-from xdynamics.archive.segments import discard, has_segments
-from xdynamics.archive.source import check_source
-from xdynamics.archive.standing import check_unchanged, selected_like
-from xdynamics.archive.streaming import stream
-from xdynamics.archive.target import check_target
-from xdynamics.archive.writing import save
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from xdynamics.archive.origin import marched
+    from xdynamics.archive.reading import open_run, verify
+    from xdynamics.archive.seals import content_digest
+    from xdynamics.archive.segments import discard, has_segments
+    from xdynamics.archive.source import check_source
+    from xdynamics.archive.standing import check_unchanged, selected_like
+    from xdynamics.archive.streaming import stream
+    from xdynamics.archive.target import check_target
+    from xdynamics.archive.writing import save
+
+# name -> its room, entered when the name is first used: who only reads, like the examining process, loads no engine
+_ROOMS = {
+    "check_source": "source", "check_target": "target", "check_unchanged": "standing", "content_digest": "seals", "discard": "segments", "has_segments": "segments",
+    "marched": "origin", "open_run": "reading", "save": "writing",
+    "selected_like": "standing", "stream": "streaming", "verify": "reading",
+}  # fmt: skip
 
 __all__ = [
     "check_source",
@@ -24,3 +37,11 @@ __all__ = [
     "stream",
     "verify",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ROOMS:
+        raise AttributeError(f"module 'xdynamics.archive' has no attribute {name!r}")
+    value = getattr(import_module(f"xdynamics.archive.{_ROOMS[name]}"), name)
+    globals()[name] = value
+    return value

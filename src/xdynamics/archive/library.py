@@ -1,31 +1,143 @@
-"""The netCDF4 library: the one place where files are opened with it for reading."""
+"""The netCDF4 library, of which one thread at a time may touch anything: its lock, and the opener of every file.
+
+Neither netCDF-C nor HDF5 bears two threads, not even on two files. xarray has locks of its own for them; here they are
+taken together with ours, so that what is opened here and what somebody opens by xarray keep out of each other's way.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import gc
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-from xdynamics.archive.source import check_source
-from xdynamics.faults import ArchiveError
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
     import netCDF4
 
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
 # what the libraries raise on files that are damaged or of another kind
 DAMAGE = (OSError, RuntimeError, ValueError, AttributeError, LookupError, TypeError, MemoryError, OverflowError)
 
+_own = threading.RLock()
+_left: list[Any] = []
 
-@contextmanager
-def opened(path: Path) -> Iterator[netCDF4.Dataset]:
-    """Open a file to read; what the library makes of a damaged one is one error."""
+
+def alone(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Have a function run while no other thread is in the library; such functions may call each other.
+
+    The locks are held for one call of the library or a few in a row, never while a caller's code runs or another thread
+    is waited for. Ours is first, xarray's follow in its own order; who holds xarray's never asks for ours. All are locks
+    of the interpreter, taken by `with` itself: no Ctrl-C comes between a lock and its release, as it does between the
+    lines of a lock that is written in Python.
+    """
+
+    @wraps(function)
+    def called(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        if _own._is_owned():  # type: ignore[attr-defined]  # noqa: SLF001 - as `threading.Condition` asks
+            return function(*args, **kwargs)
+        first, second = _locks_of_xarray()
+        with _own, first, second:
+            return function(*args, **kwargs)
+
+    return called
+
+
+def _locks_of_xarray() -> list[Any]:
+    """Return the two locks that xarray takes around the library, in its order; others while nobody has imported it."""
+    backend = sys.modules.get("xarray.backends.netCDF4_")
+    combined = getattr(getattr(backend, "NETCDF4_PYTHON_LOCK", None), "locks", ())
+    found = [one.lock for one in combined if hasattr(one, "lock")]
+    return [*found, threading.Lock(), threading.Lock()][:2]
+
+
+_forking: list[Any] = []
+
+
+def _before_fork() -> None:
+    theirs = [] if _own._is_owned() else _locks_of_xarray()  # type: ignore[attr-defined]  # noqa: SLF001
+    _own.acquire()
+    for lock in theirs:
+        lock.acquire()
+    _forking[:] = [_own, *theirs]
+
+
+def _after_fork() -> None:
+    while _forking:
+        _forking.pop().release()
+
+
+# a child that is forked while another thread is in the library would find it taken for ever, and in disorder
+os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
+
+
+def leave(file: netCDF4.Dataset) -> None:
+    """Have a file closed by who opens one next; for a finaliser, which must not wait for the lock."""
+    _left.append(file)
+
+
+@alone
+def file_at(path: Path, mode: Literal["r", "w"] = "r") -> netCDF4.Dataset:
+    """Open a file with the library.
+
+    The library takes texts, and a file's name is bytes: in Latin-1 every name is a text, and comes out as it went in.
+    It also skips blanks at the beginning of a name, which an absolute one has not.
+    """
+    while _left:
+        with suppress(RuntimeError):
+            _left.pop().close()
+    name = os.fsencode(path.absolute()).decode("latin-1")
+    try:
+        return _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
+    except BaseException:
+        gc.collect()  # a file that was opened half is closed now, under the lock, not by whatever thread collects later
+        raise
+
+
+@lru_cache
+def _kind_of_file() -> type[netCDF4.Dataset]:
     import netCDF4
 
-    check_source(path)
+    class File(netCDF4.Dataset):
+        """A file that can say its own name, whatever the bytes of it."""
+
+        def filepath(self, encoding: str | None = None) -> str:
+            name = super().filepath(encoding="latin-1").encode("latin-1")
+            return name.decode(encoding) if encoding else os.fsdecode(name)
+
+    return File
+
+
+@alone
+def close(file: netCDF4.Dataset) -> None:
+    """Close a file."""
+    file.close()
+
+
+@contextmanager
+def opened(path: Path, mode: Literal["r", "w"] = "r") -> Iterator[netCDF4.Dataset]:
+    """Open a file, and close it. Others come to the library in between: be `alone` for what is read and written."""
+    file = file_at(path, mode)
     try:
-        with netCDF4.Dataset(path, "r") as file:
-            file.set_auto_maskandscale(False)
-            yield file
-    except DAMAGE as error:
-        raise ArchiveError(f"'{path}' is damaged or no run archive: {error}") from None
+        alone(file.set_auto_maskandscale)(mode == "w")
+        yield file
+    finally:
+        close(file)
+
+
+@alone
+def read(variable: Any, key: Any) -> Any:
+    """Return values of a variable as they are stored."""
+    return variable[key]
+
+
+@alone
+def attributes(of: Any) -> dict[str, Any]:
+    """Return the attributes of a file or a variable."""
+    return {key: of.getncattr(key) for key in of.ncattrs()}

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.record import own_attributes, plain
+from xdynamics.archive.library import alone, read
+from xdynamics.attributes import own_attributes, plain
 from xdynamics.schema import (
     BOUNDS,
     EVENTS,
@@ -34,6 +38,7 @@ Array = NDArray[Any]
 # rows of one stored chunk: a megabyte of floats for what grows by steps, little for what is rare
 CHUNKS = {STEPS: 131_072, SAMPLES: 131_072, TRIALS: 4_096, EVENTS: 512, BOUNDS: 2}
 OTHER_CHUNK = 4_096
+_MOST_READ = 1 << 25  # bytes of a variable that are read at once
 
 
 def content_digest(run: xr.Dataset) -> str:
@@ -49,28 +54,64 @@ def content_digest(run: xr.Dataset) -> str:
 
 
 MARK = b"\nxdynamics seal 1 "
+_SEALED = re.compile(re.escape(MARK) + rb"[0-9a-f]{64}\n")
 _LENGTH = len(MARK) + 64 + 1
+_SEARCHED = 1 << 16  # bytes at the end of a file among which a seal is looked for that is not where it should be
 _PART = 1 << 22
 
 
-def seal_file(path: Path) -> None:
-    """Append a digest of all bytes of a file; readers of HDF5 pass over what stands behind its end."""
-    mark = MARK + _file_digest(path, path.stat().st_size).encode() + b"\n"
+def seal_file(path: Path) -> str:
+    """Append a digest of all bytes of a file, and return it; readers of HDF5 pass over what stands behind its end."""
+    digest = _file_digest(path, path.stat().st_size)
     with path.open("ab") as file:
-        file.write(mark)
+        file.write(MARK + digest.encode() + b"\n")
+    return digest
+
+
+@dataclass(frozen=True)
+class Tail:
+    """What stands at the end of a file.
+
+    Attributes
+    ----------
+    digest : str
+        The digest of every byte before the seal, where the seal holds; else empty.
+    fault : str
+        What is wrong with the seal; empty where it holds, or where nothing there looks like one.
+    """
+
+    digest: str = ""
+    fault: str = ""
+
+
+def tail_of(path: Path) -> Tail:
+    """Compare a file with the seal at its end, and say what happened to the seal where it is not whole."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        file.seek(max(0, size - _SEARCHED))
+        end = file.read(_SEARCHED)
+    mark = end[-_LENGTH:]
+    if _SEALED.fullmatch(mark):
+        digest = _file_digest(path, size - _LENGTH)
+        if digest == mark[len(MARK) : -1].decode():
+            return Tail(digest)
+        return Tail(fault="the bytes of the file differ from its seal")
+    if (behind := len(end) - end.rfind(MARK) - _LENGTH) > 0 and MARK in end:
+        return Tail(fault=f"{behind} bytes stand behind its seal" if behind > 1 else "a byte stands behind its seal")
+    if MARK in end:
+        return Tail(
+            fault="its seal is hurt"
+            if behind == 0
+            else f"its seal is cut off: {-behind} of its {_LENGTH} bytes are missing"
+        )
+    alike = sum(one == other for one, other in zip(mark, MARK, strict=False))
+    return Tail(fault="its seal is hurt") if 2 * alike > len(MARK) else Tail()
 
 
 def seal_holds(path: Path) -> bool | None:
     """Tell whether a file is byte for byte the one that was sealed; None where it bears no seal."""
-    size = path.stat().st_size - _LENGTH
-    if size < 0:
-        return None
-    with path.open("rb") as file:
-        file.seek(size)
-        mark = file.read()
-    if not mark.startswith(MARK):
-        return None
-    return mark[len(MARK) : -1].decode("ascii", "replace") == _file_digest(path, size)
+    tail = tail_of(path)
+    return None if tail == Tail() else not tail.fault
 
 
 def _file_digest(path: Path, size: int) -> str:
@@ -137,18 +178,25 @@ def letters(text: Array) -> Array:
 
 def stored_digest(variable: Any) -> str:
     """Return the digest of a variable of an open netCDF file, read a chunk at a time."""
-    is_text = variable.dtype is not str and variable.dtype == "S1"
-    if variable.dtype is str:
+    name, dims, shape, dtype = _about(variable)
+    if dtype is str:
         raise ValueError("it holds texts of any length, which no record does")
-    seal = Seal(variable.name, () if is_text else variable.dimensions, np.dtype(object) if is_text else variable.dtype)
-    if is_text or not variable.dimensions:
-        variable.set_auto_chartostring(False)
-        seal.update(np.asarray(variable[...]))
-    else:
-        rows = CHUNKS.get(variable.dimensions[0], OTHER_CHUNK) * 8
-        for start in range(0, max(1, variable.shape[0]), rows):
-            seal.update(np.asarray(variable[start : start + rows]))
+    is_text = dtype == "S1"
+    seal = Seal(name, () if is_text else dims, np.dtype(object) if is_text else dtype)
+    if is_text or not dims:
+        seal.update(np.asarray(read(variable, ...)))
+        return seal.hexdigest()
+    width = max(1, prod(shape[1:], start=dtype.itemsize))
+    rows = max(1, min(CHUNKS.get(dims[0], OTHER_CHUNK) * 8, _MOST_READ // width))
+    for start in range(0, max(1, shape[0]), rows):
+        seal.update(np.asarray(read(variable, slice(start, start + rows))))
     return seal.hexdigest()
+
+
+@alone
+def _about(variable: Any) -> tuple[str, tuple[str, ...], tuple[int, ...], Any]:
+    variable.set_auto_chartostring(False)
+    return variable.name, variable.dimensions, variable.shape, variable.dtype
 
 
 def root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]) -> str:

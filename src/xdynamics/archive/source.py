@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from xdynamics.faults import InputError
+from xdynamics.files import asked, kind_of
 
 
 def check_source(path: Path) -> None:
-    """Refuse a path that no file can be read from; a directory, or none at all."""
-    if asked(path, Path.is_dir):
-        raise InputError(f"'{path}' is a directory; name a file in it")
-    if not asked(path, Path.exists):
+    """Refuse a path that no archive can be read from, without opening it.
+
+    Raises
+    ------
+    InputError
+        If it is a directory, a pipe, a socket or a device, there is nothing, or it is no path at all, nor for the library.
+    """
+    check_name(path)
+    kind = asked(path, kind_of)
+    if kind == "":
         raise InputError(f"'{path}' does not exist")
+    if kind is not None:
+        raise InputError(f"'{path}' is {kind}; name a file{' in it' if kind == 'a directory' else ''}")
 
 
-def asked(path: Path, question: Callable[[Path], bool]) -> bool:
-    """Answer a question about a path; raise where it is no path at all."""
-    if "\0" in str(path):
-        raise InputError(f"{str(path)[:80]!r} is no path for a file: it holds a null character")
-    try:
-        return question(path)
-    except OSError as error:
-        raise InputError(f"'{str(path)[:80]}' is no path for a file: {error}") from None
+def check_name(path: Path) -> None:
+    """Refuse a name that the netCDF library takes for another.
+
+    Raises
+    ------
+    InputError
+        If there is a backslash in it.
+    """
+    if "\\" in str(asked(path, Path.absolute)):
+        raise InputError(
+            f"'{path}' has a backslash in its whole name, which the netCDF library takes for the end of a folder's name;"
+            " name another file"
+        )

@@ -49,7 +49,7 @@ def stream(march: March, path: str | Path, *, before: Iterable[Part] = (), resum
         If the file cannot be written; the final name is untouched, and the segments stay.
     """
     path = Path(path)
-    check_target(path)
+    check_target(path, march.model)
     with Segments(path, march, resume=resume) as segments:
         with new_file(path) as writer:
             _fill(writer, march, segments, segments.rows() if len(segments) else before)
@@ -61,7 +61,7 @@ def stream(march: March, path: str | Path, *, before: Iterable[Part] = (), resum
             writer.finish(provenance.attributes(march))
         if not march.unfinished:
             segments.remove()
-    return path
+    return writer.path
 
 
 def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Part]) -> None:

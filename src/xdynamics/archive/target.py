@@ -1,55 +1,133 @@
-"""What an archive may be written to, and how a new file takes its name."""
+"""What a new file may be written to, and how it takes its name: whole, last, and with the rights of the old one."""
 
 from __future__ import annotations
 
 import os
+import stat
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from xdynamics.archive.source import asked
+from xdynamics.archive.leftovers import Part, sweep
+from xdynamics.archive.lending import is_lent
+from xdynamics.archive.source import check_name
 from xdynamics.faults import ArchiveError, InputError
+from xdynamics.files import asked, decoded, kind_of, read_bounded
+
+if TYPE_CHECKING:
+    from xdynamics.model import Model
+
+_NEW, _PRIVATE = 0o666, 0o600
+_RIGHTS = stat.S_IRWXU | stat.S_IRWXG | stat.S_IRWXO
 
 
-def check_target(path: Path) -> None:
-    """Refuse a path that no file can be written to.
+def check_target(path: Path, model: Model | None = None) -> None:
+    """Refuse a path that no file can be written to, or that holds what must not be lost.
+
+    Parameters
+    ----------
+    path : Path
+    model : Model, optional
+        Whose file and tables stay.
 
     Raises
     ------
     InputError
-        If it is a directory, its folder does not exist, or it is no path at all.
+        If it is a directory, a pipe, a socket or a device, its folder does not exist, it is no path at all, it is a
+        file of the model, or an archive of which variables are still to be read here.
     """
-    if asked(path, Path.is_dir):
+    check_name(path)
+    kind = asked(path, kind_of)
+    if kind == "a directory":
         raise InputError(f"'{path}' is a directory; name a file in it, like '{path / 'run.nc'}'")
-    if not asked(path.parent, Path.is_dir):
-        raise InputError(f"'{path}' cannot be written: the folder '{path.parent}' does not exist")
+    if kind:
+        raise InputError(f"'{path}' is {kind}; name a file")
+    folder = asked(path, Path.resolve).parent if path.is_symlink() else path.parent
+    if not asked(folder, Path.is_dir):
+        raise InputError(f"'{path}' cannot be written: the folder '{folder}' does not exist")
+    if kind is not None:
+        return
+    if model is not None:
+        if model.file is not None and model.file.exists() and model.file.samefile(path):
+            raise InputError(f"'{path}' is the model file itself; name another file")
+        check_no_table(path, [one.table.text for one in model.drives.values()])
+    if is_lent(path):
+        raise InputError(
+            f"'{path}' is open: a run that was opened from it still reads it; close that run (run.close()) or load it"
+            " (run.load()) first, or name another file"
+        )
+
+
+def check_no_table(path: Path, tables: list[str]) -> None:
+    """Refuse a path where a measured table stands, told by its text: a record keeps the text and not the place."""
+    if not tables or kind_of(path) is not None:
+        return
+    try:
+        text = decoded(read_bounded(path, 4 * max(map(len, tables))))
+    except (OSError, ValueError):
+        return  # longer than any of the tables, or no text
+    if text in tables:
+        raise InputError(f"'{path}' is a table of the model; name another file")
+
+
+@dataclass
+class NewFile:
+    """A file while it is written: its temporary name, and the name that it will take."""
+
+    part: Path
+    name: Path
 
 
 @contextmanager
-def taking_name(path: Path, check: Callable[[Path], None]) -> Iterator[Path]:
-    """Lend a temporary name for a new file in the same folder; once it is filled and checked, it takes its own."""
+def taking_name(path: Path) -> Iterator[NewFile]:
+    """Lend a temporary name in the folder of a path; when what follows is done, the file takes the path's name.
+
+    A link goes on pointing: the file that it points to is replaced. Mode and owner of that file stay. The name may be
+    changed in between, for another in the same folder.
+
+    Raises
+    ------
+    ArchiveError
+        If it cannot be written; under its name nothing is changed then.
+    """
     check_target(path)
-    temporary = None
+    target = path.resolve()
+    sweep(target.parent)
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-        os.close(handle)
-        temporary = Path(name)
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        yield temporary
-        check(temporary)
-        _sync(temporary)
-        temporary.replace(path)
-        _sync(path.parent)
+        with Part.beside(target, _NEW if not target.exists() else _PRIVATE) as part:
+            new = NewFile(part.path, target)
+            yield new
+            with _synced(part.path) as handle:
+                _inherit(handle, new.name)
+            part.path.replace(new.name)
+            with _synced(target.parent):
+                pass
     except (OSError, RuntimeError) as error:
         raise ArchiveError(
-            f"'{path}' cannot be written: {_cause(path.parent, error)}; nothing is changed there"
+            f"'{path}' cannot be written: {_cause(target.parent, error)}; nothing is changed there"
         ) from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+
+
+def _inherit(part: int, old: Path) -> None:
+    """Give a new file mode and owner of the one that it replaces; where an owner cannot be kept, no right is widened."""
+    try:
+        about = old.stat()
+    except FileNotFoundError:
+        return
+    mode, new = about.st_mode & _RIGHTS, os.fstat(part)
+    if new.st_gid != about.st_gid:
+        try:
+            os.fchown(part, -1, about.st_gid)
+        except PermissionError:  # what the old group might, another one may as far as everybody may
+            mode &= ~stat.S_IRWXG | (mode & stat.S_IRWXO) << 3
+    if mode != new.st_mode & _RIGHTS:
+        os.fchmod(part, mode)
+    if new.st_uid != about.st_uid:
+        with suppress(PermissionError):
+            os.fchown(part, about.st_uid, -1)
 
 
 def _cause(folder: Path, error: Exception) -> str:
@@ -65,9 +143,12 @@ def _cause(folder: Path, error: Exception) -> str:
     return f"{error} (disk full, file-size limit or lost device)"
 
 
-def _sync(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
+@contextmanager
+def _synced(path: Path) -> Iterator[int]:
+    """Lend a descriptor of a file or folder, and have both it and what is done with it reach the disk."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
+        yield handle
         os.fsync(handle)
     finally:
         os.close(handle)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from math import prod
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.archive.library import alone
 from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, root_digest, volatile_digest
-from xdynamics.record import own_attributes
-from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, VOLATILE_DIGEST
+from xdynamics.attributes import own_attributes
+from xdynamics.march.outcomes import GOOD
+from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, SEAL_WORDS, SEALED, VOLATILE_DIGEST
 
 if TYPE_CHECKING:
     import netCDF4
@@ -22,15 +25,26 @@ BACK = 1 << 19  # values that are read back at once
 
 
 class Writer:
-    """Fills one netCDF file: variables are defined, appended to, then sealed."""
+    """Fills one netCDF file: variables are defined, appended to, then sealed.
+
+    Attributes
+    ----------
+    path : Path
+        Where it will be, once it has taken its name.
+    complete : bool
+        Whether the run ended well; known when it is finished.
+    """
 
     def __init__(self, file: netCDF4.Dataset) -> None:
         self._file = file
+        self.path = Path()
         self._seals: dict[str, Seal] = {}
         self._attributes: dict[str, dict[str, Any]] = {}
         self._coordinates: dict[str, str] = {}
         self._filled: dict[str, int] = {}
+        self.complete = False
 
+    @alone
     def define(
         self,
         name: str,
@@ -74,6 +88,7 @@ class Writer:
         """Return the digest of every variable, as far as it is hashed."""
         return {name: seal.hexdigest() for name, seal in self._seals.items()}
 
+    @alone
     def shapes_since(self, before: Mapping[str, int]) -> list[tuple[str, Any, tuple[int, ...]]]:
         """Return name, type and shape of what variables were given since they held so much."""
         return [
@@ -87,6 +102,7 @@ class Writer:
             for start in range(before.get(name, 0), n, BACK):
                 yield self._read_back(name, start, min(start + BACK, n))
 
+    @alone
     def _read_back(self, name: str, start: int, stop: int) -> Array:
         return np.asarray(self._file.variables[name][start:stop])
 
@@ -98,14 +114,18 @@ class Writer:
     def write(self, parts: list[tuple[str, Array]]) -> None:
         """Write the next values of variables."""
         for name, values in parts:
-            if self._seals[name].is_text:
-                self._write_text(name, letters(values))
-            elif values.ndim == 0:
-                self._file.variables[name][...] = values
-            elif values.shape[0]:
-                start = self._filled[name]
-                self._file.variables[name][start : start + values.shape[0]] = values
-                self._filled[name] = start + values.shape[0]
+            self._write_one(name, values)
+
+    @alone
+    def _write_one(self, name: str, values: Array) -> None:
+        if self._seals[name].is_text:
+            self._write_text(name, letters(values))
+        elif values.ndim == 0:
+            self._file.variables[name][...] = values
+        elif values.shape[0]:
+            start = self._filled[name]
+            self._file.variables[name][start : start + values.shape[0]] = values
+            self._filled[name] = start + values.shape[0]
 
     def _write_text(self, name: str, letters: Array) -> None:
         """Write a text as characters: variable-length strings crash the library when a file is open twice."""
@@ -121,9 +141,12 @@ class Writer:
         for name, values in parts:
             self._seals[name].update(values)
 
+    @alone
     def finish(self, attributes: Mapping[str, Any]) -> None:
-        """Write every attribute and digest."""
+        """Write every attribute and digest, and keep in mind whether the run ended well."""
+        self.complete = attributes.get("run_outcome") in GOOD
         kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST)}
+        kept[SEALED] = SEAL_WORDS
         digests = {name: seal.hexdigest() for name, seal in self._seals.items()}
         for name, own in self._attributes.items():
             kept_as = {"coordinates": self._coordinates[name]} if name in self._coordinates else {}

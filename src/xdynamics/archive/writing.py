@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import tomllib
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,13 +14,16 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.archive.library import opened
-from xdynamics.archive.reading import verified
-from xdynamics.archive.seals import seal_file, slabs
+from xdynamics.archive.examination import examine
+from xdynamics.archive.examiner import examined, know
+from xdynamics.archive.leftovers import LONGEST
+from xdynamics.archive.library import alone, opened
+from xdynamics.archive.seals import Tail, seal_file, slabs, tail_of
 from xdynamics.archive.standing import standing
-from xdynamics.archive.target import taking_name
+from xdynamics.archive.target import check_no_table, taking_name
 from xdynamics.archive.writer import Writer
-from xdynamics.faults import InputError, numbered
+from xdynamics.faults import InputError, PartialRunWarning, numbered
+from xdynamics.march.outcomes import GOOD
 from xdynamics.record.kinds import left_out_atols
 from xdynamics.schema import DERIVED, DERIVED_FROM, LEFT_OUT_ATOL, ORIGIN, SELECTION, SELECTION_OF, STEPS
 
@@ -26,6 +32,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
+_PARTIAL = ".partial"
 READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
 
 
@@ -45,15 +52,23 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None) -> Pa
         How the record was made from a run, like ``"x scaled by 1.1"``: it is saved as derived data, whose attributes
         say so and name the run, and which `verify` and `reproduce` take for no run.
 
+    Returns
+    -------
+    Path
+        Where it is. A run that ended badly does not replace an archive of one that ended well: it is written beside it,
+        as ``run.partial.nc`` beside ``run.nc``, with a warning.
+
     Raises
     ------
     InputError
-        If the Dataset is no run record, or was edited and is not said to be derived; names what differs.
+        If the Dataset is no run record, or was edited and is not said to be derived; names what differs. If no file can be
+        written there; see `check_target`.
     ArchiveError
         If the file cannot be written; the final name is untouched.
     """
     run = _declared(run, derived)
     record.check(run, values=derived is not None)  # without, they were looked at before
+    check_no_table(Path(path), _tables(run))
     with new_file(Path(path)) as writer:
         for name, variable in run.variables.items():
             sizes = {str(dim): n for dim, n in zip(variable.dims, variable.shape, strict=True) if n}
@@ -65,7 +80,7 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None) -> Pa
             for part in slabs(variable):
                 writer.append(str(name), part)
         writer.finish(dict(run.attrs))
-    return Path(path)
+    return writer.path
 
 
 def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
@@ -107,19 +122,51 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Writer]:
-    """Write a file under a temporary name, check it, and give it its name."""
-    import netCDF4
+    """Write a file under a temporary name, check it, and give it its name; `Writer.path` says which in the end.
 
-    with taking_name(path, _finish) as temporary, netCDF4.Dataset(temporary, "w", format="NETCDF4") as file:
-        file.set_fill_off()
-        yield Writer(file)
+    A run that ended badly does not take the name of an archive of one that ended well, but one beside it.
+    """
+    with taking_name(path) as new:
+        with opened(new.part, "w") as file:
+            alone(file.set_fill_off)()
+            writer = Writer(file)
+            writer.path = path
+            yield writer
+        _finish(new.part)
+        if not writer.complete:
+            new.name = beside(new.name)
+    if new.name != path.resolve():
+        writer.path = new.name
+        said = f"'{path}' holds a run that ended well and stays; the one that did not is in '{new.name}'"
+        warnings.warn(said, PartialRunWarning, stacklevel=4)
 
 
-def _finish(temporary: Path) -> None:
-    """Read a new file back, and seal it."""
-    if temporary.stat().st_size <= READ_BACK:
-        verified(temporary)
+def beside(path: Path) -> Path:
+    """Return a name beside that of an archive whose run ended well; the name itself where there is none."""
+    while path.is_file() and examined(path, tail_of(path)).outcome in GOOD:
+        room = LONGEST - len(os.fsencode(path.suffix)) - len(_PARTIAL)
+        path = path.with_name(os.fsdecode(os.fsencode(path.stem)[:room]) + _PARTIAL + path.suffix)
+    return path
+
+
+def _finish(part: Path) -> None:
+    """Seal a new file, and read it back."""
+    digest = seal_file(part)
+    if part.stat().st_size <= READ_BACK:
+        if faults := examine(part, Tail(digest)).faults:
+            raise RuntimeError(f"what was written reads otherwise: {'; '.join(faults)}")
     else:
-        with opened(temporary):
+        with opened(part):
             pass
-    seal_file(temporary)
+    know(digest)
+
+
+def _tables(run: xr.Dataset) -> list[str]:
+    """Return the texts of the measured tables of a run's model."""
+    if "model_toml" not in run.variables:
+        return []
+    try:
+        drives = tomllib.loads(str(run["model_toml"].values)).get("drives", {})
+        return [str(one["csv"]) for one in drives.values() if "csv" in one]
+    except (tomllib.TOMLDecodeError, RecursionError, AttributeError, TypeError):
+        return []  # derived data, whose text is no model

@@ -233,7 +233,7 @@ def _common(first: xr.Dataset, second: xr.Dataset) -> tuple[NDArray[Any], NDArra
 
 def _last_of_pairs(run: xr.Dataset) -> NDArray[Any]:
     after = np.asarray(run["row_kind"].values) == EVENT_AFTER
-    return np.flatnonzero(~np.append(after[1:], False))
+    return np.flatnonzero(~np.append(after[1:], np.zeros(min(1, after.size), bool)))
 
 
 def _shared(first: xr.Dataset, second: xr.Dataset) -> list[Hashable]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from functools import partial
 from io import BytesIO
@@ -14,7 +13,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError, escaped
+from xdynamics.archive.target import check_target, taking_name
+from xdynamics.faults import ArchiveError, InputError, escaped
 from xdynamics.record.kinds import is_whole
 from xdynamics.schema import STEPS, velocity
 from xdynamics.summary import event_names
@@ -244,19 +244,17 @@ def _write(figure: Figure, path: Path) -> None:
     ending = path.suffix.lower()
     drawn = BytesIO()
     figure.savefig(drawn, format=ending[1:], dpi=130, metadata={"Date": None} if ending == ".svg" else None)
-    part = path.with_name(f".{path.name}.part")
     try:
-        part.write_bytes(drawn.getvalue())
-        part.replace(path)
-    except OSError as error:
-        raise InputError(f"figure '{path}' cannot be written: {error.strerror}") from None
-    finally:
-        if path.parent.is_dir() and os.access(path.parent, os.W_OK):
-            part.unlink(missing_ok=True)
+        with taking_name(path) as new:
+            new.part.write_bytes(drawn.getvalue())
+    except ArchiveError as error:
+        raise InputError(f"figure {error}") from None
 
 
 def _check_path(path: Path) -> None:
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"figure '{path}' has the ending '{path.suffix}'; there are {', '.join(FORMATS)}")
-    if path.is_dir() or not path.parent.is_dir():
-        raise InputError(f"figure '{path}' cannot be written: that is a directory, or its folder does not exist")
+    try:
+        check_target(path)
+    except InputError as error:
+        raise InputError(f"figure {error}") from None

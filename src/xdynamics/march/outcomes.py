@@ -63,3 +63,4 @@ NONFINITE_FORCE = Outcome("nonfinite_force", _FINITE)
 OUTSIDE_TABLE = Outcome("outside_drive_table", _FINITE)
 
 WORDS = {one.word: one for one in (*OUTCOMES.values(), NONFINITE_FORCE, OUTSIDE_TABLE)}
+GOOD = frozenset(word for word, one in WORDS.items() if one.good)

@@ -115,7 +115,7 @@ class March:
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():
-            while not self.is_over:
+            while not self.is_over or not self.now.rows:  # interrupted at once, there is the initial row
                 if rows is None or len(kept) < 2:
                     log = allocate(self.layout, size, sampled=int(self.run.plan[0].samples))
                     kept = [*kept, log] if rows else []
@@ -173,7 +173,7 @@ class March:
         log.base[0] = first
         log.lend(self.run)
         in_time = True
-        while before != (counts := _counts(self.run)) and in_time and not self.is_over:
+        while before != (counts := _counts(self.run)) and in_time and (not counts[0] or not self.is_over):
             before = counts
             log.make_ready(counts[0] - first[0], pause, sampled)
             march(self.run, pause)

@@ -12,6 +12,7 @@ from typing import Any
 from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names
 from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import InputError, ModelError
+from xdynamics.files import asked, decoded, read_bounded
 from xdynamics.model import toml
 from xdynamics.model.checking import check
 from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Parameter, State
@@ -21,7 +22,7 @@ from xdynamics.model.statement import Statement
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, parse_unit
 
-LARGEST_FILE = 20_000_000
+LARGEST_FILE = 20_000_000  # bytes, its tables included where they are in it
 
 
 class Model:
@@ -70,6 +71,7 @@ class Model:
     observables: dict[str, Node]
     run: dict[str, Any]
     dimensions: dict[str, Dimension]
+    file: Path | None = None  # that it was read from
 
     def __init__(self, **statement: Any) -> None:
         self._fill(statement, Path(), {}, Reach(Path(), ANYWHERE))
@@ -100,15 +102,17 @@ class Model:
         path = Path(path)
         if tables not in REACHES:
             raise InputError(f"tables is {tables!r}; there are {', '.join(REACHES)}")
+        if asked(path, Path.is_dir):
+            raise ModelError(f"model file '{path}' is a directory; name the .toml file in it")
         try:
-            if path.stat().st_size > LARGEST_FILE:
-                raise ModelError(f"model file '{path}' has over {LARGEST_FILE} bytes")
-            text = path.read_text(encoding="utf-8-sig")
-        except IsADirectoryError:
-            raise ModelError(f"model file '{path}' is a directory; name the .toml file in it") from None
-        except (OSError, ValueError) as error:
+            text = decoded(read_bounded(path, LARGEST_FILE))
+        except OSError as error:
+            raise ModelError(f"model file '{path}' cannot be read: {error.strerror or error}") from None
+        except ValueError as error:
             raise ModelError(f"model file '{path}' cannot be read: {error}") from None
-        return cls._parsed(text, path, functions, Reach(path.parent, tables))
+        model = cls._parsed(text, path, functions, Reach(path.parent, tables))
+        model.file = path.absolute()
+        return model
 
     @classmethod
     def from_text(cls, text: str, *, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
@@ -144,6 +148,7 @@ class Model:
                 statement[section][key] = _replaced(key, statement[section][key], value)
         model = object.__new__(Model)
         model._fill(statement, Path(), self.functions, Reach(Path(), ANYWHERE))
+        model.file = self.file
         return model
 
     @property
@@ -228,6 +233,8 @@ class Model:
     def _parsed(
         cls, text: str, path: Path, functions: Mapping[str, Callable[..., float]] | None, reach: Reach
     ) -> Model:
+        if len(text) > LARGEST_FILE:
+            raise ModelError(f"model file '{path}' has {len(text)} characters, over the limit of {LARGEST_FILE}")
         try:
             statement = tomllib.loads(text)
         except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:

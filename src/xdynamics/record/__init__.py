@@ -1,6 +1,6 @@
 """The run record: a march's log as one Dataset that says what every number is and how it came about."""
 
-from xdynamics.record.attributes import own_attributes, plain
+from xdynamics.attributes import own_attributes, plain
 from xdynamics.record.columns import Column, columns, constants, factors
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.dataset import check, check_kind, dataset

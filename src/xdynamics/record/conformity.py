@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.record.attributes import plain
+from xdynamics.attributes import plain
 from xdynamics.record.kinds import is_derived, is_whole
 from xdynamics.schema import (
     BY_STEP_CONTROL,
@@ -68,6 +68,8 @@ def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> li
         for name, one in run.variables.items()
     }
     faults = [*_attributes(run.attrs), *(_missing(run) if whole else ())]
+    if STEPS in run.dims and not run.sizes[STEPS]:
+        faults.append(f"dimension '{STEPS}' has no row, needs one at least")
     faults += [f"variable {str(name)!r} {fault}" for name, ones in found.items() for fault in ones]
     # values are looked at where they are what they have to be
     sound = {str(name): run.variables[name] for name, ones in found.items() if not ones}
@@ -113,8 +115,6 @@ def _missing(run: xr.Dataset) -> Iterator[str]:
             yield f"variable '{variable.name}' is missing"
     if run.attrs.get("solver_step_control") == "given" and GIVEN_STEP.name not in run.variables:
         yield f"variable '{GIVEN_STEP.name}' is missing"
-    if STEPS in run.dims and not run.sizes[STEPS]:
-        yield f"dimension '{STEPS}' has no row, needs the initial state"
 
 
 def _variable(name: str, one: xr.Variable, expected: Variable | None, *, placed: bool) -> Iterator[str]:

@@ -1,0 +1,97 @@
+"""What an archive is compared with: its seal, the bounds of its file, the digests of its variables and attributes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from xdynamics.archive.bounds import foreign, oversize
+from xdynamics.archive.library import DAMAGE, alone, opened
+from xdynamics.archive.library import attributes as attributes_of
+from xdynamics.archive.seals import Tail, root_digest, stored_digest, volatile_digest
+from xdynamics.attributes import own_attributes
+from xdynamics.faults import ArchiveError, numbered
+from xdynamics.schema import DIGEST, ROOT_DIGEST, SEALED, VOLATILE_DIGEST
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What was found in an archive.
+
+    Attributes
+    ----------
+    faults : tuple of str
+        Everything that differs; empty for an archive as it was written.
+    digest : str
+        The content digest that it bears.
+    outcome : str
+        How its run ended, as it says.
+    """
+
+    faults: tuple[str, ...]
+    digest: str = ""
+    outcome: str = ""
+
+    def settle(self, path: Path) -> None:
+        """Raise what was found, if anything was."""
+        if self.faults:
+            raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(self.faults)}", self.faults)
+
+
+def examine(path: Path, tail: Tail) -> Examination:
+    """Compare an archive with everything that it says of itself, in this process.
+
+    Parameters
+    ----------
+    path : Path
+    tail : Tail
+        What stands at its end, as `tail_of` found it.
+    """
+    faults = [tail.fault] if tail.fault else []
+    try:
+        with opened(path) as file:
+            return _examined(path, file, tail, faults)
+    except DAMAGE as error:
+        return Examination((*faults, f"it cannot be read: {error or type(error).__name__}"))
+
+
+def _examined(path: Path, file: Any, tail: Tail, faults: list[str]) -> Examination:
+    if bounds := oversize(path, file):
+        return Examination((*faults, *bounds))
+    faults += foreign(file)
+    attributes = attributes_of(file)
+    if SEALED in attributes and tail == Tail():
+        faults.append("its seal is missing: the end of the file is cut off or overwritten")
+    missing = [f"attribute '{name}' is missing" for name in (ROOT_DIGEST, VOLATILE_DIGEST) if name not in attributes]
+    digests: dict[str, str] = {}
+    own: dict[str, dict[str, Any]] = {}
+    differing = [
+        f"variable '{name}' {fault}"
+        for name, variable in file.variables.items()
+        if (fault := _fault_of(name, variable, digests, own))
+    ]
+    faults += missing + differing
+    if not missing and not differing and attributes[ROOT_DIGEST] != root_digest(digests, own, attributes):
+        faults.append("the attributes differ from the content digest")
+    if not missing and attributes[VOLATILE_DIGEST] != volatile_digest(attributes):
+        faults.append("the attributes on date, versions and machine differ from their digest")
+    return Examination(tuple(faults), str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")))
+
+
+def _fault_of(name: str, variable: Any, digests: dict[str, str], own: dict[str, dict[str, Any]]) -> str:
+    """Compare one variable with its digest, and note its digest and attributes; return what is wrong."""
+    try:
+        digests[name] = stored_digest(variable)
+        attributes = attributes_of(variable)
+        dims, is_text = alone(lambda: (variable.dimensions, variable.dtype == "S1"))()
+    except DAMAGE as error:
+        return f"cannot be read: {error}"
+    own[name] = own_attributes(attributes)
+    if attributes.get(DIGEST) != digests[name]:
+        return "differs from its digest"
+    as_written = {"coordinates": "time", "_Encoding": "utf-8"} if is_text else {"coordinates": "time"}
+    added = any(attributes.get(key, value) != value for key, value in as_written.items())
+    if added or "_FillValue" in attributes or (is_text and dims != (f"{name}_characters",)):
+        return "is not stored as it was written"
+    return ""

@@ -1,0 +1,151 @@
+"""Archives read by a process of its own, with bounded time and memory, until their bytes are known here."""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from xdynamics.archive.examination import Examination, examine
+from xdynamics.archive.examining import READY
+from xdynamics.archive.seals import Tail
+
+SECONDS = 1.5  # of processor time for a small file
+BYTES_PER_SECOND = 20_000_000  # of processor time for a large one, a tenth of what it takes
+MEMORY = 200_000_000  # bytes beside the libraries
+WAITED = 10  # times as long by the clock, and a little for a machine that is busy
+STARTING = 30.0
+
+# digests of files that were written here, or read whole without a fault
+_known: set[str] = set()
+
+
+def know(digest: str) -> None:
+    """Take down the seal of a file that was written here."""
+    _known.add(digest)
+
+
+def is_known(tail: Tail) -> bool:
+    """Tell whether a seal holds, of bytes that were written or examined here before."""
+    return bool(tail.digest) and tail.digest in _known
+
+
+def examined(path: Path, tail: Tail) -> Examination:
+    """Compare an archive with everything that it says of itself, where it can do no harm."""
+    if is_known(tail):
+        return examine(path, tail)
+    found = _EXAMINER.examine(path, tail)
+    if tail.digest and not found.faults:
+        _known.add(tail.digest)
+    return found
+
+
+class _Examiner:
+    """The other process: started when it is first needed, one question at a time, started again when it has ended."""
+
+    def __init__(self) -> None:
+        self._turn = threading.Lock()
+        self._process: subprocess.Popen[str] | None = None
+
+    def examine(self, path: Path, tail: Tail, seconds: float = SECONDS, memory: int = MEMORY) -> Examination:
+        """Have an archive examined.
+
+        Parameters
+        ----------
+        path : Path
+        tail : Tail
+        seconds : float
+            Processor time for a small file; a large one has more.
+        memory : int
+            Bytes that reading it may take.
+        """
+        seconds += path.stat().st_size / BYTES_PER_SECOND
+        question = {"path": os.fspath(path.absolute()), "tail": vars(tail), "seconds": seconds, "memory": memory}
+        with self._turn:
+            try:
+                answer = self._asked(json.dumps(question), WAITED * seconds + STARTING)
+                if answer is None:
+                    self.end()
+            except BaseException:
+                self.end()
+                raise
+        if answer == READY:
+            return examine(path, tail)
+        if answer is None or answer.get("code") == -signal.SIGPROF:
+            return Examination((f"it takes more than {seconds:.2g} s to read, which no archive of its size does",))
+        if "code" in answer:
+            return Examination((f"the libraries break off when they read it (exit code {answer['code']})",))
+        return Examination(tuple(answer["faults"]), answer["digest"], answer["outcome"])
+
+    def end(self) -> None:
+        """End the process, whatever it does."""
+        if self._process is not None:
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)  # with what it was just reading a file in
+            self._process.communicate()
+            self._process = None
+
+    def forget(self) -> None:
+        """Leave the process to the one that this one was forked from."""
+        self._turn = threading.Lock()
+        if self._process is not None:
+            self._process.returncode = 0  # not ours to wait for
+            self._process = None
+
+    def _asked(self, question: str, seconds: float) -> Any:
+        """Put a question; return the answer, None where there comes none, `READY` where there is no process to ask."""
+        for _ in range(2):  # the process reads no file itself: its own end, after a long pause say, is no fault of one
+            process = self._started()
+            if process is None:
+                return READY
+            with suppress(BrokenPipeError):
+                print(question, file=process.stdin, flush=True)
+            answer = _said(process, seconds)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.0 if answer else 0.2)
+            if answer is not None or process.returncode is None:
+                return answer
+        return None
+
+    def _started(self) -> subprocess.Popen[str] | None:
+        """Return the process, ready; None where none can be had, and files are read here."""
+        if self._process is not None and self._process.poll() is None:
+            return self._process
+        self.end()
+        if not sys.executable or getattr(sys, "frozen", False):
+            return None
+        program = f"import sys; sys.path[:] = {sys.path!r}; from xdynamics.archive.examining import main; main()"
+        with suppress(OSError):
+            self._process = subprocess.Popen(  # noqa: S603 - this very interpreter
+                [sys.executable, "-I", "-c", program],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+                env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}, start_new_session=True,
+            )  # fmt: skip
+            if _said(self._process, STARTING) != READY:
+                self.end()
+        return self._process
+
+
+def _said(process: subprocess.Popen[str], seconds: float) -> Any:
+    """Return what a process says next; None where it says nothing, or ends."""
+    assert process.stdout is not None  # noqa: S101
+    ready = select.poll()
+    ready.register(process.stdout, select.POLLIN)
+    if not ready.poll(1000 * seconds):
+        return None
+    with suppress(ValueError):  # half a line of a process that ended
+        return json.loads(process.stdout.readline())
+    return None
+
+
+_EXAMINER = _Examiner()
+atexit.register(_EXAMINER.end)
+os.register_at_fork(after_in_child=_EXAMINER.forget)

@@ -1,0 +1,68 @@
+"""The process that reads files which nobody vouches for: what ends or hangs it is told from outside.
+
+HDF5 follows what a file says; a file can be made so that it never comes to an end, takes all memory or crashes. The
+process takes one request a line, JSON, and answers in one line. It forks for every file, so that it starts fast, and
+nothing that one file leaves behind in the library touches another.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import select
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+from xdynamics.archive.examination import examine
+from xdynamics.archive.seals import Tail
+
+PATIENCE = 60.0  # s without a request, after which the process ends
+READY = "ready"
+
+
+def main() -> None:
+    """Answer requests until nobody asks any more."""
+    import netCDF4  # noqa: F401 - once, for every process that is forked
+
+    _answer(READY)
+    while select.select([sys.stdin], [], [], PATIENCE)[0]:
+        line = sys.stdin.readline()
+        if not line:
+            return
+        child = os.fork()
+        if not child:
+            _examine(json.loads(line))
+            os._exit(0)
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        if code:
+            _answer({"code": code})
+
+
+def _examine(asked: dict[str, Any]) -> None:
+    """Examine one file, in a process that ends with it."""
+    _bound_memory(asked["memory"])
+    # processor time: what waits for a disk or for other processes is no fault of the file
+    signal.setitimer(signal.ITIMER_PROF, asked["seconds"])
+    try:
+        found = examine(Path(asked["path"]), Tail(**asked["tail"]))
+    except BaseException:  # noqa: BLE001 - whatever it is, it must not come to the loop that this one was forked from
+        os._exit(1)
+    signal.setitimer(signal.ITIMER_PROF, 0.0)
+    _answer(vars(found))
+
+
+def _answer(what: object) -> None:
+    print(json.dumps(what), flush=True)  # noqa: T201 - to the process that asked
+
+
+def _bound_memory(more: int) -> None:
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except OSError:
+        return  # a system that does not say how much there is already
+    most = pages * resource.getpagesize() + more
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))

@@ -1,0 +1,113 @@
+"""Temporary files: the ones that are being written are locked, and what dead processes left is removed.
+
+Beside every temporary file stands an empty one with a lock of the system on it, which goes with its process, however
+that ends. So neither a process number that is used again nor one on another machine is ever asked for. The lock is not
+on the file itself, because HDF5 puts its own there.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+PART, LOCK = ".part", ".part.lock"
+_OURS = re.compile(rb"\..+\.[a-z0-9_]{8}\.part(\.lock)?", re.DOTALL)
+LONGEST = 255  # bytes of a name in most file systems
+_BEGINS = (b"\x89HDF\r\n\x1a\n", b"\0" * 8, b"")  # of what HDF5 was writing when its process died
+
+
+@dataclass(frozen=True)
+class Part:
+    """A temporary file, empty to begin with, and the descriptor that holds the lock beside it."""
+
+    path: Path
+    handle: int
+
+    @classmethod
+    @contextmanager
+    def beside(cls, target: Path, mode: int) -> Iterator[Part]:
+        """Make a temporary file in the folder of another, and remove it in the end if it has not been renamed.
+
+        Parameters
+        ----------
+        target : Path
+        mode : int
+            As for `open`: the system takes away what the process' mask forbids.
+        """
+        path, handle = _locked(target)
+        try:
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode))
+            yield cls(path, handle)
+        finally:
+            path.unlink(missing_ok=True)
+            _lock_of(path).unlink(missing_ok=True)
+            os.close(handle)
+
+
+def _locked(target: Path) -> tuple[Path, int]:
+    """Find a name that is free, and lock it."""
+    while True:
+        token = f".{secrets.token_hex(4)}"
+        room = LONGEST - len(token) - len(LOCK) - 1
+        stem = os.fsdecode(os.fsencode(target.name)[:room])
+        path = target.with_name(f".{stem}{token}{PART}")
+        lock = _lock_of(path)
+        try:
+            handle = os.open(lock, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        except FileExistsError:
+            continue
+        try:
+            if _take(handle, needed=False) and lock.exists():  # another process may have swept it away before
+                return path, handle
+        except BaseException:
+            lock.unlink(missing_ok=True)
+            os.close(handle)
+            raise
+        os.close(handle)
+
+
+def _lock_of(part: Path) -> Path:
+    return part.with_suffix(LOCK)
+
+
+def sweep(folder: Path) -> None:
+    """Remove the temporary files of processes that are no more; what cannot be removed stays."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        found = [Path(entry.path) for entry in entries if _OURS.fullmatch(os.fsencode(entry.name))]
+        for path in found:
+            lock = path if path.name.endswith(LOCK) else _lock_of(path)
+            with suppress(OSError):
+                if path == lock:
+                    _remove(lock, [lock.with_suffix(""), lock])
+                elif not lock.exists():  # left by a version that made no locks
+                    _remove(path, [path])
+
+
+def _remove(guard: Path, paths: list[Path]) -> None:
+    """Remove files if the first is one of ours and locked by nobody."""
+    handle = os.open(guard, os.O_RDWR | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        ours = stat.S_ISREG(os.fstat(handle).st_mode) and os.read(handle, 8) in _BEGINS
+        if ours and _take(handle, needed=True):
+            for path in paths:
+                path.unlink(missing_ok=True)
+    finally:
+        os.close(handle)
+
+
+def _take(handle: int, *, needed: bool) -> bool:
+    """Lock a file unless another process does; where the file system has no locks, nothing is removed but all is written."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return not needed
+    return True

@@ -1,0 +1,40 @@
+"""Values of archives as xarray asks for them: read when they are used, by one thread at a time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from xarray import Variable
+from xarray.backends import BackendArray, NetCDF4DataStore
+from xarray.core import indexing
+
+from xdynamics.archive.library import alone
+
+
+class Store(NetCDF4DataStore):
+    """xarray's own reading of what variables there are and how they are stored; their values are ours."""
+
+    __slots__ = ()
+
+    def open_store_variable(self, name: str, var: Any) -> Variable:
+        """Return a variable, of which nothing is read yet."""
+        found = super().open_store_variable(name, var)
+        values = indexing.LazilyIndexedArray(Values(self._manager, name, found.shape, found.dtype))
+        return Variable(found.dims, values, found.attrs, found.encoding)
+
+
+class Values(BackendArray):
+    """The values of one variable."""
+
+    def __init__(self, lent: Any, name: str, shape: tuple[int, ...], dtype: Any) -> None:
+        self.lent, self.name, self.shape, self.dtype = lent, name, shape, dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+
+    @alone
+    def _read(self, key: tuple[Any, ...]) -> Any:
+        variable = self.lent.acquire().variables[self.name]
+        variable.set_auto_maskandscale(False)
+        variable.set_auto_chartostring(False)
+        return variable[key]

@@ -1,0 +1,84 @@
+"""Files to read: regular ones, of a bounded size; whatever else a path may lead to is an error, never a wait."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from xdynamics.faults import InputError
+
+Answer = TypeVar("Answer")
+
+KINDS = {
+    stat.S_IFDIR: "a directory",
+    stat.S_IFIFO: "a pipe (FIFO)",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+_PIECE = 1 << 20
+
+
+def asked(path: Path, question: Callable[[Path], Answer]) -> Answer:
+    """Answer a question about a path.
+
+    Raises
+    ------
+    InputError
+        If it is no path at all: it holds a null character, is too long, or its links go round in a circle.
+    """
+    if "\0" in str(path):
+        raise InputError(f"{str(path)[:80]!r} is no path for a file: it holds a null character")
+    try:
+        return question(path)
+    except (OSError, RuntimeError) as error:  # RuntimeError: a circle of links
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"'{str(path)[:80]}' is no path for a file: {why}") from None
+
+
+def kind_of(path: Path) -> str | None:
+    """Say what a path leads to: nothing (``""``), a regular file (None), or what else in words."""
+    try:
+        mode = path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return ""
+    return None if stat.S_ISREG(mode) else KINDS.get(stat.S_IFMT(mode), "no regular file")
+
+
+def read_bounded(path: Path, most: int) -> bytes:
+    """Read a regular file whole.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    InputError
+        If it is no regular file, or has more than `most` bytes; of a pipe or a device nothing is read.
+    """
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe would wait for its writer
+    with os.fdopen(handle, "rb") as file:
+        about = os.fstat(handle)
+        if not stat.S_ISREG(about.st_mode):
+            raise InputError(f"it is {KINDS.get(stat.S_IFMT(about.st_mode), 'no regular file')}")
+        if about.st_size > most:
+            raise InputError(f"it has {about.st_size} bytes, over the limit of {most}")
+        found = bytearray()
+        while piece := file.read(_PIECE):  # some files, like those of /proc, are longer than they say
+            found += piece
+            if len(found) > most:
+                raise InputError(f"it has over {most} bytes, the limit")
+    return bytes(found)
+
+
+def decoded(content: bytes) -> str:
+    """Return a text in UTF-8, with or without its mark, with lines that end by newlines.
+
+    Raises
+    ------
+    ValueError
+        If it is no such text.
+    """
+    return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")

@@ -1,0 +1,182 @@
+"""Files that ask too much of their reader: refused before anything of them is read, or read where it does no harm."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import xdynamics as xd
+from problems import oscillator
+from xdynamics.archive import examiner
+from xdynamics.archive.examiner import _Examiner
+from xdynamics.archive.seals import seal_file, tail_of
+
+
+def rows(file: Any) -> None:
+    """Declare 2**40 rows that were never written."""
+    file.createDimension("step", 2**40)
+    file.createVariable("time", "f8", ("step",))
+
+
+def growing(file: Any) -> None:
+    """Write the last of 2**34 rows."""
+    file.createDimension("step", None)
+    file.createVariable("time", "f8", ("step",), chunksizes=(1024,), fill_value=False)[2**34 - 1] = 1.0
+
+
+def deflated(file: Any) -> None:
+    """Compress zeros, of which there are many more than bytes."""
+    file.createDimension("step", 2**29)
+    file.createVariable("time", "f8", ("step",), zlib=True, chunksizes=(2**20,))[: 2**20] = 0.0
+
+
+def one_chunk(file: Any) -> None:
+    """Put three rows into a compressed chunk of 256 MB."""
+    file.createDimension("step", None)
+    file.createVariable("time", "f8", ("step",), zlib=True, chunksizes=(2**25,), fill_value=False)[:3] = 1.0
+
+
+def shared(file: Any) -> None:
+    """Declare many variables of which each would just fit."""
+    file.createDimension("step", 2000)
+    for i in range(100):
+        file.createVariable(f"v{i}", "f8", ("step",), chunksizes=(2000,))
+    file.createVariable("time", "f8", ("step",), contiguous=True)[:] = 1.0
+    file.createVariable("much", "f8", ("step",), contiguous=True)[:] = 1.0
+
+
+def small(file: Any) -> None:
+    """Compress what is small."""
+    file.createDimension("step", 10)
+    file.createVariable("time", "f8", ("step",), zlib=True)[:] = 1.0
+
+
+BOMBS = {
+    rows: r"variable 'time' declares 8796093022208 bytes, and the file has \d+",
+    growing: "variable 'time' declares 137438953472 bytes",
+    deflated: "variable 'time' declares 4294967296 bytes",
+    one_chunk: "variable 'time' declares 268435456 bytes",
+    shared: r"the variables declare \d+ bytes, and the file has \d+",
+    small: r"variable 'time' is compressed \(zlib\)",
+}
+
+
+@pytest.fixture(scope="module", params=BOMBS, ids=lambda one: one.__name__)
+def bomb(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A file that holds less than it says, with a seal as it should be, and what is to be said of it."""
+    import netCDF4
+
+    path = tmp_path_factory.mktemp("bombs") / "bomb.nc"
+    with netCDF4.Dataset(path, "w") as file:
+        request.param(file)
+    seal_file(path)
+    return path, BOMBS[request.param]
+
+
+@pytest.mark.parametrize("read", [xd.verify, xd.open_run, lambda path: xd.open_run(path, check=False), xd.reproduce])
+def test_more_than_there_is(bomb: tuple[Path, str], read: Callable[[Path], object]) -> None:
+    """Assert that what a file declares is held against what it has, before any of it is read, checked or not."""
+    with pytest.raises(xd.ArchiveError, match=bomb[1]):
+        read(bomb[0])
+
+
+def test_a_file_of_nothing(tmp_path: Path) -> None:
+    """Assert that a file of a terabyte of which nothing is on the disk is refused."""
+    path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
+    with path.open("r+b") as file:
+        file.truncate(2**40)
+    for read in (xd.verify, xd.open_run, lambda path: xd.open_run(path, check=False)):
+        with pytest.raises(xd.ArchiveError, match="1099511627776 bytes, but almost none of them are on the disk"):
+            read(path)
+
+
+@pytest.mark.parametrize("kind", ["a pipe", "a socket", "a directory"])
+@pytest.mark.parametrize("read", [xd.verify, xd.open_run, xd.reproduce, xd.Model.from_toml])
+def test_what_is_no_file_is_never_opened(tmp_path: Path, kind: str, read: Callable[[Path], object]) -> None:
+    """Assert that a pipe, which nobody writes to, a socket and a directory are one error, and no wait."""
+    path = tmp_path / "it"
+    with socket.socket(socket.AF_UNIX) as listening:
+        {"a pipe": lambda: os.mkfifo(path), "a directory": path.mkdir, "a socket": lambda: listening.bind(str(path))}[
+            kind
+        ]()
+        with pytest.raises(xd.InputError, match=f"is {kind}|No such device"):
+            read(path)
+
+
+def test_a_model_has_a_limit(tmp_path: Path) -> None:
+    """Assert that a model file and a model text have a largest size, and that it is said."""
+    path = tmp_path / "large.toml"
+    with path.open("wb") as file:
+        file.truncate(20_000_001)
+    with pytest.raises(xd.ModelError, match="it has 20000001 bytes, over the limit of 20000000"):
+        xd.Model.from_toml(path)
+    with pytest.raises(xd.ModelError, match="20000001 characters, over the limit of 20000000"):
+        xd.Model.from_text(" " * 20_000_001)
+
+
+@pytest.fixture
+def other() -> Any:
+    """An examining process of one's own."""
+    made = _Examiner()
+    yield made
+    made.end()
+
+
+def test_what_takes_too_long_is_ended(tmp_path: Path, other: _Examiner, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that the time that a file may take is bounded, and that the process then takes the next."""
+    path = xd.save(xd.simulate(oscillator().model, step=1e-4, until=5.0), tmp_path / "run.nc")
+    monkeypatch.setattr(examiner, "BYTES_PER_SECOND", 1e15)
+    slow = other.examine(path, tail_of(path), seconds=1e-3)
+    assert slow.faults == ("it takes more than 0.001 s to read, which no archive of its size does",)
+    assert other.examine(path, tail_of(path)).faults == ()
+
+
+def test_what_takes_too_much_is_ended(tmp_path: Path, other: _Examiner) -> None:
+    """Assert that the memory that a file may take is bounded, and that the process then takes the next."""
+    path = xd.save(xd.simulate(oscillator().model, step=1e-4, until=5.0), tmp_path / "run.nc")
+    faults = other.examine(path, tail_of(path), memory=200_000).faults
+    assert "cannot be read" in faults[0] or "break off" in faults[0]
+    assert other.examine(path, tail_of(path)).faults == ()
+
+
+def test_a_crash_is_one_error(tmp_path: Path, other: _Examiner, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a crash of the libraries is told as a fault of the file."""
+    path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
+    monkeypatch.setattr(other, "_asked", lambda *_: {"code": -signal.SIGSEGV})
+    with pytest.raises(xd.ArchiveError, match=r"the libraries break off when they read it \(exit code -11\)"):
+        other.examine(path, tail_of(path)).settle(path)
+
+
+def test_a_process_that_is_gone_is_replaced(tmp_path: Path, other: _Examiner) -> None:
+    """Assert that a process that ended, for want of questions or otherwise, is started again."""
+    path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
+    for _ in range(2):
+        assert other.examine(path, tail_of(path)).digest == xd.verify(path)
+        assert other._process is not None
+        os.kill(other._process.pid, signal.SIGKILL)
+
+
+def test_where_no_process_can_be_had(tmp_path: Path, other: _Examiner, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that without an interpreter to start files are examined in this process."""
+    path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
+    monkeypatch.setattr(examiner.sys, "executable", None)
+    assert other.examine(path, tail_of(path)).digest == xd.verify(path)
+    assert other._process is None
+
+
+def test_bytes_that_are_known_are_read_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that what this process wrote, or examined whole, needs no other process; one changed byte does."""
+    path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
+    monkeypatch.setattr(examiner._EXAMINER, "_asked", lambda *_: {"code": 1})
+    assert xd.verify(path) == xd.content_digest(xd.open_run(path))
+    content = bytearray(path.read_bytes())
+    content[5000] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(xd.ArchiveError, match="the libraries break off"):
+        xd.open_run(path)
