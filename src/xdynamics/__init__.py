@@ -13,10 +13,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from xdynamics.archive import content_digest, open_run, save, verify
+    from xdynamics.archive import content_digest, discard, open_run, save, verify
+    from xdynamics.archive.signatures import sign, verify_signature
     from xdynamics.evidence.comparison import compare
     from xdynamics.evidence.modes import modes
     from xdynamics.evidence.sampling import sample
+    from xdynamics.extension import extend
     from xdynamics.faults import (
         AccuracyWarning,
         ArchiveError,
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
         KindWarning,
         ModelError,
         PartialRunWarning,
+        ResumeWarning,
         StabilityWarning,
     )
     from xdynamics.figures import plot
@@ -34,14 +37,16 @@ if TYPE_CHECKING:
 
 # public name -> the room it lives in, entered when the name is first used
 _ROOMS = {
-    "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "StabilityWarning": "faults",
-    "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
-    "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "simulate": "simulation", "verify": "archive",
+    "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults",
+    "StabilityWarning": "faults",
+    "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "discard": "archive", "extend": "extension", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
+    "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "verify": "archive",
+    "verify_signature": "archive.signatures",
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "StabilityWarning", "check", "compare", "content_digest", "modes", "open_run",
-    "plot", "reproduce", "sample", "save", "simulate", "verify",
+    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "extend", "modes", "open_run",
+    "plot", "reproduce", "sample", "save", "sign", "simulate", "verify", "verify_signature",
 ]  # fmt: skip
 
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from xdynamics.methods import Method
 
-IN_MEMORY = 2_000_000  # rows up to which a run is marched in memory and saved; longer ones are streamed
 DONE, BADLY, WRONG_INPUT = 0, 1, 2
 TERMINATED = 143  # as a shell reports a process that SIGTERM ended
 
@@ -136,6 +135,8 @@ def main() -> None:
     metavar="NAME=VALUE",
     help="March with a length, time or mass scale, like length='0.4 m'.",
 )
+@click.option("--node", "nodes", multiple=True, metavar="TIME", help="A time to land on, like '1 s'.")
+@click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
 @click.option(
     "--tables",
     type=click.Choice(["below", "anywhere"]),
@@ -157,21 +158,62 @@ def run(
     changes: tuple[str, ...],
     force_samples: str | None,
     scales: tuple[str, ...],
+    nodes: tuple[str, ...],
+    resume: bool,
     tables: str,
 ) -> None:
-    """March a model file and archive the run."""
+    """March a model file and archive the run.
+
+    What a long run has done is kept in segments beside the archive, until it is whole: --resume goes on from there.
+    """
     from xdynamics.model import Model
 
     model = Model.from_toml(model_file, tables=tables)
     if changes:
         model = model.replace(**_changed(model, _pairs(changes, "--set")))
-    asked = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": _absolute(atols), "estimator": estimator,
+    asked: dict[str, Any] = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": _absolute(atols), "estimator": estimator,
              "min_step": min_step, "max_step": max_step, "max_steps": max_steps, "force_samples": force_samples}  # fmt: skip
-    finished, written = _marched(model, output, asked | {"scales": _pairs(scales, "--scale") or None})
+    from xdynamics.simulation import simulate
+
+    asked |= {"scales": _pairs(scales, "--scale") or None, "nodes": list(nodes) or None}
+    with _progress() as told:
+        finished = simulate(model, **asked, path=output, resume=resume, progress=told)
+    _close(finished, output)
+
+
+@main.command()
+@click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
+def discard(archives: tuple[str, ...]) -> None:
+    """Remove the segments of runs that were not finished; archives stay."""
+    from xdynamics.archive import discard as discarded
+
+    for archive in archives:
+        _say([f"discarded {discarded(archive)} segments of {archive}"])
+
+
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+@click.option("--until", required=True, help="The new end, like '20 s'.")
+@click.option("-o", "--output", required=True, metavar="LONGER.nc", help="The archive to write.")
+@click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
+def extend(archive: str, until: str, output: str, resume: bool) -> None:
+    """Go on behind the end of a complete run, as if it had been asked for more at once."""
+    from xdynamics.extension import extend as extended
+
+    with _progress() as told:
+        longer = extended(archive, until=until, path=output, resume=resume, progress=told)
+    _close(longer, output)
+
+
+def _close(finished: xr.Dataset, output: str) -> None:
+    """Say what became of a run, and end with the exit code of its outcome."""
+    from xdynamics.archive import has_segments
     from xdynamics.march.outcomes import GOOD
     from xdynamics.summary import summary
 
-    _say([*summary(finished), f"archive   {written}"])
+    _say([*summary(finished), f"archive   {finished.encoding['source']}"])
+    if has_segments(Path(output)):
+        _say([f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`"])
     sys.exit(DONE if finished.attrs["run_outcome"] in GOOD else BADLY)
 
 
@@ -226,24 +268,49 @@ def methods() -> None:
 
 @main.command()
 @click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
-def verify(archives: tuple[str, ...]) -> None:
-    """Compare every digest of archives with their data."""
-    from xdynamics.archive import open_run
-    from xdynamics.archive import verify as verified
+@click.option("--key", metavar="PUBLIC.pem", help="Verify that the owner of this key signed them, too.")
+def verify(archives: tuple[str, ...], key: str | None) -> None:
+    """Compare every digest of archives with their data, and with --key their signatures."""
+    from xdynamics.archive import open_run, signatures
+    from xdynamics.archive import verify as digest_of
     from xdynamics.faults import ArchiveError
     from xdynamics.record.kinds import said_of
 
     damaged = False
     for archive in archives:
         try:
-            digest = verified(archive)
+            digest = signatures.verify_signature(archive, key) if key else digest_of(archive)
+            shown = f"signed, by '{key}'" if key else signatures.protection(Path(archive))
             with open_run(archive, check=False) as run:
                 kind = said_of(run.attrs)
-            _say([f"verified  {archive}  {digest}" if not kind else f"as written  {archive}  {digest}: {kind}"])
+            line = f"as written  {archive}  {digest}: {kind}" if kind else f"verified  {archive}  {digest}"
+            _say([f"{line}  ({shown})"])
         except ArchiveError as error:
             _complain(error)
             damaged = True
     sys.exit(BADLY if damaged else DONE)
+
+
+@main.command()
+@click.argument("archives", nargs=-1, metavar="RUN.nc…")
+@click.option("--key", metavar="KEY.pem", help="Your private Ed25519 key.")
+@click.option("--new-key", metavar="KEY.pem", help="Make a pair of keys first: KEY.pem and KEY.public.pem.")
+def sign(archives: tuple[str, ...], key: str | None, new_key: str | None) -> None:
+    """Sign archives: a file RUN.nc.sig beside each, for `verify --key PUBLIC.pem`."""
+    from xdynamics.archive import signatures
+    from xdynamics.faults import InputError
+
+    if (key is None) == (new_key is None) or not (archives or new_key):
+        raise InputError("sign needs archives and one of --key KEY.pem and --new-key KEY.pem; --new-key goes alone too")
+    if new_key:
+        _say([f"new key   {new_key} (keep it to yourself), {signatures.new_key(new_key)} (give it to others)"])
+
+    def ask() -> str:
+        asked: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True) if sys.stdin.isatty() else ""
+        return asked
+
+    for archive in archives:
+        _say([f"signed    {archive}  {signatures.sign(archive, key or str(new_key), passphrase=ask)}"])
 
 
 @main.command()
@@ -285,23 +352,6 @@ def _limits(method: Method) -> Iterable[str]:
         if limit == limit:  # nan where the method refuses such forces
             bound = "any" if limit == float("inf") else "none" if limit == 0 else f"up to {limit:.4g}"
             yield f"{bound} ({words})"
-
-
-def _marched(model: Any, output: str, asked: dict[str, Any]) -> tuple[xr.Dataset, Path]:
-    """March in memory and save, or straight to disk where the run is long; show progress on what lasts."""
-    from xdynamics import archive
-    from xdynamics.march.asking import settings_for
-    from xdynamics.simulation import simulate
-
-    archive.check_target(Path(output), model)
-    settings = settings_for(model, **asked)
-    rows = settings.expected_steps(model)
-    with _progress() as told:
-        if rows > IN_MEMORY:
-            finished = simulate(model, **asked, path=output, progress=told)
-            return finished, Path(finished.encoding["source"])
-        finished = simulate(model, **asked, progress=told)
-    return finished, archive.save(finished, output)
 
 
 class _progress:  # noqa: N801 - used as a statement

@@ -61,6 +61,10 @@ class AccuracyWarning(UserWarning):
     """The numbers of a run may be worth less than they look; its outcome says the same."""
 
 
+class ResumeWarning(UserWarning):
+    """A run that was to be resumed goes on from farther back than one would expect, or could not be resumed later."""
+
+
 class KindWarning(UserWarning):
     """An archive is whole, and is no run but a selection of one or derived data."""
 

@@ -17,6 +17,7 @@ DIMENSIONS = {
     SAMPLES: "force evaluations of the accepted steps",
     BOUNDS: "left and right end of a bracket",
     "given": "steps of a given grid",
+    "memory": "numbers that a march goes on from",
 }
 
 ROW_KINDS = ("initial", "step", "node", "event_before", "event_after")
@@ -182,6 +183,10 @@ TEXTS = (
 )  # fmt: skip
 GIVEN = "given"
 GIVEN_STEP = Variable("given_step_size", (GIVEN,), "f8", "s", "steps that the march was told to make", "step_size")
+MEMORY = "memory"
+END_MEMORY = Variable(
+    "end_memory", (MEMORY,), "f8", "1", "what the march goes on from behind its end, in its own units", "memory"
+)
 ERROR_NORM = Variable(
     "error_norm",
     (STEPS,),
@@ -199,6 +204,7 @@ OTHER_NAMES = (
     "error_norm",
     "newton_iterations",
     "given_step_size",
+    "end_memory",
     *ENERGIES,
     *DIMENSIONS,
 )

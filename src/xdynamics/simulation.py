@@ -17,6 +17,7 @@ from xdynamics.march.asking import settings_for
 from xdynamics.march.doubts import doubts
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.model.motion import variables
 from xdynamics.record.kinds import is_derived, said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.stability import fastest_rate, stable_step, surely_stable
@@ -45,10 +46,12 @@ def simulate(
     max_step: str | float | None = None,
     max_steps: int | None = None,
     path: str | Path | None = None,
+    resume: bool = False,
     force_samples: str | None = None,
     scales: Mapping[str, str] | None = None,
     jacobian: str | None = None,
     summation: str | None = None,
+    nodes: Sequence[str | float] | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """March a model and return its run record.
@@ -76,7 +79,10 @@ def simulate(
         Limits of step control: 0.9, (0.2, 10), none but the spacing of t, the span, 1,000,000.
     path : str or Path, optional
         Stream the run to this file, in bounded memory, and return it opened. A run that ends badly does not replace an
-        archive of one that ended well: it is written beside it, with a warning.
+        archive of one that ended well: it is written beside it, with a warning. What is
+        finished of a run that lasts is kept in a folder beside it, `.run.nc.segments`, until it is whole.
+    resume : bool
+        Go on from the segments that a process left behind, to the bits of the uninterrupted run.
     force_samples : {"all", "none"}
         Whether to record every force evaluation of the accepted steps.
     scales : mapping, optional
@@ -89,6 +95,8 @@ def simulate(
         Whether what rounding takes from the state at each update is carried to the next, so that a long run's error does
         not grow with its steps (Hairer, Lubich, Wanner, section VIII.5); the first for symplectic methods but
         `implicit_midpoint`, which has no such updates, else the second.
+    nodes : array of str or float
+        Times to land on, besides the breakpoints of measured drives: ``["1 s", "2.5 s"]``.
     progress : callable, optional
         Called now and then with the fraction done, the time in s and the rows so far.
 
@@ -133,22 +141,41 @@ def simulate(
         "method": method, "step": step, "until": until, "rtol": rtol, "atol": atol, "estimator": estimator,
         "safety": safety, "growth_limits": growth_limits, "min_step": min_step, "max_step": max_step,
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
-        "jacobian": jacobian, "summation": summation,
+        "jacobian": jacobian, "summation": summation, "nodes": nodes,
     }  # fmt: skip
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):
         raise InputError(f"path is {path!r}, needs the name of a file")
+    if resume and path is None:
+        raise InputError("resume needs path=…, the file that the run was to be streamed to")
     if progress is not None and not callable(progress):
         raise InputError(f"progress is {progress!r}, needs a function")
     _warn_of_instability(model, settings)
     march = March(model, settings, progress)
     if path is not None:
-        finished = archive.open_run(archive.stream(march, path), check=False)
+        if resume and _is_whole(march, Path(path)):
+            return archive.open_run(path, check=False)
+        finished = archive.open_run(archive.stream(march, path, resume=resume), check=False)
     else:
         finished = archive.marched(record.dataset(march, march.blocks()))
     for doubt in doubts(march):
         warnings.warn(f"{model.name}: {doubt}", AccuracyWarning, stacklevel=2)
     return finished
+
+
+def _is_whole(march: March, path: Path) -> bool:
+    """Whether a file is the finished archive of a march, so that there is nothing to resume."""
+    archive.check_target(path)
+    if not path.is_file() or archive.has_segments(path):
+        return False
+    try:
+        with archive.open_run(path) as kept:
+            if not record.is_of(kept, march):
+                return False
+            settings = settings_for(march.model, **asked_of(kept))
+    except InputError:  # damaged, or no run: a new one takes its place
+        return False
+    return record.same_settings(settings, march.settings, variables(march.model))
 
 
 def _warn_of_instability(model: Model, settings: Settings) -> None:

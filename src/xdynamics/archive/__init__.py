@@ -9,21 +9,27 @@ if TYPE_CHECKING:
     from xdynamics.archive.origin import marched
     from xdynamics.archive.reading import open_run, verify
     from xdynamics.archive.seals import content_digest
+    from xdynamics.archive.segments import discard, has_segments
     from xdynamics.archive.source import check_source
-    from xdynamics.archive.standing import selected_like
+    from xdynamics.archive.standing import check_unchanged, selected_like
+    from xdynamics.archive.streaming import stream
     from xdynamics.archive.target import check_target
-    from xdynamics.archive.writing import save, stream
+    from xdynamics.archive.writing import save
 
 # name -> its room, entered when the name is first used: who only reads, like the examining process, loads no engine
 _ROOMS = {
-    "check_source": "source", "check_target": "target", "content_digest": "seals", "marched": "origin", "open_run": "reading", "save": "writing",
-    "selected_like": "standing", "stream": "writing", "verify": "reading",
+    "check_source": "source", "check_target": "target", "check_unchanged": "standing", "content_digest": "seals", "discard": "segments", "has_segments": "segments",
+    "marched": "origin", "open_run": "reading", "save": "writing",
+    "selected_like": "standing", "stream": "streaming", "verify": "reading",
 }  # fmt: skip
 
 __all__ = [
     "check_source",
     "check_target",
+    "check_unchanged",
     "content_digest",
+    "discard",
+    "has_segments",
     "marched",
     "open_run",
     "save",

@@ -17,7 +17,18 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.library import alone, read
 from xdynamics.attributes import own_attributes, plain
-from xdynamics.schema import BOUNDS, EVENTS, ORIGIN, ROOT_DIGEST, SAMPLES, STEPS, TRIALS, VOLATILE, VOLATILE_DIGEST
+from xdynamics.schema import (
+    BOUNDS,
+    EVENTS,
+    ORIGIN,
+    ROOT_DIGEST,
+    SAMPLES,
+    STEPS,
+    TRIALS,
+    VOLATILE,
+    VOLATILE_DIGEST,
+    Variable,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -125,6 +136,11 @@ class Seal:
         self._sha = hashlib.sha256(json.dumps([name, list(dims), label]).encode())
         self._rows = 0
         self._inner: tuple[int, ...] | None = () if not dims else None
+
+    @classmethod
+    def of(cls, variable: Variable) -> Seal:
+        """Return the digest of a variable of the record, before its first value."""
+        return cls(variable.name, variable.dims, np.dtype(variable.dtype))
 
     def update(self, values: Array) -> None:
         """Add the next values."""

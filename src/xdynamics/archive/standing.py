@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.origin import OUTSIDE, Origin, Part, digest_of
 from xdynamics.archive.seals import content_digest, slabs
+from xdynamics.faults import InputError, numbered
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.kinds import is_selection
 from xdynamics.schema import LEFT_OUT_ATOL, ORIGIN, ROOT_DIGEST, SELECTION, SELECTION_OF
@@ -84,6 +85,21 @@ def standing(run: xr.Dataset) -> Standing:
         if "atol_si" in about
     }
     return Standing(origin, tuple(faults), "; ".join(_selected(fewer, left_out, run, origin)), tolerances)
+
+
+def check_unchanged(run: xr.Dataset) -> None:
+    """Refuse a record that was edited since it was marched or read, or a part of one.
+
+    Raises
+    ------
+    InputError
+        Naming what differs.
+    """
+    found = standing(run)
+    if found.faults:
+        raise InputError(f"this is not the record that was marched:{numbered(found.faults)}", found.faults)
+    if found.selected:
+        raise InputError(f"this is a part of a run, {found.selected}; take the whole one")
 
 
 def _selected(fewer: Mapping[str, list[str]], left_out: list[str], run: xr.Dataset, origin: Origin) -> Iterator[str]:

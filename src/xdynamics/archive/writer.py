@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import netCDF4
 
 Array = NDArray[Any]
+
+BACK = 1 << 19  # values that are read back at once
 
 
 class Writer:
@@ -72,9 +74,37 @@ class Writer:
         variable = self._file.createVariable(
             name, seal.dtype, dims, chunksizes=chunks, fill_value=False, endian="little"
         )
+        variable.set_auto_maskandscale(False)
         if chunks:
             # room for the one chunk that is being filled: the library's 16 MiB each would not be bounded memory
             variable.set_var_chunk_cache(size=2 * prod(chunks) * seal.dtype.itemsize)
+
+    @property
+    def filled(self) -> dict[str, int]:
+        """How many values along its first dimension every variable was given."""
+        return dict(self._filled)
+
+    def digests(self) -> dict[str, str]:
+        """Return the digest of every variable, as far as it is hashed."""
+        return {name: seal.hexdigest() for name, seal in self._seals.items()}
+
+    @alone
+    def shapes_since(self, before: Mapping[str, int]) -> list[tuple[str, Any, tuple[int, ...]]]:
+        """Return name, type and shape of what variables were given since they held so much."""
+        return [
+            (name, self._seals[name].dtype, (n - before.get(name, 0), *self._file.variables[name].shape[1:]))
+            for name, n in self._filled.items()
+        ]
+
+    def since(self, before: Mapping[str, int]) -> Iterator[Array]:
+        """Read back what variables were given since they held so much, some megabytes at a time."""
+        for name, n in self._filled.items():
+            for start in range(before.get(name, 0), n, BACK):
+                yield self._read_back(name, start, min(start + BACK, n))
+
+    @alone
+    def _read_back(self, name: str, start: int, stop: int) -> Array:
+        return np.asarray(self._file.variables[name][start:stop])
 
     def append(self, name: str, values: Array) -> None:
         """Write and hash the next values of a variable."""

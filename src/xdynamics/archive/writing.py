@@ -6,13 +6,11 @@ import json
 import os
 import tomllib
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
@@ -22,12 +20,10 @@ from xdynamics.archive.leftovers import LONGEST
 from xdynamics.archive.library import alone, opened
 from xdynamics.archive.seals import Tail, seal_file, slabs, tail_of
 from xdynamics.archive.standing import standing
-from xdynamics.archive.target import check_no_table, check_target, taking_name
+from xdynamics.archive.target import check_no_table, taking_name
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered
-from xdynamics.march import Block, March
 from xdynamics.march.outcomes import GOOD
-from xdynamics.record import provenance
 from xdynamics.record.kinds import left_out_atols
 from xdynamics.schema import DERIVED, DERIVED_FROM, LEFT_OUT_ATOL, ORIGIN, SELECTION, SELECTION_OF, STEPS
 
@@ -36,8 +32,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-BLOCK_ROWS = 131_072
-BLOCK_NUMBERS = 32_000_000  # of a block, which has fewer rows where there are many columns
 _PARTIAL = ".partial"
 READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
 
@@ -126,40 +120,6 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
     return declared
 
 
-def stream(march: March, path: str | Path) -> Path:
-    """March straight into a file, in bounded memory; one block is written while the next is marched.
-
-    Raises
-    ------
-    ArchiveError
-        If the file cannot be written; the final name is untouched.
-    """
-    spec = record.columns(march)
-    check_target(Path(path), march.model)
-    with new_file(Path(path)) as writer, ThreadPoolExecutor(1) as pool:
-        for column in spec:
-            one = column.variable
-            coordinates = "time" if STEPS in one.dims and one.name != "time" else None
-            writer.define(one.name, one.dims, np.dtype(one.dtype), one.attributes, coordinates, {})
-        pending: Future[None] | None = None
-        rows = min(BLOCK_ROWS, BLOCK_NUMBERS // len(march.layout.row), march.expected_rows or BLOCK_ROWS)
-        for block in march.blocks(rows):
-            parts = _taken(spec, block)
-            if pending:
-                pending.result()
-            pending = pool.submit(writer.write, parts)
-            writer.hash(parts)
-        if pending:
-            pending.result()
-        for one, value in record.constants(march):
-            dtype = np.dtype(object) if one.dtype == "U" else np.dtype(one.dtype)
-            sizes = dict(zip(one.dims, np.shape(value), strict=True))
-            writer.define(one.name, one.dims, dtype, one.attributes, None, sizes)
-            writer.append(one.name, np.asarray(value, dtype=dtype))
-        writer.finish(provenance.attributes(march))
-    return writer.path
-
-
 @contextmanager
 def new_file(path: Path) -> Iterator[Writer]:
     """Write a file under a temporary name, check it, and give it its name; `Writer.path` says which in the end.
@@ -210,7 +170,3 @@ def _tables(run: xr.Dataset) -> list[str]:
         return [str(one["csv"]) for one in drives.values() if "csv" in one]
     except (tomllib.TOMLDecodeError, RecursionError, AttributeError, TypeError):
         return []  # derived data, whose text is no model
-
-
-def _taken(spec: Iterable[record.Column], block: Block) -> list[tuple[str, Array]]:
-    return [(column.variable.name, column.take(block)) for column in spec]

@@ -61,6 +61,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         scales,
         jacobian,
         str(chosen.get("summation") or _summation(method)),
+        _nodes(chosen.get("nodes")),
     )
     settings.check(model)
     return settings
@@ -90,6 +91,15 @@ def _step(given: Any) -> float | tuple[float, ...] | None:
     if steps.ndim > 1:
         raise InputError(f"step has the shape {steps.shape}, needs one row of seconds")
     return tuple(steps[steps != 0.0].tolist())  # the row behind an event has no step
+
+
+def _nodes(given: Any) -> tuple[float, ...]:
+    """Return the times to land on, ascending."""
+    if given is None:
+        return ()
+    if isinstance(given, str | int | float) or np.ndim(given) != 1:
+        raise InputError(f"nodes are {str(given)[:60]!r}, need a row of times, like ['1 s', '2.5 s']")
+    return tuple(sorted({parse_time(one, "nodes") for one in given}))
 
 
 def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tolerances | None:

@@ -21,7 +21,7 @@ LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next
 CONTROLLER = "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1 (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
 PREDICTIVE = "predictive: safety*min(norm**(-1/4)*15/(i + 14), h/h_before*(norm_before/norm**2)**(1/4)), i = Newton iterations; a growth of up to 1.2 is left out after at most 2 of them or where they converge by theta < 0.001, for the sake of what is kept (Hairer, Wanner, Solving ODEs II, IV.8; Gustafsson 1994, doi:10.1145/198429.198437)"
 ERROR_NORM = "largest component of |error|/(atol + rtol*max(|value before|, |value after|))"
-FIRST_STEP = "Hairer, Norsett, Wanner I, section II.4, with the norm above, in units of T = max(size/slope, sqrt(size/curvature)): h0 = 0.01*size/slope, h = min(T, T*(0.01/max(slope*T, curvature*T**2))**(1/k)); size is 1 at zero, h0 1e-6 of the span where the slope is zero"
+FIRST_STEP = "Hairer, Norsett, Wanner I, section II.4, with the norm above, in units of T = max(size/slope, sqrt(size/curvature)): h0 = 0.01*size/slope, h = min(T, T*(0.01/max(slope*T, curvature*T**2))**(1/k)); size is 1 at zero, h0 1e-6 of the time to the first node or the end where the slope is zero"
 
 
 @compiled
@@ -100,15 +100,16 @@ def first_step(run: Run) -> float:
     sample behind the initial one.
     """
     plan, t, y, probe = run.plan[0], run.now[0].t, run.y, run.half
+    node = run.nodes[run.now[0].node] if run.now[0].node < run.nodes.shape[0] else plan.end
+    span = node - t
     size, slope, change = 0.0, 0.0, 0.0
     for i in range(plan.used):
         scale = run.atol[i] + plan.rtol * abs(y[i])
         size = larger(size, abs(y[i]) / scale)
         slope = larger(slope, abs(slope_of(run, y, i)) / scale)
     size = size if size > 0.0 else 1.0
-    time = size / slope if slope > 0.0 else 1e-4 * (plan.end - t)
-    node = run.nodes[run.now[0].node] if run.now[0].node < run.nodes.shape[0] else plan.end
-    guess = min(0.01 * time, node - t, plan.max_step)
+    time = size / slope if slope > 0.0 else 1e-4 * span
+    guess = min(0.01 * time, span, plan.max_step)
     for i in range(plan.used):
         probe[i] = y[i] + guess * slope_of(run, y, i)
     run.at[T] = t + guess

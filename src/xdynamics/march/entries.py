@@ -77,7 +77,7 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
     run.plan[0] = plans[k]
     now.t, now.h, now.norm, now.step, now.step_log, now.first_step = plans[k].start, 0.0, 0.0, 0.0, 0.0, 0.0
     now.status, now.rows, now.trials, now.events, now.samples = RUNNING, 0, 0, 0, 0
-    now.grid, now.node, now.on_grid, now.rejected = 0, 0, 1, 0
+    now.grid, now.node, now.crossed, now.on_grid, now.rejected = 0, 0, 0, 1, 0
     now.evaluations, now.jacobians, now.factorisations = 0, 0, 0
     for i in range(run.y.shape[0]):  # nothing is carried along yet
         run.y[i] = starts[k, i] if i < starts.shape[1] else 0.0

@@ -69,8 +69,10 @@ def march(address: Any, rows: int) -> None:
         start(run)
     pause = now.rows + rows
     while now.status == RUNNING and 0 < now.rows < pause and has_room(run):
-        node = now.node
-        aim(run)
+        if now.crossed != now.node:
+            cross_node(run)
+        if now.status == RUNNING:
+            aim(run)
         if now.status != RUNNING:
             break
         propose(run, run.trial[0].t, run.trial[0].h)
@@ -81,8 +83,6 @@ def march(address: Any, rows: int) -> None:
             hand_over(run)
         else:
             accept(run)
-        if now.status == RUNNING and now.node != node:
-            cross_node(run)
 
 
 @shared
@@ -131,16 +131,16 @@ def aim(run: Run) -> None:
 @compiled
 def aim_at_grid(run: Run, node: float) -> None:
     """Aim at the next grid time or an earlier node; from a grid time the step is the grid's, to the bit."""
-    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
+    now, plan, trial, snap = run.now[0], run.plan[0], run.trial[0], rounding(run, node)
     if plan.step_size > 0.0:
         time, step = plan.start + (now.grid + 1) * plan.step_size, plan.step_size
     elif now.grid < run.grid.shape[0]:
         time, step = run.grid[now.grid], run.steps[now.grid]
     else:
         time, step = np.inf, np.inf
-    if node > time + plan.snap:
+    if node > time + snap:
         trial.t, trial.landing = time, AT_GRID
-    elif node >= time - plan.snap:
+    elif node >= time - snap:
         trial.t, trial.landing = node, AT_BOTH
     else:
         trial.t, trial.landing = node, AT_NODE
@@ -153,10 +153,16 @@ def aim_freely(run: Run, node: float) -> None:
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     rest = node - now.t
     trial.t = now.t + now.step
-    if trial.t >= node - plan.snap or (rest <= STRETCH * now.step and rest <= plan.max_step):
+    if trial.t >= node - rounding(run, node) or (rest <= STRETCH * now.step and rest <= plan.max_step):
         trial.t, trial.h, trial.landing = node, rest, AT_NODE
     else:
         trial.h, trial.landing = trial.t - now.t, AT_GRID  # so that t + h is the target to the bit
+
+
+@compiled
+def rounding(run: Run, node: float) -> float:
+    """Return how far rounding alone may set a grid time apart from a node; where the run ends has no part in it."""
+    return run.plan[0].snap * max(abs(run.plan[0].start), abs(node))
 
 
 @compiled
@@ -303,6 +309,7 @@ def note_events(run: Run, row: int) -> None:
 def cross_node(run: Run) -> None:
     """Behind a node, evaluate the forces on its far side; the next step starts with those."""
     now = run.now[0]
+    now.crossed = now.node
     run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     copy(run.y, run.z)

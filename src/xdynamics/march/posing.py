@@ -37,7 +37,8 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     scales, plan = settings.scales, planned(model, settings, law)
     start, end = float(plan["start"][0]), float(plan["end"][0])
     tables, places = flattened(tables_of(model, scales))
-    nodes = nodes_of(model, scales)
+    asked = np.array(settings.nodes) / scales.of(TIME)
+    nodes = np.union1d(nodes_of(model, scales), asked)
     nodes = nodes[(nodes > start) & (nodes < end)]
     given = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
     grid, steps = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
@@ -115,7 +116,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
     values = {
         "start": start,
         "end": end,
-        "snap": 4.0 * float(np.finfo(float).eps) * max(abs(start), abs(end)),
+        "snap": 4.0 * float(np.finfo(float).eps),
         "step_size": 0.0 if adaptive else single,
         "rtol": scheme.inner(asked.rtol) if asked else 0.0,
         "order": scheme.error_order,
@@ -123,7 +124,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "least": pacing.growth_limits[0],
         "greatest": pacing.growth_limits[1],
         "min_step": pacing.min_step / scale,
-        "max_step": min(pacing.max_step / scale, end - start),
+        "max_step": pacing.max_step / scale,
         "first_step": single if adaptive else 0.0,
         "most_steps": pacing.max_steps if adaptive else np.inf,
         "divisor": 2.0**scheme.method.order - 1.0,
@@ -161,7 +162,7 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
     times, t, end = [], start, float(nodes[-1])
     for aim, step in zip(given_times(start, steps, end), steps, strict=True):
         t = end if aim == end else t + step
-        near = nodes[np.abs(nodes - t) <= snap]
+        near = nodes[np.abs(nodes - t) <= snap * np.maximum(abs(start), np.abs(nodes))]
         t = float(near[0]) if near.size else t
         times.append(t)
     return np.array(times, np.float64), np.array(steps, np.float64)

@@ -20,16 +20,17 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
     return np.dtype((np.record, fields))
 
 
-# What a march does not change. step_size is 0 where the grid is given or steps are chosen; a grid time as close as
-# `snap` to a node is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
+# What a march does not change. step_size is 0 where the grid is given or steps are chosen; a grid time that differs from
+# a node by `snap` of its size is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
     "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state",
 )
-# Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried.
+# Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried;
+# `node` counts the nodes landed on, `crossed` those behind which forces were evaluated.
 NOW = _record(
     "t h norm step step_log first_step",
-    "status regime rows trials events samples grid node on_grid rejected evaluations jacobians factorisations",
+    "status regime rows trials events samples grid node crossed on_grid rejected evaluations jacobians factorisations",
 )
 # A step that was made and is yet to be judged; iterations are -1 where Newton's method did not converge; `unsound` is 0
 # where its state, and `unsound_events` where its event functions are finite, else nan.
@@ -71,6 +72,10 @@ KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimen
     "Kepts": (KEPT, 1), "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
 }  # fmt: skip
 FLEETING = ("law", "base")  # no part of the memory, nor what begins with log_: addresses belong to a process
+# what the model and the settings say, and no march changes
+FIXED = (
+    "plan", "p", "tables", "of_time", "atol", "nodes", "grid", "steps", "detectors", "equations", "unknowns", "entries",
+)  # fmt: skip
 
 
 class Run:
@@ -187,3 +192,4 @@ _OF_LAWS = [{"places": "pieces", "log_rows": "rows"}.get(name, name) for name in
 if tuple(_OF_LAWS) != TABLE:
     raise AssertionError("laws would find other arrays than they look for")
 _MEMORY = [name for name in ARRAYS if name not in FLEETING and not name.startswith("log_")]
+CHANGING = tuple(name for name in _MEMORY if name not in FIXED)

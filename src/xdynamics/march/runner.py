@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf, isfinite
 from operator import itemgetter
 from types import FrameType
 from typing import Any
@@ -19,6 +21,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine
 from xdynamics.march.log import Log, allocate, most_recycled
+from xdynamics.march.memory import arrays_of, put_back
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STOPPED, Outcome
 from xdynamics.march.posing import posed
 from xdynamics.march.run import BASE, NOW, Run
@@ -28,9 +31,11 @@ from xdynamics.schema import EVENT_AFTER
 from xdynamics.units import TIME
 
 PAUSE_ROWS = 250_000  # between two looks at the clock and the keyboard
+LOOK = 0.5  # s, the same where steps are slow
 LARGEST_BLOCK = 1 << 24
 MOST_WITNESSES = 50
 SHORTEST_PART = 1 << 12
+FIRST_PART = 1 << 6  # rows, where the clock matters and nobody knows how long one takes
 FIRST_BLOCK = 1 << 9  # rows, where nobody knows how many there will be
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
@@ -96,7 +101,7 @@ class March:
         steps = (plan.end - plan.start) / plan.step_size if plan.step_size else len(self.run.steps)
         return int(steps) + inner + 4
 
-    def blocks(self, rows: int | None = None) -> Iterator[Block]:
+    def blocks(self, rows: int | None = None, patience: float = inf) -> Iterator[Block]:
         """March to the end, handing over one block after the other.
 
         Parameters
@@ -104,18 +109,20 @@ class March:
         rows : int, optional
             Rows a block holds. Two logs are filled in turn, so a block may be used until the next but one is asked
             for. Without it every block is new, and one holds the run if it can.
+        patience : float, s
+            After about this time a block is handed over as it is.
         """
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():
-            while not self._is_over() or not self.now.rows:  # interrupted at once, there is the initial row
+            while not self.is_over or not self.now.rows:  # interrupted at once, there is the initial row
                 if rows is None or len(kept) < 2:
                     log = allocate(self.layout, size, sampled=int(self.run.plan[0].samples))
                     kept = [*kept, log] if rows else []
                 else:
                     log = kept[0]  # the one filled longer ago
                     kept.reverse()
-                block = self._filled(log)
+                block = self._filled(log, patience)
                 self._remember(block)
                 self._look_at_the_end(block)
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
@@ -132,21 +139,51 @@ class March:
         """How the run ended, as the loop knows it; `diagnosis.ending` says what failed."""
         return OUTCOMES[INTERRUPTED if self.now.status == RUNNING else int(self.now.status)]
 
-    def _filled(self, log: Log) -> Block:
+    @property
+    def is_over(self) -> bool:
+        """Whether it has ended or was interrupted."""
+        return _status(self.run) != RUNNING or self.interrupted
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether there is more to march: it was interrupted, or has not been asked for its blocks."""
+        return _status(self.run) == RUNNING
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Return all that it takes to go on from here, by name."""
+        return arrays_of(self.run) | {"witnesses": self.witnesses, "event_pairs": np.array([self.event_pairs])}
+
+    def go_on_from(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Go on where a march of the same model and settings stood.
+
+        Raises
+        ------
+        InputError
+            If it is of another version.
+        """
+        put_back(self.run, memory)
+        self.witnesses, self.event_pairs = memory["witnesses"], int(memory["event_pairs"][0])
+
+    def _filled(self, log: Log, patience: float) -> Block:
         """Fill one log, looking up now and then."""
         first, before, march = _counts(self.run), None, engine().march
-        sampled = int(self.run.plan[0].samples)
+        sampled, clock = int(self.run.plan[0].samples), time.monotonic
+        pause = FIRST_PART if isfinite(patience) else SHORTEST_PART
+        started = looked = clock()
         log.base[0] = first
         log.lend(self.run)
-        while before != (counts := _counts(self.run)) and (not counts[0] or not self._is_over()):
+        in_time = True
+        while before != (counts := _counts(self.run)) and in_time and (not counts[0] or not self.is_over):
             before = counts
-            pause = min(PAUSE_ROWS, max(SHORTEST_PART, counts[0] // 4))  # so that little is made ready in vain
             log.make_ready(counts[0] - first[0], pause, sampled)
             march(self.run, pause)
+            looked, took = clock(), clock() - looked
+            pause = _rows_to_come(pause, counts[0], took)
             if self.progress:
                 plan, now = self.run.plan[0], self.now
                 done = float((now.t - plan.start) / (plan.end - plan.start))
                 self.progress(done, float(now.t * self.settings.scales.of(TIME)), int(now.rows))
+            in_time = looked - started < patience
         return Block(log, *(after - before for after, before in zip(counts, first, strict=True)))
 
     def _remember(self, block: Block) -> None:
@@ -155,13 +192,18 @@ class March:
             return
         rows, n = _counts(self.run)[0], 2 + len(self.layout.used)
         first = rows - block.rows
-        stride = 1 << max(0, (rows // MOST_WITNESSES).bit_length())
+        stride = self.stride(rows)
         new = range(-(-first // stride) * stride, rows, stride)
         found = np.empty((1 + n, len(new)))
         found[0], found[1:] = new, block.log.rows[:n, new.start - first : block.rows : stride]
         if first:
             found = np.hstack([self.witnesses[:, self.witnesses[0] % stride == 0], found])
         self.witnesses = found
+
+    @staticmethod
+    def stride(rows: int) -> int:
+        """Return how far apart the witnesses of so many rows are."""
+        return 1 << max(0, (rows // MOST_WITNESSES).bit_length())
 
     def _look_at_the_end(self, block: Block) -> None:
         """Find out, while its log is at hand, which event stopped the run or what was not finite."""
@@ -173,9 +215,6 @@ class March:
         elif status == NONFINITE_OBSERVABLE:
             column = block.log.rows[:, 0 if self.now.h == 0.0 else block.rows]
             self.bad_values = dict(zip(self.layout.row, column.tolist(), strict=True))
-
-    def _is_over(self) -> bool:
-        return _status(self.run) != RUNNING or self.interrupted
 
     def _addresses(self) -> NDArray[np.int64]:
         """Compile the law, or find it."""
@@ -216,6 +255,13 @@ def _counts(run: Run) -> tuple[int, int, int, int]:
     """How many rows, trials, events and force samples there are."""
     counts: tuple[int, int, int, int] = _of_counts(run.now.tolist()[0])
     return counts
+
+
+def _rows_to_come(pause: int, rows: int, took: float) -> int:
+    """Choose after how many rows to look up again: not so many that much is made ready in vain, or that it takes long."""
+    if took > LOOK:
+        return max(1, int(pause * LOOK / took))
+    return min(PAUSE_ROWS, max(SHORTEST_PART, rows // 4), 4 * pause)
 
 
 def _status(run: Run) -> int:

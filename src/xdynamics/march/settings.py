@@ -149,6 +149,8 @@ class Settings:
         Where `radau_iia` has the derivatives of the forces from: exact ones, or differences.
     summation : str
         Whether what rounding takes from the state is carried along.
+    nodes : tuple of float
+        Times to land on besides the breakpoints of drives, s, ascending.
     """
 
     method: Method
@@ -161,6 +163,7 @@ class Settings:
     scales: Scales = UNSCALED
     jacobian: str = EXACT
     summation: str = PLAIN
+    nodes: tuple[float, ...] = ()
 
     @property
     def adaptive(self) -> bool:
@@ -208,6 +211,11 @@ class Settings:
             )
         if not isfinite(self.until) or self.until <= start:
             faults.append(f"until is {self.until!r} s, needs a time after the start at t = {start!r} s")
+        faults += [
+            f"nodes has {one!r} s, needs times between the start at t = {start!r} s and until = {self.until!r} s"
+            for one in self.nodes
+            if not start < one < self.until
+        ]
         if self.scales != UNSCALED and model.python_forces:
             faults.append("scales do not go with forces in Python, which are written in SI units")
         if len(faults) > 1:

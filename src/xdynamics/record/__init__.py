@@ -4,9 +4,11 @@ from xdynamics.attributes import own_attributes, plain
 from xdynamics.record.columns import Column, columns, constants, factors
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.dataset import check, check_kind, dataset
+from xdynamics.record.identity import apart, identity, is_of, same_settings
 
 __all__ = [
     "Column",
+    "apart",
     "check",
     "check_kind",
     "columns",
@@ -14,6 +16,9 @@ __all__ = [
     "dataset",
     "factors",
     "faults_of",
+    "identity",
+    "is_of",
     "own_attributes",
     "plain",
+    "same_settings",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -15,6 +15,7 @@ from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
 from xdynamics.march import Block, March, Tolerances
+from xdynamics.march.memory import numbers_at_end
 from xdynamics.model import Model
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
 from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, spell
@@ -59,7 +60,7 @@ def _columns(about: _About) -> list[Column]:
 
 
 def constants(march: March) -> list[tuple[Variable, Any]]:
-    """Return every variable not along a march with its value: parameters, given steps, the model, the source."""
+    """Return every variable not along a march with its value: parameters, given steps, its memory, the model, the source."""
     found: list[tuple[Variable, Any]] = []
     if isinstance(march.settings.step, tuple):
         found.append((schema.GIVEN_STEP, np.array(march.settings.step)))
@@ -72,6 +73,8 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
         found.append(
             (Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", more), one.quantity.value)
         )
+    names, numbers = numbers_at_end(march.run)
+    found.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
     functions = "".join(
         f"\n\n# Python force {one.name}, sha256 {one.digest}\n{one.source}" for one in march.model.python_forces
     )

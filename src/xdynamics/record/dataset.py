@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 
-def dataset(march: March, blocks: Iterable[Block]) -> xr.Dataset:
+def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, Array]] = ()) -> xr.Dataset:
     """March and return the whole run in memory.
 
     Parameters
@@ -29,15 +29,19 @@ def dataset(march: March, blocks: Iterable[Block]) -> xr.Dataset:
     march : March
     blocks : iterable of Block
         Blocks that are not filled again, as `March.blocks` gives them without a size.
+    before : iterable of (str, ndarray)
+        Rows that stand before those of the march, taken before its first block is asked for.
     """
     import xarray as xr
 
     spec = columns(march)
-    parts: list[list[Array]] = [[] for _ in spec]
+    parts: dict[str, list[Array]] = {column.variable.name: [] for column in spec}
+    for name, values in before:
+        parts[name].append(values)
     for block in blocks:
-        for column, part in zip(spec, parts, strict=True):
+        for column, part in zip(spec, parts.values(), strict=True):
             part.append(column.take(block))
-    filled = [(column.variable, _joined(part)) for column, part in zip(spec, parts, strict=True)]
+    filled = [(column.variable, _joined(part)) for column, part in zip(spec, parts.values(), strict=True)]
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     # fastpath: xarray would import dask to find out that a numpy array is none of its own
     variables = {one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True) for one, data in filled}

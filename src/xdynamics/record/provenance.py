@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from functools import lru_cache
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,6 +65,8 @@ def attributes(march: March) -> dict[str, Any]:
         "model_digest": model.digest,
         "force_digest": force_digest(march),
     }
+    if settings.nodes:
+        used |= {"solver_nodes": np.array(settings.nodes), "solver_nodes_units": "s"}
     if settings.scales != UNSCALED:
         scales = settings.scales
         used |= {"solver_length_scale": scales.length, "solver_length_scale_units": "m",
@@ -117,6 +120,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "scales": scales or None,
         "jacobian": used.get("solver_jacobian"),
         "summation": used.get("solver_summation", PLAIN),  # version 0.1 had no other
+        "nodes": np.atleast_1d(used["solver_nodes"]).tolist() if "solver_nodes" in used else None,
     }
     if schema.GIVEN_STEP.name in run:
         asked["step"] = np.asarray(run[schema.GIVEN_STEP.name])
@@ -127,7 +131,11 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
     if used["solver_step_control"] == "adaptive":
         if used["solver_first_step_choice"] != FIRST_STEP:  # given, or chosen by the rule of another version
             asked["step"] = float(used["solver_first_step"])
-        asked |= {key: float(used[f"solver_{key}"]) for key in ("safety", "min_step", "max_step")}
+        span = asked["until"] - float(run["time"][0])
+        longest = float(used["solver_max_step"])
+        asked |= {key: float(used[f"solver_{key}"]) for key in ("safety", "min_step")}
+        if longest != span or "solver_max_step_choice" in used:  # else nothing was asked for
+            asked["max_step"] = longest
         asked |= {
             "max_steps": int(used["solver_max_steps"]),
             "growth_limits": tuple(map(float, used["solver_growth_limits"])),
@@ -180,10 +188,17 @@ def _steps(march: March) -> dict[str, Any]:
         "solver_min_step": pacing.min_step,
         "solver_min_step_units": "s",
         "solver_min_step_rule": f"never below {SPACINGS:g} spacings of t in double precision",
-        "solver_max_step": min(pacing.max_step, settings.until - march.model.initial["t"].si),
-        "solver_max_step_units": "s",
+        **_longest(march),
         "solver_max_steps": pacing.max_steps,
     }
+
+
+def _longest(march: March) -> dict[str, Any]:
+    """Say how long a step may be: the span, where nothing is asked for."""
+    asked = march.settings.pacing.max_step
+    given = {"solver_max_step_choice": "given"} if isfinite(asked) else {}
+    span = march.settings.until - march.model.initial["t"].si
+    return {"solver_max_step": asked if given else span, "solver_max_step_units": "s"} | given
 
 
 def _errors(march: March) -> dict[str, Any]:
@@ -234,7 +249,7 @@ def _last_step(march: March) -> str:
         return "none: the run ended before"
     plan = march.run.plan[0]
     steps = (plan.end - plan.start) / plan.step_size
-    partial = abs(steps - round(steps)) * plan.step_size > plan.snap
+    partial = abs(steps - round(steps)) * plan.step_size > plan.snap * max(abs(plan.start), abs(plan.end))
     whole = int(steps)
     rest = (float(plan.end) - (plan.start + whole * plan.step_size)) * march.settings.scales.of(TIME)
     return f"partial, {rest:.9g} s: the span is no multiple of the step" if partial else "whole"
@@ -255,6 +270,11 @@ def _machine() -> dict[str, str]:
         "cpu_name": binding.get_host_cpu_name(),
         "cpu_features": " ".join(sorted(name for name, there in features.items() if there)),
     }
+
+
+def xdynamics_version() -> str:
+    """Return the version of this program."""
+    return _machine()["xdynamics_version"]
 
 
 def _circumstances() -> dict[str, Any]:

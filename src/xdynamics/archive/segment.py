@@ -1,0 +1,168 @@
+"""One finished stretch of a march as a file: what it is of, the march's memory at its end, its rows.
+
+The first line is JSON: it says of every array its name, type and shape, and of every variable the digest of all its rows
+up to here. The arrays of the memory follow, then a line with the sha256 of everything before it, then the rows.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.archive.seals import Seal
+from xdynamics.faults import ArchiveError
+
+Array = NDArray[Any]
+Part = tuple[str, Array]
+Shape = tuple[str, Any, tuple[int, ...]]  # name, type, shape of an array
+
+MEMORY, ROWS = "memory", "rows"
+_KIND = "xdynamics segment 1"
+_MARK = b"\nsha256 "
+_LONGEST_LINE = 1 << 26
+_PIECE = 1 << 22  # bytes that are read at once
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A segment whose first line and memory are whole: what the line says, where arrays begin, a digest of both."""
+
+    path: Path
+    said: Mapping[str, Any]
+    first: int
+    digest: str
+
+    def memory(self) -> dict[str, Array]:
+        """Return the march's memory."""
+        with self.path.open("rb") as file:
+            file.seek(self.first)
+            return {name: _taken(file.read(_size(kind, shape)), kind, shape) for name, kind, shape in self.said[MEMORY]}
+
+    def rows(self) -> Iterator[Part]:
+        """Yield the rows of one variable after the other, some megabytes at a time."""
+        with self.path.open("rb") as file:
+            file.seek(_behind_head(self.said, self.first))
+            for name, kind, (rows, *inner) in self.said[ROWS]:
+                most = max(1, _PIECE // _size(kind, inner))
+                for start in range(0, max(1, rows), most):  # none is told too: its form is in the digests
+                    shape = (min(most, rows - start), *inner)
+                    yield name, _taken(file.read(_size(kind, shape)), kind, shape)
+
+    def check(self, seals: Mapping[str, Seal]) -> None:
+        """Add its rows to digests of those before it, and compare.
+
+        Raises
+        ------
+        ArchiveError
+            Naming the first variable that differs.
+        """
+        for name, values in self.rows():
+            if name not in seals or seals[name].dtype != values.dtype:
+                raise ArchiveError(f"has a variable '{name}' that the run has not")
+            seals[name].update(values)
+        for name, seal in seals.items():
+            if self.said["digests"].get(name) != seal.hexdigest():
+                raise ArchiveError(f"differs from the digest of '{name}'")
+
+
+def write(path: Path, of: Mapping[str, Any], memory: Mapping[str, Array], rows: list[Shape], values: Iterable[Array]) -> str:  # fmt: skip
+    """Write a segment whole or not at all; return its digest."""
+    shapes = [(name, one.dtype, one.shape) for name, one in memory.items()]
+    said = {"kind": _KIND} | dict(of) | {MEMORY: _described(shapes), ROWS: _described(rows)}
+    head = json.dumps(said).encode() + b"\n" + b"".join(one.tobytes() for one in memory.values())
+    digest, part = hashlib.sha256(head).hexdigest(), path.with_suffix(".part")
+    try:
+        with part.open("wb") as file:
+            file.write(head + _MARK + digest.encode() + b"\n")
+            for one in values:
+                file.write(np.ascontiguousarray(one).data)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+        _sync(path.parent)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
+    return digest
+
+
+def _sync(folder: Path) -> None:
+    """Have the system keep a new name in a folder, as it keeps the file."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def read(path: Path) -> Segment:
+    """Read what a segment says, and compare that and its memory with their digest.
+
+    Raises
+    ------
+    ArchiveError
+        With a predicate: what the segment is or does that no segment should.
+    """
+    if not path.is_file():
+        raise ArchiveError("is no file")
+    try:
+        with path.open("rb") as file:
+            said, first, digest = _head(file)
+            size = os.fstat(file.fileno()).st_size
+        needed = _behind_head(said, first) + sum(_size(kind, shape) for _, kind, shape in said[ROWS])
+    except OSError as error:
+        raise ArchiveError(f"cannot be read: {error.strerror or error}") from None
+    except ArchiveError:
+        raise
+    except (ValueError, LookupError, TypeError, AttributeError, MemoryError, OverflowError):
+        raise ArchiveError("is damaged, or no segment of this version") from None
+    if size != needed:
+        raise ArchiveError(f"has {size} bytes and says {needed}")
+    return Segment(path, said, first, digest)
+
+
+def _head(file: IO[bytes]) -> tuple[dict[str, Any], int, str]:
+    """Return what the first line says, where the memory begins, and the digest of both."""
+    line = file.readline(_LONGEST_LINE)
+    said = json.loads(line)
+    if said["kind"] != _KIND:
+        raise ArchiveError("is of another version")
+    size = sum(_size(kind, shape) for _, kind, shape in said[MEMORY])
+    if not 0 <= size <= os.fstat(file.fileno()).st_size:
+        raise ArchiveError("is cut off")
+    digest = hashlib.sha256(line + file.read(size)).hexdigest()
+    if file.read(len(_MARK) + len(digest) + 1) != _MARK + digest.encode() + b"\n":
+        raise ArchiveError("differs from its digest")
+    return said, len(line), digest
+
+
+def _behind_head(said: Mapping[str, Any], first: int) -> int:
+    return first + sum(_size(kind, shape) for _, kind, shape in said[MEMORY]) + len(_MARK) + 64 + 1
+
+
+def _described(shapes: Iterable[Shape]) -> list[Any]:
+    kinds = [(name, np.dtype(kind), shape) for name, kind, shape in shapes]
+    return [(name, kind.descr if kind.names else kind.str, shape) for name, kind, shape in kinds]
+
+
+def _kind(described: Any) -> np.dtype[Any]:
+    return np.dtype(described if isinstance(described, str) else [(name, one) for name, one in described])
+
+
+def _size(described: Any, shape: Iterable[int]) -> int:
+    return prod(shape) * _kind(described).itemsize
+
+
+def _taken(content: bytes, described: Any, shape: Iterable[int]) -> Array:
+    return np.frombuffer(content, _kind(described)).reshape(tuple(shape))

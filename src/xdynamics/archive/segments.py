@@ -1,0 +1,240 @@
+"""The segments of a march that streams into an archive: kept beside it until the archive is whole."""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics import record
+from xdynamics.archive import segment
+from xdynamics.archive.seals import Seal
+from xdynamics.archive.segment import Part, Segment
+from xdynamics.archive.target import check_target
+from xdynamics.archive.writer import Writer
+from xdynamics.faults import ArchiveError, InputError, ResumeWarning
+from xdynamics.march import March
+from xdynamics.record import apart, identity
+from xdynamics.units import TIME
+
+EVERY = 10.0  # s between two segments: a run that is over sooner has none
+NO_LOCK = -1
+SHARE = 0.01  # of a run's time, between two segments of one that lasts long
+
+
+class Segments:
+    """The segments of one march; each names the digest of the one before it.
+
+    Parameters
+    ----------
+    archive : Path
+        The file that the march streams into.
+    march : March
+    resume : bool
+        Whether to go on from what is there.
+
+    Raises
+    ------
+    InputError
+        If segments are there and not asked for, or are of another run, or another process writes them.
+    """
+
+    def __init__(self, archive: Path, march: March, *, resume: bool) -> None:
+        self.archive, self.folder = archive, folder_of(archive)
+        self.march, self.failed = march, False
+        self._of = identity(march)
+        self._started = self._last = time.monotonic()
+        self._found: list[Segment] = []
+        self._number, self._before = 1, ""  # of the next one, and the digest of the last
+        self._kept: dict[str, int] = {}
+        self._mine, self._lock = False, NO_LOCK
+        names = _names(self.folder)
+        if names and not resume:
+            raise InputError(
+                f"'{archive}' has segments of a run that is not finished, in '{self.folder}': go on with it by"
+                f" resume (--resume), or remove them with `xdynamics discard {archive}`"
+            )
+        if self.folder.is_dir():
+            self._claim()
+            self._gather(names)
+        elif resume:
+            _warn(f"there are no segments of '{archive}' to go on from: it is marched from its start")
+
+    def __enter__(self) -> Segments:
+        return self
+
+    def __exit__(self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None) -> None:  # fmt: skip
+        _unlocked(self._lock)
+
+    def _claim(self) -> None:
+        self._lock, self._mine = _locked(self.folder, self.archive), True
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def _gather(self, names: list[Path]) -> None:
+        """Take the segments up to the first that is not whole."""
+        seals = {one.variable.name: Seal.of(one.variable) for one in record.columns(self.march)}
+        for name in names:
+            try:
+                one = self._checked(name)
+                one.check(seals)
+            except ArchiveError as error:
+                where = f"goes on from t = {self._found[-1].said['t']:.9g} s" if self._found else "starts anew"
+                _warn(f"segment '{name}' {error}: the run {where}")
+                return
+            self._found.append(one)
+            self._number, self._before = self._number + 1, one.digest
+
+    def _checked(self, name: Path) -> Segment:
+        one = segment.read(name)
+        if different := apart(one.said["of"], self._of):
+            raise InputError(
+                f"the segments of '{self.archive}' are of another run: {'; '.join(different)}; resume it as it was"
+                f" begun, or remove them with `xdynamics discard {self.archive}`"
+            )
+        if name != self._name or one.said["before"] != self._before:
+            raise ArchiveError("does not follow the one before it")
+        return one
+
+    def rows(self) -> Iterator[Part]:
+        """Yield the rows of all segments, then put the march behind them."""
+        for one in self._found:
+            yield from one.rows()
+        if self._found:
+            self.march.go_on_from(self._found[-1].memory())
+
+    def go_on(self, writer: Writer) -> None:
+        """Count what a writer holds as kept."""
+        self._kept = writer.filled
+
+    @property
+    def patience(self) -> float:
+        """Seconds after which rows are to be handed over, so that they can be kept in time."""
+        return EVERY
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time for another one."""
+        now = time.monotonic()
+        return not self.failed and now - self._last >= max(EVERY, SHARE * (now - self._started))
+
+    def keep(self, writer: Writer, memory: Mapping[str, NDArray[Any]], digests: Mapping[str, str]) -> None:
+        """Write a segment with the rows that the writer was given since the one before, and digests of all so far.
+
+        A disk without room for it does not end the run: it goes on without.
+        """
+        if self.failed:  # rows would be missing
+            return
+        filled = writer.filled
+        t = float(memory["now"]["t"][0]) * self.march.settings.scales.of(TIME)
+        of = {"of": self._of, "before": self._before, "t": t, "digests": dict(digests)}
+        try:
+            if not self._mine:
+                self.folder.mkdir()
+                self._claim()
+            rows, values = writer.shapes_since(self._kept), writer.since(self._kept)
+            self._before = segment.write(self._name, of, memory, rows, values)
+            self._number += 1
+        except (OSError, InputError) as error:
+            self.failed = True
+            why = getattr(error, "strerror", None) or error
+            _warn(f"no more segments of '{self.archive}' can be kept: {why}; the run goes on")
+        self._kept, self._last = filled, time.monotonic()
+
+    def remove(self) -> None:
+        """Remove all segments: the archive is whole."""
+        if self._mine:
+            _emptied(self.folder)
+
+    @property
+    def _name(self) -> Path:
+        return self.folder / f"{self._number:06d}.segment"
+
+
+def folder_of(archive: Path) -> Path:
+    """Return where the segments of an archive are."""
+    archive = Path(os.path.realpath(archive))
+    return archive.parent / f".{archive.name}.segments"
+
+
+def has_segments(archive: Path) -> bool:
+    """Whether an archive has segments."""
+    return bool(_names(folder_of(archive)))
+
+
+def discard(archive: str | Path) -> int:
+    """Remove the segments of a run that was not finished; the archive itself, if there is one, stays.
+
+    Parameters
+    ----------
+    archive : str or Path
+        The file that the run was to be written to.
+
+    Returns
+    -------
+    int
+        How many there were.
+
+    Raises
+    ------
+    InputError
+        If there are none, or a process is writing them.
+    """
+    check_target(Path(archive))
+    folder = folder_of(Path(archive))
+    names = _names(folder)
+    if not folder.is_dir():
+        raise InputError(f"'{archive}' has no segments: there is no '{folder}'")
+    lock = _locked(folder, Path(archive))
+    try:
+        _emptied(folder)
+    except OSError as error:
+        raise ArchiveError(f"the segments in '{folder}' cannot be removed: {error.strerror or error}") from None
+    finally:
+        _unlocked(lock)
+    return len(names)
+
+
+def _names(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.segment"))
+
+
+def _emptied(folder: Path) -> None:
+    """Remove segments, the last first, so that what is left at any moment can be gone on from."""
+    for name in [*folder.glob("*.part"), *reversed(_names(folder))]:
+        name.unlink()
+    folder.rmdir()
+
+
+def _locked(folder: Path, archive: Path) -> int:
+    """Claim a folder for this process, for as long as the handle is open; return it, NO_LOCK where the system has none."""
+    with suppress(ImportError):
+        import fcntl
+
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            raise InputError(f"'{archive}' is being marched by another process; wait for it, or end it") from None
+        except OSError:  # a file system without locks
+            pass
+        return handle
+    return NO_LOCK
+
+
+def _unlocked(handle: int) -> None:
+    if handle != NO_LOCK:
+        os.close(handle)
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, ResumeWarning, stacklevel=4)

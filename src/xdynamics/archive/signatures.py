@@ -1,0 +1,268 @@
+"""Signatures of archives: Ed25519 over the digests of content and circumstances, in a file beside the archive.
+
+A seal tells damage; whoever edits a file on purpose can make a new one. A signature needs the private key.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from xdynamics.archive.reading import open_run, verify
+from xdynamics.faults import ArchiveError, InputError
+from xdynamics.schema import VOLATILE_DIGEST
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+KIND = "xdynamics signature 1"
+_LONGEST = 65_536  # bytes of a key or a signature
+_WAY_TO_PUBLIC = "openssl pkey -in KEY.pem -pubout -out PUBLIC.pem"
+
+Asking = Callable[[], str]  # for the passphrase of a key
+
+
+def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None = None) -> Path:
+    """Sign an archive: its content digest together with the digest of date, versions and machine.
+
+    Parameters
+    ----------
+    path : str or Path
+        An archive; verified first.
+    key : str or Path
+        A private Ed25519 key in PEM, as `new_key` or ``openssl genpkey -algorithm ed25519`` makes it.
+    passphrase : str or callable, optional
+        Of a key that is locked; what is asked for it only then.
+
+    Returns
+    -------
+    Path
+        The signature, the archive's name with `.sig` behind it; it travels with the archive.
+
+    Raises
+    ------
+    InputError
+        If the key is none, is locked or is of another kind, or the package cryptography is missing.
+    ArchiveError
+        If the archive is damaged, or there is no place for the signature.
+    """
+    own = _private(Path(key), passphrase)
+    digests = _digests(Path(path))
+    seen = base64.b64encode(own.sign(_message(*digests))).decode()
+    lines = (KIND, f"content {digests[0]}", f"circumstances {digests[1]}", f"key {_fingerprint(own.public_key())}", f"signature {seen}")  # fmt: skip
+    target = signature_of(Path(path))
+    _put(target, "\n".join(lines) + "\n")
+    return target
+
+
+def verify_signature(path: str | Path, key: str | Path) -> str:
+    """Verify an archive, and that the owner of a key signed just this.
+
+    Parameters
+    ----------
+    path : str or Path
+    key : str or Path
+        The public key, in PEM.
+
+    Returns
+    -------
+    str
+        The content digest.
+
+    Raises
+    ------
+    InputError
+        If the key is none, or of another kind.
+    ArchiveError
+        If the archive is damaged, bears no signature, was signed by another key, or is not what was signed.
+    """
+    public, path = _public(Path(key)), Path(path)
+    digests = _digests(path)
+    content, circumstances, signer, signature = _read(path)
+    if signer != _fingerprint(public):
+        raise ArchiveError(f"'{path}' was signed by another key, {signer}, and not by '{key}', {_fingerprint(public)}")
+    if not _holds(public, signature, _message(content, circumstances)):
+        raise ArchiveError(f"the signature '{signature_of(path)}' is not of '{key}': it was altered, or is a forgery")
+    for was, found, what in zip((content, circumstances), digests, ("content digest", "digest of date, versions and machine"), strict=True):  # fmt: skip
+        if was != found:
+            raise ArchiveError(f"'{path}' is not what was signed: its {what} is {found}, and {was} was signed")
+    return digests[0]
+
+
+def new_key(path: str | Path) -> Path:
+    """Make a pair of keys; the private one is the owner's alone to read, and no file is written over.
+
+    Parameters
+    ----------
+    path : str or Path
+        The private key: ``KEY.pem``.
+
+    Returns
+    -------
+    Path
+        The public one: ``KEY.public.pem``.
+    """
+    serialization, ed25519 = _cryptography()
+    private, public = Path(path), Path(path).with_suffix(".public.pem")
+    pem, raw = serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
+    own = ed25519.Ed25519PrivateKey.generate()
+    bare = serialization.NoEncryption()
+    texts = {
+        private: own.private_bytes(pem, serialization.PrivateFormat.PKCS8, bare),
+        public: own.public_key().public_bytes(pem, raw),
+    }
+    for name in texts:
+        if os.path.lexists(name):
+            raise InputError(f"'{name}' is there already, and a key is not written over; name another")
+    for name, text in texts.items():
+        try:
+            handle = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if name == private else 0o644)
+            with os.fdopen(handle, "wb") as file:
+                file.write(text)
+        except OSError as error:
+            raise InputError(f"the key '{name}' cannot be written: {error.strerror or error}") from None
+    return public
+
+
+def signature_of(path: Path) -> Path:
+    """Return where the signature of an archive is."""
+    return path.with_name(path.name + ".sig")
+
+
+def protection(path: Path) -> str:
+    """Say what a verification without a key has shown."""
+    if signature_of(path).exists():
+        return "sealed; signed, and the signature not checked: give --key"
+    return "sealed; not signed"
+
+
+def _digests(path: Path) -> tuple[str, str]:
+    """Verify an archive; return its digests of content and circumstances."""
+    content = verify(path)
+    with open_run(path, check=False) as run:
+        return content, str(run.attrs[VOLATILE_DIGEST])
+
+
+def _message(content: str, circumstances: str) -> bytes:
+    return f"{KIND}\ncontent {content}\ncircumstances {circumstances}\n".encode()
+
+
+def _read(path: Path) -> tuple[str, str, str, bytes]:
+    """Return what a signature says: two digests, whose key, the signature itself."""
+    place = signature_of(path)
+    if not place.exists():
+        raise ArchiveError(
+            f"'{path}' bears no signature: there is no '{place}'; copy it with the archive, or sign anew"
+        )
+    lines = _text(place, "signature").decode("ascii", "replace").splitlines()
+    words = [line.partition(" ")[::2] for line in lines[1:]]
+    names = ["content", "circumstances", "key", "signature"]
+    if lines[:1] != [KIND] or [name for name, _ in words] != names:
+        raise ArchiveError(f"'{place}' is no signature of an archive")
+    content, circumstances, signer, signature = (value for _, value in words)
+    try:
+        return content, circumstances, signer, base64.b64decode(signature, validate=True)
+    except ValueError:
+        raise ArchiveError(f"'{place}' is no signature of an archive") from None
+
+
+def _holds(public: Ed25519PublicKey, signature: bytes, message: bytes) -> bool:
+    from cryptography.exceptions import InvalidSignature
+
+    try:
+        public.verify(signature, message)
+    except InvalidSignature:
+        return False
+    return True
+
+
+def _private(path: Path, passphrase: str | Asking | None) -> Ed25519PrivateKey:
+    serialization, ed25519 = _cryptography()
+    text = _text(path, "key")
+    if b"PUBLIC KEY" in text:
+        raise InputError(f"'{path}' is a public key; sign with the private one")
+    try:
+        key = serialization.load_pem_private_key(text, None)
+    except TypeError:  # it is locked
+        key = _unlocked(path, text, passphrase)
+    except Exception as error:
+        raise _no_key(path, "private") from error
+    if not isinstance(key, ed25519.Ed25519PrivateKey):
+        raise _other_kind(path)
+    private: Ed25519PrivateKey = key
+    return private
+
+
+def _unlocked(path: Path, text: bytes, passphrase: str | Asking | None) -> Any:
+    serialization, _ = _cryptography()
+    given = passphrase() if callable(passphrase) else passphrase
+    if not given:
+        raise InputError(f"the key '{path}' is locked; give its passphrase, or sign at a terminal, which asks for it")
+    try:
+        return serialization.load_pem_private_key(text, given.encode())
+    except ValueError:
+        raise InputError(f"the passphrase does not unlock the key '{path}'") from None
+
+
+def _public(path: Path) -> Ed25519PublicKey:
+    serialization, ed25519 = _cryptography()
+    text = _text(path, "key")
+    if b"PRIVATE KEY" in text:
+        raise InputError(f"'{path}' is a private key; verify with the public one, from `{_WAY_TO_PUBLIC}`")
+    try:
+        key = serialization.load_pem_public_key(text)
+    except Exception as error:
+        raise _no_key(path, "public") from error
+    if not isinstance(key, ed25519.Ed25519PublicKey):
+        raise _other_kind(path)
+    public: Ed25519PublicKey = key
+    return public
+
+
+def _no_key(path: Path, kind: str) -> InputError:
+    return InputError(f"'{path}' is no {kind} key in PEM; make a pair with `xdynamics sign --new-key KEY.pem`")
+
+
+def _other_kind(path: Path) -> InputError:
+    return InputError(f"'{path}' is no Ed25519 key; make a pair with `xdynamics sign --new-key KEY.pem`")
+
+
+def _fingerprint(public: Ed25519PublicKey) -> str:
+    """A short name of a key: the beginning of the sha256 of its bytes."""
+    return hashlib.sha256(public.public_bytes_raw()).hexdigest()[:16]
+
+
+def _text(path: Path, what: str) -> bytes:
+    """Read a small file; a folder, a pipe or a device is none."""
+    if "\0" in str(path) or not path.is_file():
+        raise InputError(f"the {what} {str(path)!r} is no file; name one")
+    try:
+        with path.open("rb") as file:
+            return file.read(_LONGEST)
+    except OSError as error:
+        raise InputError(f"the {what} '{path}' cannot be read: {error.strerror or error}") from None
+
+
+def _put(path: Path, text: str) -> None:
+    """Write a small file whole or not at all."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(text, encoding="ascii")
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise ArchiveError(f"the signature '{path}' cannot be written: {error.strerror or error}") from None
+
+
+def _cryptography() -> tuple[Any, Any]:
+    """Import what is needed of an optional package, late."""
+    try:
+        from cryptography.hazmat.primitives import serialization
+        from cryptography.hazmat.primitives.asymmetric import ed25519
+    except ImportError:
+        raise InputError("signatures need the package cryptography: pip install 'xdynamics[sign]'") from None
+    return serialization, ed25519

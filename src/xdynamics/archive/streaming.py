@@ -1,0 +1,112 @@
+"""A march straight into a file, in bounded memory; what is finished of it outlives the process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import record
+from xdynamics.archive.segments import Segments
+from xdynamics.archive.target import check_target
+from xdynamics.archive.writer import Writer
+from xdynamics.archive.writing import new_file
+from xdynamics.march import Block, March
+from xdynamics.record import provenance
+from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
+
+Array = NDArray[Any]
+Part = tuple[str, Array]
+
+BLOCK_ROWS = 131_072
+BLOCK_NUMBERS = 32_000_000  # of a block, which has fewer rows where there are many columns
+
+
+def stream(march: March, path: str | Path, *, before: Iterable[Part] = (), resume: bool = False) -> Path:
+    """March straight into a file, in bounded memory; one block is written while the next is marched.
+
+    Every ten seconds or so the rows since are kept in a segment beside the file, with the march's memory.
+
+    Parameters
+    ----------
+    march : March
+    path : str or Path
+    before : iterable of (str, ndarray)
+        Rows that stand before those of the march, which stands behind them once they are all taken.
+    resume : bool
+        Whether to go on from the segments that are there; the rows before are in them.
+
+    Raises
+    ------
+    InputError
+        If there are segments that are not asked for, or are of another run.
+    ArchiveError
+        If the file cannot be written; the final name is untouched, and the segments stay.
+    """
+    path = Path(path)
+    check_target(path, march.model)
+    with Segments(path, march, resume=resume) as segments:
+        with new_file(path) as writer:
+            _fill(writer, march, segments, segments.rows() if len(segments) else before)
+            for one, value in record.constants(march):
+                dtype = np.dtype(object) if one.dtype == "U" else np.dtype(one.dtype)
+                sizes = dict(zip(one.dims, np.shape(value), strict=True))
+                writer.define(one.name, one.dims, dtype, one.attributes, None, sizes)
+                writer.append(one.name, np.asarray(value, dtype=dtype))
+            writer.finish(provenance.attributes(march))
+        if not march.unfinished:
+            segments.remove()
+    return writer.path
+
+
+def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Part]) -> None:
+    """Write all rows: those before, then block by block those of the march."""
+    spec, rows = record.columns(march), iter(before)
+    first = next(rows, None)
+    if first:
+        _define(writer, spec, {})
+        for name, values in chain([first], rows):
+            writer.append(name, values)
+        if len(segments):
+            segments.go_on(writer)
+    pending: list[Future[None]] = []
+    with ThreadPoolExecutor(1) as pool:
+        for block in march.blocks(_rows(march), segments.patience):
+            if not writer.filled:
+                _define(writer, spec, _sizes(block) if march.is_over else {})
+            parts = [(column.variable.name, column.take(block)) for column in spec]
+            _settle(pending)
+            pending = [pool.submit(writer.write, parts)]
+            writer.hash(parts)
+            if segments.due and march.unfinished:
+                pending.append(pool.submit(segments.keep, writer, march.memory(), writer.digests()))
+        _settle(pending)
+    if march.unfinished:
+        segments.keep(writer, march.memory(), writer.digests())
+
+
+def _define(writer: Writer, spec: Iterable[record.Column], sizes: Mapping[str, int]) -> None:
+    for column in spec:
+        one = column.variable
+        coordinates = "time" if STEPS in one.dims and one.name != "time" else None
+        writer.define(one.name, one.dims, np.dtype(one.dtype), one.attributes, coordinates, sizes)
+
+
+def _rows(march: March) -> int:
+    return min(BLOCK_ROWS, BLOCK_NUMBERS // len(march.layout.row), march.expected_rows or BLOCK_ROWS)
+
+
+def _sizes(block: Block) -> dict[str, int]:
+    """Return how long a run is that one block holds."""
+    sizes = {STEPS: block.rows, TRIALS: block.trials, EVENTS: block.events, SAMPLES: block.samples}
+    return {dim: size for dim, size in sizes.items() if size}
+
+
+def _settle(pending: list[Future[None]]) -> None:
+    for one in pending:
+        one.result()

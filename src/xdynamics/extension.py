@@ -1,0 +1,168 @@
+"""Go on behind the end of a complete run, to the bits of one march that also lands on that end."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import archive, record
+from xdynamics.archive.seals import slabs
+from xdynamics.faults import AccuracyWarning, InputError
+from xdynamics.march import OUTCOMES, March
+from xdynamics.march.asking import settings_for
+from xdynamics.march.doubts import doubts
+from xdynamics.march.memory import go_on
+from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
+from xdynamics.model import Model
+from xdynamics.record.kinds import said_of
+from xdynamics.record.provenance import asked_of
+from xdynamics.schema import END_MEMORY, EVENT_AFTER, GIVEN_STEP, NODE, STEP, STEPS
+from xdynamics.units import TIME, parse_time
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from xdynamics.march.runner import Progress
+
+Array = NDArray[Any]
+
+
+def extend(
+    run: xr.Dataset | str | Path,
+    *,
+    until: str | float,
+    path: str | Path | None = None,
+    resume: bool = False,
+    functions: Mapping[str, Callable[..., float]] | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Go on behind the end of a complete run.
+
+    Nothing is marched twice: a record keeps what its march goes on from. The result is that of one march with the same
+    settings up to the new end that also lands on the old one, ``simulate(model, …, nodes=[old end], until=…)``, to the
+    bit; it is reproduced and extended like any other.
+
+    Parameters
+    ----------
+    run : xarray.Dataset, str or Path
+        A record, or its archive.
+    until : str or float
+        The new end: ``"20 s"``, or a number of seconds.
+    path : str or Path, optional
+        Stream the longer run to this file, in bounded memory, and return it opened.
+    resume : bool
+        Go on from the segments that a process left behind while it extended the run to this file.
+    functions : mapping of str to callable, optional
+        The Python functions its forces call.
+    progress : callable, optional
+        Called now and then with the fraction done, the time in s and the rows so far.
+
+    Raises
+    ------
+    InputError
+        If the run did not reach its end, was made by another version, or ends behind `until`.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> longer = extend(xd.simulate(model, step="0.1 s", until="1 s"), until="2 s")
+    >>> whole = xd.simulate(model, step="0.1 s", until="2 s", nodes=["1 s"])
+    >>> xd.content_digest(longer) == xd.content_digest(whole)
+    True
+    """
+    if isinstance(run, str | Path):
+        if path is not None and Path(path).exists() and Path(path).samefile(run):
+            raise InputError(f"'{path}' is the archive that is extended; name another file")
+        with archive.open_run(run) as kept:
+            return _extended(kept, until, path, functions, progress, resume=resume)
+    record.check_kind(run)
+    archive.check_unchanged(run)
+    return _extended(run, until, path, functions, progress, resume=resume)
+
+
+def _extended(
+    kept: xr.Dataset,
+    until: str | float,
+    path: str | Path | None,
+    functions: Mapping[str, Callable[..., float]] | None,
+    progress: Progress | None,
+    *,
+    resume: bool,
+) -> xr.Dataset:
+    record.check_kind(kept)
+    if said_of(kept.attrs):
+        raise InputError(f"the run cannot be extended, it is {said_of(kept.attrs)}; extend the run itself")
+    _refuse_other_ends(kept)
+    model = Model.from_text(str(kept["model_toml"].values), functions=functions)
+    asked, end = asked_of(kept), float(kept.attrs["solver_until"])
+    if not parse_time(until, "until") > end:
+        raise InputError(f"until is {until!r}, needs a time behind the end of the run at t = {end!r} s")
+    settings = settings_for(model, **asked | {"until": until, "nodes": [*(asked["nodes"] or ()), end]})
+    march = March(model, settings, progress)
+    if not record.is_of(kept, march):
+        raise InputError(
+            f"the run was made by version {kept.attrs['xdynamics_version']} of xdynamics, or its forces were written in"
+            " other words: march it anew, up to the new end"
+        )
+    if path is not None:
+        longer = archive.open_run(archive.stream(march, path, before=_rows(kept, march), resume=resume), check=False)
+    elif resume:
+        raise InputError("resume needs path=…, the file that the run was to be streamed to")
+    else:
+        longer = archive.marched(record.dataset(march, march.blocks(), _rows(kept, march)))
+    for doubt in doubts(march):
+        warnings.warn(f"{model.name}: {doubt}", AccuracyWarning, stacklevel=3)
+    return longer
+
+
+def _refuse_other_ends(kept: xr.Dataset) -> None:
+    """Refuse a run that did not come to the end that it was asked for, or cannot be told more steps."""
+    word, text = kept.attrs["run_outcome"], kept.attrs["run_outcome_text"]
+    if word != OUTCOMES[COMPLETED].word:
+        why = {
+            OUTCOMES[STOPPED].word: "what stops a run is its end; give the event another action, and march anew",
+            OUTCOMES[INTERRUPTED].word: "resume it first",
+        }.get(word, "there is nothing behind a bad end")
+        raise InputError(f"the run cannot be extended, it is '{word}' ({text}): {why}")
+    if GIVEN_STEP.name in kept:
+        raise InputError("the run cannot be extended, its steps were given one by one: march anew with all steps")
+    if END_MEMORY.name not in kept:
+        raise InputError(
+            f"the run cannot be extended, it keeps no '{END_MEMORY.name}': it was made by another version of xdynamics;"
+            " march anew, up to the new end"
+        )
+
+
+def _rows(kept: xr.Dataset, march: March) -> Iterator[tuple[str, Array]]:
+    """Yield the rows of a run, its end as a node, and put the march there."""
+    _stand_behind(kept, march)
+    for column in record.columns(march):
+        name = column.variable.name
+        first = 0
+        for values in slabs(kept.variables[name]):
+            first += len(values)
+            ends_here = name == "row_kind" and first == kept.sizes[STEPS] and values[-1] == STEP
+            yield name, np.append(values[:-1], np.int8(NODE)) if ends_here else values
+
+
+def _stand_behind(kept: xr.Dataset, march: March) -> None:
+    """Set a march where a run ended."""
+    memory = kept[END_MEMORY.name]
+    go_on(march.run, str(memory.attrs["names"]), np.asarray(memory.values))
+    now, rows = march.now, kept.sizes[STEPS]
+    if int(now.rows) != rows or float(now.t) * march.settings.scales.of(TIME) != float(kept["time"][-1]):
+        raise InputError(
+            f"the run has {rows} rows and its memory is of {int(now.rows)}: it was cut; extend the whole run"
+        )
+    march.event_pairs = int((kept["row_kind"].values == EVENT_AFTER).sum())
+    stride = march.stride(rows)
+    found = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}
+    scale = march.settings.scales.of(TIME)
+    factors = {"time": scale, "step_size": scale} | record.factors(march.model, march.settings.scales)
+    march.witnesses = np.array([np.arange(0.0, rows, stride), *(one / factors[name] for name, one in found.items())])

@@ -1,0 +1,79 @@
+"""What a march goes on from: its arrays by name anywhere, or behind its end the few numbers that a record keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError
+from xdynamics.kernels.program import REGIME
+from xdynamics.march.outcomes import RUNNING
+from xdynamics.march.run import CHANGING, Run
+
+Array = NDArray[Any]
+Floats = NDArray[np.float64]
+
+# behind a node forces are evaluated anew, and a method starts as it does at the beginning: nothing of these is asked for
+_OF_A_STEP = (
+    "at", "z", "e", "samples", "w", "trial", "located", "g1", "half", "whole", "located_z", "located_e", "located_g",
+    "located_samples", "lows", "slopes", "places", "matrix", "right", "kept", "stage", "shifted", "stages", "turned",
+    "defects", "past", "pivots",
+)  # fmt: skip
+AT_END = tuple(name for name in CHANGING if name not in _OF_A_STEP)
+
+
+def arrays_of(run: Run) -> dict[str, Array]:
+    """Return a copy of every array that a march changes, but its log."""
+    return {name: getattr(run, name).copy() for name in CHANGING}
+
+
+def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
+    """Put such arrays into a run of the same model and settings; it goes on from there to the same bits.
+
+    Raises
+    ------
+    InputError
+        Naming the first array that has another form there.
+    """
+    for name in CHANGING:
+        there, given = getattr(run, name), arrays.get(name)
+        if given is None or (given.dtype, given.shape) != (there.dtype, there.shape):
+            raise InputError(f"the march's '{name}' has another form than here: it is of another version of xdynamics")
+    for name in CHANGING:
+        getattr(run, name)[...] = arrays[name]
+
+
+def numbers_at_end(run: Run) -> tuple[str, Floats]:
+    """Return what a march needs to go on behind its end, and the names of its arrays and their fields."""
+    names, parts = [], []
+    for name in AT_END:
+        array = getattr(run, name)
+        fields = array.dtype.names
+        names += [f"{name}.{one}" for one in fields] if fields else [f"{name}[{array.size}]"]
+        parts += [array[one].astype(float) for one in fields] if fields else [array.astype(float)]
+    return " ".join(names), np.concatenate(parts)
+
+
+def go_on(run: Run, names: str, numbers: Floats) -> None:
+    """Set a run where another one of its model ended, which is a node of this one.
+
+    Raises
+    ------
+    InputError
+        If the numbers are of a run of another form.
+    """
+    known, kept = numbers_at_end(run)
+    if names != known or numbers.shape != kept.shape:
+        raise InputError("its memory of the end is of another version of xdynamics")
+    first = 0
+    for name in AT_END:
+        array = getattr(run, name)
+        for part in [array[one] for one in array.dtype.names] if array.dtype.names else [array]:
+            part[...] = numbers[first : first + part.size]
+            first += part.size
+    now = run.now[0]
+    now.status, now.crossed = RUNNING, now.node - 1
+    run.at[REGIME] = now.regime

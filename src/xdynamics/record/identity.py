@@ -1,0 +1,76 @@
+"""What a march is of: model, settings, program, as words that can be compared one by one."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+from xdynamics.elementary import NAME
+from xdynamics.march import OUTCOMES, March, Pacing, Settings, Tolerances
+from xdynamics.march.outcomes import INTERRUPTED
+from xdynamics.methods import Method
+from xdynamics.record.provenance import force_digest, xdynamics_version
+from xdynamics.units import Unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_SHOWN = 60  # characters of a value that are kept; of longer ones their digest is
+
+
+def identity(march: March) -> dict[str, str]:
+    """Return every word on which the bits of a march depend."""
+    program = {"version": xdynamics_version(), "math_functions": NAME, "law": force_digest(march)}
+    said = dict(_words("", march.settings)) | dict(_words("model", tomllib.loads(march.model.to_toml())))
+    return {name: _short(value) for name, value in (said | program).items()}
+
+
+def apart(kept: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
+    """Say in which words two marches differ; the law's digest only where nothing else does."""
+    names = [name for name in {**kept, **here} if kept.get(name) != here.get(name)]
+    names = [name for name in names if name != "law"] or names
+    return [f"{name} was {kept.get(name, 'not given')} and is {here.get(name, 'not given')}" for name in names]
+
+
+def is_of(run: xr.Dataset, march: March) -> bool:
+    """Whether a finished record is of a march's model and law, by this version; its settings are another matter."""
+    here = {"model_digest": march.model.digest, "force_digest": force_digest(march), "xdynamics_version": xdynamics_version()}  # fmt: skip
+    unfinished = OUTCOMES[INTERRUPTED].word
+    return all(run.attrs.get(name) == value for name, value in here.items()) and run.attrs["run_outcome"] != unfinished
+
+
+def same_settings(one: Settings, other: Settings, names: tuple[str, ...]) -> bool:
+    """Whether two marches of a model with these variables are told the same, be tolerances named or not."""
+    return _named(one, names) == _named(other, names)
+
+
+def _named(settings: Settings, names: tuple[str, ...]) -> dict[str, Any]:
+    asked = settings.tolerances
+    absolute = {f"atol of {name}": asked.of(name) for name in names} if asked else {}
+    return {name: value for name, value in _words("", settings) if not name.startswith("atol")} | absolute
+
+
+def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Take a value apart into names and texts."""
+    if isinstance(value, Method):
+        yield name, value.name
+    elif isinstance(value, Unit):  # the model's own: nothing is asked by it
+        return
+    elif is_dataclass(value):
+        own = "" if isinstance(value, Settings | Tolerances | Pacing) else f"{name}."
+        for one in fields(value):
+            yield from _words(own + one.name, getattr(value, one.name))
+    elif isinstance(value, Mapping):
+        for key, one in sorted(value.items()):
+            yield from _words(f"{name}.{key}".strip("."), one)
+    elif value is not None:
+        yield name, repr(value)
+
+
+def _short(text: str) -> str:
+    if len(text) <= _SHOWN:
+        return text
+    return f"{text[:20]}… ({len(text)} characters, sha256 {hashlib.sha256(text.encode()).hexdigest()[:16]})"
