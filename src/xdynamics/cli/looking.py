@@ -1,0 +1,87 @@
+"""Verbs that look: at archives, at two of them, at the methods there are."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import click
+
+from xdynamics.cli.command import BADLY, DONE, main, say
+
+if TYPE_CHECKING:
+    from xdynamics.methods import Method
+
+
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+def show(archive: str) -> None:
+    """Print what an archive holds: outcome, events, parameters, settings, digests."""
+    from xdynamics.archive import open_run
+    from xdynamics.summary import details
+
+    say(details(open_run(archive)))
+
+
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+@click.option(
+    "-o", "--output", required=True, metavar="FIGURE", help="The figure to write: PNG, SVG or PDF by its ending."
+)
+def plot(archive: str, output: str) -> None:
+    """Draw trajectory, velocity, energy error, phase portrait and step size."""
+    from xdynamics.archive import open_run
+    from xdynamics.figures import plot as draw
+
+    draw(open_run(archive), output)
+    say([f"figure    {output}"])
+
+
+@main.command()
+def methods() -> None:
+    """Print the table of methods."""
+    from xdynamics.methods import METHODS
+    from xdynamics.summary import shortened
+
+    for one in METHODS.values():
+        kind = "symplectic" if one.symplectic else "not symplectic"
+        click.echo(
+            f"{one.name}: order {one.order}, {kind}, {one.evaluations} force evaluations {'an iteration' if one.implicit else 'a step'}"
+        )
+        click.echo(f"    update    {shortened(one.equations())}")
+        click.echo(f"    in words  {one.words}")
+        click.echo(
+            f"    estimate  {f'embedded formula of order {one.estimate_order}' if one.estimate else 'by step doubling'}"
+        )
+        click.echo(
+            f"    between   re-integration, order {one.order}; or {one.interpolation}, order {one.interpolation_order}"
+        )
+        click.echo(f"    stable    {', '.join(_limits(one))}")
+        click.echo(f"    refuses   {'; '.join(one.refuses) or 'nothing'}")
+        click.echo(f"    also      {', '.join(one.synonyms)}")
+        click.echo(f"    source    {one.reference}")
+
+
+@main.command()
+@click.argument("first", metavar="FIRST.nc")
+@click.argument("second", metavar="SECOND.nc")
+def compare(first: str, second: str) -> None:
+    """Compare two runs: settings, bits, states at common times."""
+    from xdynamics.archive import open_run
+    from xdynamics.evidence.comparison import compare as compared
+    from xdynamics.evidence.comparison import lines_of
+
+    table = compared(open_run(first), open_run(second))
+    say(lines_of(table))
+    sys.exit(DONE if table.attrs["identical"] else BADLY)
+
+
+def _limits(method: Method) -> Iterable[str]:
+    """Say how long a step may be, from the method's own lines."""
+    from xdynamics.stability import decay_limit, oscillator_limit
+
+    for limit, words in ((oscillator_limit(method), "oscillation, w*h"), (decay_limit(method), "decay, h/tau")):
+        if limit == limit:  # nan where the method refuses such forces
+            bound = "any" if limit == float("inf") else "none" if limit == 0 else f"up to {limit:.4g}"
+            yield f"{bound} ({words})"

@@ -1,0 +1,185 @@
+"""Verbs that march: run, extend, and what is done with segments of runs that were not finished."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xdynamics.cli.command import BADLY, DONE, main, progress, say
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@main.command()
+@click.argument("model_file", metavar="MODEL.toml")
+@click.option("-o", "--output", required=True, metavar="RUN.nc", help="The archive to write.")
+@click.option("--method", help="Name of a method; see `xdynamics methods`.")
+@click.option("--step", help="Step of the time grid, like '1 ms'; with a tolerance, the first step.")
+@click.option("--rtol", help="Relative tolerance, like 1e-8: steps are chosen by the error test.")
+@click.option(
+    "--atol",
+    "atols",
+    multiple=True,
+    metavar="[NAME=]VALUE",
+    help="Absolute tolerance: 1e-9 is in every variable's own unit, y='1 um' for one.",
+)
+@click.option("--estimator", help="embedded, step_doubling, step_doubling_extrapolated or none.")
+@click.option("--summation", help="compensated (default of symplectic methods) or plain.")
+@click.option("--jacobian", help="exact (default) or differences, of `radau_iia`.")
+@click.option("--min-step", help="Shortest step that control may take, like '1 ns'.")
+@click.option("--max-step", help="Longest step that control may take.")
+@click.option("--max-steps", help="Accepted and rejected steps after which the run ends.")
+@click.option("--until", help="End, like '5 s', unless an event stops the run before.")
+@click.option(
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Change a parameter or initial value; a bare number keeps its unit.",
+)
+@click.option(
+    "--force-samples", type=click.Choice(["all", "none"]), help="Record every force evaluation (default), or none."
+)
+@click.option(
+    "--scale",
+    "scales",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="March with a length, time or mass scale, like length='0.4 m'.",
+)
+@click.option("--node", "nodes", multiple=True, metavar="TIME", help="A time to land on, like '1 s'.")
+@click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
+@click.option(
+    "--tables",
+    type=click.Choice(["below", "anywhere"]),
+    default="below",
+    help="Where the model may take tables from: its own folder and below (default), or anywhere.",
+)
+def run(
+    model_file: str,
+    output: str,
+    method: str | None,
+    step: str | None,
+    rtol: str | None,
+    atols: tuple[str, ...],
+    estimator: str | None,
+    summation: str | None,
+    jacobian: str | None,
+    min_step: str | None,
+    max_step: str | None,
+    max_steps: str | None,
+    until: str | None,
+    changes: tuple[str, ...],
+    force_samples: str | None,
+    scales: tuple[str, ...],
+    nodes: tuple[str, ...],
+    resume: bool,
+    tables: str,
+) -> None:
+    """March a model file and archive the run.
+
+    What a long run has done is kept in segments beside the archive, until it is whole: --resume goes on from there.
+    """
+    from xdynamics.model import Model
+
+    model = Model.from_toml(model_file, tables=tables)
+    if changes:
+        model = model.replace(**_changed(model, _pairs(changes, "--set")))
+    asked: dict[str, Any] = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": _absolute(atols), "estimator": estimator,
+             "min_step": min_step, "max_step": max_step, "max_steps": max_steps, "force_samples": force_samples}  # fmt: skip
+    from xdynamics.simulation import simulate
+
+    asked |= {"scales": _pairs(scales, "--scale") or None, "nodes": list(nodes) or None}
+    asked |= {"summation": summation, "jacobian": jacobian}
+    with progress() as told:
+        finished = simulate(model, **asked, path=output, resume=resume, progress=told)
+    _close(finished, output)
+
+
+@main.command()
+@click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
+def discard(archives: tuple[str, ...]) -> None:
+    """Remove the segments of runs that were not finished; archives stay."""
+    from xdynamics.archive import discard as discarded
+
+    for archive in archives:
+        say([f"discarded {discarded(archive)} segments of {archive}"])
+
+
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+@click.option("--until", required=True, help="The new end, like '20 s'.")
+@click.option("-o", "--output", required=True, metavar="LONGER.nc", help="The archive to write.")
+@click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
+def extend(archive: str, until: str, output: str, resume: bool) -> None:
+    """Go on behind the end of a complete run, as if it had been asked for more at once."""
+    from xdynamics.extension import extend as extended
+
+    with progress() as told:
+        longer = extended(archive, until=until, path=output, resume=resume, progress=told)
+    _close(longer, output)
+
+
+def _close(finished: xr.Dataset, output: str) -> None:
+    """Say what became of a run, and end with the exit code of its outcome."""
+    from xdynamics.archive import has_segments
+    from xdynamics.march.outcomes import GOOD
+    from xdynamics.summary import summary
+
+    say([*summary(finished), f"archive   {finished.encoding['source']}"])
+    if has_segments(Path(output)):
+        say([f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`"])
+    sys.exit(DONE if finished.attrs["run_outcome"] in GOOD else BADLY)
+
+
+def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
+    from xdynamics.faults import InputError
+
+    pairs: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip() or not value.strip():
+            raise InputError(f"{option} {text!r} needs NAME=VALUE")
+        if name.strip() in pairs:
+            raise InputError(f"{option} sets {name.strip()!r} twice")
+        pairs[name.strip()] = value.strip()
+    return pairs
+
+
+def _absolute(texts: tuple[str, ...]) -> dict[str, Any] | None:
+    """Sort absolute tolerances: a bare number is for every variable that has none of its own."""
+    from xdynamics.faults import InputError
+
+    bare = [one for one in texts if "=" not in one]
+    if len(bare) > 1:
+        raise InputError(f"--atol is given {len(bare)} times without a name: {', '.join(bare)}")
+    named: dict[str, Any] = dict(_pairs(tuple(one for one in texts if "=" in one), "--atol"))
+    for text in bare:
+        try:
+            named[""] = float(text)
+        except ValueError:
+            raise InputError(f"--atol {text!r} needs a number, in every variable's own unit, or NAME=VALUE") from None
+    return named or None
+
+
+def _changed(model: Any, pairs: dict[str, str]) -> dict[str, dict[str, Any]]:
+    """Sort changes into sections; a bare number goes as a number, so that it keeps the unit there."""
+    from xdynamics.faults import InputError
+
+    sections: dict[str, dict[str, Any]] = {}
+    for name, text in pairs.items():
+        section = "parameters" if name in model.parameters else "initial" if name in model.initial else None
+        if section is None:
+            raise InputError(
+                f"--set {name}: no such parameter or initial value; there are {', '.join([*model.parameters, *model.initial])}"
+            )
+        try:
+            value: Any = float(text)
+        except ValueError:
+            value = text
+        sections.setdefault(section, {})[name] = value
+    return sections

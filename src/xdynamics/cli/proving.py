@@ -1,0 +1,74 @@
+"""Verbs that prove: verify, sign, reproduce."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from xdynamics.cli.command import BADLY, DONE, complain, main, say
+
+
+@main.command()
+@click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
+@click.option("--key", metavar="PUBLIC.pem", help="Verify that the owner of this key signed them, too.")
+def verify(archives: tuple[str, ...], key: str | None) -> None:
+    """Compare every digest of archives with their data, and with --key their signatures."""
+    from xdynamics.archive import open_run, signatures
+    from xdynamics.archive import verify as digest_of
+    from xdynamics.faults import ArchiveError
+    from xdynamics.record.kinds import said_of
+
+    damaged = False
+    for archive in archives:
+        try:
+            digest = signatures.verify_signature(archive, key) if key else digest_of(archive)
+            shown = f"signed, by '{key}'" if key else signatures.protection(Path(archive))
+            with open_run(archive, check=False) as run:
+                kind = said_of(run.attrs)
+            line = f"as written  {archive}  {digest}: {kind}" if kind else f"verified  {archive}  {digest}"
+            say([f"{line}  ({shown})"])
+        except ArchiveError as error:
+            complain(error)
+            damaged = True
+    sys.exit(BADLY if damaged else DONE)
+
+
+@main.command()
+@click.argument("archives", nargs=-1, metavar="RUN.nc…")
+@click.option("--key", metavar="KEY.pem", help="Your private Ed25519 key.")
+@click.option("--new-key", metavar="KEY.pem", help="Make a pair of keys first: KEY.pem and KEY.public.pem.")
+def sign(archives: tuple[str, ...], key: str | None, new_key: str | None) -> None:
+    """Sign archives: a file RUN.nc.sig beside each, for `verify --key PUBLIC.pem`."""
+    from xdynamics.archive import signatures
+    from xdynamics.faults import InputError
+
+    if (key is None) == (new_key is None) or not (archives or new_key):
+        raise InputError("sign needs archives and one of --key KEY.pem and --new-key KEY.pem; --new-key goes alone too")
+    if new_key:
+        say([f"new key   {new_key} (keep it to yourself), {signatures.new_key(new_key)} (give it to others)"])
+
+    def ask() -> str:
+        asked: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True) if sys.stdin.isatty() else ""
+        return asked
+
+    for archive in archives:
+        say([f"signed    {archive}  {signatures.sign(archive, key or str(new_key), passphrase=ask)}"])
+
+
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+def reproduce(archive: str) -> None:
+    """March an archive's model again and compare every bit."""
+    from xdynamics.simulation import reproduce as again
+
+    table = again(archive)
+    if table.attrs["identical"]:
+        part = f" in run {table.attrs['selection']} marched again" if table.attrs["selection"] else ""
+        say([f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same{part}"])
+        say([table.attrs["arithmetic"]] if table.attrs["arithmetic"] else [])
+        return
+    say([f"not the same: {table.attrs['arithmetic']}; the first is {table.attrs['first_difference']}"])
+    say(f"  {line}" for line in table.attrs["settings"].splitlines())
+    sys.exit(BADLY)
