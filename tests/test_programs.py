@@ -21,6 +21,8 @@ from xdynamics.kernels.program import AT, TABLE, WORDS, Compute, Load, Place, Pr
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.tables import flattened
 from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.summation import COMPENSATED, updates
+from xdynamics.methods.summation import PLAIN as PLAIN_SUMS
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.units import UNSCALED
 
@@ -51,9 +53,10 @@ def model_named(name: str) -> xd.Model:
 
 
 def law(name: str, method: object, *, sampled: bool = False) -> Law:
-    """The law of a model and a method."""
+    """The law of a model and a method, with the summation that it has unless another is asked for."""
     estimator = "embedded" if method.estimate else "none"
-    return law_of(layout_of(model_named(name), Scheme(method, estimator)), sampled=sampled)
+    summation = COMPENSATED if method.symplectic and updates(method) else PLAIN_SUMS
+    return law_of(layout_of(model_named(name), Scheme(method, estimator, summation=summation)), sampled=sampled)
 
 
 class Bench:
