@@ -130,3 +130,25 @@ def test_a_start_at_rest_finds_its_time_scale() -> None:
     """Assert a first step near those that follow, though the velocity's tolerance is far too small for it."""
     run = marched(spring("m", 1e6), rtol=1e-8, until=2e-5)
     assert run.step_size.values[1] > 1e-3 * run.step_size.values.max()
+
+
+def swing(rate: float, length: float) -> xd.Model:
+    """A pendulum of any length and time scale, by the arc it goes."""
+    return xd.Model(
+        name="swing", coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg", "k": f"{rate**2!r} N m-1", "L": f"{length!r} m"}, mass={"x": "m"},
+        forces={"gravity": {"x": "-k*L*sin(x/L)"}}, initial={"x": f"{length!r} m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("method", xd.METHODS)
+def test_every_method_is_blind_to_units(method: str) -> None:
+    """Assert the same bits of a motion of nanometres in microseconds, and of gigametres in megaseconds, by powers of two."""
+    found = set()
+    for rate, length in ((1.0, 1.0), (2.0**20, 2.0**-30), (2.0**-20, 2.0**30)):
+        asked = {"method": method, "until": 3.0 / rate, "force_samples": "none"}
+        tolerances = {"rtol": 1e-4, "atol": {"x": 1e-4 * length, "v_x": 1e-4 * length * rate}}
+        fixed = xd.simulate(swing(rate, length), step=2.0**-6 / rate, **asked)
+        chosen = xd.simulate(swing(rate, length), **tolerances, **asked)
+        found.add(((fixed.x.values / length).tobytes(), (chosen.x.values / length).tobytes()))
+    assert len(found) == 1
