@@ -153,7 +153,9 @@ def test_a_cache_that_cannot_be_written(kept: tuple[Path, str], tmp_path: Path) 
         f"xdynamics: compiled code cannot be kept in '{tmp_path / 'cache'}' (File exists), so every process compiles it"
         " again; set XDYNAMICS_CACHE to a folder that can be written and has room"
     )
-    assert sorted(said.splitlines()) == [advice, "xdynamics: compiling the engine: about 10 s"]
+    slow = "xdynamics: compiling the model and its method"  # said where that lasts longer than a second
+    lines = [line for line in said.splitlines() if not line.startswith(slow)]
+    assert sorted(lines) == [advice, "xdynamics: compiling the engine: about 10 s"]
     assert [one.name for one in tmp_path.iterdir()] == ["cache"]
 
 

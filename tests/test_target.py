@@ -179,7 +179,10 @@ def test_an_interrupted_stream_stands_beside(run: xr.Dataset, tmp_path: Path) ->
             progress=lambda *_: signal.raise_signal(signal.SIGINT),
         )  # fmt: skip
     assert found.attrs["run_outcome"] == "interrupted"
-    assert (xd.verify(path), names(tmp_path)) == (xd.content_digest(run), ["run.nc", "run.partial.nc"])
+    assert (xd.verify(path), names(tmp_path)) == (
+        xd.content_digest(run),
+        [".run.nc.segments", "run.nc", "run.partial.nc"],
+    )
 
 
 @pytest.mark.filterwarnings("always::xdynamics.faults.PartialRunWarning")
@@ -264,7 +267,7 @@ def test_sigterm_ends_the_command_cleanly(run: xr.Dataset, tmp_path: Path, *, co
     assert said.endswith("xdynamics: terminated\n")
     partial = tmp_path / ("run.partial.nc" if complete else "run.nc")
     assert xd.open_run(partial).attrs["run_outcome"] == "interrupted"
-    assert names(tmp_path) == sorted({"run.nc", partial.name})
+    assert names(tmp_path) == sorted({".run.nc.segments", "run.nc", partial.name})
 
 
 NAMES = [" run.nc", "run.nc ", "new\nline.nc", os.fsdecode(b"caf\xe9.nc"), "Grüße.nc", "http:", "a#mode=zarr", "n" * 252 + ".nc"]  # fmt: skip
