@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -176,17 +179,22 @@ def nothing(*_arrays: NDArray[np.float64]) -> None:
     """A program that computes nothing."""
 
 
-def dropped(stops: int = 0) -> Run:
+def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: float = 1e-12) -> Run:
     """A mass that falls from 1 m: it passes zero at t = 1 s, after one step of 0.75 s and in the next."""
+
+    def watched(*arrays: NDArray[np.float64]) -> None:
+        height(*arrays)
+        arrays[5][0] = seen(arrays[5][0])
+
     detectors = np.zeros(1, DETECTOR)
-    detectors[0].direction, detectors[0].tolerance, detectors[0].stops = -1, 1e-12, stops
+    detectors[0].direction, detectors[0].tolerance, detectors[0].stops = -1, tolerance, stops
     arrays = dict.fromkeys(("g", "g1", "located_g", "lows", "slopes"))
-    law = law_of(nothing, height, nothing, kept, nothing, falling)
+    law = law_of(nothing, watched, nothing, kept, nothing, falling)
     run = made_by_hand(
         y=np.array([1.0, 0.0, -2.0]), law=law, detectors=detectors, log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
         log_events=np.zeros(5, EVENT_ROW), **{name: np.zeros(1) for name in arrays},
     )  # fmt: skip
-    run.plan[0].step_size, run.plan[0].stages, run.g[0] = 0.75, 1, 1.0
+    run.plan[0].step_size, run.plan[0].stages, run.g[0] = 0.75, 1, seen(1.0)
     return run
 
 
@@ -213,16 +221,78 @@ def test_locate_ends_the_trial_behind_the_event() -> None:
     assert run.z[0] == 1.0 - h * h
 
 
+def itp(g: Callable[[float], float], high: float, tolerance: float) -> Iterator[float]:
+    """Oliveira and Takahashi 2021, algorithm 1, in their symbols: kappa_1 = 0.2/(b - a), kappa_2 = 2, n_0 = 1."""
+    a, b, g_a, g_b, kappa = 0.0, high, g(0.0), g(high), 0.2 / high
+    most = math.ceil(math.log2(high / tolerance)) + 1
+    for j in range(most + 1):
+        if b - a <= tolerance:
+            break
+        half = (a + b) / 2
+        r, delta = tolerance / 2 * 2.0 ** (most - j) - (b - a) / 2, kappa * (b - a) ** 2
+        x_f = (g_b * a - g_a * b) / (g_b - g_a)
+        sigma = math.copysign(1.0, half - x_f)
+        x_t = x_f + sigma * delta if delta <= abs(half - x_f) else half
+        x = x_t if abs(x_t - half) <= r else half - sigma * r
+        yield x
+        if g(x) > 0:
+            a, g_a = x, g(x)
+        else:
+            b, g_b = x, g(x)
+
+
+@pytest.mark.parametrize(
+    "seen", [float, lambda x: x**3, lambda x: math.copysign(1.0, x), lambda x: x if x > 0 else 1e-6 * x, math.atan],
+    ids=["smooth", "flat", "jump", "lopsided", "bent"],
+)  # fmt: skip
+def test_substeps_are_those_of_the_paper(seen: Callable[[float], float]) -> None:
+    """Assert the points at which ITP looks, one after the other, for event functions of several shapes."""
+    run = dropped(seen=seen, tolerance=1e-6)
+    plain(proposing.propose)(run, 1.5, 1.5)
+    plain(events.locate)(run)
+    wanted = list(itp(lambda h: seen(1 - h * h), 1.5, 1e-6))
+    assert run.log_trials["step_size"][: run.now[0].trials] == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("t", "tolerance"), [(0.0, 1.5 / 1024), (0.0, 0.0), (-1.0, 0.0), (1e6, 1e-15), (-1e6, 1e-15), (1e6, 1.5 / 64)]
+)
+def test_no_bracket_is_narrower_than_t_can_be_told(t: float, tolerance: float) -> None:
+    """Assert that a jump is halved to its tolerance, or to twice the rounding of t, and no more often."""
+    run = dropped(seen=lambda x: math.copysign(1.0, x), tolerance=tolerance)
+    run.now[0].t = t
+    plain(proposing.propose)(run, t + 1.5, 1.5)
+    plain(events.locate)(run)
+    floor = 2 * np.finfo(float).eps * max(abs(t), abs(t + 1.5))
+    assert run.now[0].trials == math.ceil(math.log2(1.5 / max(tolerance, floor)))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_point_on_an_end_of_the_bracket_is_moved_inside(side: int) -> None:
+    """Assert that a bracket closes where one end is so near to zero that interpolation comes back to it."""
+    run = dropped(seen=lambda x: x * 1e-30 if x * side > 0 else x)
+    plain(proposing.propose)(run, 1.5, 1.5)
+    plain(events.locate)(run)
+    assert 0 < run.trial[0].h - run.lows[0] <= 1e-12
+    assert run.now[0].trials <= 41 + 1 + 1  # halvings, what the method adds, the point that was moved
+
+
 def test_the_located_trial_comes_back_whole() -> None:
     """Assert that every number of a trial is kept and taken back, whether it was sound among them."""
     run = dropped()
+    run.put(samples=np.zeros(3), located_samples=np.zeros(3))
     for i, name in enumerate(TRIAL.names, start=1):
         run.trial[name] = i
-    before = run.trial.tobytes()
+    arrays = [run.z, run.e, run.g1, run.samples]
+    for one in arrays:
+        one[:] = np.arange(1.0, len(one) + 1)
+    before = [one.tobytes() for one in (run.trial, *arrays)]
     plain(events.keep)(run)
     run.trial[:] = np.zeros(1, TRIAL)
+    for one in arrays:
+        one[:] = 0.0
     plain(events.take)(run)
-    assert run.trial.tobytes() == before
+    assert [one.tobytes() for one in (run.trial, *arrays)] == before
 
 
 @pytest.mark.parametrize("stops", [0, 1])
