@@ -39,9 +39,14 @@ PATIENCE = 5.0  # times what the tests take on the source as it is
 EVENTS = "event and not outside or root or stop_at or bracket"
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
 TOUCHED = {
-    "model/drives.py": ("test_splines.py", "test_march.py -k drive", "test_model.py -k not (python_force or cannot_be_marched)"),
+    "model/drives.py": (
+        "test_drives.py",
+        "test_splines.py",
+        "test_march.py -k drive",
+        "test_model.py -k not (python_force or cannot_be_marched)",
+    ),
     "march/events.py": ("test_phases.py", f"test_march.py -k {EVENTS}"),
-    "march/control.py": ("test_phases.py", f"test_control.py -k {CONTROL}"),
+    "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
 }
 PLAIN = ("march/", "kernels/")  # rooms that numba compiles
 
@@ -106,29 +111,41 @@ def variants(node: Any) -> Iterator[ast.AST]:
                     yield ast.Compare(left, [*ops[:i], other(), *ops[i + 1 :]], comparators)
         case ast.BinOp(left, op, right) if type(op) in REACHED:
             yield ast.BinOp(left, REACHED[type(op)](), right)
-        case ast.AugAssign(target, op, value) if type(op) in REACHED:
-            yield ast.AugAssign(target, REACHED[type(op)](), value)
-            yield ast.Pass()
         case ast.BoolOp(op, values):
             yield ast.BoolOp(ast.Or() if isinstance(op, ast.And) else ast.And(), values)
         case ast.UnaryOp(ast.Not() | ast.USub(), operand):
             yield operand
-        case ast.Constant(bool() as value):
-            yield ast.Constant(not value)
-        case ast.Constant(int() | float() as value):
-            yield ast.Constant(type(value)({0: 1, 1: 0}.get(value, 2 * value)))
-        case ast.Constant(str() as value) if value in NAMES:
-            yield ast.Constant(NAMES[value])
+        case ast.IfExp(test, body, orelse):
+            yield ast.IfExp(test, orelse, body)
+        case ast.Constant(value) if (other := other_value(value)) is not None:
+            yield ast.Constant(other)
         case ast.Name(name) if name in NAMES:
             yield ast.Name(NAMES[name], node.ctx)
         case ast.Attribute(of, name) if name in NAMES:
             yield ast.Attribute(of, NAMES[name], node.ctx)
-        case ast.IfExp(test, body, orelse):
-            yield ast.IfExp(test, orelse, body)
+        case ast.stmt():
+            yield from statements(node)
+
+
+def other_value(value: Any) -> Any:
+    """Return another value of a constant; none of a text that is no word of an interface."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return type(value)({0: 1, 1: 0}.get(value, 2 * value))
+    return NAMES.get(value) if isinstance(value, str) else None
+
+
+def statements(node: ast.stmt) -> Iterator[ast.stmt]:
+    """Yield what a statement may wrongly be: nothing, most of the time."""
+    match node:
         case ast.If(ast.Name() | ast.Call() | ast.Attribute() as test, body, orelse):
             yield ast.If(ast.UnaryOp(ast.Not(), test), body, orelse)
         case ast.Return(ast.AST() as value) if ast.unparse(value) != "None":
             yield ast.Return(ast.Constant(None))
+        case ast.AugAssign(target, op, value) if type(op) in REACHED:
+            yield ast.AugAssign(target, REACHED[type(op)](), value)
+            yield ast.Pass()
         case ast.Raise() | ast.Break() | ast.Continue() | ast.Assign([ast.Attribute() | ast.Subscript(), *_]):
             yield ast.Pass()
         case ast.Expr(value) if not isinstance(value, ast.Constant):
@@ -170,7 +187,16 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         for one in tests:
             name, *choice = one.split(" ", 2)
-            asked = [str(HERE / name), *choice, "-x", "-q", "-p", "no:cacheprovider", AGAIN, f"--basetemp={folder}/{name}"]
+            asked = [
+                str(HERE / name),
+                *choice,
+                "-x",
+                "-q",
+                "-p",
+                "no:cacheprovider",
+                AGAIN,
+                f"--basetemp={folder}/{name}",
+            ]
             if ended := int(pytest.main(asked)):
                 return ended
     return 0

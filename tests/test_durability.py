@@ -19,7 +19,9 @@ def test_a_file_reaches_the_disk_before_it_takes_its_name(
     """Assert that the whole file is synced, then renamed, and then the folder is synced that holds the name."""
     done: list[Any] = []
     sync, rename = os.fsync, os.replace
-    monkeypatch.setattr(os, "fsync", lambda one: (done.append((os.fstat(one).st_ino, os.fstat(one).st_size)), sync(one)))
+    monkeypatch.setattr(
+        os, "fsync", lambda one: (done.append((os.fstat(one).st_ino, os.fstat(one).st_size)), sync(one))
+    )
     monkeypatch.setattr(os, "replace", lambda *names: (rename(*names), done.append(Path(names[1]))))
     path = tmp_path / "run.nc"
     if way == "save":
