@@ -174,19 +174,19 @@ def test_a_rejected_step_keeps_to_the_shortest() -> None:
 
 
 def spring(*arrays: NDArray[np.float64]) -> None:
-    """Forces of x'' = -4 x."""
-    arrays[5][2], arrays[0][UNSOUND] = -4.0 * arrays[1][0], 0.0
+    """Forces of x'' = p - 4 x."""
+    arrays[5][2], arrays[0][UNSOUND] = arrays[2][0] - 4.0 * arrays[1][0], 0.0
 
 
 def by_the_book(y: list[float], rtol: float, atol: list[float], k: float, room: float, span: float) -> float:
-    """Hairer, Norsett, Wanner I, II.4, (a) to (f), for x'' = -4 x and in a unit of time of the problem's own."""
+    """Hairer, Norsett, Wanner I, II.4, (a) to (f), for x'' = p - 4 x and in a unit of time of the problem's own."""
     scale = np.array(atol) + rtol * np.abs(y[:2])
-    now = np.array([y[1], -4.0 * y[0]])
+    now = np.array([y[1], y[2]])
     size, slope = np.max(np.abs(y[:2]) / scale) or 1.0, np.max(np.abs(now) / scale)
     unit = size / slope if slope else 1e-4 * span
     guess = min(0.01 * unit, room)
     moved = np.array(y[:2]) + guess * now
-    curvature = np.max(np.abs(np.array([moved[1], -4.0 * moved[0]]) - now) / scale) / guess
+    curvature = np.max(np.abs(np.array([moved[1], y[2] - 4.0 * (moved[0] - y[0])]) - now) / scale) / guess
     unit = max(unit, math.sqrt(size / curvature)) if curvature else unit
     steepest = max(slope * unit, curvature * unit**2)
     return min(unit, unit * (0.01 / steepest) ** (1 / k)) if steepest else guess
@@ -196,6 +196,7 @@ def by_the_book(y: list[float], rtol: float, atol: list[float], k: float, room: 
     ("y", "atol", "room"),
     [
         ([1.0, 0.0], [1e-8, 1e-8], 10.0),
+        ([0.0, 0.0, 9.0], [1e-8, 1e-8], 10.0),
         ([0.0, 1.0], [1e-8, 1e-8], 10.0),
         ([-1.0, 3.0], [1e-3, 1e-9], 10.0),
         ([2.0, -1e-3], [1e-9, 1e-3], 10.0),
@@ -207,10 +208,11 @@ def by_the_book(y: list[float], rtol: float, atol: list[float], k: float, room: 
 @pytest.mark.parametrize("t", [0.0, 2.0])
 def test_the_first_step_is_by_the_book(y: list[float], atol: list[float], room: float, t: float) -> None:
     """Assert the rule, the probe that it costs, and that the probe keeps before the next node."""
-    y = [*y, -4.0 * y[0]]
+    y = [*y, -4.0 * y[0]][:3]
     nodes = np.array([t + room]) if room < 10 else np.zeros(0)
     law = law_of(spring, *[kept] * 5)
-    run = made_by_hand(law=law, y=np.array(y), atol=np.array(atol), nodes=nodes)
+    push = np.array([y[2] + 4.0 * y[0]])
+    run = made_by_hand(law=law, y=np.array(y), p=push, atol=np.array(atol), nodes=nodes)
     plan = run.plan[0]
     plan.rtol, plan.order, plan.max_step, run.now[0].t, plan.end = 1e-6, K, 10.0, t, t + 10.0
     wanted = by_the_book(y, 1e-6, atol, K, room, 10.0)
@@ -221,7 +223,9 @@ def test_the_first_step_is_by_the_book(y: list[float], atol: list[float], room: 
 def test_the_first_step_keeps_to_its_limits() -> None:
     """Assert that neither probe nor step is longer than asked for, nor the step shorter."""
     for longest, shortest, found in ((1e-4, 0.0, 1e-4), (10.0, 1.0, 1.0)):
-        run = made_by_hand(law=law_of(spring, *[kept] * 5), y=np.array([1.0, 0.0, -4.0]), atol=np.full(2, 1e-8))
+        run = made_by_hand(
+            law=law_of(spring, *[kept] * 5), y=np.array([1.0, 0.0, -4.0]), atol=np.full(2, 1e-8), p=np.zeros(1)
+        )
         plan = run.plan[0]
         plan.rtol, plan.order, plan.max_step, plan.min_step = 1e-6, K, longest, shortest
         assert plain(control.first_step)(run) == found

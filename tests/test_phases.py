@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plain import kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
 from xdynamics.march import control, events, loop, proposing
+from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, Run
 from xdynamics.schema import (
@@ -245,12 +246,13 @@ def itp(g: Callable[[float], float], high: float, tolerance: float) -> Iterator[
     "seen", [float, lambda x: x**3, lambda x: math.copysign(1.0, x), lambda x: x if x > 0 else 1e-6 * x, math.atan],
     ids=["smooth", "flat", "jump", "lopsided", "bent"],
 )  # fmt: skip
-def test_substeps_are_those_of_the_paper(seen: Callable[[float], float]) -> None:
+@pytest.mark.parametrize("tolerance", [1e-6, 1.5 / 1024])
+def test_substeps_are_those_of_the_paper(seen: Callable[[float], float], tolerance: float) -> None:
     """Assert the points at which ITP looks, one after the other, for event functions of several shapes."""
-    run = dropped(seen=seen, tolerance=1e-6)
+    run = dropped(seen=seen, tolerance=tolerance)
     plain(proposing.propose)(run, 1.5, 1.5)
     plain(events.locate)(run)
-    wanted = list(itp(lambda h: seen(1 - h * h), 1.5, 1e-6))
+    wanted = list(itp(lambda h: seen(1 - h * h), 1.5, tolerance))
     assert run.log_trials["step_size"][: run.now[0].trials] == pytest.approx(wanted, rel=1e-12)
 
 
@@ -275,6 +277,70 @@ def test_a_point_on_an_end_of_the_bracket_is_moved_inside(side: int) -> None:
     plain(events.locate)(run)
     assert 0 < run.trial[0].h - run.lows[0] <= 1e-12
     assert run.now[0].trials <= 41 + 1 + 1  # halvings, what the method adds, the point that was moved
+
+
+def bracketed(monkeypatch: pytest.MonkeyPatch, h: float, root: float, tolerance: float, **instead: object) -> Run:
+    """Bracket one event of a step, a part of the search replaced."""
+    run = dropped(seen=lambda x: x - (1 - root * root), tolerance=tolerance)
+    for name, function in instead.items():
+        monkeypatch.setitem(plain(events.bracket).__globals__, name, function)
+    plain(proposing.propose)(run, h, h)
+    plain(events.locate)(run)
+    return run
+
+
+@pytest.mark.parametrize(
+    ("end", "h", "root", "wanted"),
+    [
+        (0, 1.5, 1.0, [k / 8 for k in range(1, 9)]),
+        (0, 1.0625, 1.0, [*(k / 8 for k in range(1, 8)), 0.96875]),
+        (1, 1.5, 1.0, [1.375, 1.25, 1.125, 1.0, 0.875]),
+        (1, 0.1875, 0.0625, [0.09375]),
+    ],
+)
+def test_a_point_on_an_end_is_probed_a_tolerance_inside(
+    monkeypatch: pytest.MonkeyPatch, end: int, h: float, root: float, wanted: list[float]
+) -> None:
+    """Assert where the search looks if interpolation gives nothing but an end: a tolerance from it, or in the middle."""
+    run = bracketed(monkeypatch, h, root, 0.125, itp=lambda *bracket: bracket[end])
+    assert run.log_trials["step_size"][: run.now[0].trials].tolist() == wanted
+
+
+def test_a_search_that_comes_to_nothing_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that no more substeps are made than the log has room for, and none at a point that is no number."""
+    endless = bracketed(monkeypatch, 1.5, 1.0, 1e-9, itp=lambda *bracket: bracket[0])
+    assert endless.now[0].trials == MOST_SUBSTEPS - 1
+    assert bracketed(monkeypatch, 1.5, 1.0, 1e-9, itp=lambda *_: math.nan).now[0].trials == 0
+
+
+def test_a_substep_that_was_not_solved_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that the bracket stays as wide as it is where equations were not solved."""
+
+    def unsolved(run: Run, _t: float, _h: float) -> None:
+        run.trial[0].iterations, run.g1[0] = -1, -1.0
+
+    run = bracketed(monkeypatch, 1.5, 1.0, 1e-9, propose_apart=unsolved)
+    assert (run.now[0].trials, run.lows[0], run.trial[0].h) == (1, 0.0, 1.5)
+
+
+def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
+    """Assert the bracket of an event that has crossed where an other one ends the step, and not at its end."""
+    run = dropped()
+    detectors = np.zeros(2, DETECTOR)
+    detectors["tolerance"] = 1e-9
+
+    def both(*arrays: NDArray[np.float64]) -> None:
+        h = math.sqrt(max(0.0, 1 - arrays[1][0]))
+        arrays[5][:2], arrays[0][UNSOUND] = [(h - 0.25) * (h - 1.25), 0.5 - h], 0.0
+
+    arrays = {name: np.zeros(2) for name in ("g1", "located_g", "slopes")}
+    run.put(law=law_of(nothing, both, nothing, kept, nothing, falling), detectors=detectors, g=np.array([0.3125, 0.5]),
+            lows=np.full(2, 0.375), **arrays)  # fmt: skip
+    plain(proposing.propose)(run, 1.5, 1.5)
+    plain(events.locate)(run)
+    assert run.trial[0].h == pytest.approx(0.5, abs=1e-9)
+    assert run.lows[0] == 0.0
+    assert 0.0 < run.trial[0].h - run.lows[1] <= 1e-9
 
 
 def test_the_located_trial_comes_back_whole() -> None:
