@@ -38,6 +38,7 @@ PATIENCE = 5.0  # times what the tests take on the source as it is
 # the tests that touch a file, the quickest first; each may be followed by a choice, as for -k
 EVENTS = "event and not outside or root or stop_at or bracket"
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
+ARCHIVE = "opened_equals or damage or changed or unsealed or flipped or foreign or is_no"
 TOUCHED = {
     "model/drives.py": (
         "test_drives.py",
@@ -47,6 +48,35 @@ TOUCHED = {
     ),
     "march/events.py": ("test_phases.py", f"test_march.py -k {EVENTS}"),
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
+    "evidence/sampling.py": ("test_sampling.py -k not (radau or archive or threads)",),
+    "record/columns.py": ("test_record.py", "test_scales.py", f"test_march.py -k {EVENTS}"),
+    "record/dataset.py": ("test_record.py", "test_sampling.py -k named", "test_march.py -k blocks"),
+    "record/kinds.py": ("test_identity.py",),
+    "record/provenance.py": (
+        "test_record.py",
+        "test_scales.py",
+        f"test_control.py -k {CONTROL}",
+        "test_golden.py -k reproduced",
+    ),
+    "archive/seals.py": (
+        "test_seals.py",
+        "test_tail.py -k hurt or cut_seal or behind",
+        f"test_archive.py -k {ARCHIVE}",
+    ),
+    "archive/origin.py": ("test_identity.py",),
+    "archive/standing.py": ("test_identity.py",),
+    "archive/target.py": ("test_durability.py", "test_target.py -k not interrupt and not sigterm and not command"),
+    "archive/reading.py": (
+        f"test_archive.py -k {ARCHIVE}",
+        "test_identity.py -k derived or forged",
+        "test_tail.py -k hurt or added",
+    ),
+    "archive/writer.py": ("test_durability.py", f"test_archive.py -k {ARCHIVE} or dask"),
+    "archive/writing.py": (
+        "test_durability.py",
+        f"test_archive.py -k {ARCHIVE} or dask",
+        "test_identity.py -k derived or selection",
+    ),
 }
 PLAIN = ("march/", "kernels/")  # rooms that numba compiles
 
