@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from xdynamics.archive import seals
 from xdynamics.archive.origin import digest_of
 from xdynamics.archive.seals import content_digest
+from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
 
 NUMBERS = np.arange(6.0).reshape(2, 3)
 SAME = digest_of("a", xr.Variable(("n", "m"), NUMBERS))
@@ -64,3 +66,36 @@ def test_a_digest_of_a_text_is_of_its_letters() -> None:
     text = digest_of("a", xr.Variable((), np.array("kräftig")))
     assert text != digest_of("a", xr.Variable((), np.array("kraftig")))
     assert text == digest_of("a", xr.Variable((), np.array("kräftig", dtype=object)))
+
+
+class Stored:
+    """A variable of a file, as the library shows it, of which every reading is noted."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self.values, self.read, self.name, self.dimensions = values, [], "a", ("step", "m")[: values.ndim]
+        self.shape, self.dtype = values.shape, values.dtype
+
+    def set_auto_chartostring(self, _: object) -> None:
+        """Numbers are no text."""
+
+    def __getitem__(self, part: slice) -> np.ndarray:
+        self.read.append(len(range(*part.indices(len(self.values)))))
+        return self.values[part]
+
+
+@pytest.mark.parametrize("shape", [(3_000_000,), (5, 2_000_000), (0,)])
+def test_a_variable_of_a_file_is_read_in_parts(shape: tuple[int, ...]) -> None:
+    """Assert that at most 32 MiB are read at once, or one row, and that the digest is that of the whole."""
+    stored = Stored(np.zeros(shape))
+    assert seals.stored_digest(stored) == digest_of("a", xr.Variable(stored.dimensions, stored.values))
+    row = stored.values.itemsize * int(np.prod(shape[1:]))
+    assert sum(stored.read) == shape[0]
+    assert max(stored.read) * row <= 1 << 25
+    assert len(stored.read) == max(1, -(-shape[0] // min(8 * seals.CHUNKS[STEPS], (1 << 25) // row)))
+
+
+def test_chunks_are_a_megabyte_at_most() -> None:
+    """Assert that a chunk of what grows by steps is 1 MiB of floats, and of what is rare a few pages."""
+    pages = {dim: seals.CHUNKS[dim] * 8 / 4096 for dim in (STEPS, SAMPLES, TRIALS, EVENTS)}
+    assert pages == {STEPS: 256, SAMPLES: 256, TRIALS: 8, EVENTS: 1}
+    assert seals.OTHER_CHUNK * 8 / 4096 == 8
