@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -99,3 +102,27 @@ def test_chunks_are_a_megabyte_at_most() -> None:
     pages = {dim: seals.CHUNKS[dim] * 8 / 4096 for dim in (STEPS, SAMPLES, TRIALS, EVENTS)}
     assert pages == {STEPS: 256, SAMPLES: 256, TRIALS: 8, EVENTS: 1}
     assert seals.OTHER_CHUNK * 8 / 4096 == 8
+
+
+def test_rows_are_hashed_and_written_in_slabs() -> None:
+    """Assert that eight chunks at most are computed at once."""
+    rows = [len(part) for part in seals.slabs(xr.Variable((STEPS,), np.zeros(2_500_000)))]
+    assert rows == [1_048_576, 1_048_576, 402_848]
+
+
+def test_a_seal_is_of_every_part_of_a_file(tmp_path: Path) -> None:
+    """Assert the digest of the digests of 4 MiB each, and that a flipped bit is found in any of them."""
+    whole, path = np.random.default_rng(1).bytes(9 << 20), tmp_path / "file"
+    path.write_bytes(whole)
+    parts = [hashlib.sha256(whole[start : start + (4 << 20)]).digest() for start in (0, 4 << 20, 8 << 20)]
+    assert seals.seal_file(path) == hashlib.sha256(b"".join(parts)).hexdigest()
+    assert seals.seal_holds(path)
+    for place in (0, 5 << 20, (9 << 20) - 1):
+        with path.open("r+b") as file:
+            file.seek(place)
+            file.write(bytes([whole[place] ^ 1]))
+        assert seals.seal_holds(path) is False
+        with path.open("r+b") as file:
+            file.seek(place)
+            file.write(whole[place : place + 1])
+    assert seals.seal_holds(path)
