@@ -53,9 +53,9 @@ TOUCHED = {
     "record/dataset.py": ("test_record.py", "test_sampling.py -k named", "test_march.py -k blocks"),
     "record/kinds.py": ("test_identity.py",),
     "record/provenance.py": (
+        "test_provenance.py",
         "test_record.py",
-        "test_scales.py",
-        f"test_control.py -k {CONTROL}",
+        "test_sampling.py -k rules",
         "test_golden.py -k reproduced",
     ),
     "archive/seals.py": (
