@@ -2,7 +2,7 @@
 
     python tests/mutation.py                                      all that is listed in TOUCHED
     python tests/mutation.py model/drives.py --most 50 --seed 1   a sample of one file
-    python tests/mutation.py march/events.py --line 38            all mutants of one line
+    python tests/mutation.py march/events.py --lines 38 40        all mutants of some lines
 
 A mutant is compiled in memory and takes the place of its module in a forked process: no file is ever changed, and the
 libraries are imported once. Tests that start processes of their own do not see it. What is compiled by numba runs as
@@ -232,14 +232,14 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
     return 0
 
 
-def survey(name: str, most: int, seed: int, line: int) -> None:
+def survey(name: str, most: int, seed: int, lines: list[int]) -> None:
     """Try a sample of a file's mutants, and tell what became of each."""
     module, tests = f"xdynamics.{name[:-3].replace('/', '.')}", TOUCHED[name]
     before = time.monotonic()
     if not passed(module, None, tests, 600.0):
         raise SystemExit(f"{name}: its tests fail without a mutant: {', '.join(tests)}")
     timeout = max(10.0, PATIENCE * (time.monotonic() - before))
-    known = [one for one in mutants(SOURCE / name) if line in (0, one.line)]
+    known = [one for one in mutants(SOURCE / name) if not lines or one.line in lines]
     tried = sorted(random.Random(seed).sample(range(len(known)), min(most, len(known))))
     survivors = 0
     for one in (known[i] for i in tried):
@@ -256,13 +256,13 @@ def main() -> None:
     parser.add_argument("files", nargs="*", default=list(TOUCHED), help="below src/xdynamics")
     parser.add_argument("--most", type=int, default=60, help="mutants of a file, drawn at random")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--line", type=int, default=0)
+    parser.add_argument("--lines", type=int, nargs="*", default=[], help="all mutants of these")
     given = parser.parse_args()
     sys.path.insert(0, str(SOURCE.parent))
     for name in IMPORTED:
         import_module(name)
     for name in given.files:
-        survey(name, given.most, given.seed, given.line)
+        survey(name, given.most, given.seed, given.lines)
 
 
 if __name__ == "__main__":
