@@ -285,7 +285,9 @@ def bracketed(monkeypatch: pytest.MonkeyPatch, h: float, root: float, tolerance:
     for name, function in instead.items():
         monkeypatch.setitem(plain(events.bracket).__globals__, name, function)
     plain(proposing.propose)(run, h, h)
-    plain(events.locate)(run)
+    plain(events.keep)(run)
+    plain(events.bracket)(run, 0)
+    plain(events.take)(run)
     return run
 
 
