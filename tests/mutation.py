@@ -50,7 +50,7 @@ TOUCHED = {
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
     "evidence/sampling.py": ("test_sampling.py -k not (radau or archive)",),
     "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py", f"test_march.py -k {EVENTS}"),
-    "record/dataset.py": ("test_record.py", "test_sampling.py -k named", "test_march.py -k blocks"),
+    "record/dataset.py": ("test_record.py", "test_reading.py", "test_sampling.py -k named", "test_march.py -k blocks"),
     "record/kinds.py": ("test_identity.py",),
     "record/provenance.py": (
         "test_provenance.py",
@@ -67,9 +67,9 @@ TOUCHED = {
     "archive/standing.py": ("test_identity.py",),
     "archive/target.py": ("test_durability.py", "test_target.py -k not interrupt and not sigterm and not command"),
     "archive/reading.py": (
-        f"test_archive.py -k {ARCHIVE}",
+        "test_reading.py",
+        f"test_archive.py -k {ARCHIVE} or all",
         "test_identity.py -k derived or forged",
-        "test_tail.py -k hurt or added",
     ),
     "archive/writer.py": ("test_durability.py", f"test_archive.py -k {ARCHIVE} or dask"),
     "archive/writing.py": (
