@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,6 +12,7 @@ from numpy.typing import NDArray
 from plain import kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
 from xdynamics.march import control, events, loop, proposing
+from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, Run
 from xdynamics.schema import (
@@ -176,17 +180,22 @@ def nothing(*_arrays: NDArray[np.float64]) -> None:
     """A program that computes nothing."""
 
 
-def dropped(stops: int = 0) -> Run:
+def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: float = 1e-12) -> Run:
     """A mass that falls from 1 m: it passes zero at t = 1 s, after one step of 0.75 s and in the next."""
+
+    def watched(*arrays: NDArray[np.float64]) -> None:
+        height(*arrays)
+        arrays[5][0] = seen(arrays[5][0])
+
     detectors = np.zeros(1, DETECTOR)
-    detectors[0].direction, detectors[0].tolerance, detectors[0].stops = -1, 1e-12, stops
+    detectors[0].direction, detectors[0].tolerance, detectors[0].stops = -1, tolerance, stops
     arrays = dict.fromkeys(("g", "g1", "located_g", "lows", "slopes"))
-    law = law_of(nothing, height, nothing, kept, nothing, falling)
+    law = law_of(nothing, watched, nothing, kept, nothing, falling)
     run = made_by_hand(
         y=np.array([1.0, 0.0, -2.0]), law=law, detectors=detectors, log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
         log_events=np.zeros(5, EVENT_ROW), **{name: np.zeros(1) for name in arrays},
     )  # fmt: skip
-    run.plan[0].step_size, run.plan[0].stages, run.g[0] = 0.75, 1, 1.0
+    run.plan[0].step_size, run.plan[0].stages, run.g[0] = 0.75, 1, seen(1.0)
     return run
 
 
@@ -213,16 +222,145 @@ def test_locate_ends_the_trial_behind_the_event() -> None:
     assert run.z[0] == 1.0 - h * h
 
 
+def itp(g: Callable[[float], float], high: float, tolerance: float) -> Iterator[float]:
+    """Oliveira and Takahashi 2021, algorithm 1, in their symbols: kappa_1 = 0.2/(b - a), kappa_2 = 2, n_0 = 1."""
+    a, b, g_a, g_b, kappa = 0.0, high, g(0.0), g(high), 0.2 / high
+    most = math.ceil(math.log2(high / tolerance)) + 1
+    for j in range(most + 1):
+        if b - a <= tolerance:
+            break
+        half = (a + b) / 2
+        r, delta = tolerance / 2 * 2.0 ** (most - j) - (b - a) / 2, kappa * (b - a) ** 2
+        x_f = (g_b * a - g_a * b) / (g_b - g_a)
+        sigma = math.copysign(1.0, half - x_f)
+        x_t = x_f + sigma * delta if delta <= abs(half - x_f) else half
+        x = x_t if abs(x_t - half) <= r else half - sigma * r
+        yield x
+        if g(x) > 0:
+            a, g_a = x, g(x)
+        else:
+            b, g_b = x, g(x)
+
+
+@pytest.mark.parametrize(
+    "seen", [float, lambda x: x**3, lambda x: math.copysign(1.0, x), lambda x: x if x > 0 else 1e-6 * x, math.atan],
+    ids=["smooth", "flat", "jump", "lopsided", "bent"],
+)  # fmt: skip
+@pytest.mark.parametrize("tolerance", [1e-6, 1.5 / 1024])
+def test_substeps_are_those_of_the_paper(seen: Callable[[float], float], tolerance: float) -> None:
+    """Assert the points at which ITP looks, one after the other, for event functions of several shapes."""
+    run = dropped(seen=seen, tolerance=tolerance)
+    plain(proposing.propose)(run, 1.5, 1.5)
+    plain(events.locate)(run)
+    wanted = list(itp(lambda h: seen(1 - h * h), 1.5, tolerance))
+    assert run.log_trials["step_size"][: run.now[0].trials] == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("t", "tolerance"), [(0.0, 1.5 / 1024), (0.0, 0.0), (-1.0, 0.0), (1e6, 1e-15), (-1e6, 1e-15), (1e6, 1.5 / 64)]
+)
+def test_no_bracket_is_narrower_than_t_can_be_told(t: float, tolerance: float) -> None:
+    """Assert that a jump is halved to its tolerance, or to twice the rounding of t, and no more often."""
+    run = dropped(seen=lambda x: math.copysign(1.0, x), tolerance=tolerance)
+    run.now[0].t = t
+    plain(proposing.propose)(run, t + 1.5, 1.5)
+    plain(events.locate)(run)
+    floor = 2 * np.finfo(float).eps * max(abs(t), abs(t + 1.5))
+    assert run.now[0].trials == math.ceil(math.log2(1.5 / max(tolerance, floor)))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_point_on_an_end_of_the_bracket_is_moved_inside(side: int) -> None:
+    """Assert that a bracket closes where one end is so near to zero that interpolation comes back to it."""
+    run = dropped(seen=lambda x: x * 1e-30 if x * side > 0 else x)
+    plain(proposing.propose)(run, 1.5, 1.5)
+    plain(events.locate)(run)
+    assert 0 < run.trial[0].h - run.lows[0] <= 1e-12
+    assert run.now[0].trials <= 41 + 1 + 1  # halvings, what the method adds, the point that was moved
+
+
+def bracketed(monkeypatch: pytest.MonkeyPatch, h: float, root: float, tolerance: float, **instead: object) -> Run:
+    """Bracket one event of a step, a part of the search replaced."""
+    run = dropped(seen=lambda x: x - (1 - root * root), tolerance=tolerance)
+    for name, function in instead.items():
+        monkeypatch.setitem(plain(events.bracket).__globals__, name, function)
+    plain(proposing.propose)(run, h, h)
+    plain(events.keep)(run)
+    plain(events.bracket)(run, 0)
+    plain(events.take)(run)
+    return run
+
+
+@pytest.mark.parametrize(
+    ("end", "h", "root", "wanted"),
+    [
+        (0, 1.5, 1.0, [k / 8 for k in range(1, 9)]),
+        (0, 1.0625, 1.0, [*(k / 8 for k in range(1, 8)), 0.96875]),
+        (1, 1.5, 1.0, [1.375, 1.25, 1.125, 1.0, 0.875]),
+        (1, 0.1875, 0.0625, [0.09375]),
+    ],
+)
+def test_a_point_on_an_end_is_probed_a_tolerance_inside(
+    monkeypatch: pytest.MonkeyPatch, end: int, h: float, root: float, wanted: list[float]
+) -> None:
+    """Assert where the search looks if interpolation gives nothing but an end: a tolerance from it, or in the middle."""
+    run = bracketed(monkeypatch, h, root, 0.125, itp=lambda *bracket: bracket[end])
+    assert run.log_trials["step_size"][: run.now[0].trials].tolist() == wanted
+
+
+def test_a_search_that_comes_to_nothing_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that no more substeps are made than the log has room for, and none at a point that is no number."""
+    endless = bracketed(monkeypatch, 1.5, 1.0, 1e-9, itp=lambda *bracket: bracket[0])
+    assert endless.now[0].trials == MOST_SUBSTEPS - 1
+    assert bracketed(monkeypatch, 1.5, 1.0, 1e-9, itp=lambda *_: math.nan).now[0].trials == 0
+
+
+def test_a_substep_that_was_not_solved_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that the bracket stays as wide as it is where equations were not solved."""
+
+    def unsolved(run: Run, _t: float, _h: float) -> None:
+        run.trial[0].iterations, run.g1[0] = -1, -1.0
+
+    run = bracketed(monkeypatch, 1.5, 1.0, 1e-9, propose_apart=unsolved)
+    assert (run.now[0].trials, run.lows[0], run.trial[0].h) == (1, 0.0, 1.5)
+
+
+def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
+    """Assert the bracket of an event that has crossed where an other one ends the step, and not at its end."""
+    run = dropped()
+    detectors = np.zeros(2, DETECTOR)
+    detectors["tolerance"] = 1e-9
+
+    def both(*arrays: NDArray[np.float64]) -> None:
+        h = math.sqrt(max(0.0, 1 - arrays[1][0]))
+        arrays[5][:2], arrays[0][UNSOUND] = [(h - 0.25) * (h - 1.25), 0.5 - h], 0.0
+
+    arrays = {name: np.zeros(2) for name in ("g1", "located_g", "slopes")}
+    run.put(law=law_of(nothing, both, nothing, kept, nothing, falling), detectors=detectors, g=np.array([0.3125, 0.5]),
+            lows=np.full(2, 0.375), **arrays)  # fmt: skip
+    plain(proposing.propose)(run, 1.5, 1.5)
+    plain(events.locate)(run)
+    assert run.trial[0].h == pytest.approx(0.5, abs=1e-9)
+    assert run.lows[0] == 0.0
+    assert 0.0 < run.trial[0].h - run.lows[1] <= 1e-9
+
+
 def test_the_located_trial_comes_back_whole() -> None:
     """Assert that every number of a trial is kept and taken back, whether it was sound among them."""
     run = dropped()
+    run.put(samples=np.zeros(3), located_samples=np.zeros(3))
     for i, name in enumerate(TRIAL.names, start=1):
         run.trial[name] = i
-    before = run.trial.tobytes()
+    arrays = [run.z, run.e, run.g1, run.samples]
+    for one in arrays:
+        one[:] = np.arange(1.0, len(one) + 1)
+    before = [one.tobytes() for one in (run.trial, *arrays)]
     plain(events.keep)(run)
     run.trial[:] = np.zeros(1, TRIAL)
+    for one in arrays:
+        one[:] = 0.0
     plain(events.take)(run)
-    assert run.trial.tobytes() == before
+    assert [one.tobytes() for one in (run.trial, *arrays)] == before
 
 
 @pytest.mark.parametrize("stops", [0, 1])

@@ -16,6 +16,7 @@ from xdynamics.units import Unit, parse_unit
 
 INTERPOLATIONS = ("previous", "linear", "pchip", "cubic")
 OUTSIDE = ("error", "zero", "hold")
+MOST_FAULTS = 20  # of a table that an error tells
 SHOWN = 24  # characters of a cell that an error shows
 
 _PLAIN = re.compile(r"[\s0-9.eE+\-a-zA-Z]+", re.ASCII)  # no underscore, no digits of other alphabets
@@ -130,6 +131,8 @@ def _rows(name: str, lines: list[tuple[int, str]]) -> list[tuple[float, float]]:
     ledger = Ledger(f"table '{name}'")
     rows: list[tuple[float, float]] = []
     for number, line in lines:
+        if len(ledger.faults) >= MOST_FAULTS:
+            break
         cells = line.split(",")
         if len(cells) != 2:
             many = f"the first of {len(cells)} cells, needs a pair" if len(cells) > 1 else "no pair"
@@ -146,8 +149,6 @@ def _rows(name: str, lines: list[tuple[int, str]]) -> list[tuple[float, float]]:
             ledger.note(f"line {number}: argument {first!r} does not increase after {rows[-1][0]!r}")
         else:
             rows.append((first, second))
-        if len(ledger.faults) >= 20:
-            break
     if len(rows) < 2 and not ledger.faults:
         ledger.note(f"has {len(rows)} rows, needs 2 or more")
     ledger.settle()

@@ -1,0 +1,269 @@
+"""One token of the source is made wrong at a time; the tests that touch it are to find it.
+
+    python tests/mutation.py                                      all that is listed in TOUCHED
+    python tests/mutation.py model/drives.py --most 50 --seed 1   a sample of one file
+    python tests/mutation.py march/events.py --lines 38 40        all mutants of some lines
+
+A mutant is compiled in memory and takes the place of its module in a forked process: no file is ever changed, and the
+libraries are imported once. Tests that start processes of their own do not see it. What is compiled by numba runs as
+plain Python here. A mutant that makes the tests hang is found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import random
+import resource
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+HERE = Path(__file__).parent
+SOURCE = HERE.parent / "src" / "xdynamics"
+IMPORTED = ("pytest", "numpy", "xarray", "dask.array", "netCDF4", "numba", "llvmlite.binding", "scipy.interpolate", "pandas")  # fmt: skip
+AGAIN = "-Wignore::pytest.PytestAssertRewriteWarning"  # a second call of pytest finds its plugins imported
+MEMORY = 8 << 30
+PATIENCE = 5.0  # times what the tests take on the source as it is
+
+# the tests that touch a file, the quickest first; each may be followed by a choice, as for -k
+EVENTS = "event and not outside or root or stop_at or bracket"
+CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
+ARCHIVE = "opened_equals or damage or changed or unsealed or flipped or foreign or is_no"
+TOUCHED = {
+    "model/drives.py": (
+        "test_drives.py",
+        "test_splines.py",
+        "test_march.py -k drive",
+        "test_model.py -k not (python_force or cannot_be_marched)",
+    ),
+    "march/events.py": ("test_phases.py", f"test_march.py -k {EVENTS}"),
+    "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
+    "evidence/sampling.py": ("test_sampling.py -k not (radau or archive)",),
+    "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py", f"test_march.py -k {EVENTS}"),
+    "record/dataset.py": ("test_record.py", "test_reading.py", "test_sampling.py -k named", "test_march.py -k blocks"),
+    "record/kinds.py": ("test_identity.py",),
+    "record/provenance.py": (
+        "test_provenance.py",
+        "test_record.py",
+        "test_sampling.py -k rules",
+        "test_golden.py -k reproduced",
+    ),
+    "archive/seals.py": (
+        "test_seals.py",
+        "test_tail.py -k hurt or cut_seal or behind",
+        f"test_archive.py -k {ARCHIVE}",
+    ),
+    "archive/origin.py": ("test_identity.py",),
+    "archive/standing.py": ("test_identity.py",),
+    "archive/target.py": ("test_durability.py", "test_target.py -k not interrupt and not sigterm and not command"),
+    "archive/reading.py": (
+        "test_reading.py",
+        f"test_archive.py -k {ARCHIVE} or all",
+        "test_identity.py -k derived or forged",
+    ),
+    "archive/writer.py": ("test_durability.py", f"test_archive.py -k {ARCHIVE} or dask"),
+    "archive/writing.py": (
+        "test_durability.py",
+        f"test_archive.py -k {ARCHIVE} or dask",
+        "test_identity.py -k derived or selection",
+    ),
+}
+PLAIN = ("march/", "kernels/")  # rooms that numba compiles
+
+ORDER = {ast.Lt: (ast.LtE, ast.Gt), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.Lt), ast.GtE: (ast.Gt, ast.Lt)}
+EQUAL = {ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,), ast.IsNot: (ast.Is,)}
+WITHIN = {ast.In: (ast.NotIn,), ast.NotIn: (ast.In,)}
+COMPARED: dict[type, tuple[type, ...]] = ORDER | EQUAL | WITHIN
+REACHED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult}
+REACHED |= {ast.FloorDiv: ast.Div, ast.Mod: ast.Mult, ast.BitOr: ast.BitAnd, ast.BitAnd: ast.BitOr}
+NAMES = {"min": "max", "minimum": "maximum", "any": "all", "sorted": "list", "left": "right"}
+NAMES |= {other: name for name, other in NAMES.items() if name != "sorted"}
+UNTOUCHED = ("annotation", "returns", "decorator_list", "type_params", "keywords_only")
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A module with one token changed."""
+
+    line: int
+    before: str
+    after: str
+    code: CodeType
+
+
+def mutants(path: Path) -> Iterator[Mutant]:
+    """Yield every mutant of a file, in the order of its text."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for parent, field, index, node in list(places(tree)):
+        for other in variants(node):
+            replace(parent, field, index, ast.fix_missing_locations(ast.copy_location(other, node)))
+            yield Mutant(node.lineno, ast.unparse(node), ast.unparse(other), compile(tree, str(path), "exec"))
+            replace(parent, field, index, node)
+
+
+def places(parent: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, Any]]:
+    """Yield where every statement and expression stands, what is never computed left out."""
+    for field, value in ast.iter_fields(parent):
+        if field in UNTOUCHED:
+            continue
+        for index, node in enumerate(value) if isinstance(value, list) else [(None, value)]:
+            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+                continue
+            if isinstance(node, ast.AST):
+                yield parent, field, index, node
+                yield from places(node)
+
+
+def replace(parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:
+    """Put a node in its place."""
+    if index is None:
+        setattr(parent, field, node)
+    else:
+        getattr(parent, field)[index] = node
+
+
+def variants(node: Any) -> Iterator[ast.AST]:
+    """Yield what a node may wrongly be."""
+    match node:
+        case ast.Compare(left, [*ops], comparators):
+            for i, op in enumerate(ops):
+                for other in COMPARED[type(op)]:
+                    yield ast.Compare(left, [*ops[:i], other(), *ops[i + 1 :]], comparators)
+        case ast.BinOp(left, op, right) if type(op) in REACHED:
+            yield ast.BinOp(left, REACHED[type(op)](), right)
+        case ast.BoolOp(op, values):
+            yield ast.BoolOp(ast.Or() if isinstance(op, ast.And) else ast.And(), values)
+        case ast.UnaryOp(ast.Not() | ast.USub(), operand):
+            yield operand
+        case ast.IfExp(test, body, orelse):
+            yield ast.IfExp(test, orelse, body)
+        case ast.Constant(value) if (other := other_value(value)) is not None:
+            yield ast.Constant(other)
+        case ast.Name(name) if name in NAMES:
+            yield ast.Name(NAMES[name], node.ctx)
+        case ast.Attribute(of, name) if name in NAMES:
+            yield ast.Attribute(of, NAMES[name], node.ctx)
+        case ast.stmt():
+            yield from statements(node)
+
+
+def other_value(value: Any) -> Any:
+    """Return another value of a constant; none of a text that is no word of an interface."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return type(value)({0: 1, 1: 0}.get(value, 2 * value))
+    return NAMES.get(value) if isinstance(value, str) else None
+
+
+def statements(node: ast.stmt) -> Iterator[ast.stmt]:
+    """Yield what a statement may wrongly be: nothing, most of the time."""
+    match node:
+        case ast.If(ast.Name() | ast.Call() | ast.Attribute() as test, body, orelse):
+            yield ast.If(ast.UnaryOp(ast.Not(), test), body, orelse)
+        case ast.Return(ast.AST() as value) if ast.unparse(value) != "None":
+            yield ast.Return(ast.Constant(None))
+        case ast.AugAssign(target, op, value) if type(op) in REACHED:
+            yield ast.AugAssign(target, REACHED[type(op)](), value)
+            yield ast.Pass()
+        case ast.Raise() | ast.Break() | ast.Continue() | ast.Assign([ast.Attribute() | ast.Subscript(), *_]):
+            yield ast.Pass()
+        case ast.Expr(value) if not isinstance(value, ast.Constant):
+            yield ast.Pass()
+
+
+def passed(module: str, code: CodeType | None, tests: tuple[str, ...], timeout: float) -> bool:
+    """Run tests in a forked process, a module replaced; tell whether all of them passed in time."""
+    pid = os.fork()
+    if not pid:
+        ended = 3
+        try:
+            os.setsid()
+            ended = run(module, code, tests)
+        finally:  # never on in the parent's place
+            os._exit(ended)
+    end, status = time.monotonic() + timeout, None
+    while status is None and time.monotonic() < end:
+        done, left = os.waitpid(pid, os.WNOHANG)
+        status = left if done else time.sleep(0.02)
+    os.killpg(pid, signal.SIGKILL) if status is None else None
+    status = os.waitpid(pid, 0)[1] if status is None else status
+    return status == 0
+
+
+def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
+    """Run tests in this process, to their first failure."""
+    import numba
+    import pytest
+
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    if code:
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, 1)
+        os.dup2(null, 2)
+    found = SourceFileLoader.get_code
+    SourceFileLoader.get_code = lambda self, name: code if code and name == module else found(self, name)  # type: ignore[method-assign]
+    numba.config.DISABLE_JIT = module.startswith(tuple(f"xdynamics.{one[:-1]}." for one in PLAIN))
+    with tempfile.TemporaryDirectory() as folder:
+        for one in tests:
+            name, *choice = one.split(" ", 2)
+            asked = [
+                str(HERE / name),
+                *choice,
+                "-x",
+                "-q",
+                "-p",
+                "no:cacheprovider",
+                AGAIN,
+                f"--basetemp={folder}/{name}",
+            ]
+            if ended := int(pytest.main(asked)):
+                return ended
+    return 0
+
+
+def survey(name: str, most: int, seed: int, lines: list[int]) -> None:
+    """Try a sample of a file's mutants, and tell what became of each."""
+    module, tests = f"xdynamics.{name[:-3].replace('/', '.')}", TOUCHED[name]
+    before = time.monotonic()
+    if not passed(module, None, tests, 600.0):
+        raise SystemExit(f"{name}: its tests fail without a mutant: {', '.join(tests)}")
+    timeout = max(10.0, PATIENCE * (time.monotonic() - before))
+    known = [one for one in mutants(SOURCE / name) if not lines or one.line in lines]
+    tried = sorted(random.Random(seed).sample(range(len(known)), min(most, len(known))))
+    survivors = 0
+    for one in (known[i] for i in tried):
+        survived = passed(module, one.code, tests, timeout)
+        survivors += survived
+        about = f"{name}:{one.line}: {'survived' if survived else 'found   '}  {one.before!r:.90} -> {one.after!r:.90}"
+        print(about, flush=True)
+    print(f"{name}: {len(tried)} of {len(known)} mutants tried, {len(tried) - survivors} found, {survivors} survived")
+
+
+def main() -> None:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", default=list(TOUCHED), help="below src/xdynamics")
+    parser.add_argument("--most", type=int, default=60, help="mutants of a file, drawn at random")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--lines", type=int, nargs="*", default=[], help="all mutants of these")
+    given = parser.parse_args()
+    sys.path.insert(0, str(SOURCE.parent))
+    for name in IMPORTED:
+        import_module(name)
+    for name in given.files:
+        survey(name, given.most, given.seed, given.lines)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,90 @@
+"""Columns of the record: the same quantities, whatever units and scales they were marched and are reported in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from xdynamics.units import parse_unit
+
+TABLE = "time [s],pull [N]\n0,0\n0.7,1\n2,-1\n5,0\n"
+
+
+def swing(length: str, **asked: Any) -> xr.Dataset:
+    """A mass on a spring under a measured pull, with what it has run through as a state, and events."""
+    model = xd.Model(
+        name="swing", coordinates={"x": {"unit": length}}, parameters={"m": "2 kg", "k": "3 N m-1", "c": "0.1 kg s-1"},
+        mass={"x": "m"}, forces={"spring": {"potential": "k*x**2/2"}, "drag": {"x": "-c*v_x"}, "pull": {"x": "pull"}},
+        states={"work": {"unit": "J", "rate": "pull*v_x"}},
+        drives={"pull": {"table": "p.csv", "csv": TABLE, "interpolation": "linear", "outside": "hold"}},
+        observables={"power": "c*v_x**2"},
+        events={
+            "low": {"function": "x", "direction": "falling", "time_tolerance": "1 ms"},
+            "fast": {"function": "v_x - 0.2*metre/second", "direction": "either", "time_tolerance": "1 ms"},
+        },
+        initial={"x": "1 m", "v_x": "0 m s-1", "work": "0 J"},
+    )  # fmt: skip
+    atol = {"x": "1e-8 m", "v_x": "1e-8 m s-1", "work": "1e-8 J"}
+    return xd.simulate(model, **{"method": "dormand_prince", "rtol": 1e-7, "atol": atol, "until": 9.0} | asked)
+
+
+def test_every_column_is_the_same_in_other_units_and_scales() -> None:
+    """Assert that each number of the record, in SI, hangs neither on the unit that it is reported in nor on scales."""
+    one, other = swing("m"), swing("mm", scales={"length": "3 m", "time": "0.7 s", "mass": "5 kg"})
+    assert list(one.variables) == list(other.variables)
+    assert (one.sizes["event"], one.x.attrs["units"], other.x.attrs["units"]) == (5, "m", "mm")
+    for name in one.variables:
+        if one[name].dtype.kind == "U" or name == "end_memory":  # in the march's own numbers
+            continue
+        first, second = (run[name].values * float(parse_unit(run[name].attrs["units"]).factor) for run in (one, other))
+        assert first.shape == second.shape, name
+        size = np.max(np.abs(first[np.isfinite(first)]), initial=0.0)
+        close = 1e-4 if "error" in name or "uncertainty" in name else 1e-7
+        assert np.allclose(first, second, rtol=0.0, atol=close * size, equal_nan=True), name
+        if "atol" in one[name].attrs:
+            assert one[name].attrs["atol_si"] == pytest.approx(1e-8)
+            assert other[name].attrs["atol_si"] == pytest.approx(1e-8)
+            assert other[name].attrs["atol"] == pytest.approx(
+                1e-8 / float(parse_unit(other[name].attrs["units"]).factor)
+            )
+
+
+def test_columns_are_what_they_say() -> None:
+    """Assert relations between columns that no unit makes true by itself: forces, works, brackets, rows, steps."""
+    run = swing("m")
+    m, k, c = 2.0, 3.0, 0.1
+    assert run.force_spring_x.values == pytest.approx(-k * run.x.values)
+    assert run.force_drag_x.values == pytest.approx(-c * run.v_x.values)
+    assert m * run.a_x.values == pytest.approx((run.force_spring_x + run.force_drag_x + run.force_pull_x).values)
+    assert run.rate_work.values == pytest.approx((run.force_pull_x * run.v_x).values)
+    assert run.power.values == pytest.approx(c * run.v_x.values**2)
+    assert run.potential_energy.values == pytest.approx(k * run.x.values**2 / 2)
+    moved = run.row_kind.values != 3
+    assert np.diff(run.time.values)[moved[1:]] == pytest.approx(run.step_size.values[1:][moved[1:]])
+    before, after = run.event_row_before.values, run.event_row_after.values
+    assert (after == before + 1).all()
+    assert (run.time.values[before] == run.event_time.values).all()
+    assert (run.time.values[after] == run.event_time.values).all()
+    functions = np.where(run.event_detector.values == 0, run.x.values[before], run.v_x.values[before] - 0.2)
+    assert run.event_residual.values == pytest.approx(functions, abs=1e-15)
+    bounds = run.event_time_bounds.values
+    assert (bounds[:, 1] == run.event_time.values).all()
+    assert (np.diff(bounds, axis=1)[:, 0] > 0).all()
+    assert (np.diff(bounds, axis=1) <= 1e-3).all()
+    assert not run.event_impulse_x.values.any()
+    assert not run.event_offset_x.values.any()
+
+
+def test_only_what_a_run_has_is_in_its_record() -> None:
+    """Assert that given steps, tolerances and samples are kept where there are any."""
+    steps = [0.1, 0.2, 0.3, 0.4]
+    run = swing("m", rtol=None, atol=None, step=steps, until=1.0)
+    assert run.given_step_size.values.tolist() == steps
+    assert "given_step_size" not in swing("m", rtol=None, atol=None, step=0.1, until=1.0)
+    assert "atol" not in run.x.attrs
+    assert {"sample_x", "sample_pull", "sample_force_drag_x"} <= set(run.variables)
+    assert not {"sample_x", "sample_time"} & set(swing("m", force_samples="none").variables)

@@ -1,0 +1,57 @@
+"""Opening archives without looking at their digests, and again later."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from problems import oscillator
+
+
+@pytest.fixture(scope="module")
+def archived(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One archive for all tests that only read."""
+    path = tmp_path_factory.mktemp("reading") / "run.nc"
+    return xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), path)
+
+
+def test_what_is_no_archive_is_refused_unchecked_too(archived: Path, tmp_path: Path) -> None:
+    """Assert one error with the path for text, a cut file, a foreign record and nothing at all."""
+    path = tmp_path / "no.nc"
+    with pytest.raises(xd.InputError, match="does not exist"):
+        xd.open_run(path, check=False)
+    for content in (b"time,y\n0,1\n", archived.read_bytes()[:5000]):
+        path.write_bytes(content)
+        with pytest.raises(xd.ArchiveError, match=r"no\.nc' (cannot be opened as a|is damaged or no) run archive"):
+            xd.open_run(path, check=False)
+    xr.Dataset({"a": ("n", [1.0])}).to_netcdf(tmp_path / "foreign.nc", engine="netcdf4")
+    with pytest.raises(xd.ArchiveError, match="is as it was written, but no run record"):
+        xd.open_run(tmp_path / "foreign.nc", check=False)
+
+
+def test_an_opened_run_is_the_run_that_was_saved(archived: Path) -> None:
+    """Assert that what is said of the file alone is not said of the run, and its digest is."""
+    with xd.open_run(archived, check=False) as run:
+        assert set(run.attrs) - set(xd.simulate(oscillator().model, step=0.1, until=1.0).attrs) == {
+            "content_digest", "volatile_digest",
+        }  # fmt: skip
+        assert run.attrs["content_digest"] == xd.verify(archived)
+
+
+def test_values_are_looked_up_where_the_file_is_still_the_same(archived: Path, tmp_path: Path) -> None:
+    """Assert that a sent selection is compared with its file, and not where another record took its name."""
+    path = Path(shutil.copy(archived, tmp_path / "run.nc"))
+    with xd.open_run(path) as run:
+        rows = pickle.loads(pickle.dumps(run.isel(step=slice(0, 3)).load()))
+    xd.save(rows, tmp_path / "rows.nc")
+    xd.save(xd.simulate(oscillator().model, step=0.05, until=1.0), path)
+    with pytest.raises(xd.InputError, match="no longer at hand"):
+        xd.save(rows, tmp_path / "more.nc")
+    path.unlink()
+    with pytest.raises(xd.InputError, match="no longer at hand"):
+        xd.save(rows, tmp_path / "more.nc")
