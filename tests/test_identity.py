@@ -13,6 +13,9 @@ from click.testing import CliRunner, Result
 
 import xdynamics as xd
 from problems import MODELS
+from xdynamics.archive import reading
+from xdynamics.archive.examination import Examination
+from xdynamics.archive.seals import Tail
 from xdynamics.cli import main
 from xdynamics.faults import KindWarning
 
@@ -257,3 +260,36 @@ def test_history_may_be_written(run: xr.Dataset, tmp_path: Path) -> None:
     """Assert that circumstances are no edit."""
     run.attrs["history"] = f"{run.attrs['history']}\n2026-11-21 looked at"
     assert xd.verify(xd.save(run, tmp_path / "run.nc")) == xd.content_digest(run)
+
+
+def test_a_selection_may_be_without_its_first_row(tmp_path: Path) -> None:
+    """Assert that a selection of chosen steps is found again in its run, be it without the start or without time."""
+    made = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"), method="dormand_prince", rtol=1e-9)
+    for number, part in enumerate((made.isel(step=slice(5, 10)), made.drop_vars("time"), made.drop_dims("step"))):
+        path = xd.save(part, tmp_path / f"{number}.nc")
+        assert xd.reproduce(path).attrs["identical"] == 1
+
+
+def test_arrays_that_were_opened_to_writing_are_refused(tmp_path: Path) -> None:
+    """Assert that numpy's switch does not make an edited record a run."""
+    made = swing()
+    made.theta.values.flags.writeable = True
+    made.theta.values[3] += 1.0
+    with pytest.raises(xd.InputError, match="variable 'theta' was opened to writing"):
+        xd.save(made, tmp_path / "run.nc")
+
+
+def test_a_file_that_is_replaced_while_it_is_verified_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that bytes of one file are not held against those of another that took its name."""
+    path, other = xd.save(swing(), tmp_path / "run.nc"), xd.save(swing(), tmp_path / "other.nc")
+    (tmp_path / "run.nc").write_bytes(path.read_bytes()[:-100])  # damaged, until the other takes its place
+    told = reading.examined
+
+    def slowly(path: Path, tail: Tail) -> Examination:
+        found = told(path, tail)
+        if other.exists():
+            other.replace(path)
+        return found
+
+    monkeypatch.setattr(reading, "examined", slowly)
+    assert xd.verify(path) == xd.content_digest(swing())

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import netCDF4
     import xarray as xr
 
+MOST_REPLACED = 20  # times that a file's name may go to another while it is read
 MOST_OPEN = 128  # files at a time; what was used longest ago is closed, and opened again when it is read
 
 Identity = tuple[int, int, int, int]  # device, inode, size, time of the last change
@@ -38,7 +39,7 @@ class Lent:
 
     def __init__(self, path: Path, identity: Identity | None = None) -> None:
         self.path = path.absolute()
-        self.identity = identity or _identity(path)
+        self.identity = identity or identity_of(path)
         self.in_use = True
         _enter(self)
 
@@ -67,7 +68,7 @@ class Lent:
 
     def _reopened(self) -> netCDF4.Dataset:
         file = file_at(self.path)
-        if _identity(self.path)[1:] != self.identity[1:]:  # a device has another number on another machine
+        if identity_of(self.path)[1:] != self.identity[1:]:  # a device has another number on another machine
             file.close()
             raise ArchiveError(f"'{self.path}' is another file than the one that was opened; open it again")
         return file
@@ -89,7 +90,7 @@ def lent(path: Path) -> xr.Dataset:
 
     from xdynamics.archive.values import Store
 
-    one = Lent(path)
+    one = _settled(path)
     if faults := oversize(path, one.acquire()):
         raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(faults)}", tuple(faults))
     store = Store(one, mode="r")  # type: ignore[no-untyped-call]
@@ -97,6 +98,19 @@ def lent(path: Path) -> xr.Dataset:
     run.encoding["source"] = os.fspath(path)
     run.set_close(_Closing(one))
     return run
+
+
+def _settled(path: Path) -> Lent:
+    """Open a file, anew where another has taken its name in the very moment."""
+    for _ in range(MOST_REPLACED):
+        one = Lent(path)
+        try:
+            one.acquire()
+        except ArchiveError as error:
+            last = error
+        else:
+            return one
+    raise last
 
 
 class _Closing:
@@ -124,7 +138,7 @@ def is_lent(path: Path) -> bool:
 
 def _readers(path: Path) -> Iterator[Lent]:
     try:
-        device, inode, *_ = _identity(path)
+        device, inode, *_ = identity_of(path)
     except OSError:
         return
     yield from (one for one in _all() if one.in_use and one.identity[:2] == (device, inode))
@@ -140,7 +154,8 @@ def _all() -> list[Lent]:
     return list(_lent)
 
 
-def _identity(path: Path) -> Identity:
+def identity_of(path: Path) -> Identity:
+    """Return what tells a file from another under its name."""
     about = path.stat()
     return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
 

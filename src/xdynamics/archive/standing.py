@@ -126,7 +126,9 @@ def _attributes(whose: str, then: Mapping[str, Any], now: Mapping[Any, Any]) -> 
 def _values(part: Part, now: xr.Variable, origin: Origin) -> Iterator[str]:
     """Compare a variable of the same shape, and name the first value that differs."""
     if part.variable is not None and now.data is part.variable.data:
-        return  # closed to writing since it was marched
+        if now.data.flags.writeable:  # closed when it was marched
+            yield f"variable '{part.name}' was opened to writing, and what was marched is no longer known"
+        return
     if digest_of(part.name, now) == part.digest:
         return
     whole = origin.whole()

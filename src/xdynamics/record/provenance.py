@@ -131,16 +131,23 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
     if used["solver_step_control"] == "adaptive":
         if used["solver_first_step_choice"] != FIRST_STEP:  # given, or chosen by the rule of another version
             asked["step"] = float(used["solver_first_step"])
-        span = asked["until"] - float(run["time"][0])
-        longest = float(used["solver_max_step"])
         asked |= {key: float(used[f"solver_{key}"]) for key in ("safety", "min_step")}
-        if longest != span or "solver_max_step_choice" in used:  # else nothing was asked for
-            asked["max_step"] = longest
+        if _asked_longest(run):
+            asked["max_step"] = float(used["solver_max_step"])
         asked |= {
             "max_steps": int(used["solver_max_steps"]),
             "growth_limits": tuple(map(float, used["solver_growth_limits"])),
         }
     return asked
+
+
+def _asked_longest(run: xr.Dataset) -> bool:
+    """Whether a longest step was asked for."""
+    if "solver_max_step_choice" in run.attrs:
+        return str(run.attrs["solver_max_step_choice"]) == "given"
+    # version 0.1 did not say
+    span = float(run.attrs["solver_until"]) - float(run["time"][0]) if "time" in run.variables else np.nan
+    return float(run.attrs["solver_max_step"]) != span
 
 
 def _tolerances(run: xr.Dataset) -> dict[str, Any]:
@@ -196,9 +203,9 @@ def _steps(march: March) -> dict[str, Any]:
 def _longest(march: March) -> dict[str, Any]:
     """Say how long a step may be: the span, where nothing is asked for."""
     asked = march.settings.pacing.max_step
-    given = {"solver_max_step_choice": "given"} if isfinite(asked) else {}
     span = march.settings.until - march.model.initial["t"].si
-    return {"solver_max_step": asked if given else span, "solver_max_step_units": "s"} | given
+    longest, choice = (asked, "given") if isfinite(asked) else (span, "the span")
+    return {"solver_max_step": longest, "solver_max_step_units": "s", "solver_max_step_choice": choice}
 
 
 def _errors(march: March) -> dict[str, Any]:
