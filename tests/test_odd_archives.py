@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,6 +13,7 @@ from click.testing import CliRunner
 import xdynamics as xd
 from odd import changed, with_attributes
 from problems import MODELS
+from xdynamics.archive.seals import stored_digest
 from xdynamics.cli import main
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e\nverified  nothing.nc  $\\frac{$"
@@ -60,6 +62,7 @@ FAULTS = {
     "no rows": (lambda run: run.isel(step=slice(0)), "dimension 'step' has no row"),
     "no units": (lambda run: run["theta"].attrs.pop("units") and None, "'theta' has no attribute 'units'"),
     "uncertainty": (edited("l", uncertainty="much"), "the attribute uncertainty = 'much', needs a number"),
+    "no detector": (lambda run: run.drop_vars("event_detector"), "variable 'event_detector' is missing"),
     "no event time": (lambda run: run.drop_vars("event_time"), "variable 'event_time' is missing"),
 }  # fmt: skip
 
@@ -157,3 +160,67 @@ def test_what_a_file_cannot_keep_is_refused(tmp_path: Path, name: str, value: ob
     with pytest.raises(xd.InputError, match=fault):
         xd.save(run, tmp_path / "no.nc")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_words_of_flags_are_found_by_their_numbers(swing: Path, tmp_path: Path) -> None:
+    """Assert that numbers of flags need not begin at zero, nor a word of another version be there."""
+
+    def shifted(run: xr.Dataset) -> xr.Dataset:
+        run["trial_reason"].attrs["flag_meanings"] = (
+            run["trial_reason"].attrs["flag_meanings"].replace("error_test", "late")
+        )
+        about = run["event_detector"].attrs | {"flag_values": np.int8([5])}
+        return run.assign(event_detector=(("event",), run.event_detector.values + np.int8(5), about))
+
+    for verb, (code, said) in answers(changed(swing, tmp_path / "odd.nc", shifted), swing).items():
+        assert code in (0, 1), (verb, said)
+        assert "Traceback" not in said
+
+
+def test_times_that_go_back_are_refused(swing: Path, tmp_path: Path) -> None:
+    """Assert that a record whose time runs backwards is none where it is opened first, nor compared where it was verified."""
+
+    def backwards(run: xr.Dataset) -> xr.Dataset:
+        return run.assign_coords(time=run.time.copy(data=run.time.values[::-1].copy()))
+
+    path = changed(swing, tmp_path / "odd.nc", backwards)
+    with pytest.raises(xd.ArchiveError, match="it must increase"):
+        xd.open_run(path)
+    with pytest.raises(xd.InputError, match="the times of the second run do not increase"):
+        xd.compare(xd.open_run(swing), xd.open_run(path, check=False))
+
+
+def test_an_end_without_its_parts_is_not_extended(swing: Path, tmp_path: Path) -> None:
+    """Assert one error where a variable or the names of the end's memory are gone."""
+    path = changed(swing, tmp_path / "no_angle.nc", lambda run: run.drop_vars("a_theta"))
+    with pytest.raises(xd.InputError, match="it has no a_theta; extend the whole run"):
+        xd.extend(path, until="4 s")
+    path = changed(swing, tmp_path / "no_names.nc", lambda run: run["end_memory"].attrs.pop("names") and None)
+    with pytest.raises(xd.InputError, match="it keeps no 'end_memory'"):
+        xd.extend(path, until="4 s")
+
+
+def test_a_bracket_has_two_ends(swing: Path) -> None:
+    """Assert that a record without one of them is none."""
+    with pytest.raises(xd.InputError, match="dimension 'bound' has 1 entries, needs 2"):
+        xd.check(xd.open_run(swing).isel(bound=[0]))
+
+
+def test_texts_are_utf_8(swing: Path, tmp_path: Path) -> None:
+    """Assert that bytes that are no text are damage, though the digests hold."""
+    path = tmp_path / "odd.nc"
+    path.write_bytes(swing.read_bytes())
+    with netCDF4.Dataset(path, "a") as file:
+        text = file.variables["model_toml"]
+        text.set_auto_chartostring(False)
+        text[3:4] = np.array([b"\xff"])
+        text.setncattr("sha256", stored_digest(text))
+    with pytest.raises(xd.ArchiveError, match="'model_toml' is no text in UTF-8"):
+        xd.verify(path)
+
+
+def test_no_archive_says_where_it_came_from(swing: Path, tmp_path: Path) -> None:
+    """Assert that the one attribute that no digest covers is in no file."""
+    path = changed(swing, tmp_path / "odd.nc", with_attributes(origin="trust me"))
+    with pytest.raises(xd.ArchiveError, match="attribute 'origin' is none of an archive"):
+        xd.verify(path)

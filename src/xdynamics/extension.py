@@ -110,6 +110,9 @@ def _extended(
             f"the run was made by version {kept.attrs['xdynamics_version']} of xdynamics, or its forces were written in"
             " other words: march it anew, up to the new end"
         )
+    missing = [one.variable.name for one in record.columns(march) if one.variable.name not in kept.variables]
+    if missing:
+        raise InputError(f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run")
     if path is not None:
         longer = archive.open_run(archive.stream(march, path, before=_rows(kept, march), resume=resume), check=False)
     elif resume:
@@ -132,7 +135,7 @@ def _refuse_other_ends(kept: xr.Dataset) -> None:
         raise InputError(f"the run cannot be extended, it is '{word}' ({text}): {why}")
     if GIVEN_STEP.name in kept:
         raise InputError("the run cannot be extended, its steps were given one by one: march anew with all steps")
-    if END_MEMORY.name not in kept:
+    if END_MEMORY.name not in kept or "names" not in kept[END_MEMORY.name].attrs:
         raise InputError(
             f"the run cannot be extended, it keeps no '{END_MEMORY.name}': it was made by another version of xdynamics;"
             " march anew, up to the new end"

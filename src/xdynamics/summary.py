@@ -114,4 +114,5 @@ def event_names(run: xr.Dataset) -> list[str]:
     """Return the name of the detector of every event."""
     detector = run["event_detector"]
     words = str(detector.attrs["flag_meanings"]).split()
-    return [words[int(one)] for one in np.asarray(detector)]
+    names = dict(zip(np.atleast_1d(detector.attrs["flag_values"]).tolist(), words, strict=True))
+    return [names[int(one)] for one in np.asarray(detector)]

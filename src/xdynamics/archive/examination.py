@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.archive.bounds import foreign, oversize
-from xdynamics.archive.library import DAMAGE, alone, opened
+from xdynamics.archive.library import DAMAGE, alone, opened, read
 from xdynamics.archive.library import attributes as attributes_of
 from xdynamics.archive.seals import Tail, root_digest, stored_digest, volatile_digest
 from xdynamics.attributes import own_attributes
 from xdynamics.faults import ArchiveError, numbered
-from xdynamics.schema import DIGEST, ROOT_DIGEST, SEALED, VOLATILE_DIGEST
+from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,8 @@ def _examined(path: Path, file: Any, tail: Tail, faults: list[str]) -> Examinati
         return Examination((*faults, *bounds))
     faults += foreign(file)
     attributes = attributes_of(file)
+    if ORIGIN in attributes:
+        faults.append(f"attribute '{ORIGIN}' is none of an archive")
     if SEALED in attributes and tail == Tail():
         faults.append("its seal is missing: the end of the file is cut off or overwritten")
     missing = [f"attribute '{name}' is missing" for name in (ROOT_DIGEST, VOLATILE_DIGEST) if name not in attributes]
@@ -85,8 +87,13 @@ def _fault_of(name: str, variable: Any, digests: dict[str, str], own: dict[str, 
         digests[name] = stored_digest(variable)
         attributes = attributes_of(variable)
         dims, is_text = alone(lambda: (variable.dimensions, variable.dtype == "S1"))()
+        text = read(variable, ...).tobytes() if is_text else b""
     except DAMAGE as error:
         return f"cannot be read: {error}"
+    try:
+        text.decode()
+    except UnicodeDecodeError as error:
+        return f"is no text in UTF-8: {error.reason} at {error.start}"
     own[name] = own_attributes(attributes)
     if attributes.get(DIGEST) != digests[name]:
         return "differs from its digest"

@@ -43,7 +43,8 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
     """
     path = Path(path)
     check_source(path)
-    if check and not is_known(tail_of(path)):
+    foreign = check and not is_known(tail_of(path))  # its bytes were not written or read here before
+    if foreign:
         _examined(path)
     try:
         run = lent(path)
@@ -52,7 +53,7 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
             raise
         raise ArchiveError(f"'{path}' cannot be opened as a run archive: {error}") from None
     run.attrs.pop(SEALED, None)  # it is said of the file, not of the run
-    _check_record(run, path)
+    _check_record(run, path, values=foreign)
     return read(run, partial(_again, path, str(run.attrs.get(ROOT_DIGEST, ""))))
 
 
@@ -65,10 +66,10 @@ def _again(path: Path, digest: str) -> xr.Dataset | None:
     return run if run.attrs[ROOT_DIGEST] == digest else None
 
 
-def _check_record(run: xr.Dataset, path: Path) -> None:
+def _check_record(run: xr.Dataset, path: Path, *, values: bool) -> None:
     """Refuse what bears right digests and is no run record: somebody else wrote it, or another version."""
     try:
-        faults = faults_of(run, values=False)
+        faults = faults_of(run, values=values)
     except DAMAGE as error:
         faults = [str(error)]
     if faults:

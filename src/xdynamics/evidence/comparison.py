@@ -227,6 +227,12 @@ def _common(first: xr.Dataset, second: xr.Dataset) -> tuple[NDArray[Any], NDArra
     """Return the times both runs have and their rows; of an event's pair the later row."""
     kept = [_last_of_pairs(run) for run in (first, second)]
     times = [np.asarray(run["time"].values)[rows] for run, rows in zip((first, second), kept, strict=True)]
+    for which, found in zip(("first", "second"), times, strict=True):
+        wrong = np.flatnonzero(~(np.diff(found) > 0))
+        if wrong.size:
+            raise InputError(
+                f"the times of the {which} run do not increase behind t = {float(found[wrong[0]])!r} s, as a run's do"
+            )
     common, here, there = np.intersect1d(times[0], times[1], assume_unique=True, return_indices=True)
     return common, kept[0][here], kept[1][there]
 

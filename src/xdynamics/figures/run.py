@@ -182,8 +182,9 @@ def _steps(run: xr.Dataset, axes: Axes) -> None:
     taken = np.flatnonzero(size > 0)
     rows = taken[thinned(size[taken])] if len(taken) else taken
     axes.plot(time[rows], size[rows], ".", color=_COLOURS[5], markersize=2.5, label="accepted")
-    reasons = run["trial_reason"].attrs["flag_meanings"].split()
-    chosen = np.flatnonzero(run["trial_reason"].values == reasons.index("error_test"))
+    about = run["trial_reason"].attrs
+    failed = np.atleast_1d(about["flag_values"])[np.array(about["flag_meanings"].split()) == "error_test"]
+    chosen = np.flatnonzero(np.isin(run["trial_reason"].values, failed))
     if len(chosen):
         chosen = chosen[thinned(run["trial_step_size"].values[chosen])]
         axes.plot(run["trial_time"].values[chosen], run["trial_step_size"].values[chosen], "x", color=_COLOURS[1],

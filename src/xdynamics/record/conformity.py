@@ -11,6 +11,7 @@ import numpy as np
 from xdynamics.attributes import plain
 from xdynamics.record.kinds import is_derived, is_whole
 from xdynamics.schema import (
+    BOUNDS,
     BY_STEP_CONTROL,
     DERIVED,
     DERIVED_FROM,
@@ -113,6 +114,10 @@ def _missing(run: xr.Dataset) -> Iterator[str]:
     for variable in FIXED:
         if variable.name not in run.variables and (variable.dims != (SAMPLES,) or SAMPLES in run.dims):
             yield f"variable '{variable.name}' is missing"
+    if "event_detector" not in run.variables:
+        yield "variable 'event_detector' is missing"
+    if run.sizes.get(BOUNDS, 2) != 2:
+        yield f"dimension '{BOUNDS}' has {run.sizes[BOUNDS]} entries, needs 2, the left end and the right one"
     if run.attrs.get("solver_step_control") == "given" and GIVEN_STEP.name not in run.variables:
         yield f"variable '{GIVEN_STEP.name}' is missing"
 
