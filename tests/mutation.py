@@ -50,13 +50,20 @@ TOUCHED = {
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
     "evidence/sampling.py": ("test_sampling.py -k not (radau or archive)",),
     "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py", f"test_march.py -k {EVENTS}"),
-    "record/dataset.py": ("test_record.py", "test_reading.py", "test_sampling.py -k named", "test_march.py -k blocks"),
+    "record/dataset.py": (
+        "test_record.py",
+        "test_reading.py",
+        "test_sampling.py -k named",
+        "test_extend.py -k one_march",
+        "test_archive.py -k streamed_equals",
+    ),
     "record/kinds.py": ("test_identity.py",),
     "record/provenance.py": (
         "test_provenance.py",
         "test_record.py",
         "test_sampling.py -k rules",
         "test_golden.py -k reproduced",
+        "test_identity.py -k tolerances",
     ),
     "archive/seals.py": (
         "test_seals.py",
@@ -71,7 +78,13 @@ TOUCHED = {
         f"test_archive.py -k {ARCHIVE} or all",
         "test_identity.py -k derived or forged",
     ),
-    "archive/writer.py": ("test_durability.py", f"test_archive.py -k {ARCHIVE} or dask"),
+    "archive/writer.py": (
+        "test_durability.py",
+        f"test_archive.py -k {ARCHIVE} or dask or streamed_equals",
+        "test_tail.py -k word",
+        "test_target.py -k complete_archive or bad_end",
+        "test_extend.py -k streamed",
+    ),
     "archive/writing.py": (
         "test_durability.py",
         f"test_archive.py -k {ARCHIVE} or dask",

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from plain import kept, law_of, made_by_hand, plain
-from xdynamics.kernels.program import UNSOUND
+from xdynamics.kernels.program import UNSOUND, T
 from xdynamics.march import control
 from xdynamics.march.run import Run
 
@@ -178,7 +178,9 @@ def spring(*arrays: NDArray[np.float64]) -> None:
     arrays[5][2], arrays[0][UNSOUND] = arrays[2][0] - 4.0 * arrays[1][0], 0.0
 
 
-def by_the_book(y: list[float], rtol: float, atol: list[float], k: float, room: float, span: float) -> float:
+def by_the_book(
+    y: list[float], rtol: float, atol: list[float], k: float, room: float, span: float
+) -> tuple[float, float]:
     """Hairer, Norsett, Wanner I, II.4, (a) to (f), for x'' = p - 4 x and in a unit of time of the problem's own."""
     scale = np.array(atol) + rtol * np.abs(y[:2])
     now = np.array([y[1], y[2]])
@@ -189,7 +191,7 @@ def by_the_book(y: list[float], rtol: float, atol: list[float], k: float, room: 
     curvature = np.max(np.abs(np.array([moved[1], y[2] - 4.0 * (moved[0] - y[0])]) - now) / scale) / guess
     unit = max(unit, math.sqrt(size / curvature)) if curvature else unit
     steepest = max(slope * unit, curvature * unit**2)
-    return min(unit, unit * (0.01 / steepest) ** (1 / k)) if steepest else guess
+    return guess, min(unit, unit * (0.01 / steepest) ** (1 / k)) if steepest else guess
 
 
 @pytest.mark.parametrize(
@@ -209,14 +211,16 @@ def by_the_book(y: list[float], rtol: float, atol: list[float], k: float, room: 
 def test_the_first_step_is_by_the_book(y: list[float], atol: list[float], room: float, t: float) -> None:
     """Assert the rule, the probe that it costs, and that the probe keeps before the next node."""
     y = [*y, -4.0 * y[0]][:3]
-    nodes = np.array([t + room]) if room < 10 else np.zeros(0)
+    nodes = np.array([t - 1.0, t + room]) if room < 10 else np.array([t - 1.0])
     law = law_of(spring, *[kept] * 5)
     push = np.array([y[2] + 4.0 * y[0]])
     run = made_by_hand(law=law, y=np.array(y), p=push, atol=np.array(atol), nodes=nodes)
     plan = run.plan[0]
-    plan.rtol, plan.order, plan.max_step, run.now[0].t, plan.end = 1e-6, K, 10.0, t, t + 10.0
-    wanted = by_the_book(y, 1e-6, atol, K, room, 10.0)
-    assert plain(control.first_step)(run) == pytest.approx(wanted, rel=1e-9)
+    plan.rtol, plan.order, plan.max_step, run.now[0].t, plan.end, run.now[0].node = 1e-6, K, 10.0, t, t + 10.0, 1
+    guess, step = by_the_book(y, 1e-6, atol, K, room, 10.0)
+    assert plain(control.first_step)(run) == pytest.approx(step, rel=1e-9)
+    assert run.at[T] == t + guess
+    assert run.half[:2] == pytest.approx(np.array(y[:2]) + guess * np.array(y[1:]), rel=1e-14)
     assert run.now[0].evaluations == 1
 
 

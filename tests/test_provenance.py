@@ -47,7 +47,10 @@ def test_a_record_tells_what_was_asked(asked: dict[str, Any], kept: dict[str, An
 
 def test_what_chose_the_steps_is_told() -> None:
     """Assert the settings of step control, those by default and those that were given."""
-    chosen, given = swing("m", until=3.0).attrs, swing("m", until=3.0, **GIVEN).attrs
+    run = swing("m", until=3.0, scales=SCALED)
+    chosen, given = run.attrs, swing("m", until=3.0, **GIVEN).attrs
+    assert chosen["solver_first_step"] == pytest.approx(float(run.step_size[1]))
+    assert given["solver_first_step"] == 1e-3
     assert (chosen["solver_step_control"], given["solver_step_control"]) == ("adaptive", "adaptive")
     assert (chosen["solver_first_step_choice"], given["solver_first_step_choice"]) == (FIRST_STEP, "given")
     assert (chosen["solver_max_step"], given["solver_max_step"]) == (3.0, 0.5)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from problems import MODELS, free
+from problems import MODELS, free, oscillator
+from xdynamics.record import check_kind
 from xdynamics.schema import REQUIRED_ATTRIBUTES, ROW_KINDS
 
 
@@ -121,3 +122,19 @@ def test_same_model_same_digest() -> None:
     runs = [xd.simulate(free().model, method="midpoint", step=step, until=1.0) for step in (0.5, 0.5, 0.25)]
     digests = [xd.content_digest(run) for run in runs]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_what_is_plainly_no_run_is_named() -> None:
+    """Assert that a missing attribute, rows along another dimension and none at all are each told."""
+    run = xd.simulate(oscillator().model, step=0.1, until=1.0)
+    for other, message in (
+        (run.assign_attrs(), None),
+        (run.drop_attrs(deep=False), "it has no solver_method, solver_estimator, solver_interpolation"),
+        (run.rename(step="row"), r"time along \('row',\) of size 11"),
+        (run.isel(step=slice(0, 0)), r"time along \('step',\) of size 0, needs rows"),
+    ):
+        if message is None:
+            check_kind(other)
+            continue
+        with pytest.raises(xd.InputError, match=message):
+            check_kind(other)
