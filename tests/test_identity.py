@@ -293,3 +293,13 @@ def test_a_file_that_is_replaced_while_it_is_verified_is_whole(tmp_path: Path, m
 
     monkeypatch.setattr(reading, "examined", slowly)
     assert xd.verify(path) == xd.content_digest(swing())
+
+
+@pytest.mark.parametrize(("name", "value"), [("xdynamics_version", "9.9"), ("date_created", "1900-01-01T00:00:00Z")])
+def test_circumstances_are_those_of_the_march(tmp_path: Path, name: str, value: str) -> None:
+    """Assert that date, versions and machine are not edited either; `history` may be gone on with, as tools do."""
+    made = swing()
+    with pytest.raises(xd.InputError, match=f"attribute '{name}' is '{value}', in the run"):
+        xd.save(made.assign_attrs({name: value}), tmp_path / "run.nc")
+    xd.save(made.assign_attrs(history=made.attrs["history"] + "; looked at"), tmp_path / "run.nc")
+    assert xd.verify(tmp_path / "run.nc") == xd.content_digest(made)

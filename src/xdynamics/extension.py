@@ -110,7 +110,9 @@ def _extended(
             f"the run was made by version {kept.attrs['xdynamics_version']} of xdynamics, or its forces were written in"
             " other words: march it anew, up to the new end"
         )
-    missing = [one.variable.name for one in record.columns(march) if one.variable.name not in kept.variables]
+    places = {str(name): tuple(one.dims) for name, one in kept.variables.items()}
+    needed = {one.variable.name: one.variable.dims for one in record.columns(march)}
+    missing = [name for name, dims in needed.items() if places.get(name) != dims]
     if missing:
         raise InputError(f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run")
     if path is not None:

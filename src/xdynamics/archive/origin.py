@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics.archive.seals import Seal, root_digest, slabs
 from xdynamics.record import own_attributes
-from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, VOLATILE
+from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 
 if TYPE_CHECKING:
     import xarray as xr
 
 TEXT = "as it was marched or read; save compares the record with it"
-OUTSIDE = (*VOLATILE, ROOT_DIGEST, ORIGIN)  # attributes that may change: circumstances, and what says who the record is
+OUTSIDE = (
+    "history",
+    VOLATILE_DIGEST,
+    ROOT_DIGEST,
+    ORIGIN,
+)  # attributes that may change: what was done, and who the record is
 
 
 Source = Callable[[], "xr.Dataset | None"]
