@@ -41,6 +41,7 @@ def made_by_hand(n: int = 1, columns: int = 6, **arrays: Any) -> Run:
         ("e", "located_e", "atol"), 2 * n
     )
     sizes |= {"at": len(AT), "base": 1, "plan": 1, "now": 1, "trial": 1, "located": 1, "kept": 1, "log_trials": 50}
+    sizes["snaps"] = 1 + len(arrays.get("nodes", ()))
     shapes = {
         "log_rows": (columns, 50),
         "log_flags": (2, 50),

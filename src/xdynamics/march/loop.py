@@ -131,7 +131,7 @@ def aim(run: Run) -> None:
 @compiled
 def aim_at_grid(run: Run, node: float) -> None:
     """Aim at the next grid time or an earlier node; from a grid time the step is the grid's, to the bit."""
-    now, plan, trial, snap = run.now[0], run.plan[0], run.trial[0], rounding(run, node)
+    now, plan, trial, snap = run.now[0], run.plan[0], run.trial[0], run.snaps[run.now[0].node]
     if plan.step_size > 0.0:
         time, step = plan.start + (now.grid + 1) * plan.step_size, plan.step_size
     elif now.grid < run.grid.shape[0]:
@@ -153,16 +153,10 @@ def aim_freely(run: Run, node: float) -> None:
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     rest = node - now.t
     trial.t = now.t + now.step
-    if trial.t >= node - rounding(run, node) or (rest <= STRETCH * now.step and rest <= plan.max_step):
+    if trial.t >= node - run.snaps[now.node] or (rest <= STRETCH * now.step and rest <= plan.max_step):
         trial.t, trial.h, trial.landing = node, rest, AT_NODE
     else:
         trial.h, trial.landing = trial.t - now.t, AT_GRID  # so that t + h is the target to the bit
-
-
-@compiled
-def rounding(run: Run, node: float) -> float:
-    """Return how far rounding alone may set a grid time apart from a node; where the run ends has no part in it."""
-    return run.plan[0].snap * max(abs(run.plan[0].start), abs(node))
 
 
 @compiled

@@ -56,6 +56,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         places=places,
         of_time=np.array([i for i, one in enumerate(model.drives.values()) if one.argument == "t"], np.int64),
         nodes=nodes,
+        snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
         grid=grid,
         steps=steps,
         detectors=_detectors(model, scales),

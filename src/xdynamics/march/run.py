@@ -74,7 +74,7 @@ KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimen
 FLEETING = ("law", "base")  # no part of the memory, nor what begins with log_: addresses belong to a process
 # what the model and the settings say, and no march changes
 FIXED = (
-    "plan", "p", "tables", "of_time", "atol", "nodes", "grid", "steps", "detectors", "equations", "unknowns", "entries",
+    "plan", "p", "tables", "of_time", "atol", "nodes", "snaps", "grid", "steps", "detectors", "equations", "unknowns", "entries",
 )  # fmt: skip
 
 
@@ -117,6 +117,7 @@ class Run:
     atol: Floats
     largest: Floats  # absolute values so far, where steps are chosen
     nodes: Floats  # times to land on between start and end
+    snaps: Floats  # how far rounding alone may set a grid time apart from each, and from the end
     grid: Floats  # times of a given grid
     steps: Floats  # the step to each of them
     detectors: Detectors
