@@ -361,6 +361,14 @@ def test_a_table_that_is_no_file(tmp_path: Path, what: str) -> None:
     with pytest.raises(xd.ModelError, match="no regular file|cannot be read|has over") as caught:
         xd.Model.from_toml(path)
     assert "secret" not in str(caught.value)
+    why = {
+        "pipe": "a pipe",
+        "folder": "directory",
+        "missing": "No such file",
+        "bytes": "no UTF-8 text",
+        "large": "limit",
+    }
+    assert why[what] in str(caught.value)
 
 
 def test_what_tables_may_be(tmp_path: Path) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import stat
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 
 from xdynamics.faults import InputError
+from xdynamics.files import decoded, read_bounded
 
 LARGEST_TABLE = 10_000_000  # bytes
 
@@ -49,10 +48,12 @@ class Reach:
         if self.tables == BELOW:
             path = self._below(name)
         try:
-            return _read(path)
+            return decoded(read_bounded(path, LARGEST_TABLE))
+        except InputError as error:
+            why = str(error)
         except (OSError, ValueError) as error:  # ValueError: bytes that are no text, or a name with a null
             why = error.strerror if isinstance(error, OSError) and error.strerror else "it is no UTF-8 text"
-            raise InputError(f"table {str(self.folder / name)!r} cannot be read: {why}") from None
+        raise InputError(f"table {str(self.folder / name)!r} cannot be read: {why}")
 
     def _below(self, name: str) -> Path:
         """Follow every link of a name that stays below the folder."""
@@ -74,15 +75,3 @@ class Reach:
                 f"table {name!r} is out of reach: a link leads out of the model file's own folder; {remedy}"
             )
         return path
-
-
-def _read(path: Path) -> str:
-    # neither a pipe, which would wait for its writer, nor a device, which never ends
-    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-    with os.fdopen(handle, "rb") as file:
-        about = os.fstat(handle)
-        if not stat.S_ISREG(about.st_mode):
-            raise InputError(f"table {str(path)!r} is no regular file; name a CSV file")
-        if about.st_size > LARGEST_TABLE:
-            raise InputError(f"table {str(path)!r} has over {LARGEST_TABLE} bytes")
-        return file.read(LARGEST_TABLE + 1).decode("utf-8-sig")
