@@ -19,6 +19,7 @@ from xdynamics.march.log import allocate
 from xdynamics.march.posing import posed
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import EXACT, REINTEGRATE, RULES
+from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import STEPS
@@ -143,10 +144,11 @@ class _Inside:
         method, estimator = METHODS[used["solver_method"]], str(used["solver_estimator"])
         # the same force samples as the run had: so its law is compiled already
         sampled = used.get("solver_force_samples") == "all"
-        jacobian = str(used.get("solver_jacobian", EXACT))
+        jacobian, summation = str(used.get("solver_jacobian", EXACT)), str(used.get("solver_summation", PLAIN))
         return Settings(
-            method, start + 1.0, estimator=estimator, samples=sampled, scales=scales_of(self.run), jacobian=jacobian
-        )
+            method, start + 1.0, estimator=estimator, samples=sampled, scales=scales_of(self.run), jacobian=jacobian,
+            summation=summation,
+        )  # fmt: skip
 
     @cached_property
     def layout(self) -> Layout:
