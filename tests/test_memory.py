@@ -16,6 +16,7 @@ from xdynamics.march import March
 from xdynamics.march.asking import settings_for
 from xdynamics.march.engine import engine
 from xdynamics.march.log import allocate
+from xdynamics.march.memory import arrays_of, put_back
 
 KINDS: dict[str, dict[str, Any]] = {
     "fixed": {"step": 0.02},
@@ -42,7 +43,12 @@ def marched(march: March, first: int = 1 << 40) -> bytes:
         log.base[name] = march.run.now[name]
     log.lend(march.run)
     engine().march(march.run, first)
-    return logged(march, log) + march.run.memory()
+    return logged(march, log) + bytes_of(march)
+
+
+def bytes_of(march: March) -> bytes:
+    """Return all that a march changes but its log."""
+    return b"".join(one.tobytes() for one in arrays_of(march.run).values())
 
 
 def logged(march: March, log: Any) -> bytes:
@@ -62,17 +68,17 @@ def test_a_march_goes_on_from_its_bytes(method: str, kind: str) -> None:
     row = int(np.random.default_rng(rows + len(method)).integers(1, rows - 1))
     first, second = march_of(method, kind), march_of(method, kind)
     marched(first, row)
-    second.run.restore(first.run.memory())
+    put_back(second.run, arrays_of(first.run))
     marched(second)
-    assert second.run.memory() == whole.run.memory()
+    assert bytes_of(second) == bytes_of(whole)
 
 
 OTHER = """
 import hashlib, pickle, sys
-from test_memory import march_of, marched
+from test_memory import march_of, marched, put_back
 for method, kind, memory in pickle.load(sys.stdin.buffer):
     march = march_of(method, kind)
-    march.run.restore(memory)
+    put_back(march.run, memory)
     print(hashlib.sha256(marched(march)).hexdigest())
 """
 
@@ -86,7 +92,7 @@ def test_in_another_process_too() -> None:
         whole, half = march_of(method, kind), march_of(method, kind)
         marched(whole)
         marched(half, int(whole.now.rows) // 2)
-        given.append((method, kind, half.run.memory()))
+        given.append((method, kind, arrays_of(half.run)))
         expected.append(hashlib.sha256(marched(half)).hexdigest())
     command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(MODELS.parents[1] / 'tests')!r})\n{OTHER}"]
     told = subprocess.run(command, input=pickle.dumps(given), capture_output=True, check=True).stdout.decode().split()
@@ -98,29 +104,20 @@ def test_a_memory_goes_back_into_a_march_that_went_on() -> None:
     march = march_of("midpoint", "fixed")
     blocks = march.blocks(20)
     next(blocks)
-    early = march.run.memory()
+    early = arrays_of(march.run)
     for _ in range(3):
         next(blocks)
-    march.run.restore(early)
-    assert (march.run.base[0].rows, march.run.base[0].samples) == (march.now.rows, march.now.samples)
+    put_back(march.run, early)
     marched(march)
     whole = march_of("midpoint", "fixed")
     marched(whole)
-    assert march.run.memory() == whole.run.memory()
+    assert bytes_of(march) == bytes_of(whole)
 
 
-def test_a_memory_of_another_grid_is_refused() -> None:
-    """Assert that bytes of the right size are not believed for that alone."""
-    one, other = march_of("midpoint", "given"), march_of("midpoint", "given")
-    other.run.steps[3] += 1e-3
-    with pytest.raises(ValueError, match="the memory is of another model, method or grid than this run"):
-        one.run.restore(other.run.memory())
-
-
-def test_a_memory_of_another_run_is_refused() -> None:
-    """Assert that bytes of another size are named, and nothing is changed."""
-    march = march_of("midpoint", "fixed")
-    before = march.run.memory()
-    with pytest.raises(ValueError, match=r"a memory of 3 bytes is none of this run, which has \d+"):
-        march.run.restore(b"123")
-    assert march.run.memory() == before
+def test_a_memory_of_another_form_is_refused() -> None:
+    """Assert that the first array that has another form is named, and nothing is changed."""
+    march, other = march_of("midpoint", "fixed"), march_of("rk4", "fixed")
+    before = bytes_of(march)
+    with pytest.raises(xd.InputError, match=r"the march's '\w+' has another form than here"):
+        put_back(march.run, arrays_of(other.run))
+    assert bytes_of(march) == before

@@ -9,8 +9,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from xdynamics.entrance import entrance
 
 if TYPE_CHECKING:
     from xdynamics.archive import content_digest, discard, open_run, save, verify
@@ -50,12 +51,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _ROOMS:
-        raise AttributeError(f"module 'xdynamics' has no attribute {name!r}")
-    value = getattr(import_module(f"xdynamics.{_ROOMS[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = entrance(__name__, _ROOMS)
 
 
 def __dir__() -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +11,9 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, record
 from xdynamics.archive.seals import slabs
-from xdynamics.faults import AccuracyWarning, InputError
+from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import OUTCOMES, March
 from xdynamics.march.asking import settings_for
-from xdynamics.march.doubts import doubts
 from xdynamics.march.memory import go_on
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
@@ -121,8 +119,8 @@ def _extended(
         raise InputError("resume needs path=…, the file that the run was to be streamed to")
     else:
         longer = archive.marched(record.dataset(march, march.blocks(), _rows(kept, march)))
-    for doubt in doubts(march):
-        warnings.warn(f"{model.name}: {doubt}", AccuracyWarning, stacklevel=3)
+    for doubt in march.doubts:
+        warn(f"{model.name}: {doubt}", AccuracyWarning)
     return longer
 
 

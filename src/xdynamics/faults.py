@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import unicodedata
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
+_PACKAGE = str(Path(__file__).parent)
 MOST_LISTED = 20  # faults that a message shows; an error bears them all
 # controls, marks of direction and other characters without a shape, halves of pairs, ends of lines and paragraphs
 UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
@@ -79,6 +83,14 @@ class ModelError(InputError):
 
 class ArchiveError(InputError):
     """A file is damaged, is no run archive, or cannot be written."""
+
+
+def warn(message: str, category: type[Warning]) -> None:
+    """Warn at the line of the caller's that led into this package."""
+    level, frame = 1, inspect.currentframe()
+    while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)
 
 
 def numbered(faults: Iterable[str]) -> str:

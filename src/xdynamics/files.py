@@ -1,10 +1,11 @@
-"""Files to read: regular ones, of a bounded size; whatever else a path may lead to is an error, never a wait."""
+"""Files: regular ones, of a bounded size to read, on the disk when they are written; what else a path leads to is an error."""
 
 from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -82,3 +83,14 @@ def decoded(content: bytes) -> str:
         If it is no such text.
     """
     return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+
+
+@contextmanager
+def synced(path: Path) -> Iterator[int]:
+    """Lend a descriptor of a file or folder, and have both it and what is done with it reach the disk."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        yield handle
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from os import PathLike
@@ -11,22 +10,22 @@ from typing import TYPE_CHECKING
 
 from xdynamics import archive, record
 from xdynamics.evidence.comparison import reproduced
-from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning
+from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning, warn
 from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
-from xdynamics.march.doubts import doubts
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.model.motion import variables
 from xdynamics.record.kinds import is_derived, said_of
 from xdynamics.record.provenance import asked_of
-from xdynamics.stability import fastest_rate, stable_step, surely_stable
+from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
 from xdynamics.units import Quantity
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from xdynamics.march.runner import Progress
+    from xdynamics.stability.amplification import Floats
 
 SAFE_STEP = 0.1  # over the fastest time scale: what every method of order 2 and more bears for long
 
@@ -158,8 +157,8 @@ def simulate(
         finished = archive.open_run(archive.stream(march, path, resume=resume), check=False)
     else:
         finished = archive.marched(record.dataset(march, march.blocks()))
-    for doubt in doubts(march):
-        warnings.warn(f"{model.name}: {doubt}", AccuracyWarning, stacklevel=2)
+    for doubt in march.doubts:
+        warn(f"{model.name}: {doubt}", AccuracyWarning)
     return finished
 
 
@@ -183,41 +182,39 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
     step, method = settings.step, settings.method
     if not isinstance(step, float | int) or settings.adaptive or model.python_forces:
         return
-    state = initial_state(model)
-    span = settings.until - state["t"]
+    jacobian, span = _jacobian(model), settings.until - model.initial["t"].si
+    if jacobian is None:
+        return
     if method.order > 1:
-        turned = step * _fastest_rate(model)
+        turned = step * fastest_rate(jacobian)
         if not (turned > SAFE_STEP or span / step * turned ** (method.order + 1) > 1.0):
             return
-        if surely_stable(linearise(model, state).jacobian, method, len(model.coordinates), step):
+        if surely_stable(jacobian, method, len(model.coordinates), step):
             return
-    limit = stable_step(model, method, state)
+    limit = stable_step_of(jacobian, method, model)
     if limit > 0.0 and step > limit:
-        _warn(
+        warn(
             f"step {step:.6g} s is beyond the stability limit {limit:.6g} s of '{method.name}' for '{model.name}' at its"
             " start: errors grow from step to step; take a shorter step, or see xdynamics.modes(model) for what other"
-            " methods bear"
+            " methods bear",
+            StabilityWarning,
         )
-    elif limit == 0.0 and step > (longest := stable_step(model, method, state, growth=1.0 / span)):
-        _warn(
+    elif limit == 0.0 and step > (longest := stable_step_of(jacobian, method, model, growth=1.0 / span)):
+        warn(
             f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is 0 s): errors"
             f" grow from step to step, with {step:.6g} s more than e times within this run of {span:.6g} s, up to"
-            f" {longest:.3g} s less; see xdynamics.modes(model) for methods that are stable"
+            f" {longest:.3g} s less; see xdynamics.modes(model) for methods that are stable",
+            StabilityWarning,
         )
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, StabilityWarning, stacklevel=4)
 
 
 @lru_cache(maxsize=64)
-def _fastest_rate(model: Model) -> float:
-    """Bound the size of every eigenvalue of a model at its start, s-1."""
+def _jacobian(model: Model) -> Floats | None:
+    """Linearise a model at its start; None where that is not possible."""
     try:
-        jacobian = linearise(model, initial_state(model)).jacobian
+        return linearise(model, initial_state(model)).jacobian
     except InputError:
-        return 0.0  # the march will say what is wrong with the forces at the start
-    return fastest_rate(jacobian)
+        return None  # the march will say what is wrong with the forces at the start
 
 
 def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:

@@ -94,6 +94,7 @@ def our_runs(problem: str, method: str, tolerance: float, end: float | None = No
     from xdynamics.march.asking import settings_for
     from xdynamics.march.engine import engine
     from xdynamics.march.log import allocate
+    from xdynamics.march.memory import arrays_of, put_back
 
     one = PROBLEMS[problem]
     model = one.model()
@@ -114,8 +115,8 @@ def our_runs(problem: str, method: str, tolerance: float, end: float | None = No
     march = March(model, settings)
     loop, posed = engine().march, march.run
     allocate(march.layout, run.sizes["step"] + 5, sampled=0).lend(posed)
-    memory = posed.memory()
-    looped = spent(lambda: loop(posed, 1 << 30), most=2000, before=lambda: posed.restore(memory))
+    memory = arrays_of(posed)
+    looped = spent(lambda: loop(posed, 1 << 30), most=2000, before=lambda: put_back(posed, memory))
     assert OUTCOMES[int(march.now.status)].word == run.attrs["run_outcome"]
     assert march.now.rows == run.sizes["step"]
     steps, rejected = run.attrs["run_accepted_steps"], run.attrs["run_rejected_trials"]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from xdynamics.entrance import entrance
 
 if TYPE_CHECKING:
     from xdynamics.archive.origin import marched
@@ -38,10 +39,4 @@ __all__ = [
     "verify",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _ROOMS:
-        raise AttributeError(f"module 'xdynamics.archive' has no attribute {name!r}")
-    value = getattr(import_module(f"xdynamics.archive.{_ROOMS[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = entrance(__name__, _ROOMS)

@@ -64,7 +64,7 @@ def _locked(target: Path) -> tuple[Path, int]:
         except FileExistsError:
             continue
         try:
-            if _take(handle, needed=False) and lock.exists():  # another process may have swept it away before
+            if take(handle, needed=False) and lock.exists():  # another process may have swept it away before
                 return path, handle
         except BaseException:
             lock.unlink(missing_ok=True)
@@ -95,15 +95,18 @@ def _remove(guard: Path, paths: list[Path]) -> None:
     handle = os.open(guard, os.O_RDWR | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         ours = stat.S_ISREG(os.fstat(handle).st_mode) and os.read(handle, 8) in _BEGINS
-        if ours and _take(handle, needed=True):
+        if ours and take(handle, needed=True):
             for path in paths:
                 path.unlink(missing_ok=True)
     finally:
         os.close(handle)
 
 
-def _take(handle: int, *, needed: bool) -> bool:
-    """Lock a file unless another process does; where the file system has no locks, nothing is removed but all is written."""
+def take(handle: int, *, needed: bool) -> bool:
+    """Lock what is open, until it is closed, unless another process does.
+
+    Where the file system has no locks, one that is needed is not had: nothing is removed there, but all is written.
+    """
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from xdynamics.archive.examination import Examination
 from xdynamics.archive.examiner import examined, is_known
-from xdynamics.archive.lending import MOST_REPLACED, identity_of, lent
+from xdynamics.archive.lending import MOST_REPLACED, Identity, identity_of, lent
 from xdynamics.archive.library import DAMAGE
 from xdynamics.archive.origin import read
-from xdynamics.archive.seals import tail_of
+from xdynamics.archive.seals import Tail, tail_of
 from xdynamics.archive.source import check_source
-from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered
+from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, warn
 from xdynamics.record import faults_of
 from xdynamics.record.kinds import said_of
 from xdynamics.schema import ROOT_DIGEST, SEALED
@@ -43,9 +43,10 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
     """
     path = Path(path)
     check_source(path)
-    foreign = check and not is_known(tail_of(path))  # its bytes were not written or read here before
+    look = _Look.at(path) if check else None
+    foreign = look is not None and not is_known(look.tail)  # its bytes were not written or read here before
     if foreign:
-        _examined(path)
+        _examined(path, look)
     try:
         run = lent(path)
     except DAMAGE as error:
@@ -101,7 +102,7 @@ def verify(path: str | Path) -> str:
     with open_run(path, check=False) as run:
         said = said_of(run.attrs)
     if said:
-        warnings.warn(f"'{path}' is as it was written, and is {said}", KindWarning, stacklevel=2)
+        warn(f"'{path}' is as it was written, and is {said}", KindWarning)
     return digest
 
 
@@ -111,12 +112,25 @@ def verified(path: Path) -> str:
     return _examined(path).digest
 
 
-def _examined(path: Path) -> Examination:
+@dataclass(frozen=True)
+class _Look:
+    """Which file a path leads to, and what stands at its end: every byte of it was read for that."""
+
+    identity: Identity
+    tail: Tail
+
+    @classmethod
+    def at(cls, path: Path) -> _Look:
+        return cls(identity_of(path), tail_of(path))
+
+
+def _examined(path: Path, look: _Look | None = None) -> Examination:
     """Compare a file with everything that it says of itself; one whose name another file took meanwhile is begun anew."""
     for _ in range(MOST_REPLACED):
-        before = identity_of(path)
-        found = examined(path, tail_of(path))
-        if not found.faults or identity_of(path) == before:
+        look = look or _Look.at(path)
+        found = examined(path, look.tail)
+        if not found.faults or identity_of(path) == look.identity:
             break
+        look = None
     found.settle(path)
     return found

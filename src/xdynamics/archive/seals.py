@@ -108,12 +108,6 @@ def tail_of(path: Path) -> Tail:
     return Tail(fault="its seal is hurt") if 2 * alike > len(MARK) else Tail()
 
 
-def seal_holds(path: Path) -> bool | None:
-    """Tell whether a file is byte for byte the one that was sealed; None where it bears no seal."""
-    tail = tail_of(path)
-    return None if tail == Tail() else not tail.fault
-
-
 def _file_digest(path: Path, size: int) -> str:
     """sha256 of the sha256 of every 4 MiB, which all cores may take at once."""
 

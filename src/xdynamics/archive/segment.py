@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.seals import Seal
 from xdynamics.faults import ArchiveError
+from xdynamics.files import synced
 
 Array = NDArray[Any]
 Part = tuple[str, Array]
@@ -89,21 +90,13 @@ def write(path: Path, of: Mapping[str, Any], memory: Mapping[str, Array], rows: 
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)
-        _sync(path.parent)
+        with synced(path.parent):
+            pass
     except BaseException:
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise
     return digest
-
-
-def _sync(folder: Path) -> None:
-    """Have the system keep a new name in a folder, as it keeps the file."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def read(path: Path) -> Segment:

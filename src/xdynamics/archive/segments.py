@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -15,17 +13,17 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.archive import segment
+from xdynamics.archive.leftovers import take
 from xdynamics.archive.seals import Seal
 from xdynamics.archive.segment import Part, Segment
 from xdynamics.archive.target import check_target
 from xdynamics.archive.writer import Writer
-from xdynamics.faults import ArchiveError, InputError, ResumeWarning
+from xdynamics.faults import ArchiveError, InputError, ResumeWarning, warn
 from xdynamics.march import March
 from xdynamics.record import apart, identity
 from xdynamics.units import TIME
 
 EVERY = 10.0  # s between two segments: a run that is over sooner has none
-NO_LOCK = -1
 SHARE = 0.01  # of a run's time, between two segments of one that lasts long
 
 
@@ -54,7 +52,7 @@ class Segments:
         self._found: list[Segment] = []
         self._number, self._before = 1, ""  # of the next one, and the digest of the last
         self._kept: dict[str, int] = {}
-        self._mine, self._lock = False, NO_LOCK
+        self._lock: int | None = None
         names = _names(self.folder)
         if names and not resume:
             raise InputError(
@@ -65,16 +63,17 @@ class Segments:
             self._claim()
             self._gather(names)
         elif resume:
-            _warn(f"there are no segments of '{archive}' to go on from: it is marched from its start")
+            warn(f"there are no segments of '{archive}' to go on from: it is marched from its start", ResumeWarning)
 
     def __enter__(self) -> Segments:
         return self
 
     def __exit__(self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None) -> None:  # fmt: skip
-        _unlocked(self._lock)
+        if self._lock is not None:
+            os.close(self._lock)
 
     def _claim(self) -> None:
-        self._lock, self._mine = _locked(self.folder, self.archive), True
+        self._lock = _locked(self.folder, self.archive)
 
     def __len__(self) -> int:
         return len(self._found)
@@ -88,7 +87,7 @@ class Segments:
                 one.check(seals)
             except ArchiveError as error:
                 where = f"goes on from t = {self._found[-1].said['t']:.9g} s" if self._found else "starts anew"
-                _warn(f"segment '{name}' {error}: the run {where}")
+                warn(f"segment '{name}' {error}: the run {where}", ResumeWarning)
                 return
             self._found.append(one)
             self._number, self._before = self._number + 1, one.digest
@@ -137,7 +136,7 @@ class Segments:
         t = float(memory["now"]["t"][0]) * self.march.settings.scales.of(TIME)
         of = {"of": self._of, "before": self._before, "t": t, "digests": dict(digests)}
         try:
-            if not self._mine:
+            if self._lock is None:
                 self.folder.mkdir()
                 self._claim()
             rows, values = writer.shapes_since(self._kept), writer.since(self._kept)
@@ -146,12 +145,12 @@ class Segments:
         except (OSError, InputError) as error:
             self.failed = True
             why = getattr(error, "strerror", None) or error
-            _warn(f"no more segments of '{self.archive}' can be kept: {why}; the run goes on")
+            warn(f"no more segments of '{self.archive}' can be kept: {why}; the run goes on", ResumeWarning)
         self._kept, self._last = filled, time.monotonic()
 
     def remove(self) -> None:
         """Remove all segments: the archive is whole."""
-        if self._mine:
+        if self._lock is not None:
             _emptied(self.folder)
 
     @property
@@ -199,7 +198,7 @@ def discard(archive: str | Path) -> int:
     except OSError as error:
         raise ArchiveError(f"the segments in '{folder}' cannot be removed: {error.strerror or error}") from None
     finally:
-        _unlocked(lock)
+        os.close(lock)
     return len(names)
 
 
@@ -215,26 +214,9 @@ def _emptied(folder: Path) -> None:
 
 
 def _locked(folder: Path, archive: Path) -> int:
-    """Claim a folder for this process, for as long as the handle is open; return it, NO_LOCK where the system has none."""
-    with suppress(ImportError):
-        import fcntl
-
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(handle)
-            raise InputError(f"'{archive}' is being marched by another process; wait for it, or end it") from None
-        except OSError:  # a file system without locks
-            pass
+    """Claim a folder for this process, for as long as the handle is open; return it."""
+    handle = os.open(folder, os.O_RDONLY)
+    if take(handle, needed=False):
         return handle
-    return NO_LOCK
-
-
-def _unlocked(handle: int) -> None:
-    if handle != NO_LOCK:
-        os.close(handle)
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, ResumeWarning, stacklevel=4)
+    os.close(handle)
+    raise InputError(f"'{archive}' is being marched by another process; wait for it, or end it")

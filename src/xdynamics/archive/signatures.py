@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.archive.reading import open_run, verify
+from xdynamics.archive.target import taking_name
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.schema import VOLATILE_DIGEST
 
@@ -55,7 +56,8 @@ def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None =
     seen = base64.b64encode(own.sign(_message(*digests))).decode()
     lines = (KIND, f"content {digests[0]}", f"circumstances {digests[1]}", f"key {_fingerprint(own.public_key())}", f"signature {seen}")  # fmt: skip
     target = signature_of(Path(path))
-    _put(target, "\n".join(lines) + "\n")
+    with taking_name(target) as new:
+        new.part.write_text("\n".join(lines) + "\n", encoding="ascii")
     return target
 
 
@@ -245,17 +247,6 @@ def _text(path: Path, what: str) -> bytes:
             return file.read(_LONGEST)
     except OSError as error:
         raise InputError(f"the {what} '{path}' cannot be read: {error.strerror or error}") from None
-
-
-def _put(path: Path, text: str) -> None:
-    """Write a small file whole or not at all."""
-    part = path.with_name(f".{path.name}.part")
-    try:
-        part.write_text(text, encoding="ascii")
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise ArchiveError(f"the signature '{path}' cannot be written: {error.strerror or error}") from None
 
 
 def _cryptography() -> tuple[Any, Any]:

@@ -15,7 +15,7 @@ from xdynamics.archive.leftovers import Part, sweep
 from xdynamics.archive.lending import is_lent
 from xdynamics.archive.source import check_name
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.files import asked, decoded, kind_of, read_bounded
+from xdynamics.files import asked, decoded, kind_of, read_bounded, synced
 
 if TYPE_CHECKING:
     from xdynamics.model import Model
@@ -100,10 +100,10 @@ def taking_name(path: Path) -> Iterator[NewFile]:
         with Part.beside(target, _NEW if not target.exists() else _PRIVATE) as part:
             new = NewFile(part.path, target)
             yield new
-            with _synced(part.path) as handle:
+            with synced(part.path) as handle:
                 _inherit(handle, new.name)
             part.path.replace(new.name)
-            with _synced(target.parent):
+            with synced(target.parent):
                 pass
     except (OSError, RuntimeError) as error:
         raise ArchiveError(
@@ -141,14 +141,3 @@ def _cause(folder: Path, error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return f"{error} (disk full, file-size limit or lost device)"
-
-
-@contextmanager
-def _synced(path: Path) -> Iterator[int]:
-    """Lend a descriptor of a file or folder, and have both it and what is done with it reach the disk."""
-    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        yield handle
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +21,7 @@ from xdynamics.archive.seals import Tail, seal_file, slabs, tail_of
 from xdynamics.archive.standing import standing
 from xdynamics.archive.target import check_no_table, taking_name
 from xdynamics.archive.writer import Writer
-from xdynamics.faults import InputError, PartialRunWarning, numbered
+from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.kinds import left_out_atols
 from xdynamics.schema import DERIVED, DERIVED_FROM, LEFT_OUT_ATOL, ORIGIN, SELECTION, SELECTION_OF, STEPS
@@ -138,7 +137,7 @@ def new_file(path: Path) -> Iterator[Writer]:
     if new.name != path.resolve():
         writer.path = new.name
         said = f"'{path}' holds a run that ended well and stays; the one that did not is in '{new.name}'"
-        warnings.warn(said, PartialRunWarning, stacklevel=4)
+        warn(said, PartialRunWarning)
 
 
 def beside(path: Path) -> Path:

@@ -56,7 +56,8 @@ def ending(march: March) -> Ending:
     text = failure.outcome.sentence.format(t=f"{t:.15g}", h=f"{h:.6g}", cause=failure.cause)
     # a run that got on, or ran out of steps, has something to say about its steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
-    return Ending(failure.outcome, "; ".join(filter(None, (text, *doubts(march), advice))))
+    march.doubts = doubts(march)
+    return Ending(failure.outcome, "; ".join(filter(None, (text, *march.doubts, advice))))
 
 
 @dataclass(frozen=True)

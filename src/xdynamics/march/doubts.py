@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.march.runner import March
+from xdynamics.march.settings import EPS
 from xdynamics.model.linearisation import mass_matrices
 from xdynamics.stability import stiffness
 from xdynamics.units import TIME
@@ -19,7 +20,6 @@ MOST_NAMED = 3
 FEW_ROWS = 100  # of a run, from which on stiffness is looked for
 FEW_LOOKS = 12  # at a mass matrix, 50 microseconds each
 WELL_CONDITIONED = 1e10  # leaves six digits of the accelerations
-EPS = 2.220446049250313e-16
 
 
 def doubts(march: March) -> list[str]:

@@ -6,7 +6,6 @@ read and set as ``run.now[0].t``. The bytes of everything but the log and the la
 
 from __future__ import annotations
 
-import hashlib
 from typing import Any
 
 import numpy as np
@@ -153,44 +152,10 @@ class Run:
             setattr(self, name, array)
             self._table[place] = array.ctypes.data, array.shape[0], array.shape[-1]
 
-    def memory(self) -> bytes:
-        """Return all that the march knows, to go on from in any process."""
-        return self._identity() + b"".join(array.tobytes() for array in self._remembered())
-
-    def restore(self, memory: bytes) -> None:
-        """Put a memory into a run of the same model and settings; its log begins where it goes on.
-
-        Raises
-        ------
-        ValueError
-            If it has another size, or is of another model or grid.
-        """
-        own = self._identity()
-        size = len(own) + sum(array.nbytes for array in self._remembered())
-        if size != len(memory):
-            raise ValueError(f"a memory of {len(memory)} bytes is none of this run, which has {size}")
-        if memory[: len(own)] != own:
-            raise ValueError("the memory is of another model, method or grid than this run")
-        first = len(own)
-        for array in self._remembered():
-            array.view(np.uint8).reshape(-1)[:] = np.frombuffer(memory, np.uint8, array.nbytes, first)
-            first += array.nbytes
-        for name in self.base.dtype.names or ():
-            self.base[name] = self.now[name]
-
-    def _identity(self) -> bytes:
-        """Digest of what tells a model, a method and a grid from others and is the same in all of its runs."""
-        fixed = (self.tables, self.of_time, self.nodes, self.grid, self.steps, self.detectors, self.equations, self.unknowns, self.entries)  # fmt: skip
-        return hashlib.sha256(b"|".join(array.tobytes() for array in fixed)).digest()
-
-    def _remembered(self) -> list[NDArray[Any]]:
-        return [getattr(self, name) for name in _MEMORY]
-
 
 ARRAYS: dict[str, str] = dict(Run.__annotations__)  # name and kind
 _PLACES = {name: i for i, name in enumerate(ARRAYS)}
 _OF_LAWS = [{"places": "pieces", "log_rows": "rows"}.get(name, name) for name in ARRAYS][: len(TABLE)]
 if tuple(_OF_LAWS) != TABLE:
     raise AssertionError("laws would find other arrays than they look for")
-_MEMORY = [name for name in ARRAYS if name not in FLEETING and not name.startswith("log_")]
-CHANGING = tuple(name for name in _MEMORY if name not in FIXED)
+CHANGING = tuple(name for name in ARRAYS if name not in {*FLEETING, *FIXED} and not name.startswith("log_"))

@@ -79,6 +79,7 @@ class March:
         self.interrupted = False
         self.stopping_event = ""
         self.bad_values: dict[str, float] = {}  # energies and observables of a row that could not be kept
+        self.doubts: list[str] = []  # what speaks against its numbers, once it is over; see `ending`
         self.event_pairs = 0
         self.witnesses: NDArray[np.float64] = np.empty((3 + len(self.layout.used), 0))  # row number, time, step, state
 

@@ -175,14 +175,6 @@ class Settings:
         """The method with its estimator."""
         return Scheme(self.method, self.estimator, self.jacobian, self.summation)
 
-    def expected_steps(self, model: Model) -> float:
-        """Return how many steps there will be; where they are chosen, how many there may be."""
-        if self.adaptive:
-            return float(self.pacing.max_steps)
-        if isinstance(self.step, tuple):
-            return float(len(self.step))
-        return (self.until - model.initial["t"].si) / (self.step or 1.0)
-
     def layout(self, model: Model) -> Layout:
         """Return where each number of the march stands."""
         return layout_of(model, self.scheme)
