@@ -28,8 +28,8 @@ TRIAL_REASONS = (
 REASON_ERROR, REASON_NONFINITE, REASON_DOMAIN, REASON_CONTACT, REASON_EVENT, REASON_NEWTON, REASON_EVENT_FUNCTION = (
     range(7)
 )
-EVENT_KINDS = ("crossing", "touch", "jump", "impact", "regime_switch")
-CROSSING = 0
+EVENT_KINDS = ("crossing", "touch", "jump", "impact", "regime_switch", "pole", "cluster", "rest", "takeoff", "stick", "slip", "reset")  # fmt: skip
+CROSSING, TOUCH, JUMP, _, _, POLE, CLUSTER = range(7)
 EVENT_DIRECTIONS = {-1: "falling", 1: "rising"}
 ONLY_REGIME = "motion"
 

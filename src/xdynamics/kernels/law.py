@@ -17,6 +17,7 @@ from xdynamics.elementary import FUNCTIONS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import machine, quantities, stepping
 from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.enclosing import CALLED
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.operations import PYTHON
@@ -115,7 +116,7 @@ class Law:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return self.plain
         found = self._marching.addresses | {self.entries[INSIDE - FORCES].name: 0}
-        return np.array([*_control().addresses.values(), *(found[one.name] for one in self.entries)], np.int64)
+        return np.array([*_alone(CONTROL).addresses.values(), *(found[one.name] for one in self.entries)], np.int64)
 
     @cached_property
     def _addresses_inside(self) -> NDArray[np.int64]:
@@ -157,11 +158,22 @@ class Law:
 
 
 @lru_cache(maxsize=1)
-def _control() -> machine.Code:
-    """Return machine code of the functions that step control calls."""
+def called_with_intervals() -> NDArray[np.int64]:
+    """Return where the functions begin that event functions may call, in the order of `enclosing.CALLED`."""
+    with _LOCK:
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+            keys = [next(_KEYS) for _ in CALLED]
+            PLAIN.update(zip(keys, (FUNCTIONS[name] for name in CALLED), strict=True))
+            return np.array(keys, np.int64)
+        return np.array(list(_alone(CALLED).addresses.values()), np.int64)
+
+
+@lru_cache(maxsize=2)
+def _alone(names: tuple[str, ...]) -> machine.Code:
+    """Return machine code of functions of one number, for the engine to call."""
     entry = "define double @{0}(double %x) {{\n  %y = call double @elementary_{0}(double %x)\n  ret double %y\n}}"
-    text = [declarations(1), definitions(dict.fromkeys(CONTROL, True), 1), *map(entry.format, CONTROL)]
-    return machine.compiled("\n".join(text), CONTROL)
+    text = [declarations(1), definitions(dict.fromkeys(names, True), 1), *map(entry.format, names)]
+    return machine.compiled("\n".join(text), names)
 
 
 @lru_cache(maxsize=128)

@@ -9,6 +9,7 @@ from xdynamics.march.doubts import advice_on_stiffness, doubts
 from xdynamics.march.newton import MOST_ITERATIONS
 from xdynamics.march.outcomes import (
     COMPLETED,
+    EVENT_AT_ZERO,
     NONFINITE,
     NONFINITE_FORCE,
     NONFINITE_OBSERVABLE,
@@ -78,6 +79,10 @@ def diagnose(march: March) -> Failure:
     if status == REASON_EVENT_FUNCTION:
         named = zip(march.model.events, march.run.g1.tolist(), strict=True)
         cause = ", ".join(f"the function of event '{name}' is {value}" for name, value in named if not isfinite(value))
+        return Failure(OUTCOMES[status], cause)
+    if status == EVENT_AT_ZERO:
+        named = zip(march.model.events, march.run.watches["ever"].tolist(), strict=True)
+        cause = ", ".join(f"the function of event '{name}' is 0" for name, ever in named if not ever)
         return Failure(OUTCOMES[status], cause)
     if status == NONFINITE_OBSERVABLE:
         return _in_row(march)

@@ -1,70 +1,104 @@
-"""Finding the first event of a step: sign changes, brackets, substeps of the method itself."""
+"""Locating the first event of a trial: its bracket is narrowed to the time tolerance by substeps of the method itself."""
 
 from __future__ import annotations
 
-from math import nan
-from typing import Any
+from math import inf
 
-from numpy.typing import NDArray
-
-from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.law import SLOPES
+from xdynamics.kernels.program import T
+from xdynamics.march.enclosures import BREAKS, EPS, UNBOUNDED
+from xdynamics.march.handle import called
+from xdynamics.march.isolation import FORCED, NONE, TOUCHED, nan, propose_apart, resolution, sign
 from xdynamics.march.log import MOST_SUBSTEPS, note_trial
-from xdynamics.march.proposing import propose
+from xdynamics.march.proposing import copy, keep, take
 from xdynamics.march.run import Run
-from xdynamics.schema import REASON_EVENT
+from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, REASON_EVENT, TOUCH
 
 ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
-EPS = 2.220446049250313e-16
-RISING, FALLING = 1, -1
-
-propose_apart = apart(propose)
-
-
-@compiled
-def crosses(direction: int, before: float, after: float) -> bool:
-    """Whether an event function changed its sign in the direction watched; one that starts at zero did not."""
-    if direction == RISING:
-        return before < 0.0 <= after
-    if direction == FALLING:
-        return before > 0.0 >= after
-    return before < 0.0 <= after or before > 0.0 >= after
-
-
-@compiled
-def crosses_any(run: Run) -> bool:
-    """Whether any event function crossed in the trial."""
-    crossed = False
-    for i in range(run.detectors.shape[0]):
-        crossed = crossed or crosses(run.detectors[i].direction, run.g[i], run.g1[i])
-    return crossed
+STEEP = 100.0  # times what a slope explains: a jump; times what a function was before: a pole
 
 
 @shared
 def locate(run: Run) -> None:
-    """Shrink the trial until it ends just behind its first event; every substep on the way is a rejected trial."""
-    keep(run)
+    """Shrink the trial until it ends just behind its first event, ties with it; substeps on the way are rejected trials."""
+    first = inf
     for i in range(run.detectors.shape[0]):
-        run.lows[i] = 0.0
-        if crosses(run.detectors[i].direction, run.g[i], run.located_g[i]):
-            bracket(run, i)
+        if run.watches[i].hit != NONE:
+            first = min(first, run.watches[i].right)
+    if first != run.located[0].h:
+        note_trial(run, first, nan, REASON_EVENT)
+        propose_apart(run, run.now[0].t + first, first)
+        keep(run)
+    for i in range(run.detectors.shape[0]):
+        if run.watches[i].hit != NONE and happened(run, i, run.located[0].h):
+            bracket(run, i, run.watches[i].left)
+    for i in range(run.detectors.shape[0]):
+        if run.watches[i].hit != NONE and not happened(run, i, run.located[0].h):
+            join(run, i)
     take(run)
+    for i in range(run.detectors.shape[0]):
+        if run.watches[i].hit != NONE and not happened(run, i, run.located[0].h):
+            run.watches[i].hit = NONE
 
 
 @shared
-def bracket(run: Run, i: int) -> None:
+def join(run: Run, i: int) -> None:
+    """Have the trial end behind an event too that follows the first within its time tolerance."""
+    before = run.located[0].h
+    s = before + resolution(run, i, before)
+    if run.watches[i].left > s or s > run.watches[i].right:
+        return
+    note_trial(run, s, nan, REASON_EVENT)
+    propose_apart(run, run.now[0].t + s, s)
+    if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)):
+        keep(run)
+        run.watches[i].left, run.watches[i].before = before, nan
+
+
+@shared
+def happened(run: Run, i: int, s: float) -> bool:
+    """Whether the located trial ends behind an event."""
+    copy(run.located_z, run.z)
+    copy(run.located_g, run.g1)
+    run.at[T] = run.now[0].t + s
+    return passed(run, i, measured(run, i))
+
+
+@compiled
+def passed(run: Run, i: int, value: float) -> bool:
+    """Whether what changes its sign at an event has done so; zero is the other side."""
+    return value >= 0.0 if run.watches[i].armed < 0 else value <= 0.0
+
+
+@shared
+def measured(run: Run, i: int) -> float:
+    """What changes its sign at an event, at the trial's end: its function, or where that only touches its slope."""
+    if run.watches[i].hit != TOUCHED:
+        return run.g1[i]
+    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    return -run.slopes[i]
+
+
+@shared
+def bracket(run: Run, i: int, left: float) -> None:
     """Narrow one event's bracket [low, high] of steps to its time tolerance, by the ITP method.
 
-    Event i has not crossed after `low` and has after `high`, where the located trial ends; where another event crosses
-    earlier, a later call narrows further.
+    Event i has not happened at `low` and has at `high`, where the located trial ends; where another event is earlier, a
+    later call narrows further.
     """
-    t, direction = run.now[0].t, run.detectors[i].direction
-    low, high, at_low = 0.0, run.located[0].h, run.g[i]
+    t, watch = run.now[0].t, run.watches[i]
+    low, high = left, run.located[0].h
+    at_high = measured(run, i)
+    at_low = start_of(run, i, low)
     tolerance = max(run.detectors[i].tolerance, 2.0 * EPS * max(abs(t), abs(t + high)))
-    slack, scale = reach(high, tolerance), 0.2 / high
+    slack, scale = reach(high - low, tolerance), 0.2 / (high - low)
     for _ in range(MOST_SUBSTEPS - 1):
         if high - low <= tolerance:
             break
-        s = itp(low, high, at_low, run.located_g[i], scale, slack - (high - low) / 2.0)
+        if sign(at_low) != watch.armed:  # too small to be believed: only the side is
+            at_low = -at_high if at_high != 0.0 else float(watch.armed)
+        s = itp(low, high, at_low, at_high, scale, slack - (high - low) / 2.0)
         slack = slack / 2.0
         if s >= high:  # the point fell on an end of the bracket: probe a tolerance inside it
             s = max((low + high) / 2.0, high - tolerance)
@@ -74,51 +108,44 @@ def bracket(run: Run, i: int) -> None:
             break
         note_trial(run, s, nan, REASON_EVENT)
         propose_apart(run, t + s, s)
-        if (
-            run.trial[0].iterations < 0
-        ):  # equations that were not solved tell nothing: the bracket stays as wide as it is
+        if run.trial[0].iterations < 0:  # equations that were not solved tell nothing: the bracket stays as wide as it is
             break
-        if crosses(direction, run.g[i], run.g1[i]):
-            high = s
+        value = measured(run, i)
+        if passed(run, i, value):
+            high, at_high = s, value
             keep(run)
         else:
-            low, at_low = s, run.g1[i]
-    run.lows[i] = low
-
-
-@compiled
-def keep(run: Run) -> None:
-    """Take the trial for the one that ends at the event."""
-    copy_trial(run.trial, run.located)
-    copy(run.z, run.located_z)
-    copy(run.e, run.located_e)
-    copy(run.g1, run.located_g)
-    copy(run.samples, run.located_samples)
-
-
-@compiled
-def take(run: Run) -> None:
-    """Go back to the trial that ends at the event: it is not made a second time."""
-    copy_trial(run.located, run.trial)
-    copy(run.located_z, run.z)
-    copy(run.located_e, run.e)
-    copy(run.located_g, run.g1)
-    copy(run.located_samples, run.samples)
+            low, at_low = s, value
+    watch.left, watch.right, watch.before = low, high, at_low
 
 
 @shared
-def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
-    """Copy a trial's numbers."""
-    one, other = source[0], target[0]
-    other.t, other.h, other.landing, other.iterations = one.t, one.h, one.landing, one.iterations
-    other.unsound, other.unsound_events = one.unsound, one.unsound_events
+def start_of(run: Run, i: int, s: float) -> float:
+    """What changes its sign at an event, at the left end of its bracket."""
+    if s > 0.0:
+        note_trial(run, s, nan, REASON_EVENT)
+        propose_apart(run, run.now[0].t + s, s)
+        return measured(run, i)
+    if run.watches[i].hit != TOUCHED:
+        return run.g[i]
+    run.at[T] = run.now[0].t
+    called(run.law[SLOPES], run, run.y, run.slopes, 0)
+    return -run.slopes[i]
 
 
 @shared
-def copy(source: NDArray[Any], target: NDArray[Any]) -> None:
-    """Copy numbers, in a loop: a slice assignment takes numba seconds to compile."""
-    for i in range(source.shape[0]):
-        target[i] = source[i]
+def kind_of(run: Run, i: int) -> int:
+    """Tell a crossing from a touch, a jump, a pole, and from what could not be told apart; slopes are those at the end."""
+    watch, after = run.watches[i], run.g1[i]
+    if watch.hit == TOUCHED:
+        return TOUCH
+    if watch.broken >= BREAKS:
+        if watch.broken == UNBOUNDED and min(abs(watch.before), abs(after)) > STEEP * watch.size:
+            return POLE
+        width = watch.right - watch.left
+        if abs(after - watch.before) > STEEP * (abs(run.slopes[i]) * width + EPS * watch.size):
+            return JUMP
+    return CLUSTER if watch.hit == FORCED else CROSSING
 
 
 @compiled
@@ -135,6 +162,8 @@ def itp(low: float, high: float, at_low: float, at_high: float, scale: float, sl
     """Interpolate, truncate towards the middle, project: one step of ITP with kappa_2 = 2, n_0 = 1."""
     middle = (low + high) / 2.0
     secant = (at_high * low - at_low * high) / (at_high - at_low)
+    if not low <= secant <= high:  # of infinities
+        secant = middle
     side = 1.0 if middle >= secant else -1.0
     shift = scale * (high - low) * (high - low)
     point = secant + side * shift if shift <= abs(middle - secant) else middle

@@ -19,7 +19,7 @@ _HUGE = 1 << 22  # bytes from which numpy asks for huge pages
 _WIDE = 100  # columns from which on huge pages pay: a row is then spread over more pages than a processor keeps in mind
 _SHORT = 1 << 16
 _POPULATE = 23  # MADV_POPULATE_WRITE of Linux 5.14
-MOST_SUBSTEPS = 200  # of one event's bracket; halving alone needs 60
+MOST_SUBSTEPS = 200  # of one event's bracket, where halving alone needs 60, and of the search for events in a step
 
 
 class Log(NamedTuple):
@@ -53,12 +53,18 @@ class Log(NamedTuple):
 
 
 @compiled
+def most_substeps(events: int) -> int:
+    """Rejected trials that a step may bring: one, and where there are events those of finding and locating them."""
+    return 1 + (events + 1) * (MOST_SUBSTEPS + 3) if events > 0 else 1
+
+
+@compiled
 def has_room(run: Run) -> bool:
     """Whether one more step, with every event and node it may hold, fits the blocks."""
     now, base, events = run.now[0], run.base[0], run.detectors.shape[0]
     return (
         now.rows - base.rows + 2 <= run.log_rows.shape[1]
-        and now.trials - base.trials + events * MOST_SUBSTEPS + 1 <= run.log_trials.shape[0]
+        and now.trials - base.trials + most_substeps(events) <= run.log_trials.shape[0]
         and now.events - base.events + events <= run.log_events.shape[0]
         and now.samples - base.samples + run.plan[0].samples + 2 <= run.log_samples.shape[1]
     )
@@ -134,7 +140,8 @@ def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
     # an odd stride: columns a power of two apart would share one cache set
     rows = (rows + 4) | 1
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
-    trials = min(rows, 20_000) + events * MOST_SUBSTEPS + 1
+    plain: Any = getattr(most_substeps, "py_func", most_substeps)
+    trials = min(rows, 20_000) + int(plain(events))
     return Log(
         np.zeros(1, BASE),
         _pages((len(layout.row), rows), np.float64),

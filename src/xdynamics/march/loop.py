@@ -17,11 +17,13 @@ from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import STRETCH, accepts, error_norm, first_step, grow, reduce, shortest
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.events import copy, crosses, crosses_any, locate
+from xdynamics.march.enclosures import enclose
+from xdynamics.march.events import kind_of, locate
 from xdynamics.march.handle import called, run_at
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     COMPLETED,
+    EVENT_AT_ZERO,
     NONFINITE_OBSERVABLE,
     RUNNING,
     SOUND,
@@ -29,10 +31,10 @@ from xdynamics.march.outcomes import (
     STEP_TOO_SMALL,
     STOPPED,
 )
-from xdynamics.march.proposing import propose
+from xdynamics.march.isolation import NONE, arm, isolate, quiet, uncertainty
+from xdynamics.march.proposing import copy, keep, propose, take
 from xdynamics.march.run import BEGUN, MOVED, Run
 from xdynamics.schema import (
-    CROSSING,
     EVENT_AFTER,
     EVENT_BEFORE,
     INITIAL,
@@ -65,6 +67,8 @@ def march(address: Any, rows: int) -> None:
     """
     run = run_at(address)
     now = run.now[0]
+    if run.detectors.shape[0] > 0:  # numbers and parameters of the event functions
+        enclose(run, run.y, run.y, 0, run.parts[0])
     if now.rows == 0 and now.status == RUNNING and has_room(run):
         start(run)
     pause = now.rows + rows
@@ -79,7 +83,7 @@ def march(address: Any, rows: int) -> None:
         reason = judge(run)
         if reason != SOUND:
             reject(run, reason)
-        elif run.detectors.shape[0] > 0 and crosses_any(run):
+        elif run.detectors.shape[0] > 0 and not quiet(run) and meets(run):
             hand_over(run)
         else:
             accept(run)
@@ -98,6 +102,9 @@ def start(run: Run) -> None:
     called(run.law[DETECT], run, run.y, run.g, 0)
     sound_events = run.at[UNSOUND] == 0.0
     copy(run.y, run.z)
+    for i in range(run.detectors.shape[0]):
+        run.watches[i].ever = 0
+        arm(run, i, run.g[i])
     for i in range(run.largest.shape[0]):
         run.largest[i] = abs(run.y[i])
     noted = note_apart(run, _INITIAL, now.t, 0.0, run.y)
@@ -226,6 +233,9 @@ def land(run: Run) -> None:
         now.node += 1
         if now.node > run.nodes.shape[0]:
             now.status = COMPLETED
+            for i in range(run.detectors.shape[0]):
+                if run.watches[i].ever == 0:
+                    now.status = EVENT_AT_ZERO
     now.on_grid = trial.landing != AT_NODE
 
 
@@ -234,7 +244,8 @@ def move(run: Run) -> None:
     """Take the trial's end for the place where the march stands."""
     now, trial = run.now[0], run.trial[0]
     now.t, now.h = trial.t, trial.h
-    run.kept[0].since = MOVED
+    run.kept[0].since = BEGUN if run.piece[0].cut else MOVED  # what substeps left behind is not the step's
+    run.piece[0].cut = 0
     if run.plan[0].adaptive:
         for i in range(run.largest.shape[0]):
             run.largest[i] = max(run.largest[i], abs(run.z[i]))
@@ -248,10 +259,23 @@ judge_apart = apart(judge)
 
 
 @shared
+def meets(run: Run) -> bool:
+    """Whether an event is in the trial, which stays as it is where there is none."""
+    now, trial = run.now[0], run.trial[0]
+    growth, trials = run.kept[0].growth, now.trials
+    keep(run)
+    if isolate(run, trial.landing != AT_GRID and now.node >= run.nodes.shape[0]):
+        return True
+    take(run)
+    run.kept[0].growth, run.piece[0].cut = growth, int(now.trials > trials)
+    return False
+
+
+@shared
 def hand_over(run: Run) -> None:
     """Locate the first event of the trial, land on it, and note the state on either side."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
-    whole, target, landing = trial.h, trial.t, trial.landing
+    whole, target, landing, trials = run.located[0].h, run.located[0].t, run.located[0].landing, now.trials
     note_trial(run, whole, now.norm if plan.estimates else nan, REASON_EVENT)
     if plan.adaptive:
         grow_apart(run, whole, landing != AT_GRID)
@@ -270,7 +294,7 @@ def hand_over(run: Run) -> None:
         return
     note_apart(run, _AFTER, trial.t, 0.0, run.z)
     note_samples_apart(run, before)
-    note_events(run, before)
+    note_events(run, before, now.trials - trials)
     if reached:
         completed = now.status
         land(run)
@@ -282,18 +306,21 @@ def hand_over(run: Run) -> None:
 
 
 @shared
-def note_events(run: Run, row: int) -> None:
+def note_events(run: Run, row: int, substeps: int) -> None:
     """Write a row for each event that the trial ends at, between the rows `row` and the next; stop where one says so."""
     now, trial = run.now[0], run.trial[0]
     run.at[T] = trial.t
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
-        if not crosses(run.detectors[i].direction, run.g[i], run.g1[i]):
+        watch = run.watches[i]
+        if watch.hit == NONE:
             continue
         one = run.log_events[now.events - run.base[0].events]
-        one.time, one.left, one.residual, one.slope = trial.t, now.t + run.lows[i], run.g1[i], run.slopes[i]
-        one.row_before, one.row_after, one.detector, one.kind = row, row + 1, i, CROSSING
-        one.direction = 1 if run.g[i] < 0.0 else -1
+        one.time, one.left, one.residual, one.slope = trial.t, now.t + watch.left, run.g1[i], run.slopes[i]
+        one.uncertainty, one.murk, one.substeps = uncertainty(run, i, run.z), max(0.0, watch.clear - watch.zone), substeps
+        one.row_before, one.row_after, one.detector, one.kind = row, row + 1, i, kind_of(run, i)
+        one.direction = -watch.armed
+        arm(run, i, run.g1[i])
         now.events += 1
         if run.detectors[i].stops:
             now.status = STOPPED

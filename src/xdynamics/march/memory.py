@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 
 # behind a node forces are evaluated anew, and a method starts as it does at the beginning: nothing of these is asked for
 _OF_A_STEP = (
-    "at", "z", "e", "samples", "w", "trial", "located", "g1", "half", "whole", "located_z", "located_e", "located_g",
-    "located_samples", "lows", "slopes", "places", "matrix", "right", "kept", "stage", "shifted", "stages", "turned",
+    "at", "z", "e", "piece", "near", "near_g", "far", "far_g", "branches", "under", "over", "flaws", "samples", "w", "trial", "located", "g1", "half", "whole", "located_z", "located_e", "located_g",
+    "located_samples", "slopes", "places", "matrix", "right", "kept", "stage", "shifted", "stages", "turned",
     "defects", "past", "pivots",
 )  # fmt: skip
 AT_END = tuple(name for name in CHANGING if name not in _OF_A_STEP)

@@ -15,8 +15,8 @@ from xdynamics.schema import (
 
 SOUND, RUNNING = -1, -1
 # what ends a run without a trial that was rejected; the reasons of trials stand before them
-COMPLETED, STOPPED, STEP_TOO_SMALL, STEP_LIMIT, NONFINITE_OBSERVABLE, INTERRUPTED = range(
-    len(TRIAL_REASONS), len(TRIAL_REASONS) + 6
+COMPLETED, STOPPED, STEP_TOO_SMALL, STEP_LIMIT, NONFINITE_OBSERVABLE, INTERRUPTED, EVENT_AT_ZERO = range(
+    len(TRIAL_REASONS), len(TRIAL_REASONS) + 7
 )
 
 
@@ -55,6 +55,7 @@ OUTCOMES: dict[int, Outcome] = {
     STEP_TOO_SMALL: Outcome("step_below_spacing", "at t = {t} s, h = {h} s: {cause}"),
     STEP_LIMIT: Outcome("step_limit", "at t = {t} s, h = {h} s: {cause}"),
     NONFINITE_OBSERVABLE: Outcome("nonfinite_observable", _FINITE),
+    EVENT_AT_ZERO: Outcome("event_at_zero", "reached t = {t} s, and {cause} from the start throughout: it tells of nothing"),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t} s; the rows up to there are kept"),
 }
 

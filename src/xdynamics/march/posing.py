@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import limits_domain
 from xdynamics.kernels import Law
+from xdynamics.kernels.enclosing import Enclosing, enclosing
+from xdynamics.kernels.law import called_with_intervals
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.tables import flattened
 from xdynamics.march.engine import solvers
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PLAN, TRIAL, Run
+from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PIECE, PLAN, TRIAL, WATCH, Run
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
 from xdynamics.model import Function, Model
@@ -29,6 +31,7 @@ _NOTHING_TO_SOLVE: dict[str, NDArray[Any]] = {
     "equations": np.zeros(0, EQUATIONS), "unknowns": np.zeros((0, 3), np.int64), "entries": np.zeros((0, 4), np.int64),
     "pivots": np.zeros(0, np.int64),
 } | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))  # fmt: skip
+DEEPEST = 64  # halvings of a step in search of events
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 
@@ -59,7 +62,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
         grid=grid,
         steps=steps,
-        detectors=_detectors(model, scales),
+        **_watching(model, law, scales),
         w=np.zeros(law.steps.memory),
         kept=np.zeros(1, KEPT),
         **_solving(law),
@@ -98,7 +101,8 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     n, events = len(layout.used), len(model.events)
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
     lengths |= dict.fromkeys(("e", "located_e", "largest"), n)
-    lengths |= dict.fromkeys(("g", "g1", "located_g", "lows", "slopes"), events)
+    lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g", "slopes"), events)
+    lengths |= dict.fromkeys(("near", "far"), len(layout.record) if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
@@ -169,8 +173,25 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
     return np.array(times, np.float64), np.array(steps, np.float64)
 
 
-def _detectors(model: Model, scales: Scales) -> NDArray[np.void]:
+def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]:
+    """Return how events are looked for, and what that takes."""
+    said, deep, events = enclosing(law.layout), DEEPEST if model.events else 0, len(model.events)
+    places = {"under": np.zeros(said.values), "over": np.zeros(said.values), "flaws": np.zeros(said.values, np.int64)}
+    return places | {
+        "detectors": _detectors(model, said, scales),
+        "watches": np.zeros(events, WATCH),
+        "piece": np.zeros(1, PIECE),
+        "rows": said.rows,
+        "numbers": said.numbers,
+        "parts": np.array(said.parts, np.int64),
+        "branches": np.zeros((deep, 1 + len(law.layout.record) + events)),
+        "functions": called_with_intervals() if events else np.zeros(0, np.int64),
+    }
+
+
+def _detectors(model: Model, said: Enclosing, scales: Scales) -> NDArray[np.void]:
     found = np.zeros(len(model.events), DETECTOR)
+    found["value"], found["slope"], found["of_time"] = said.functions, said.slopes, said.of_time
     for one, event in zip(found, model.events.values(), strict=True):
         one.direction, one.stops = _DIRECTIONS[event.direction], event.action == "stop"
         one.tolerance = event.time_tolerance.si / scales.of(TIME)

@@ -68,3 +68,38 @@ def double(run: Run, t1: float, h: float) -> None:
         evaluate(run, t1, run.z)
         run.at[UNSOUND] = 0.0 if finite_state(run) else nan
         keep_sample(run, t1, run.z, 3 * width)
+
+
+@shared
+def keep(run: Run) -> None:
+    """Put the trial aside, for instance as the one that ends at an event."""
+    copy_trial(run.trial, run.located)
+    copy(run.z, run.located_z)
+    copy(run.e, run.located_e)
+    copy(run.g1, run.located_g)
+    copy(run.samples, run.located_samples)
+
+
+@shared
+def take(run: Run) -> None:
+    """Go back to the trial that was put aside: it is not made a second time."""
+    copy_trial(run.located, run.trial)
+    copy(run.located_z, run.z)
+    copy(run.located_e, run.e)
+    copy(run.located_g, run.g1)
+    copy(run.located_samples, run.samples)
+
+
+@shared
+def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
+    """Copy a trial's numbers."""
+    one, other = source[0], target[0]
+    other.t, other.h, other.landing, other.iterations = one.t, one.h, one.landing, one.iterations
+    other.unsound, other.unsound_events = one.unsound, one.unsound_events
+
+
+@shared
+def copy(source: NDArray[Any], target: NDArray[Any]) -> None:
+    """Copy numbers, in a loop: a slice assignment takes numba seconds to compile."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]

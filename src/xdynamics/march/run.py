@@ -35,7 +35,14 @@ NOW = _record(
 # where its state, and `unsound_events` where its event functions are finite, else nan.
 TRIAL = _record("t h unsound unsound_events", "landing iterations")
 # How to look for each event.
-DETECTOR = _record("tolerance", "direction stops")
+DETECTOR = _record("tolerance", "direction stops value slope of_time")
+# What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `ever` whether it
+# did; the rest is of the trial at hand: whether it may have a zero there (`alive`), its bounds and those of its slope on
+# the piece looked at, since where it is too small to be told from zero (`zone`), and what was found between which steps.
+WATCH = _record("low high down up zone clear left right before size", "armed ever alive state flaw broken forced hit")
+# A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
+# `rough` asks for less care, `cut` says that substeps were made in a trial that is accepted all the same.
+PIECE = _record("start end width wide", "cut rough")
 # What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
 # What `march.radau` keeps from step to step. The factors are those of the step size `factored`, 0 if there are none;
@@ -46,7 +53,7 @@ KEPT = _record("factored change ratio theta eta step norm growth", "linearised f
 BEGUN, STAYED, MOVED = range(3)
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
-EVENT_ROW = _record("time left residual slope", "row_before row_after detector kind direction")
+EVENT_ROW = _record("time left residual slope uncertainty murk", "row_before row_after detector kind direction substeps")
 # The counts of `NOW` at the log's first row.
 BASE = _record("", "rows trials events samples")
 
@@ -62,18 +69,20 @@ Trials = NDArray[Any]
 Detectors = NDArray[Any]
 Solves = NDArray[Any]
 Kepts = NDArray[Any]
+Watches = NDArray[Any]
+Pieces = NDArray[Any]
 Bases = NDArray[Any]
 TrialRows = NDArray[Any]
 EventRows = NDArray[Any]
 KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimensions
     "Floats": ("f8", 1), "Columns": ("f8", 2), "Whole": ("i8", 1), "Lists": ("i8", 2), "Flags": ("i1", 2),
     "Plans": (PLAN, 1), "Nows": (NOW, 1), "Trials": (TRIAL, 1), "Detectors": (DETECTOR, 1), "Solves": (EQUATIONS, 1),
-    "Kepts": (KEPT, 1), "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
+    "Watches": (WATCH, 1), "Pieces": (PIECE, 1), "Kepts": (KEPT, 1), "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
 }  # fmt: skip
-FLEETING = ("law", "base")  # no part of the memory, nor what begins with log_: addresses belong to a process
+FLEETING = ("law", "functions", "base")  # no part of the memory, nor what begins with log_: addresses belong to a process
 # what the model and the settings say, and no march changes
 FIXED = (
-    "plan", "p", "tables", "of_time", "atol", "nodes", "snaps", "grid", "steps", "detectors", "equations", "unknowns", "entries",
+    "plan", "p", "tables", "of_time", "atol", "nodes", "snaps", "grid", "steps", "detectors", "rows", "numbers", "parts", "equations", "unknowns", "entries",
 )  # fmt: skip
 
 
@@ -110,7 +119,19 @@ class Run:
     located_e: Floats
     located_g: Floats
     located_samples: Floats
-    lows: Floats  # left end of each event's bracket, as a step
+    watches: Watches
+    piece: Pieces
+    near: Floats  # states and event functions at the ends of a piece
+    near_g: Floats
+    far: Floats
+    far_g: Floats
+    branches: Columns  # right ends of pieces that are still to be looked at: step, state, event functions
+    rows: Lists  # what `enclosing` printed: the event functions, to be computed with intervals
+    numbers: Floats
+    parts: Whole
+    under: Floats  # the intervals
+    over: Floats
+    flaws: Whole
     slopes: Floats  # time derivatives of the event functions
     of_time: Whole  # drives of time
     atol: Floats
@@ -134,6 +155,7 @@ class Run:
     past: Floats  # differences of the collocation polynomial of the step before
     pivots: Whole  # of the real system, then of the complex one: rows exchanged, first and last rows of columns
     law: Whole  # addresses
+    functions: Whole  # of the elementary functions, for intervals
     base: Bases  # the counts of `now` at the log's first row
     log_flags: Flags  # kind, regime
     log_samples: Columns  # `Layout.sample`: time, step, stage, what was used, what was found

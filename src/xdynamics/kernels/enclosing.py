@@ -1,0 +1,153 @@
+"""The event functions and their time derivatives as rows of numbers, which `march.enclosures` computes with intervals.
+
+The third printing of one meaning: single assignments in the order written, as in Python and in LLVM, but of values that
+are known to lie between two numbers each. Nothing is compiled for it, so that a new model's first run does not wait.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.program import Compute, Load, Operand, Place
+from xdynamics.model.motion import constants, slope
+from xdynamics.schema import acceleration, rate, velocity
+
+# the functions that are called at the ends of an interval, by their place in a run's `functions`
+CALLED = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log")
+# what a row says to do; a row is an operation, the place of its value, and three places or numbers
+ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "sqrt", "abs", "least", "greatest", "sign")
+COMPARED = ("less", "at_most", "more", "at_least", "equal", "unequal")
+OPERATIONS = (*ARITHMETIC, "choose", *COMPARED, "hypot", "atan2", "power", *CALLED)
+OPERATION = {name: i for i, name in enumerate(OPERATIONS)}
+NUMBER, CONSTANT, TIME, COORDINATE, STATE, VALUE, SLOPE = range(len(OPERATIONS), len(OPERATIONS) + 7)
+UNUSED = -1
+WIDTH = 5
+
+
+@dataclass(frozen=True)
+class Enclosing:
+    """The rows of a model's event functions.
+
+    Attributes
+    ----------
+    rows : ndarray of int64, shape (n, 5)
+    numbers : ndarray of float64
+        The literals.
+    parts : (int, int, int)
+        Rows up to which numbers and parameters are, then the functions, then their derivatives.
+    values : int
+        How many places there are for values.
+    functions, slopes : tuple of int
+        The place of each event function and of its derivative.
+    of_time : tuple of bool
+        Whether each depends on nothing but time.
+    """
+
+    rows: NDArray[np.int64]
+    numbers: NDArray[np.float64]
+    parts: tuple[int, int, int]
+    values: int
+    functions: tuple[int, ...]
+    slopes: tuple[int, ...]
+    of_time: tuple[bool, ...]
+
+
+@lru_cache(maxsize=64)
+def enclosing(layout: Layout) -> Enclosing:
+    """Print the event functions of a model, and their derivatives along the motion."""
+    return _Printer(layout).printed()
+
+
+class _Printer:
+    """Gives every value of the assignments a place, and every assignment a row."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._places: dict[Operand, int] = {}
+        self._numbers: list[float] = []
+        self._first: list[tuple[int, ...]] = []  # numbers and parameters, which a march does not change
+        self._rows: list[tuple[int, ...]] = []
+        self._constants = {name: i for i, name in enumerate(constants(layout.model))}
+        self._moving = self._variables()
+
+    def printed(self) -> Enclosing:
+        """Print everything."""
+        model = self._layout.model
+        lines = Assignments(self._found)
+        trees = [model.expanded(one.function) for one in model.events.values()]
+        rates = [model.rate_of(one.function) for one in model.events.values()]
+        functions = [self._taken(lines, lines.value(tree)) for tree in trees]
+        middle = len(self._rows)
+        slopes = [self._taken(lines, lines.value(tree)) for tree in rates]
+        count, first = len(self._places), len(self._first)
+        rows = np.array([*self._first, *self._rows], np.int64).reshape(-1, WIDTH)
+        reads = [self._layout.model.reads(one.function) for one in model.events.values()]
+        of_time = tuple(not names & {*self._layout.used} for names in reads)
+        return Enclosing(rows, np.array(self._numbers), (first, first + middle, len(rows)), count, tuple(functions), tuple(slopes), of_time)  # fmt: skip
+
+    def _variables(self) -> Mapping[str, Callable[[int], tuple[int, ...]]]:
+        """How each moving name is had: its row, given the place of its value."""
+        layout = self._layout
+        found: dict[str, Callable[[int], tuple[int, ...]]] = {"t": lambda at: (TIME, at, 0, 0, 0)}
+        for i, name in enumerate(layout.coordinates):
+            for order, one in enumerate((name, velocity(name), acceleration(name))):
+                found[one] = lambda at, i=i, order=order: (COORDINATE, at, i, order, 0)  # type: ignore[misc]
+        for i, name in enumerate(layout.states):
+            for order, one in enumerate((name, rate(name))):
+                found[one] = lambda at, i=i, order=order: (STATE, at, i, order, 0)  # type: ignore[misc]
+        return found
+
+    def _found(self, lines: Assignments, name: str) -> Operand:
+        """Find what an expression names."""
+        if name in self._constants:
+            return lines.load(Place("p", self._constants[name]), name)
+        if name in self._moving:
+            return lines.load(Place("moving", list(self._moving).index(name)), name)
+        drive = name.removeprefix(slope(""))
+        number = self._layout.drives.index(drive)
+        return lines.compute("value_at" if drive == name else "slope_at", lines.named(self._layout.model.drives[drive].argument), number)  # fmt: skip
+
+    def _taken(self, lines: Assignments, value: Operand) -> int:
+        """Turn the assignments so far into rows; return the place of a value."""
+        for line in lines.lines:
+            if isinstance(line, Load):
+                self._load(line)
+            elif isinstance(line, Compute):
+                self._compute(line)
+        lines.lines.clear()
+        return self._place(value)
+
+    def _load(self, line: Load) -> None:
+        at = self._new(line.target)
+        if line.place.array == "p":
+            self._first.append((CONSTANT, at, line.place.index, 0, 0))
+        else:
+            self._rows.append(list(self._moving.values())[line.place.index](at))
+
+    def _compute(self, line: Compute) -> None:
+        if line.operation in ("value_at", "slope_at"):
+            argument, number = line.arguments
+            drive = list(self._layout.model.drives.values())[int(number)]
+            row = (VALUE if line.operation == "value_at" else SLOPE, self._new(line.target), self._place(argument), int(number), int(drive.argument == "t"))  # fmt: skip
+            self._rows.append(row)
+            return
+        given = [self._place(one) for one in line.arguments]
+        self._rows.append((OPERATION[line.operation], self._new(line.target), *given, *[0] * (3 - len(given))))
+
+    def _place(self, value: Operand) -> int:
+        """Return the place of a value; a number gets one when it is first met."""
+        key = value if isinstance(value, str) else repr(float(value))
+        if key not in self._places:
+            self._first.append((NUMBER, self._new(key), len(self._numbers), 0, 0))
+            self._numbers.append(float(value))
+        return self._places[key]
+
+    def _new(self, value: Operand) -> int:
+        return self._places.setdefault(value, len(self._places))

@@ -1,0 +1,252 @@
+"""Whether a trial holds an event, and between which two of its states the first one is.
+
+A step is cut in halves until on every piece each event function is known to have no zero, or to be monotone, or is
+smaller than what is known of it. The states at the cuts are those of shortened steps of the method itself, so that no
+interpolant has to be trusted: what lies between two of them is enclosed by `march.enclosures`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.law import DETECT, SLOPES
+from xdynamics.kernels.program import T
+from xdynamics.march.enclosures import EPS, SMOOTH, enclose
+from xdynamics.march.handle import called
+from xdynamics.march.log import MOST_SUBSTEPS, note_trial
+from xdynamics.march.proposing import copy, propose
+from xdynamics.march.run import Run
+from xdynamics.schema import REASON_EVENT
+
+State = NDArray[Any]
+
+CLEAR, MONOTONE, MURKY, OPEN = range(4)  # what is known of an event function on a piece
+NONE, CROSSED, TOUCHED, FORCED = range(4)  # what was found there; forced where it could not be told apart further
+MURK = 4.0  # uncertainties of an event function that count as zero
+nan = float("nan")
+
+propose_apart = apart(propose)
+
+
+@compiled
+def sign(x: float) -> int:
+    """1, 0 or -1."""
+    return 1 if x > 0.0 else (-1 if x < 0.0 else 0)
+
+
+@shared
+def arm(run: Run, i: int, value: float) -> None:
+    """Let an event be found once its function leaves zero, or at once where it is away from it."""
+    watch = run.watches[i]
+    watch.armed = sign(value) if abs(value) > MURK * uncertainty(run, i, run.z) else 0
+    watch.ever = max(watch.ever, abs(watch.armed))
+
+
+@shared
+def uncertainty(run: Run, i: int, state: State) -> float:
+    """How far rounding, and the error of the step where it is estimated, may have an event function from its value."""
+    piece, place = run.piece[0], run.detectors[i].value
+    start, end, width = piece.start, piece.end, piece.width
+    piece.start, piece.end, piece.width, piece.wide = run.at[T], run.at[T], 0.0, 1.0
+    enclose(run, state, state, run.parts[0], run.parts[1])
+    piece.start, piece.end, piece.width, piece.wide = start, end, width, 0.0
+    return (run.over[place] - run.under[place]) / 2.0
+
+
+@shared
+def quiet(run: Run) -> bool:
+    """Whether no event function can have a zero in the trial; keeps which may."""
+    now, trial, piece = run.now[0], run.trial[0], run.piece[0]
+    piece.start, piece.end, piece.width, piece.wide = now.t, trial.t, trial.h, 0.0
+    piece.rough = 1
+    enclose(run, run.y, run.z, run.parts[0], run.parts[1])
+    piece.rough, silent = 0, True
+    for i in range(run.detectors.shape[0]):
+        place, watch = run.detectors[i].value, run.watches[i]
+        watch.alive = 1 if run.under[place] <= 0.0 <= run.over[place] or watch.armed == 0 else 0
+        if watch.alive:
+            silent = False
+    return silent
+
+
+@shared
+def isolate(run: Run, final: bool) -> bool:
+    """Find the first piece of the trial with events, of the run's last one if it is `final`; whether there is one."""
+    last = 0
+    for i in range(run.watches.shape[0]):
+        watch = run.watches[i]
+        watch.zone, watch.hit, watch.forced, watch.broken = -1.0, NONE, 0, SMOOTH
+        watch.size = max(abs(run.g[i]), abs(run.g1[i]))
+    grow_branch(run, 0, run.trial[0].h)
+    copy(run.y, run.near)
+    copy(run.g, run.near_g)
+    start, budget = 0.0, MOST_SUBSTEPS
+    while last >= 0:
+        s = run.branches[last, 0]
+        load_branch(run, last)
+        finest = budget <= 0 or last + 1 >= run.branches.shape[0]
+        if weigh(run, start, s, finest):
+            middle = (start + s) / 2.0
+            last, budget = last + 1, budget - 1
+            step_to(run, middle)
+            grow_branch(run, last, middle)
+        elif decide(run, start, s, last == 0 and final):
+            return True
+        else:
+            last, start = last - 1, s
+            copy(run.far, run.near)
+            copy(run.far_g, run.near_g)
+    return False
+
+
+@shared
+def step_to(run: Run, s: float) -> None:
+    """Have the state after part of the trial's step, or where only time is asked for, that time alone."""
+    moving = False
+    for i in range(run.detectors.shape[0]):
+        moving = moving or (run.watches[i].alive and not run.detectors[i].of_time)
+    t = run.now[0].t + s
+    if moving:
+        note_trial(run, s, nan, REASON_EVENT)
+        propose_apart(run, t, s)
+    else:
+        run.at[T] = t
+        called(run.law[DETECT], run, run.z, run.g1, 0)
+
+
+@shared
+def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
+    """Look what is known of each event function on a piece; whether it has to be cut."""
+    piece, t, cut = run.piece[0], run.now[0].t, False
+    piece.start, piece.end, piece.width, piece.wide = t + start, t + end, end - start, 0.0
+    enclose(run, run.near, run.far, run.parts[0], run.parts[2])
+    for i in range(run.detectors.shape[0]):
+        watch, detector = run.watches[i], run.detectors[i]
+        if watch.alive:
+            value, slope = detector.value, detector.slope
+            watch.low, watch.high = run.under[value], run.over[value]
+            watch.down, watch.up, watch.flaw = run.under[slope], run.over[slope], max(run.flaws[value], run.flaws[slope])  # fmt: skip
+            watch.state = known(run, i)
+    for i in range(run.detectors.shape[0]):
+        watch = run.watches[i]
+        if watch.alive and watch.state == OPEN:
+            narrow = end - start <= resolution(run, i, end)
+            run.at[T] = t + start
+            size = MURK * uncertainty(run, i, run.near)
+            if (-size <= watch.low and watch.high <= size) or narrow or finest:
+                watch.state = MURKY
+                watch.broken = max(watch.broken, watch.flaw)
+                watch.forced = max(watch.forced, int((narrow or finest) and watch.flaw == SMOOTH))
+            else:
+                cut = True
+    return cut
+
+
+@compiled
+def known(run: Run, i: int) -> int:
+    """Say what the enclosures of an event function and its derivative on a piece tell."""
+    watch, w = run.watches[i], run.piece[0].width
+    if watch.low > 0.0 or watch.high < 0.0:
+        return CLEAR
+    if watch.flaw == SMOOTH:
+        if watch.down > 0.0 or watch.up < 0.0:
+            return MONOTONE
+        if clears(run.near_g[i], run.far_g[i], watch.down, watch.up, w):
+            return CLEAR
+    return OPEN
+
+
+@compiled
+def clears(before: float, after: float, down: float, up: float, w: float) -> bool:
+    """Whether a function with such values at the ends of a piece and slopes on it cannot reach zero (Piyavskii's tent)."""
+    if before > 0.0 and after > 0.0:
+        low = before + down * ((before - after + up * w) / (up - down))
+        return low > 8.0 * EPS * max(before, after)
+    if before < 0.0 and after < 0.0:
+        high = before + up * ((after - before - down * w) / (up - down))
+        return high < 8.0 * EPS * min(before, after)
+    return False
+
+
+@compiled
+def resolution(run: Run, i: int, s: float) -> float:
+    """The width of a piece under which it is not cut any further for the sake of an event."""
+    t = run.now[0].t
+    return max(run.detectors[i].tolerance, 2.0 * EPS * max(abs(t), abs(t + s)))
+
+
+@shared
+def decide(run: Run, start: float, end: float, border: bool) -> bool:
+    """Take what is known of a piece down; whether an event that is watched for is in it or right before it.
+
+    Parameters
+    ----------
+    run : Run
+    start, end : float
+        The piece, as steps.
+    border : bool
+        Whether the motion ends at the piece's end, so that a zero there is left to no step to come.
+    """
+    found = False
+    for i in range(run.detectors.shape[0]):
+        watch = run.watches[i]
+        watch.hit = NONE
+        if not watch.alive:
+            continue
+        before, after = sign(run.near_g[i]), sign(run.far_g[i])
+        if watch.state == MURKY:
+            if watch.zone < 0.0:
+                watch.zone = start
+            watch.clear = end
+            if border and watch.armed != 0:
+                strike(run, i, watch.zone, end, TOUCHED)
+        else:
+            came = after if watch.state == MONOTONE else (before if before != 0 else after)
+            watch.clear = start
+            pending, left = watch.zone >= 0.0, watch.zone if watch.zone >= 0.0 else start
+            right = end if watch.state == MONOTONE else start
+            if watch.armed == 0:
+                watch.armed = came
+            elif came != watch.armed:
+                strike(run, i, left, right if pending else end, FORCED if pending and watch.forced else CROSSED)
+                if watch.hit == NONE:
+                    watch.armed = came
+            elif pending:
+                strike(run, i, left, start, TOUCHED)
+            watch.ever = max(watch.ever, abs(watch.armed))
+            if watch.hit == NONE:
+                watch.zone, watch.forced, watch.broken = -1.0, 0, SMOOTH
+        found = found or watch.hit != NONE
+    return found
+
+
+@compiled
+def strike(run: Run, i: int, left: float, right: float, what: int) -> None:
+    """Take down that an event is in a piece, if it is of the direction watched; a touch goes the way it came."""
+    watch, direction = run.watches[i], run.detectors[i].direction
+    if direction == 0 or direction == -watch.armed:
+        watch.hit, watch.left, watch.right = what, left, right
+
+
+@shared
+def grow_branch(run: Run, k: int, s: float) -> None:
+    """Keep the trial's state for when the piece before it is done."""
+    n = run.z.shape[0]
+    run.branches[k, 0] = s
+    for i in range(n):
+        run.branches[k, 1 + i] = run.z[i]
+    for i in range(run.g1.shape[0]):
+        run.branches[k, 1 + n + i] = run.g1[i]
+
+
+@shared
+def load_branch(run: Run, k: int) -> None:
+    """Stand at a state that was kept."""
+    n = run.far.shape[0]
+    for i in range(n):
+        run.far[i] = run.branches[k, 1 + i]
+    for i in range(run.far_g.shape[0]):
+        run.far_g[i] = run.branches[k, 1 + n + i]
