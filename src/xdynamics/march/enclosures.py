@@ -16,7 +16,18 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels import enclosing
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.enclosing import ARITHMETIC, COMPARED, CONSTANT, COORDINATE, NUMBER, OPERATION, SLOPE, STATE, TIME, VALUE  # fmt: skip
+from xdynamics.kernels.enclosing import (  # fmt: skip
+    ARITHMETIC,
+    COMPARED,
+    CONSTANT,
+    COORDINATE,
+    NUMBER,
+    OPERATION,
+    SLOPE,
+    STATE,
+    TIME,
+    VALUE,
+)
 from xdynamics.kernels.tables import find_piece
 from xdynamics.march.handle import applied
 from xdynamics.march.run import Run

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, nan
 
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.enclosures import BREAKS, EPS, UNBOUNDED
 from xdynamics.march.handle import called
-from xdynamics.march.isolation import FORCED, NONE, TOUCHED, nan, propose_apart, resolution, sign
-from xdynamics.march.log import MOST_SUBSTEPS, note_trial
-from xdynamics.march.proposing import copy, keep, take
+from xdynamics.march.isolation import FORCED, NONE, TOUCHED, resolution, sign
+from xdynamics.march.log import MOST_SUBSTEPS
+from xdynamics.march.proposing import copy, keep, substep, take
 from xdynamics.march.run import Run
-from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, REASON_EVENT, TOUCH
+from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
 
 ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
 STEEP = 100.0  # times what a slope explains: a jump; times what a function was before: a pole
@@ -27,8 +27,7 @@ def locate(run: Run) -> None:
         if run.watches[i].hit != NONE:
             first = min(first, run.watches[i].right)
     if first != run.located[0].h:
-        note_trial(run, first, nan, REASON_EVENT)
-        propose_apart(run, run.now[0].t + first, first)
+        substep(run, first)
         keep(run)
     for i in range(run.detectors.shape[0]):
         if run.watches[i].hit != NONE and happened(run, i, run.located[0].h):
@@ -49,8 +48,7 @@ def join(run: Run, i: int) -> None:
     s = before + resolution(run, i, before)
     if run.watches[i].left > s or s > run.watches[i].right:
         return
-    note_trial(run, s, nan, REASON_EVENT)
-    propose_apart(run, run.now[0].t + s, s)
+    substep(run, s)
     if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)):
         keep(run)
         run.watches[i].left, run.watches[i].before = before, nan
@@ -106,9 +104,10 @@ def bracket(run: Run, i: int, left: float) -> None:
             s = min((low + high) / 2.0, low + tolerance)
         if not low < s < high:
             break
-        note_trial(run, s, nan, REASON_EVENT)
-        propose_apart(run, t + s, s)
-        if run.trial[0].iterations < 0:  # equations that were not solved tell nothing: the bracket stays as wide as it is
+        substep(run, s)
+        if (
+            run.trial[0].iterations < 0
+        ):  # equations that were not solved tell nothing: the bracket stays as wide as it is
             break
         value = measured(run, i)
         if passed(run, i, value):
@@ -123,8 +122,7 @@ def bracket(run: Run, i: int, left: float) -> None:
 def start_of(run: Run, i: int, s: float) -> float:
     """What changes its sign at an event, at the left end of its bracket."""
     if s > 0.0:
-        note_trial(run, s, nan, REASON_EVENT)
-        propose_apart(run, run.now[0].t + s, s)
+        substep(run, s)
         return measured(run, i)
     if run.watches[i].hit != TOUCHED:
         return run.g[i]

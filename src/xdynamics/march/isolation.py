@@ -11,24 +11,20 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import apart, compiled, shared
-from xdynamics.kernels.law import DETECT, SLOPES
+from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
-from xdynamics.march.enclosures import EPS, SMOOTH, enclose
+from xdynamics.march.enclosures import BREAKS, EPS, SMOOTH, enclose
 from xdynamics.march.handle import called
-from xdynamics.march.log import MOST_SUBSTEPS, note_trial
-from xdynamics.march.proposing import copy, propose
+from xdynamics.march.log import MOST_SUBSTEPS
+from xdynamics.march.proposing import copy, substep
 from xdynamics.march.run import Run
-from xdynamics.schema import REASON_EVENT
 
 State = NDArray[Any]
 
 CLEAR, MONOTONE, MURKY, OPEN = range(4)  # what is known of an event function on a piece
 NONE, CROSSED, TOUCHED, FORCED = range(4)  # what was found there; forced where it could not be told apart further
 MURK = 4.0  # uncertainties of an event function that count as zero
-nan = float("nan")
-
-propose_apart = apart(propose)
 
 
 @compiled
@@ -108,12 +104,10 @@ def step_to(run: Run, s: float) -> None:
     moving = False
     for i in range(run.detectors.shape[0]):
         moving = moving or (run.watches[i].alive and not run.detectors[i].of_time)
-    t = run.now[0].t + s
     if moving:
-        note_trial(run, s, nan, REASON_EVENT)
-        propose_apart(run, t, s)
+        substep(run, s)
     else:
-        run.at[T] = t
+        run.at[T] = run.now[0].t + s
         called(run.law[DETECT], run, run.z, run.g1, 0)
 
 
@@ -204,6 +198,8 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
             if border and watch.armed != 0:
                 strike(run, i, watch.zone, end, TOUCHED)
         else:
+            if before == -watch.armed and watch.zone < 0.0 and start == 0.0:
+                watch.broken = BREAKS  # at the very start, behind a node where a drive jumps
             came = after if watch.state == MONOTONE else (before if before != 0 else after)
             watch.clear = start
             pending, left = watch.zone >= 0.0, watch.zone if watch.zone >= 0.0 else start

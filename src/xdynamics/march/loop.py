@@ -16,10 +16,11 @@ from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import STRETCH, accepts, error_norm, first_step, grow, reduce, shortest
-from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.enclosures import enclose
+from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events import kind_of, locate
 from xdynamics.march.handle import called, run_at
+from xdynamics.march.isolation import NONE, arm, isolate, quiet, uncertainty
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     COMPLETED,
@@ -31,8 +32,7 @@ from xdynamics.march.outcomes import (
     STEP_TOO_SMALL,
     STOPPED,
 )
-from xdynamics.march.isolation import NONE, arm, isolate, quiet, uncertainty
-from xdynamics.march.proposing import copy, keep, propose, take
+from xdynamics.march.proposing import copy, keep, look, propose, take
 from xdynamics.march.run import BEGUN, MOVED, Run
 from xdynamics.schema import (
     EVENT_AFTER,
@@ -81,12 +81,14 @@ def march(address: Any, rows: int) -> None:
             break
         propose(run, run.trial[0].t, run.trial[0].h)
         reason = judge(run)
-        if reason != SOUND:
-            reject(run, reason)
-        elif run.detectors.shape[0] > 0 and not quiet(run) and meets(run):
+        if reason == SOUND and run.detectors.shape[0] > 0 and not quiet(run):
+            reason = meet(run)
+        if reason == SOUND:
+            accept(run)
+        elif reason == REASON_EVENT:
             hand_over(run)
         else:
-            accept(run)
+            reject(run, reason)
 
 
 @shared
@@ -251,24 +253,27 @@ def move(run: Run) -> None:
             run.largest[i] = max(run.largest[i], abs(run.z[i]))
     for i in range(run.y.shape[0]):  # a loop: a slice assignment takes numba seconds to compile
         run.y[i] = run.z[i]
-    for i in range(run.g.shape[0]):
-        run.g[i] = run.g1[i]
 
 
 judge_apart = apart(judge)
 
 
 @shared
-def meets(run: Run) -> bool:
-    """Whether an event is in the trial, which stays as it is where there is none."""
+def meet(run: Run) -> int:
+    """Look for events in the trial: REASON_EVENT where one is in it, SOUND where none is, and it stays as it is."""
     now, trial = run.now[0], run.trial[0]
-    growth, trials = run.kept[0].growth, now.trials
+    growth, trials, final = run.kept[0].growth, now.trials, trial.landing != AT_GRID and now.node >= run.nodes.shape[0]
+    run.at[T] = now.t
+    called(run.law[DETECT], run, run.y, run.g, 0)
+    look(run)
     keep(run)
-    if isolate(run, trial.landing != AT_GRID and now.node >= run.nodes.shape[0]):
-        return True
+    if trial.unsound_events != 0.0:
+        return REASON_EVENT_FUNCTION
+    if isolate(run, final):
+        return REASON_EVENT
     take(run)
     run.kept[0].growth, run.piece[0].cut = growth, int(now.trials > trials)
-    return False
+    return SOUND
 
 
 @shared
@@ -317,7 +322,11 @@ def note_events(run: Run, row: int, substeps: int) -> None:
             continue
         one = run.log_events[now.events - run.base[0].events]
         one.time, one.left, one.residual, one.slope = trial.t, now.t + watch.left, run.g1[i], run.slopes[i]
-        one.uncertainty, one.murk, one.substeps = uncertainty(run, i, run.z), max(0.0, watch.clear - watch.zone), substeps
+        one.uncertainty, one.murk, one.substeps = (
+            uncertainty(run, i, run.z),
+            max(0.0, watch.clear - watch.zone),
+            substeps,
+        )
         one.row_before, one.row_after, one.detector, one.kind = row, row + 1, i, kind_of(run, i)
         one.direction = -watch.armed
         arm(run, i, run.g1[i])

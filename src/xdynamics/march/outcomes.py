@@ -55,7 +55,9 @@ OUTCOMES: dict[int, Outcome] = {
     STEP_TOO_SMALL: Outcome("step_below_spacing", "at t = {t} s, h = {h} s: {cause}"),
     STEP_LIMIT: Outcome("step_limit", "at t = {t} s, h = {h} s: {cause}"),
     NONFINITE_OBSERVABLE: Outcome("nonfinite_observable", _FINITE),
-    EVENT_AT_ZERO: Outcome("event_at_zero", "reached t = {t} s, and {cause} from the start throughout: it tells of nothing"),
+    EVENT_AT_ZERO: Outcome(
+        "event_at_zero", "reached t = {t} s, and {cause} from the start throughout: it tells of nothing"
+    ),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t} s; the rows up to there are kept"),
 }
 

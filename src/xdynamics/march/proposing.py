@@ -13,7 +13,9 @@ from xdynamics.kernels.law import DETECT, PROPOSE
 from xdynamics.kernels.program import T1, UNSOUND, H, T
 from xdynamics.march.evaluating import evaluate, finite_state, keep_sample
 from xdynamics.march.handle import called, stepped_by
+from xdynamics.march.log import note_trial
 from xdynamics.march.run import Run
+from xdynamics.schema import REASON_EVENT
 
 State = NDArray[Any]
 _FIRST = int64(0)  # no literal: of a function that is given one, numba makes a copy
@@ -21,7 +23,7 @@ _FIRST = int64(0)  # no literal: of a function that is given one, numba makes a 
 
 @compiled
 def propose(run: Run, t1: float, h: float) -> None:
-    """Make one step from the state where the march stands, which stays as it is; look what the events are there."""
+    """Make one step from the state where the march stands, which stays as it is."""
     trial = run.trial[0]
     trial.t, trial.h, trial.iterations = t1, h, 0
     if run.plan[0].halved:
@@ -29,10 +31,6 @@ def propose(run: Run, t1: float, h: float) -> None:
     else:
         advance(run, run.now[0].t, t1, h, run.y, run.z, _FIRST)
     trial.unsound, trial.unsound_events = run.at[UNSOUND], 0.0
-    if run.detectors.shape[0] > 0:
-        run.at[T] = t1
-        called(run.law[DETECT], run, run.z, run.g1, 0)
-        trial.unsound_events = run.at[UNSOUND]
 
 
 @compiled
@@ -68,6 +66,25 @@ def double(run: Run, t1: float, h: float) -> None:
         evaluate(run, t1, run.z)
         run.at[UNSOUND] = 0.0 if finite_state(run) else nan
         keep_sample(run, t1, run.z, 3 * width)
+
+
+propose_apart = apart(propose)
+
+
+@shared
+def look(run: Run) -> None:
+    """Evaluate the event functions at the trial's end."""
+    run.at[T] = run.trial[0].t
+    called(run.law[DETECT], run, run.z, run.g1, 0)
+    run.trial[0].unsound_events = run.at[UNSOUND]
+
+
+@shared
+def substep(run: Run, s: float) -> None:
+    """Make a part of the step, and look at the event functions there."""
+    note_trial(run, s, nan, REASON_EVENT)
+    propose_apart(run, run.now[0].t + s, s)
+    look(run)
 
 
 @shared

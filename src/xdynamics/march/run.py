@@ -53,7 +53,9 @@ KEPT = _record("factored change ratio theta eta step norm growth", "linearised f
 BEGUN, STAYED, MOVED = range(3)
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
-EVENT_ROW = _record("time left residual slope uncertainty murk", "row_before row_after detector kind direction substeps")
+EVENT_ROW = _record(
+    "time left residual slope uncertainty murk", "row_before row_after detector kind direction substeps"
+)
 # The counts of `NOW` at the log's first row.
 BASE = _record("", "rows trials events samples")
 
@@ -79,7 +81,11 @@ KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimen
     "Plans": (PLAN, 1), "Nows": (NOW, 1), "Trials": (TRIAL, 1), "Detectors": (DETECTOR, 1), "Solves": (EQUATIONS, 1),
     "Watches": (WATCH, 1), "Pieces": (PIECE, 1), "Kepts": (KEPT, 1), "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
 }  # fmt: skip
-FLEETING = ("law", "functions", "base")  # no part of the memory, nor what begins with log_: addresses belong to a process
+FLEETING = (
+    "law",
+    "functions",
+    "base",
+)  # no part of the memory, nor what begins with log_: addresses belong to a process
 # what the model and the settings say, and no march changes
 FIXED = (
     "plan", "p", "tables", "of_time", "atol", "nodes", "snaps", "grid", "steps", "detectors", "rows", "numbers", "parts", "equations", "unknowns", "entries",
