@@ -56,6 +56,18 @@ def above(x: float) -> float:
     return -MOST if x == -inf else x + (abs(x) * EPS + LEAST)
 
 
+@compiled
+def least_of(w: float, x: float, y: float, z: float) -> float:
+    """The least of four numbers."""
+    return min(min(w, x), min(y, z))  # noqa: PLW3301 - two at a time: one order of comparisons
+
+
+@compiled
+def most_of(w: float, x: float, y: float, z: float) -> float:
+    """The greatest of four numbers."""
+    return max(max(w, x), max(y, z))  # noqa: PLW3301
+
+
 @shared
 def enclose(run: Run, y: State, z: State, first: int, last: int) -> None:
     """Compute rows of the event functions on the piece between two states.
@@ -122,7 +134,7 @@ def arithmetic(run: Run, row: int, target: int, a: int, b: int) -> None:
             low, high = low * low, high * high
         else:
             w, x, y, z = low * from_, low * to, high * from_, high * to
-            low, high = min(min(w, x), min(y, z)), max(max(w, x), max(y, z))
+            low, high = least_of(w, x, y, z), most_of(w, x, y, z)
             if not (w == w and x == x and y == y and z == z):
                 low, high = -inf, inf
     put(run, target, below(low), above(high), flaw)
@@ -140,12 +152,12 @@ def coordinate(run: Run, y: State, z: State, target: int, i: int, order: int) ->
     if order == 0:
         b1, b2 = q0 + w * v0 / 5.0, q0 + 2.0 * w * v0 / 5.0 + w * w * a0 / 20.0
         b4, b3 = q1 - w * v1 / 5.0, q1 - 2.0 * w * v1 / 5.0 + w * w * a1 / 20.0
-        low = min(min(min(q0, b1), min(b2, b3)), min(b4, q1))
-        high = max(max(max(q0, b1), max(b2, b3)), max(b4, q1))
+        low = min(least_of(q0, b1, b2, b3), least_of(b4, q1, b4, q1))
+        high = max(most_of(q0, b1, b2, b3), most_of(b4, q1, b4, q1))
         off = off + ROUNDED * size + run.piece[0].wide * abs(run.located_e[i])
     elif order == 1:
         b1, b2 = v0 + w * a0 / 3.0, v1 - w * a1 / 3.0
-        low, high = min(min(v0, b1), min(b2, v1)), max(max(v0, b1), max(b2, v1))
+        low, high = least_of(v0, b1, b2, v1), most_of(v0, b1, b2, v1)
         steepest = w * max(abs(a0), abs(a1))
         off = min(4.0 * off / w, steepest) if w > 0.0 else 0.0
         off = off + ROUNDED * max(abs(v0), abs(v1)) + run.piece[0].wide * abs(run.located_e[n + i])
@@ -165,7 +177,7 @@ def companion(run: Run, y: State, z: State, target: int, i: int, order: int) -> 
     off = odd / 8.0 + even / 64.0
     if order == 0:
         b1, b2 = x0 + w * r0 / 3.0, x1 - w * r1 / 3.0
-        low, high = min(min(x0, b1), min(b2, x1)), max(max(x0, b1), max(b2, x1))
+        low, high = least_of(x0, b1, b2, x1), most_of(x0, b1, b2, x1)
         off = off + ROUNDED * max(abs(x0), abs(x1)) + run.piece[0].wide * abs(run.located_e[2 * n + i])
     else:
         low, high = min(r0, r1), max(r0, r1)
@@ -214,7 +226,7 @@ def choose(run: Run, target: int, a: int, b: int, c: int) -> None:
         put(run, target, run.under[c], run.over[c], run.flaws[c])
     else:
         low, high = min(run.under[b], run.under[c]), max(run.over[b], run.over[c])
-        put(run, target, low, high, max(BREAKS, max(run.flaws[b], run.flaws[c])))
+        put(run, target, low, high, max(BREAKS, run.flaws[b], run.flaws[c]))
 
 
 @shared
@@ -246,10 +258,10 @@ def called(run: Run, row: int, x: float) -> float:
 def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
     """Enclose a function that is not rounded correctly."""
     low, high, flaw = run.under[a], run.over[a], run.flaws[a]
-    if row == SIN or row == COS:
+    if row in (SIN, COS):
         wave(run, target, low, high, flaw, 0.5 if row == SIN else 0.0)
         return
-    if row == HYPOT or row == ATAN2:
+    if row in (HYPOT, ATAN2):
         in_plane(run, row, target, a, b)
         return
     if row == COSH:
@@ -269,7 +281,7 @@ def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
     else:
         if row == LOG and low <= 0.0:
             low, flaw = 0.0, UNBOUNDED
-        if row == ASIN or row == ACOS:
+        if row in (ASIN, ACOS):
             if low < -1.0 or high > 1.0:
                 flaw = UNBOUNDED
             low, high = min(1.0, max(-1.0, low)), min(1.0, max(-1.0, high))
@@ -324,7 +336,7 @@ def in_plane(run: Run, row: int, target: int, a: int, b: int) -> None:
     else:
         w, x = angle(run, low, from_), angle(run, low, to)
         y, z = angle(run, high, from_), angle(run, high, to)
-        least, most = min(min(w, x), min(y, z)), max(max(w, x), max(y, z))
+        least, most = least_of(w, x, y, z), most_of(w, x, y, z)
         put(run, target, least - 8.0 * ULPS, most + 8.0 * ULPS, flaw)
 
 
@@ -374,6 +386,6 @@ def looked_up(run: Run, row: int, target: int, a: int, drive: int, of_time: int)
             put(run, target, -inf, inf, UNBOUNDED)
             return
         off = ULPS * (abs(c3 * to * to * to) + abs(c2 * to * to) + abs(c1 * to) + abs(c0))
-        least = min(least, min(min(b0, b1), min(b2, z0)) - off)
-        most = max(most, max(max(b0, b1), max(b2, z0)) + off)
+        least = min(least, least_of(b0, b1, b2, z0) - off)
+        most = max(most, most_of(b0, b1, b2, z0) + off)
     put(run, target, below(least), above(most), flaw if begin == end else max(flaw, BREAKS))

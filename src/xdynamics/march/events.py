@@ -9,7 +9,7 @@ from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.enclosures import BREAKS, EPS, UNBOUNDED
 from xdynamics.march.handle import called
-from xdynamics.march.isolation import FORCED, NONE, TOUCHED, resolution, sign
+from xdynamics.march.isolation import ENDED, FORCED, NONE, TOUCHED, resolution, sign
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, keep, substep, take
 from xdynamics.march.run import Run
@@ -30,15 +30,25 @@ def locate(run: Run) -> None:
         substep(run, first)
         keep(run)
     for i in range(run.detectors.shape[0]):
-        if run.watches[i].hit != NONE and happened(run, i, run.located[0].h):
+        if run.watches[i].hit not in (NONE, ENDED) and happened(run, i, run.located[0].h):
             bracket(run, i, run.watches[i].left)
     for i in range(run.detectors.shape[0]):
         if run.watches[i].hit != NONE and not happened(run, i, run.located[0].h):
             join(run, i)
+    settle(run, first)
     take(run)
+
+
+@shared
+def settle(run: Run, first: float) -> None:
+    """Leave events for a later step that the located trial does not reach; one is in it, whatever rounding says."""
+    left = False
     for i in range(run.detectors.shape[0]):
-        if run.watches[i].hit != NONE and not happened(run, i, run.located[0].h):
-            run.watches[i].hit = NONE
+        left = left or (run.watches[i].hit != NONE and happened(run, i, run.located[0].h))
+    for i in range(run.detectors.shape[0]):
+        watch = run.watches[i]
+        if watch.hit != NONE and not (happened(run, i, run.located[0].h) if left else watch.right == first):
+            watch.hit = NONE
 
 
 @shared
@@ -57,6 +67,8 @@ def join(run: Run, i: int) -> None:
 @shared
 def happened(run: Run, i: int, s: float) -> bool:
     """Whether the located trial ends behind an event."""
+    if run.watches[i].hit == ENDED:
+        return True
     copy(run.located_z, run.z)
     copy(run.located_g, run.g1)
     run.at[T] = run.now[0].t + s
@@ -135,7 +147,7 @@ def start_of(run: Run, i: int, s: float) -> float:
 def kind_of(run: Run, i: int) -> int:
     """Tell a crossing from a touch, a jump, a pole, and from what could not be told apart; slopes are those at the end."""
     watch, after = run.watches[i], run.g1[i]
-    if watch.hit == TOUCHED:
+    if watch.hit in (TOUCHED, ENDED):
         return TOUCH
     if watch.broken >= BREAKS:
         if watch.broken == UNBOUNDED and min(abs(watch.before), abs(after)) > STEEP * watch.size:

@@ -12,7 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.law import DETECT
+from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.enclosures import BREAKS, EPS, SMOOTH, enclose
 from xdynamics.march.handle import called
@@ -23,7 +23,9 @@ from xdynamics.march.run import Run
 State = NDArray[Any]
 
 CLEAR, MONOTONE, MURKY, OPEN = range(4)  # what is known of an event function on a piece
-NONE, CROSSED, TOUCHED, FORCED = range(4)  # what was found there; forced where it could not be told apart further
+# what was found there: `FORCED` where it could not be told apart further, `ENDED` where the model ends with it
+NONE, CROSSED, TOUCHED, FORCED, ENDED = range(5)
+NEAR = 1e-9  # of the largest value of an event function: near enough to zero to look twice
 MURK = 4.0  # uncertainties of an event function that count as zero
 
 
@@ -49,6 +51,8 @@ def uncertainty(run: Run, i: int, state: State) -> float:
     piece.start, piece.end, piece.width, piece.wide = run.at[T], run.at[T], 0.0, 1.0
     enclose(run, state, state, run.parts[0], run.parts[1])
     piece.start, piece.end, piece.width, piece.wide = start, end, width, 0.0
+    if run.flaws[place] != SMOOTH:  # where it jumps, both sides are in the interval
+        return 0.0
     return (run.over[place] - run.under[place]) / 2.0
 
 
@@ -130,10 +134,11 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
             narrow = end - start <= resolution(run, i, end)
             run.at[T] = t + start
             size = MURK * uncertainty(run, i, run.near)
-            if (-size <= watch.low and watch.high <= size) or narrow or finest:
+            small = -size <= watch.low and watch.high <= size
+            if small or narrow or finest:
                 watch.state = MURKY
                 watch.broken = max(watch.broken, watch.flaw)
-                watch.forced = max(watch.forced, int((narrow or finest) and watch.flaw == SMOOTH))
+                watch.forced = max(watch.forced, int(not small and watch.flaw == SMOOTH))
             else:
                 cut = True
     return cut
@@ -147,10 +152,22 @@ def known(run: Run, i: int) -> int:
         return CLEAR
     if watch.flaw == SMOOTH:
         if watch.down > 0.0 or watch.up < 0.0:
-            return MONOTONE
+            return OPEN if lingers(run, i) else MONOTONE
         if clears(run.near_g[i], run.far_g[i], watch.down, watch.up, w):
             return CLEAR
     return OPEN
+
+
+@shared
+def lingers(run: Run, i: int) -> bool:
+    """Whether a monotone function ends so near to zero, and so slowly, that its side is not settled there."""
+    watch, value = run.watches[i], abs(run.far_g[i])
+    if value > NEAR * watch.size:
+        return False
+    run.at[T] = run.piece[0].end
+    doubt = uncertainty(run, i, run.far)
+    width = run.piece[0].width
+    return value <= MURK * doubt and doubt > resolution(run, i, width) * min(abs(watch.down), abs(watch.up))
 
 
 @compiled
@@ -196,18 +213,17 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
                 watch.zone = start
             watch.clear = end
             if border and watch.armed != 0:
-                strike(run, i, watch.zone, end, TOUCHED)
+                strike(run, i, watch.zone, end, ENDED)
         else:
             if before == -watch.armed and watch.zone < 0.0 and start == 0.0:
                 watch.broken = BREAKS  # at the very start, behind a node where a drive jumps
             came = after if watch.state == MONOTONE else (before if before != 0 else after)
             watch.clear = start
             pending, left = watch.zone >= 0.0, watch.zone if watch.zone >= 0.0 else start
-            right = end if watch.state == MONOTONE else start
             if watch.armed == 0:
                 watch.armed = came
             elif came != watch.armed:
-                strike(run, i, left, right if pending else end, FORCED if pending and watch.forced else CROSSED)
+                strike(run, i, left, end, FORCED if pending and watch.forced else CROSSED)
                 if watch.hit == NONE:
                     watch.armed = came
             elif pending:
@@ -216,6 +232,22 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
             if watch.hit == NONE:
                 watch.zone, watch.forced, watch.broken = -1.0, 0, SMOOTH
         found = found or watch.hit != NONE
+    return found
+
+
+@shared
+def arrives(run: Run) -> bool:
+    """Whether a trial that ends where the model does is, by the slopes there, within a time tolerance of an event."""
+    found, s = False, run.located[0].h
+    copy(run.located_z, run.z)
+    run.at[T] = run.now[0].t + s
+    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    for i in range(run.detectors.shape[0]):
+        watch, value, slope = run.watches[i], run.located_g[i], run.slopes[i]
+        watch.hit = NONE
+        if watch.armed * slope < 0.0 and abs(value) <= resolution(run, i, s) * abs(slope):
+            strike(run, i, s, s, ENDED)
+            found = found or watch.hit != NONE
     return found
 
 

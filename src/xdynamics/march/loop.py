@@ -16,12 +16,12 @@ from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import STRETCH, accepts, error_norm, first_step, grow, reduce, shortest
-from xdynamics.march.enclosures import enclose
+from xdynamics.march.enclosures import EPS, enclose
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events import kind_of, locate
 from xdynamics.march.handle import called, run_at
-from xdynamics.march.isolation import NONE, arm, isolate, quiet, uncertainty
-from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
+from xdynamics.march.isolation import NONE, arm, arrives, isolate, quiet, uncertainty
+from xdynamics.march.log import MOST_SUBSTEPS, has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     COMPLETED,
     EVENT_AT_ZERO,
@@ -32,7 +32,7 @@ from xdynamics.march.outcomes import (
     STEP_TOO_SMALL,
     STOPPED,
 )
-from xdynamics.march.proposing import copy, keep, look, propose, take
+from xdynamics.march.proposing import copy, keep, look, propose, propose_apart, substep, take
 from xdynamics.march.run import BEGUN, MOVED, Run
 from xdynamics.schema import (
     EVENT_AFTER,
@@ -48,7 +48,7 @@ from xdynamics.schema import (
     STEP,
 )
 
-AT_GRID, AT_NODE, AT_BOTH = 1, 2, 3
+AT_GRID, AT_NODE, AT_BOTH, AT_BORDER = 1, 2, 3, 4  # the last: of what the model is defined for
 
 # no literals: of a function that is given one, numba makes a copy for each
 _INITIAL, _BEFORE, _AFTER = np.int64(INITIAL), np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)
@@ -81,8 +81,11 @@ def march(address: Any, rows: int) -> None:
             break
         propose(run, run.trial[0].t, run.trial[0].h)
         reason = judge(run)
-        if reason == SOUND and run.detectors.shape[0] > 0 and not quiet(run):
-            reason = meet(run)
+        if run.detectors.shape[0] > 0:
+            if reason == SOUND and not quiet(run):
+                reason = meet(run)
+            if reason in (REASON_DOMAIN, REASON_EVENT_FUNCTION):
+                reason = shrink(run, reason)
         if reason == SOUND:
             accept(run)
         elif reason == REASON_EVENT:
@@ -214,7 +217,7 @@ def accept(run: Run) -> None:
     """Note an accepted state and go on from it."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     inner = now.node < run.nodes.shape[0]  # the end of the run is no breakpoint
-    kind = NODE if trial.landing != AT_GRID and inner else STEP
+    kind = NODE if trial.landing in (AT_NODE, AT_BOTH) and inner else STEP
     if not note(run, kind, trial.t, trial.h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return
@@ -229,16 +232,16 @@ def accept(run: Run) -> None:
 def land(run: Run) -> None:
     """Count the grid time or node that the trial ends at; behind the last one the run is complete."""
     now, trial = run.now[0], run.trial[0]
-    if trial.landing != AT_NODE:
+    if trial.landing in (AT_GRID, AT_BOTH):
         now.grid += 1
-    if trial.landing != AT_GRID:
+    if trial.landing in (AT_NODE, AT_BOTH):
         now.node += 1
         if now.node > run.nodes.shape[0]:
             now.status = COMPLETED
             for i in range(run.detectors.shape[0]):
                 if run.watches[i].ever == 0:
                     now.status = EVENT_AT_ZERO
-    now.on_grid = trial.landing != AT_NODE
+    now.on_grid = trial.landing in (AT_GRID, AT_BOTH)
 
 
 @compiled
@@ -277,6 +280,36 @@ def meet(run: Run) -> int:
 
 
 @shared
+def shrink(run: Run, reason: int) -> int:
+    """Shorten a trial that leaves where the model is defined to what is left of it; an event may be on the border."""
+    now, trial = run.now[0], run.trial[0]
+    whole, target, landing, low, high = trial.h, trial.t, trial.landing, 0.0, trial.h
+    tolerance = 2.0 * EPS * max(abs(now.t), abs(now.t + high))
+    for _ in range(MOST_SUBSTEPS // 2):
+        s = (low + high) / 2.0
+        if high - low <= tolerance or not low < s < high:
+            break
+        substep(run, s)
+        sound = trial.iterations >= 0 and trial.unsound == 0.0 and trial.unsound_events == 0.0
+        low, high = (s, high) if sound else (low, s)
+    if low > 0.0:
+        substep(run, low)
+        run.at[T] = now.t
+        called(run.law[DETECT], run, run.y, run.g, 0)
+        trial.landing = AT_BORDER
+        keep(run)
+        quiet(run)
+        if isolate(run, True) or arrives(run):
+            return REASON_EVENT
+        if not run.plan[0].adaptive and low > tolerance:
+            take(run)
+            return SOUND
+    propose_apart(run, target, whole)
+    trial.landing = landing
+    return reason
+
+
+@shared
 def hand_over(run: Run) -> None:
     """Locate the first event of the trial, land on it, and note the state on either side."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
@@ -287,7 +320,7 @@ def hand_over(run: Run) -> None:
     locate(run)
     # two events closer than the spacing of t are two rows all the same
     trial.t = max(trial.t, np.nextafter(now.t, np.inf))
-    reached = trial.h == whole or trial.t >= target
+    reached = landing != AT_BORDER and (trial.h == whole or trial.t >= target)
     trial.t = target if reached else trial.t
     reason = judge_apart(run)
     if reason != SOUND:
