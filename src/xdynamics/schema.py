@@ -201,6 +201,8 @@ OTHER_NAMES = (
     "regime",
     "event_detector",
     "event_residual",
+    "event_function_uncertainty",
+    "event_substeps",
     "error_norm",
     "newton_iterations",
     "given_step_size",
@@ -221,7 +223,8 @@ def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for name in parts["definitions"]:
         yield name, f"definition '{name}'"
     for name in parts["observables"]:
-        yield name, f"observable '{name}'"
+        for one in (name, f"event_{name}", f"event_{name}_uncertainty"):
+            yield one, f"observable '{name}'"
     for name in parts["drives"]:
         yield name, f"drive '{name}'"
         yield sampled(name), f"drive '{name}'"

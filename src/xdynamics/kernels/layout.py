@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 from xdynamics import schema
-from xdynamics.expressions import Binary, Name, Node, Number
+from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.methods.scheme import DIFFERENCES, Scheme
 from xdynamics.model import Model, motion
 from xdynamics.units import Dimension
@@ -105,6 +105,14 @@ class Layout:
     def derived(self) -> dict[str, Node]:
         """Energies and observables, computed when a row is noted."""
         return self._energies() | {name: self.model.expanded(node) for name, node in self.model.observables.items()}
+
+    @cached_property
+    def followed(self) -> dict[str, Node]:
+        """The time derivatives of observables, for events; those of what depends on accelerations are not known."""
+        accelerations = set(self.accelerations)
+        found = {name: self.model.expanded(node) for name, node in self.model.observables.items()}
+        known = {name: node for name, node in found.items() if not free_names(node) & accelerations}
+        return {name: self.model.rate_of(node) for name, node in known.items()} if self.model.events else {}
 
     @cached_property
     def row(self) -> tuple[str, ...]:

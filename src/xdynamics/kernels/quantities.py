@@ -42,9 +42,10 @@ def events(layout: Layout) -> Program:
 
 
 def event_rates(layout: Layout) -> Program:
-    """Write the time derivatives of the event functions along the motion."""
+    """Write the time derivatives of the event functions along the motion, and those of the observables."""
     trees = [layout.model.rate_of(one.function) for one in layout.model.events.values()]
-    return _returning("slopes", "The time derivative of every event function.", layout, trees)
+    trees += layout.followed.values()
+    return _returning("slopes", "The time derivatives of event functions and observables.", layout, trees)
 
 
 def row(layout: Layout) -> Program:

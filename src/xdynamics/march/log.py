@@ -31,11 +31,12 @@ class Log(NamedTuple):
     samples: NDArray[np.float64]
     trials: NDArray[Any]
     events: NDArray[Any]
+    rates: NDArray[np.float64]
 
     def lend(self, run: Run) -> None:
         """Let a run write here from now on."""
         run.put(base=self.base, log_rows=self.rows, log_flags=self.flags, log_samples=self.samples,
-                log_trials=self.trials, log_events=self.events)  # fmt: skip
+                log_trials=self.trials, log_events=self.events, log_rates=self.rates)  # fmt: skip
 
     def make_ready(self, row: int, rows: int, sampled: int) -> None:
         """Have the system provide the memory of some rows to come in one go: one page after the other costs twice as much."""
@@ -142,13 +143,15 @@ def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
     plain: Any = getattr(most_substeps, "py_func", most_substeps)
     trials = min(rows, 20_000) + int(plain(events))
+    most = (min(rows, 4_000) if events else 0) + events
     return Log(
         np.zeros(1, BASE),
         _pages((len(layout.row), rows), np.float64),
         _pages((2, rows), np.int8),
         _pages((len(layout.sample), samples), np.float64),
         np.empty(trials, TRIAL_ROW),
-        np.empty((min(rows, 4_000) if events else 0) + events, EVENT_ROW),
+        np.empty(most, EVENT_ROW),
+        np.empty((len(layout.followed), most)),
     )
 
 

@@ -363,6 +363,8 @@ def note_events(run: Run, row: int, substeps: int) -> None:
         one.row_before, one.row_after, one.detector, one.kind = row, row + 1, i, kind_of(run, i)
         one.direction = -watch.armed
         arm(run, i, run.g1[i])
+        for k in range(run.log_rates.shape[0]):
+            run.log_rates[k, now.events - run.base[0].events] = run.slopes[run.detectors.shape[0] + k]
         now.events += 1
         if run.detectors[i].stops:
             now.status = STOPPED

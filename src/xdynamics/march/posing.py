@@ -101,7 +101,8 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     n, events = len(layout.used), len(model.events)
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
     lengths |= dict.fromkeys(("e", "located_e", "largest"), n)
-    lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g", "slopes"), events)
+    lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g"), events)
+    lengths["slopes"] = events + len(layout.followed)
     lengths |= dict.fromkeys(("near", "far"), len(layout.record) if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}

@@ -167,6 +167,7 @@ class Run:
     log_samples: Columns  # `Layout.sample`: time, step, stage, what was used, what was found
     log_trials: TrialRows
     log_events: EventRows
+    log_rates: Columns  # of observables at the events
 
     def __init__(self, **arrays: NDArray[Any]) -> None:
         self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # where compiled code finds them; see `handle`

@@ -212,7 +212,7 @@ def _events(about: _About) -> list[Column]:
         events = block.log.events[: block.events]
         return _times(np.stack([events["left"], events["time"]], axis=1), time)
 
-    parts = [_bracket(time), _left_over(time), _nothing]  # substeps are re-integrated, nothing is interpolated
+    parts = [_bracket(time), _left_over(about), _nothing]  # substeps are re-integrated, nothing is interpolated
 
     def uncertainty(block: Block) -> Array:
         # of a time between two floats nobody knows more than that
@@ -234,7 +234,8 @@ def _events(about: _About) -> list[Column]:
     more = schema.flags(names) | _detectors(about)
     detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", more)
     found.append(Column(detector, _event("detector", "i1")))
-    found.append(_residual(about))
+    found += _values(about)
+    found += _observed(about, uncertainty)
     for i, name in enumerate(model.coordinates):
         impulse = _impulse_unit(model, i, name)
         found += [
@@ -252,13 +253,18 @@ def _bracket(factor: float) -> Callable[[Block], Array]:
     return take
 
 
-def _left_over(factor: float) -> Callable[[Block], Array]:
+def _left_over(about: _About) -> Callable[[Block], Array]:
+    factor = about.units.time
+
     def take(block: Block) -> Array:
         events = block.log.events[: block.events]
-        residual, slope = events["residual"], events["slope"]
+        residual, slope, kind = events["residual"], events["slope"], events["kind"]
         # a vanishing slope makes this part infinite, which is what a tangent crossing is worth
         with np.errstate(divide="ignore", invalid="ignore"):
-            return _times(np.where(residual == 0.0, 0.0, np.abs(residual / slope)), factor)
+            left = np.where(residual == 0.0, 0.0, np.abs(residual / slope))
+        # where a function jumps its value says nothing; where it cannot be told from zero, for how long does
+        left = np.where(np.isin(kind, [schema.JUMP, schema.POLE]), 0.0, left)
+        return _times(np.where(np.isin(kind, [schema.TOUCH, schema.CLUSTER]), events["murk"] / 2.0, left), factor)
 
     return take
 
@@ -278,8 +284,8 @@ def _detectors(about: _About) -> dict[str, str]:
     )
 
 
-def _residual(about: _About) -> Column:
-    """Values of the event functions at the accepted states; several units are said in words."""
+def _values(about: _About) -> list[Column]:
+    """Values of the event functions at the accepted states, and what they are uncertain by; several units are said in words."""
     model, scales = about.model, about.scales
     dimensions = [dimension_of(one.function, model.dimensions) for one in model.events.values()]
     texts = [_unit_text(dimension) for dimension in dimensions]
@@ -290,15 +296,48 @@ def _residual(about: _About) -> Column:
             f"{name} {text}" for name, text in zip(model.events, texts, strict=True)
         )
     factors = np.array([scales.of(dimension) for dimension in dimensions] or [1.0])
-    variable = Variable("event_residual", (EVENTS,), "f8", shared.pop() if len(shared) == 1 else "1",
-                        "event function at the accepted state", "event", more)  # fmt: skip
+    unit = shared.pop() if len(shared) == 1 else "1"
 
-    def take(block: Block) -> Array:
-        events = block.log.events[: block.events]
-        residual: Array = events["residual"] * factors[events["detector"]]
-        return residual
+    def taken(name: str) -> Callable[[Block], Array]:
+        def take(block: Block) -> Array:
+            events = block.log.events[: block.events]
+            found: Array = events[name] * factors[events["detector"]]
+            return found
 
-    return Column(variable, take)
+        return take
+
+    said = "uncertainty of the event function at the accepted state: rounding, and the estimated error of the step"
+    return [
+        Column(Variable("event_residual", (EVENTS,), "f8", unit, "event function at the accepted state", "event", more), taken("residual")),
+        Column(Variable("event_function_uncertainty", (EVENTS,), "f8", unit, said, "event", more), taken("uncertainty")),
+        Column(Variable("event_substeps", (EVENTS,), "i4", "1", "steps that were re-integrated to find and locate it", "event"), _event("substeps", "i4")),
+    ]  # fmt: skip
+
+
+def _observed(about: _About, uncertainty: Callable[[Block], Array]) -> list[Column]:
+    """Observables at the accepted states, and what not knowing the time better makes of them."""
+    units, layout, found = about.units, about.layout, []
+    rates, places = list(layout.followed), {name: i for i, name in enumerate(layout.row)}
+
+    def value(place: int, factor: float) -> Callable[[Block], Array]:
+        def take(block: Block) -> Array:
+            rows = block.log.events["row_before"][: block.events] - int(block.log.base[0]["rows"])
+            return _times(block.log.rows[place, rows], factor)
+
+        return take
+
+    def doubt(place: int, factor: float) -> Callable[[Block], Array]:
+        return lambda block: _times(np.abs(block.log.rates[place, : block.events]), factor) * uncertainty(block)
+
+    for name in about.model.observables if about.model.events else ():
+        unit = units.derived(name)
+        variable = Variable(f"event_{name}", (EVENTS,), "f8", unit.text, f"{name} at the event", "event")
+        found.append(Column(variable, value(places[name], units.factor(unit))))
+        if name in rates:
+            said = f"uncertainty of {name} at the event by event_time_uncertainty"
+            variable = Variable(f"event_{name}_uncertainty", (EVENTS,), "f8", unit.text, said, "event")
+            found.append(Column(variable, doubt(rates.index(name), units.factor(unit) / units.time)))
+    return found
 
 
 def _unit_text(dimension: Dimension) -> str:
