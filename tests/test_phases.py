@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from plain import kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
-from xdynamics.march import control, events, loop, proposing
+from xdynamics.march import control, events, isolation, loop, proposing
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
-from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, Run
+from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, WATCH, Run
 from xdynamics.schema import (
     EVENT_AFTER,
     EVENT_BEFORE,
@@ -189,21 +189,32 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
 
     detectors = np.zeros(1, DETECTOR)
     detectors[0].direction, detectors[0].tolerance, detectors[0].stops = -1, tolerance, stops
-    arrays = dict.fromkeys(("g", "g1", "located_g", "lows", "slopes"))
+    arrays = dict.fromkeys(("g", "g1", "located_g", "slopes"))
+    watches = np.zeros(1, WATCH)
+    watches["armed"] = watches["ever"] = watches["alive"] = 1
     law = law_of(nothing, watched, nothing, kept, nothing, falling)
     run = made_by_hand(
         y=np.array([1.0, 0.0, -2.0]), law=law, detectors=detectors, log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
-        log_events=np.zeros(5, EVENT_ROW), **{name: np.zeros(1) for name in arrays},
+        log_events=np.zeros(5, EVENT_ROW), watches=watches, **{name: np.zeros(1) for name in arrays},
     )  # fmt: skip
     run.plan[0].step_size, run.plan[0].stages, run.g[0] = 0.75, 1, seen(1.0)
     return run
 
 
+def found(run: Run, h: float, t: float = 0.0) -> None:
+    """Make a trial in the whole of which every event function is known to cross, once."""
+    plain(proposing.propose)(run, t + h, h)
+    plain(proposing.look)(run)
+    plain(proposing.keep)(run)
+    run.watches["hit"], run.watches["left"], run.watches["right"] = isolation.CROSSED, 0.0, h
+
+
 def test_propose_leaves_the_state() -> None:
-    """Assert that a trial fills z and the event functions there, and nothing else moves."""
+    """Assert that a trial fills z, and a look at it the event functions there, and nothing else moves."""
     run = dropped()
     before = run.y.copy()
     plain(proposing.propose)(run, 0.75, 0.75)
+    plain(proposing.look)(run)
     assert run.z.tolist() == [1 - 0.75**2, -1.5, -2.0]
     assert run.g1[0] == run.z[0]
     assert np.array_equal(run.y, before)
@@ -213,12 +224,11 @@ def test_propose_leaves_the_state() -> None:
 def test_locate_ends_the_trial_behind_the_event() -> None:
     """Assert that the located trial brackets the root within the tolerance and is the one that is kept."""
     run = dropped()
-    plain(proposing.propose)(run, 1.5, 1.5)
-    assert plain(events.crosses_any)(run)
+    found(run, 1.5)
     plain(events.locate)(run)
     h = run.trial[0].h
     assert 0 <= h - 1.0 <= 1e-12
-    assert run.lows[0] < 1.0 <= h
+    assert run.watches[0].left < 1.0 <= h
     assert run.z[0] == 1.0 - h * h
 
 
@@ -250,7 +260,7 @@ def itp(g: Callable[[float], float], high: float, tolerance: float) -> Iterator[
 def test_substeps_are_those_of_the_paper(seen: Callable[[float], float], tolerance: float) -> None:
     """Assert the points at which ITP looks, one after the other, for event functions of several shapes."""
     run = dropped(seen=seen, tolerance=tolerance)
-    plain(proposing.propose)(run, 1.5, 1.5)
+    found(run, 1.5)
     plain(events.locate)(run)
     wanted = list(itp(lambda h: seen(1 - h * h), 1.5, tolerance))
     assert run.log_trials["step_size"][: run.now[0].trials] == pytest.approx(wanted, rel=1e-12)
@@ -263,7 +273,7 @@ def test_no_bracket_is_narrower_than_t_can_be_told(t: float, tolerance: float) -
     """Assert that a jump is halved to its tolerance, or to twice the rounding of t, and no more often."""
     run = dropped(seen=lambda x: math.copysign(1.0, x), tolerance=tolerance)
     run.now[0].t = t
-    plain(proposing.propose)(run, t + 1.5, 1.5)
+    found(run, 1.5, t)
     plain(events.locate)(run)
     floor = 2 * np.finfo(float).eps * max(abs(t), abs(t + 1.5))
     assert run.now[0].trials == math.ceil(math.log2(1.5 / max(tolerance, floor)))
@@ -273,21 +283,20 @@ def test_no_bracket_is_narrower_than_t_can_be_told(t: float, tolerance: float) -
 def test_a_point_on_an_end_of_the_bracket_is_moved_inside(side: int) -> None:
     """Assert that a bracket closes where one end is so near to zero that interpolation comes back to it."""
     run = dropped(seen=lambda x: x * 1e-30 if x * side > 0 else x)
-    plain(proposing.propose)(run, 1.5, 1.5)
+    found(run, 1.5)
     plain(events.locate)(run)
-    assert 0 < run.trial[0].h - run.lows[0] <= 1e-12
+    assert 0 < run.trial[0].h - run.watches[0].left <= 1e-12
     assert run.now[0].trials <= 41 + 1 + 1  # halvings, what the method adds, the point that was moved
 
 
 def bracketed(monkeypatch: pytest.MonkeyPatch, h: float, root: float, tolerance: float, **instead: object) -> Run:
     """Bracket one event of a step, a part of the search replaced."""
     run = dropped(seen=lambda x: x - (1 - root * root), tolerance=tolerance)
+    found(run, h)
     for name, function in instead.items():
         monkeypatch.setitem(plain(events.bracket).__globals__, name, function)
-    plain(proposing.propose)(run, h, h)
-    plain(events.keep)(run)
-    plain(events.bracket)(run, 0)
-    plain(events.take)(run)
+    plain(events.bracket)(run, 0, 0.0)
+    plain(proposing.take)(run)
     return run
 
 
@@ -318,11 +327,11 @@ def test_a_search_that_comes_to_nothing_ends(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_substep_that_was_not_solved_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that the bracket stays as wide as it is where equations were not solved."""
 
-    def unsolved(run: Run, _t: float, _h: float) -> None:
+    def unsolved(run: Run, _s: float) -> None:
         run.trial[0].iterations, run.g1[0] = -1, -1.0
 
-    run = bracketed(monkeypatch, 1.5, 1.0, 1e-9, propose_apart=unsolved)
-    assert (run.now[0].trials, run.lows[0], run.trial[0].h) == (1, 0.0, 1.5)
+    run = bracketed(monkeypatch, 1.5, 1.0, 1e-9, substep=unsolved)
+    assert (run.watches[0].left, run.trial[0].h) == (0.0, 1.5)
 
 
 def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
@@ -337,12 +346,13 @@ def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
 
     arrays = {name: np.zeros(2) for name in ("g1", "located_g", "slopes")}
     run.put(law=law_of(nothing, both, nothing, kept, nothing, falling), detectors=detectors, g=np.array([0.3125, 0.5]),
-            lows=np.full(2, 0.375), **arrays)  # fmt: skip
-    plain(proposing.propose)(run, 1.5, 1.5)
+            watches=np.zeros(2, WATCH), **arrays)  # fmt: skip
+    run.watches["armed"] = 1
+    found(run, 1.5)
     plain(events.locate)(run)
     assert run.trial[0].h == pytest.approx(0.5, abs=1e-9)
-    assert run.lows[0] == 0.0
-    assert 0.0 < run.trial[0].h - run.lows[1] <= 1e-9
+    assert run.watches[0].left == 0.0
+    assert 0.0 < run.trial[0].h - run.watches[1].left <= 1e-9
 
 
 def test_the_located_trial_comes_back_whole() -> None:
@@ -355,25 +365,24 @@ def test_the_located_trial_comes_back_whole() -> None:
     for one in arrays:
         one[:] = np.arange(1.0, len(one) + 1)
     before = [one.tobytes() for one in (run.trial, *arrays)]
-    plain(events.keep)(run)
+    plain(proposing.keep)(run)
     run.trial[:] = np.zeros(1, TRIAL)
     for one in arrays:
         one[:] = 0.0
-    plain(events.take)(run)
+    plain(proposing.take)(run)
     assert [one.tobytes() for one in (run.trial, *arrays)] == before
 
 
 @pytest.mark.parametrize("stops", [0, 1])
-def test_hand_over_writes_both_sides_without_another_step(stops: int) -> None:
+def test_hand_over_writes_both_sides_without_another_step(monkeypatch: pytest.MonkeyPatch, stops: int) -> None:
     """Assert two rows at one time, one event, and that the event's state is the located trial, not made again."""
     run = dropped(stops)
-    plain(loop.march)(run, 100) if stops else None
-    if not stops:
-        plain(proposing.propose)(run, 1.5, 1.5)
-        run.trial[0].landing = loop.AT_GRID
-        plain(loop.hand_over)(run)
-        substeps = run.now[0].trials - 1
-        assert run.now[0].evaluations == 1 + substeps
+    found(run, 1.5)
+    run.located[0].landing = loop.AT_GRID
+    for name in ("arm", "uncertainty"):
+        monkeypatch.setitem(plain(loop.note_events).__globals__, name, lambda *_: 0.0)
+    plain(loop.hand_over)(run)
+    assert run.now[0].evaluations == run.now[0].trials
     event, row = run.log_events[0], int(run.log_events[0].row_before)
     assert run.now[0].events == 1
     assert run.log_flags[0, row : row + 2].tolist() == [EVENT_BEFORE, EVENT_AFTER]
@@ -382,13 +391,3 @@ def test_hand_over_writes_both_sides_without_another_step(stops: int) -> None:
     assert event.direction == -1
     assert run.now[0].status == (STOPPED if stops else RUNNING)
     assert not run.now[0].on_grid
-
-
-def test_events_without_direction_and_at_the_start() -> None:
-    """Assert which sign changes count: a start at zero does not, the far side does."""
-    crosses = plain(events.crosses)
-    found = [
-        [crosses(direction, *pair) for pair in ((-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, -0.5))]
-        for direction in (1, -1, 0)
-    ]
-    assert found == [[True, False, False, False], [False, True, False, False], [True, True, False, False]]

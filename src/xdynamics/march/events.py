@@ -150,10 +150,10 @@ def kind_of(run: Run, i: int) -> int:
     if watch.hit in (TOUCHED, ENDED):
         return TOUCH
     if watch.broken >= BREAKS:
-        if watch.broken == UNBOUNDED and min(abs(watch.before), abs(after)) > STEEP * watch.size:
+        if watch.broken == UNBOUNDED and min(abs(watch.before), abs(after)) > STEEP * watch.greatest:
             return POLE
         width = watch.right - watch.left
-        if abs(after - watch.before) > STEEP * (abs(run.slopes[i]) * width + EPS * watch.size):
+        if abs(after - watch.before) > STEEP * (abs(run.slopes[i]) * width + EPS * watch.greatest):
             return JUMP
     return CLUSTER if watch.hit == FORCED else CROSSING
 

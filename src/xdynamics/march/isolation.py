@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.enclosures import BREAKS, EPS, SMOOTH, enclose
+from xdynamics.march.enclosures import BREAKS, EPS, SMOOTH, UNBOUNDED, enclose
 from xdynamics.march.handle import called
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, substep
@@ -79,7 +79,7 @@ def isolate(run: Run, final: bool) -> bool:
     for i in range(run.watches.shape[0]):
         watch = run.watches[i]
         watch.zone, watch.hit, watch.forced, watch.broken = -1.0, NONE, 0, SMOOTH
-        watch.size = max(abs(run.g[i]), abs(run.g1[i]))
+        watch.greatest = max(abs(run.g[i]), abs(run.g1[i]))
     grow_branch(run, 0, run.trial[0].h)
     copy(run.y, run.near)
     copy(run.g, run.near_g)
@@ -127,7 +127,9 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
             value, slope = detector.value, detector.slope
             watch.low, watch.high = run.under[value], run.over[value]
             watch.down, watch.up, watch.flaw = run.under[slope], run.over[slope], max(run.flaws[value], run.flaws[slope])  # fmt: skip
-            watch.state = known(run, i)
+    for i in range(run.detectors.shape[0]):  # when all are taken down: to know more, intervals are written over
+        if run.watches[i].alive:
+            run.watches[i].state = known(run, i)
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
         if watch.alive and watch.state == OPEN:
@@ -162,12 +164,14 @@ def known(run: Run, i: int) -> int:
 def lingers(run: Run, i: int) -> bool:
     """Whether a monotone function ends so near to zero, and so slowly, that its side is not settled there."""
     watch, value = run.watches[i], abs(run.far_g[i])
-    if value > NEAR * watch.size:
+    if value > NEAR * watch.greatest:
         return False
     run.at[T] = run.piece[0].end
     doubt = uncertainty(run, i, run.far)
     width = run.piece[0].width
-    return value <= MURK * doubt and doubt > resolution(run, i, width) * min(abs(watch.down), abs(watch.up))
+    slowest, near = min(abs(watch.down), abs(watch.up)), resolution(run, i, width)
+    bends = slowest * width < (watch.up - watch.down) * near  # within what cannot be told apart
+    return bends or (value <= MURK * doubt and doubt > near * slowest)
 
 
 @compiled
@@ -226,7 +230,7 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
                 strike(run, i, left, end, FORCED if pending and watch.forced else CROSSED)
                 if watch.hit == NONE:
                     watch.armed = came
-            elif pending:
+            elif pending and not (watch.broken == UNBOUNDED and abs(run.near_g[i]) >= watch.greatest):
                 strike(run, i, left, start, TOUCHED)
             watch.ever = max(watch.ever, abs(watch.armed))
             if watch.hit == NONE:
