@@ -40,7 +40,17 @@ def made_by_hand(n: int = 1, columns: int = 6, **arrays: Any) -> Run:
     sizes = dict.fromkeys(("y", "z", "half", "whole", "located_z"), 3 * n) | dict.fromkeys(
         ("e", "located_e", "atol"), 2 * n
     )
-    sizes |= {"at": len(AT), "base": 1, "plan": 1, "now": 1, "trial": 1, "located": 1, "kept": 1, "piece": 1, "log_trials": 50}
+    sizes |= {
+        "at": len(AT),
+        "base": 1,
+        "plan": 1,
+        "now": 1,
+        "trial": 1,
+        "located": 1,
+        "kept": 1,
+        "piece": 1,
+        "log_trials": 50,
+    }
     sizes["snaps"] = 1 + len(arrays.get("nodes", ()))
     shapes = {
         "log_rows": (columns, 50),

@@ -9,14 +9,13 @@ from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.enclosures import BREAKS, EPS, UNBOUNDED
 from xdynamics.march.handle import called
-from xdynamics.march.isolation import ENDED, FORCED, NONE, TOUCHED, resolution, sign
+from xdynamics.march.isolation import ENDED, FORCED, NONE, STEEP, TOUCHED, resolution, sign
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, keep, substep, take
 from xdynamics.march.run import Run
 from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
 
 ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
-STEEP = 100.0  # times what a slope explains: a jump; times what a function was before: a pole
 
 
 @shared

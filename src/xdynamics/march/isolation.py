@@ -26,6 +26,7 @@ CLEAR, MONOTONE, MURKY, OPEN = range(4)  # what is known of an event function on
 # what was found there: `FORCED` where it could not be told apart further, `ENDED` where the model ends with it
 NONE, CROSSED, TOUCHED, FORCED, ENDED = range(5)
 NEAR = 1e-9  # of the largest value of an event function: near enough to zero to look twice
+STEEP = 100.0  # times what a slope explains: no more of the same function
 MURK = 4.0  # uncertainties of an event function that count as zero
 
 
@@ -230,13 +231,29 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
                 strike(run, i, left, end, FORCED if pending and watch.forced else CROSSED)
                 if watch.hit == NONE:
                     watch.armed = came
-            elif pending and not (watch.broken == UNBOUNDED and abs(run.near_g[i]) >= watch.greatest):
+            elif pending and reaches(run, i, end - watch.zone):
                 strike(run, i, left, start, TOUCHED)
             watch.ever = max(watch.ever, abs(watch.armed))
             if watch.hit == NONE:
                 watch.zone, watch.forced, watch.broken = -1.0, 0, SMOOTH
         found = found or watch.hit != NONE
     return found
+
+
+@shared
+def reaches(run: Run, i: int, width: float) -> bool:
+    """Whether a function that is on one side before and after where nothing is known of it comes to zero there.
+
+    One with a kink does if its slope explains its value beside it; one that is infinite there, or is left away, does not.
+    """
+    watch = run.watches[i]
+    if watch.broken == SMOOTH:
+        return True
+    if watch.broken == UNBOUNDED and abs(run.near_g[i]) >= watch.greatest:
+        return False
+    run.at[T] = run.piece[0].start
+    explained = STEEP * max(abs(watch.down), abs(watch.up)) * width
+    return abs(run.near_g[i]) <= explained + MURK * uncertainty(run, i, run.near)
 
 
 @shared
