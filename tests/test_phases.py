@@ -188,7 +188,7 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
         arrays[5][0] = seen(arrays[5][0])
 
     detectors = np.zeros(1, DETECTOR)
-    detectors[0].direction, detectors[0].tolerance, detectors[0].stops = -1, tolerance, stops
+    detectors[0].direction, detectors[0].tolerance, detectors[0].action = -1, tolerance, stops
     arrays = dict.fromkeys(("g", "g1", "located_g", "slopes"))
     watches = np.zeros(1, WATCH)
     watches["armed"] = watches["ever"] = watches["alive"] = 1

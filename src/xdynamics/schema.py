@@ -29,7 +29,7 @@ REASON_ERROR, REASON_NONFINITE, REASON_DOMAIN, REASON_CONTACT, REASON_EVENT, REA
     range(7)
 )
 EVENT_KINDS = ("crossing", "touch", "jump", "impact", "regime_switch", "pole", "cluster", "rest", "takeoff", "stick", "slip", "reset")  # fmt: skip
-CROSSING, TOUCH, JUMP, _, _, POLE, CLUSTER = range(7)
+CROSSING, TOUCH, JUMP, IMPACT, REGIME_SWITCH, POLE, CLUSTER, REST, TAKEOFF, STICK, SLIP, RESET_KIND = range(len(EVENT_KINDS))  # fmt: skip
 EVENT_DIRECTIONS = {-1: "falling", 1: "rising"}
 ONLY_REGIME = "motion"
 
@@ -218,10 +218,9 @@ def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield variable.name, "the record"
     for name in OTHER_NAMES:
         yield name, "the record"
-    for name in parts["parameters"]:
-        yield name, f"parameter '{name}'"
-    for name in parts["definitions"]:
-        yield name, f"definition '{name}'"
+    for section in ("parameters", "definitions"):
+        for name in parts[section]:
+            yield name, f"{section.removesuffix('s')} '{name}'"
     for name in parts["observables"]:
         for one in (name, f"event_{name}", f"event_{name}_uncertainty"):
             yield one, f"observable '{name}'"

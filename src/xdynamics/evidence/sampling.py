@@ -190,17 +190,19 @@ class _Inside:
         return xr.Dataset(variables, attrs=attributes).set_coords("time")
 
     def _columns(self, rows: NDArray[np.int64]) -> list[Any]:
-        """Gather the size of every step and the state that it starts from; where it needs that too, the one it led to."""
+        """Gather size and regime of every step and the state that it starts from; where it needs that too, the one it led to."""
         run, used = self.run, list(self.layout.used)
         following = np.minimum(rows + 1, run.sizes[STEPS] - 1)
         # iterations that go on from those of the step before do not come to its end again, to the bit
-        wanted = [(["step_size"], following), (used, rows)] + [(used, following)] * self.settings.method.simplified
+        wanted = [(["step_size"], following), (["regime"], rows), (used, rows)] + [
+            (used, following)
+        ] * self.settings.method.simplified
         return [run[name].variable.isel({STEPS: which}) for names, which in wanted for name in names]
 
     def _evaluated(self, where: Floats, columns: Floats) -> Floats:
         """Evaluate states and their errors.
 
-        Of `where` the rows are instant, start and end, of `columns` the step, the state at its start and perhaps at its end.
+        Of `where` the rows are instant, start and end, of `columns` step, regime, the state at its start and perhaps at its end.
         """
         scales, n, reintegrated = self.settings.scales, len(self.layout.used), self.rule == REINTEGRATE
         scale, factors = scales.of(TIME), self._factors
@@ -208,11 +210,12 @@ class _Inside:
         times, starts, ends = where / scale
         moving = np.flatnonzero(times > starts)
         # at an accepted time the accepted state, to the bit
-        found = np.vstack([columns[1 : n + 1], np.zeros((n, times.size))])
+        size, regime, columns = columns[0], columns[1], columns[2:]
+        found = np.vstack([columns[:n], np.zeros((n, times.size))])
         if not moving.size:
             return found
-        steps = np.stack([starts, ends, columns[0] / scale, times])
-        given = [steps, columns[1 : n + 1] / factors, columns[n + 1 :] / factors[: len(columns) - n - 1]]
+        steps = np.stack([starts, ends, size / scale, times, regime])
+        given = [steps, columns[:n] / factors, columns[n:] / factors[: len(columns) - n]]
         inner = np.empty((2 * n, moving.size))
         # a run of its own: dask calls this in several threads
         addresses = self.law.addresses if reintegrated else self.law.addresses_inside

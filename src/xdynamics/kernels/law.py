@@ -28,7 +28,7 @@ from xdynamics.kernels.tables import PYTHON_TABLES
 from xdynamics.methods.scheme import EXACT, Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
-EXP, LOG, FORCES, DETECT, SLOPES, ROW, INSIDE, PROPOSE = range(8)
+EXP, LOG, FORCES, DETECT, SLOPES, RESETS, ROW, INSIDE, PROPOSE = range(9)
 LINEARISED = PROPOSE  # of a method whose step `march.radau` makes
 CONTROL = ("exp", "log")  # what step control calls
 HEADER = (
@@ -78,6 +78,7 @@ class Law:
             quantities.forces(layout),
             quantities.events(layout),
             quantities.event_rates(layout),
+            quantities.resets(layout),
             quantities.row(layout),
         )
         return (*own, stepping.inside(layout, self.scheme), *self.steps.programs)

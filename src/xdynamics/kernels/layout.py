@@ -107,6 +107,11 @@ class Layout:
         return self._energies() | {name: self.model.expanded(node) for name, node in self.model.observables.items()}
 
     @cached_property
+    def resets(self) -> tuple[tuple[str, str], ...]:
+        """Every event that sets something, and what."""
+        return tuple((name, target) for name, one in self.model.events.items() for target in one.reset)
+
+    @cached_property
     def followed(self) -> dict[str, Node]:
         """The time derivatives of observables, for events; those of what depends on accelerations are not known."""
         accelerations = set(self.accelerations)
@@ -187,7 +192,9 @@ class Layout:
         ]
         kinetic = _sum(half_square)
         terms = [
-            self.model.expanded(force.potential) for force in self.model.forces.values() if force.potential is not None
+            motion.in_regimes(self.model, name, self.model.expanded(force.potential))
+            for name, force in self.model.forces.items()
+            if force.potential is not None
         ]
         if not terms:
             return {"kinetic_energy": kinetic}

@@ -9,7 +9,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import AT, Compute, Each, Instruction, Load, Operand, Place, Program, Store
 from xdynamics.model import Function
-from xdynamics.model.motion import Assignment, constants, jacobian, motion, slope, slopes
+from xdynamics.model.motion import REGIME_NUMBER, Assignment, constants, jacobian, motion, slope, slopes
 
 PYTHON = "python_"  # in front of the names of functions handed over
 
@@ -46,6 +46,12 @@ def event_rates(layout: Layout) -> Program:
     trees = [layout.model.rate_of(one.function) for one in layout.model.events.values()]
     trees += layout.followed.values()
     return _returning("slopes", "The time derivatives of event functions and observables.", layout, trees)
+
+
+def resets(layout: Layout) -> Program:
+    """Write what events set the state to, one behind the other in the order of `Layout.resets`."""
+    trees = [layout.model.expanded(layout.model.events[name].reset[target]) for name, target in layout.resets]
+    return _returning("resets", "What events set the state to.", layout, trees)
 
 
 def row(layout: Layout) -> Program:
@@ -107,6 +113,7 @@ class _Names:
             **{name: Place("p", i) for i, name in enumerate(constants(layout.model))},
             **{name: Place("y", i) for i, name in enumerate(known) if name not in self._drives},
             "t": Place("at", AT.index("t")),
+            REGIME_NUMBER: Place("at", AT.index("regime")),
         }
 
     def __call__(self, lines: Assignments, name: str) -> Operand:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import INSIDE
-from xdynamics.kernels.program import T1, H, S, T
+from xdynamics.kernels.program import REGIME, T1, H, S, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.enclosures import EPS
 from xdynamics.march.evaluating import evaluate
@@ -80,6 +80,7 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
     now.status, now.rows, now.trials, now.events, now.samples = RUNNING, 0, 0, 0, 0
     now.grid, now.node, now.crossed, now.on_grid, now.rejected = 0, 0, 0, 1, 0
     now.evaluations, now.jacobians, now.factorisations = 0, 0, 0
+    now.regime = plans[k].regime
     for i in range(run.y.shape[0]):  # nothing is carried along yet
         run.y[i] = starts[k, i] if i < starts.shape[1] else 0.0
     for i in range(parameters.shape[1]):
@@ -95,8 +96,8 @@ def states_inside(address: Any, steps: Floats, states: Floats, ends: Floats, fou
     ----------
     address : int
         Of a `Run`.
-    steps : ndarray, shape (4, k)
-        For each time: start and end of its step, its size, the time.
+    steps : ndarray, shape (5, k)
+        For each time: start and end of its step, its size, the time, the regime.
     states : ndarray, shape (n, k)
         The state at the start.
     ends : ndarray, shape (n or 0, k)
@@ -112,6 +113,7 @@ def states_inside(address: Any, steps: Floats, states: Floats, ends: Floats, fou
     for k in range(steps.shape[1]):
         t, t1, h, time = steps[0, k], steps[1, k], steps[2, k], steps[3, k]
         s = (time - t) / (t1 - t)  # h is not t1 - t to the bit: at t1 the step is to be the whole one
+        run.now[0].regime = np.int64(steps[4, k])
         enter(run, t, states, k)
         solved = shorter(run, t, time, s * h)
         for i in range(n):
@@ -134,6 +136,7 @@ def states_inside(address: Any, steps: Floats, states: Floats, ends: Floats, fou
 def enter(run: Run, t: float, states: Floats, k: int) -> None:
     """Stand at the start of a step: on the far side of what changes there."""
     enter_pieces(t, run.tables, run.places, run.of_time)
+    run.at[REGIME] = run.now[0].regime
     for i in range(run.y.shape[0]):  # nothing is carried along
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
     evaluate(run, t, run.y)

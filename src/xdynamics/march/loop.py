@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from xdynamics.kernels.compiling import apart, compiled, shared
-from xdynamics.kernels.law import DETECT, SLOPES
+from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import STRETCH, accepts, error_norm, first_step, grow, reduce, shortest
@@ -20,7 +20,7 @@ from xdynamics.march.enclosures import EPS, enclose
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events import kind_of, locate
 from xdynamics.march.handle import called, run_at
-from xdynamics.march.isolation import NONE, arm, arrives, isolate, quiet, uncertainty
+from xdynamics.march.isolation import NONE, arm, arrives, isolate, quiet, sign, uncertainty
 from xdynamics.march.log import MOST_SUBSTEPS, has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     COMPLETED,
@@ -34,6 +34,7 @@ from xdynamics.march.outcomes import (
 )
 from xdynamics.march.proposing import copy, keep, look, propose, propose_apart, substep, take
 from xdynamics.march.run import BEGUN, MOVED, Run
+from xdynamics.model.parts import ACTIONS
 from xdynamics.schema import (
     EVENT_AFTER,
     EVENT_BEFORE,
@@ -45,6 +46,8 @@ from xdynamics.schema import (
     REASON_EVENT_FUNCTION,
     REASON_NEWTON,
     REASON_NONFINITE,
+    REGIME_SWITCH,
+    RESET_KIND,
     STEP,
 )
 
@@ -52,6 +55,8 @@ AT_GRID, AT_NODE, AT_BOTH, AT_BORDER = 1, 2, 3, 4  # the last: of what the model
 
 # no literals: of a function that is given one, numba makes a copy for each
 _INITIAL, _BEFORE, _AFTER = np.int64(INITIAL), np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)
+_SWITCHED, _RESET = np.int64(REGIME_SWITCH), np.int64(RESET_KIND)
+_, STOP, SWITCH, RESET = range(len(ACTIONS))
 note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
 
 
@@ -330,9 +335,17 @@ def hand_over(run: Run) -> None:
     if not note_apart(run, _BEFORE, trial.t, trial.h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return
-    note_apart(run, _AFTER, trial.t, 0.0, run.z)
     note_samples_apart(run, before)
     note_events(run, before, now.trials - trials)
+    if act(run, before):
+        evaluate(run, trial.t, run.z)
+        note_sample(run, trial.t, run.z, before + 1)
+    if not finite_state(run):
+        end(run, nonfinite(run))
+        return
+    if not note_apart(run, _AFTER, trial.t, 0.0, run.z):
+        end(run, NONFINITE_OBSERVABLE)
+        return
     if reached:
         completed = now.status
         land(run)
@@ -341,11 +354,12 @@ def hand_over(run: Run) -> None:
         now.on_grid = 0
     move(run)
     run.kept[0].since = BEGUN
+    rearm(run)
 
 
 @shared
 def note_events(run: Run, row: int, substeps: int) -> None:
-    """Write a row for each event that the trial ends at, between the rows `row` and the next; stop where one says so."""
+    """Write a row for each event that the trial ends at, between the rows `row` and the next."""
     now, trial = run.now[0], run.trial[0]
     run.at[T] = trial.t
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
@@ -362,12 +376,54 @@ def note_events(run: Run, row: int, substeps: int) -> None:
         )
         one.row_before, one.row_after, one.detector, one.kind = row, row + 1, i, kind_of(run, i)
         one.direction = -watch.armed
-        arm(run, i, run.g1[i])
+        watch.seen += 1
         for k in range(run.log_rates.shape[0]):
             run.log_rates[k, now.events - run.base[0].events] = run.slopes[run.detectors.shape[0] + k]
         now.events += 1
-        if run.detectors[i].stops:
+
+
+@shared
+def act(run: Run, row: int) -> bool:
+    """Do what the events of a group say, in their declared order; whether forces have to be evaluated anew."""
+    now, changed = run.now[0], False
+    first = now.events - run.base[0].events
+    while first > 0 and run.log_events[first - 1].row_before == row:
+        first -= 1
+    for k in range(first, now.events - run.base[0].events):
+        one = run.log_events[k]
+        detector = run.detectors[one.detector]
+        if run.watches[one.detector].seen < detector.count:
+            continue
+        if detector.action == STOP:
             now.status = STOPPED
+        elif detector.action == SWITCH:
+            now.regime, run.at[REGIME], one.kind, changed = detector.to, detector.to, _SWITCHED, True
+        elif detector.action == RESET:
+            reset(run, one.detector)
+            one.kind, changed = _RESET, True
+    return changed
+
+
+@shared
+def reset(run: Run, i: int) -> None:
+    """Set the state to what an event says, all of it from the state before."""
+    called(run.law[RESETS], run, run.z, run.resets, 0)
+    carried = run.plan[0].used + run.plan[0].evaluated
+    for k in range(run.targets.shape[0]):
+        if run.targets[k, 0] == i:
+            run.z[run.targets[k, 1]] = run.resets[k]
+            if carried < run.z.shape[0]:  # what rounding took from the value before is not the new one's
+                run.z[carried + run.targets[k, 1]] = 0.0
+
+
+@shared
+def rearm(run: Run) -> None:
+    """Look on which side of zero every event function is behind an event; one within its uncertainty has yet to leave."""
+    run.at[T] = run.now[0].t
+    called(run.law[DETECT], run, run.y, run.g, 0)
+    for i in range(run.detectors.shape[0]):
+        if run.watches[i].hit != NONE or sign(run.g[i]) != run.watches[i].armed:
+            arm(run, i, run.g[i])
 
 
 @shared

@@ -22,7 +22,8 @@ from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PIECE, PLAN, TRI
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
 from xdynamics.model import Function, Model
-from xdynamics.model.motion import constants, tables_of
+from xdynamics.model.motion import constants, first_regime, tables_of
+from xdynamics.model.parts import ACTIONS
 from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
@@ -46,7 +47,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     given = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
     grid, steps = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
     now = np.zeros(1, NOW)
-    now["t"], now["on_grid"], now["status"] = start, 1, RUNNING
+    now["t"], now["on_grid"], now["status"], now["regime"] = start, 1, RUNNING, first_regime(model)
     return Run(
         plan=plan,
         now=now,
@@ -148,6 +149,8 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "coordinates": len(layout.coordinates),
         "used": len(layout.used),
         "state": len(layout.state),
+        "regime": first_regime(model),
+        "evaluated": len(layout.evaluation),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
 
@@ -181,6 +184,8 @@ def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]
     return places | {
         "detectors": _detectors(model, said, scales),
         "watches": np.zeros(events, WATCH),
+        "resets": np.zeros(len(law.layout.resets)),
+        "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
         "piece": np.zeros(1, PIECE),
         "rows": said.rows,
         "numbers": said.numbers,
@@ -190,11 +195,18 @@ def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]
     }
 
 
+def _targets(law: Law) -> list[tuple[int, int]]:
+    """Return, for everything that an event sets, the event and the place in the state."""
+    events, used = list(law.layout.model.events), law.layout.used
+    return [(events.index(name), used.index(target)) for name, target in law.layout.resets]
+
+
 def _detectors(model: Model, said: Enclosing, scales: Scales) -> NDArray[np.void]:
     found = np.zeros(len(model.events), DETECTOR)
     found["value"], found["slope"], found["of_time"] = said.functions, said.slopes, said.of_time
     for one, event in zip(found, model.events.values(), strict=True):
-        one.direction, one.stops = _DIRECTIONS[event.direction], event.action == "stop"
+        one.direction, one.action, one.count = _DIRECTIONS[event.direction], ACTIONS.index(event.action), event.count
+        one.to = list(model.regimes).index(event.to) if event.to else 0
         one.tolerance = event.time_tolerance.si / scales.of(TIME)
     return found
 

@@ -11,7 +11,7 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import children
 from xdynamics.methods import Evaluation, Solve, Statement
 from xdynamics.methods.walk import Walker
-from xdynamics.model.motion import constants, evaluated, tables_of
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated, tables_of
 from xdynamics.schema import acceleration, rate, velocity
 
 if TYPE_CHECKING:
@@ -27,12 +27,12 @@ def retraced(march: March) -> Iterator[Values]:
     they follow the whole one; of equations that are solved there is the first iteration, and nothing behind them.
     """
     state = dict(zip(march.layout.record, march.run.y.tolist(), strict=True))
-    t, h = float(march.now.t), float(march.now.h)
+    t, h, regime = float(march.now.t), float(march.now.h), float(march.now.regime)
     known = constants(march.model, march.settings.scales)
     tables = tables_of(march.model, march.settings.scales)
 
     def forces(used: Values) -> Values:
-        return evaluated(march.model, used, known, tables)
+        return evaluated(march.model, used | {REGIME_NUMBER: regime}, known, tables)
 
     def step(t: float, h: float, state: Values) -> _Retrace:
         retrace = _Retrace(march, forces, t, h, state)

@@ -23,7 +23,7 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 # a node by `snap` of its size is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
-    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state",
+    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state regime evaluated",
 )
 # Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried;
 # `node` counts the nodes landed on, `crossed` those behind which forces were evaluated.
@@ -35,12 +35,12 @@ NOW = _record(
 # where its state, and `unsound_events` where its event functions are finite, else nan.
 TRIAL = _record("t h unsound unsound_events", "landing iterations")
 # How to look for each event.
-DETECTOR = _record("tolerance", "direction stops value slope of_time")
+DETECTOR = _record("tolerance", "direction action to count value slope of_time")
 # What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `ever` whether it
-# did; the rest is of the trial at hand: whether it may have a zero there (`alive`), its bounds and those of its slope on
+# did, `seen` how often the event was met; the rest is of the trial at hand: whether it may have a zero there (`alive`), its bounds and those of its slope on
 # the piece looked at, since where it is too small to be told from zero (`zone`), and what was found between which steps.
 WATCH = _record(
-    "low high down up zone clear left right before greatest", "armed ever alive state flaw broken forced hit"
+    "low high down up zone clear left right before greatest", "armed ever alive state flaw broken forced hit seen"
 )
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
 # `rough` asks for less care, `cut` says that substeps were made in a trial that is accepted all the same.
@@ -90,7 +90,7 @@ FLEETING = (
 )  # no part of the memory, nor what begins with log_: addresses belong to a process
 # what the model and the settings say, and no march changes
 FIXED = (
-    "plan", "p", "tables", "of_time", "atol", "nodes", "snaps", "grid", "steps", "detectors", "rows", "numbers", "parts", "equations", "unknowns", "entries",
+    "plan", "p", "tables", "of_time", "atol", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
 )  # fmt: skip
 
 
@@ -128,6 +128,8 @@ class Run:
     located_g: Floats
     located_samples: Floats
     watches: Watches
+    resets: Floats  # what events set the state to
+    targets: Lists  # event and place in the state of each
     piece: Pieces
     near: Floats  # states and event functions at the ends of a piece
     near_g: Floats

@@ -212,7 +212,9 @@ class March:
         if status == STOPPED:
             names, events = list(self.model.events), block.log.events[: block.events]
             detectors = events["detector"][events["time"] == self.now.t]
-            self.stopping_event = " and ".join(f"'{names[i]}'" for i in detectors if self.run.detectors[i].stops)
+            self.stopping_event = " and ".join(
+                f"'{names[i]}'" for i in detectors if self.model.events[names[i]].action == "stop"
+            )
         elif status == NONFINITE_OBSERVABLE:
             column = block.log.rows[:, 0 if self.now.h == 0.0 else block.rows]
             self.bad_values = dict(zip(self.layout.row, column.tolist(), strict=True))

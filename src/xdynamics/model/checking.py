@@ -9,7 +9,7 @@ from typing import Any
 
 from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, shown, text_of
 from xdynamics.faults import InputError, Ledger, ModelError
-from xdynamics.model.parts import Function
+from xdynamics.model.parts import Event, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import acceleration, record_names, velocity
 from xdynamics.units import CONSTANTS, NONE, TIME, Dimension, constant, spell
@@ -47,6 +47,8 @@ def check(statement: Statement) -> dict[str, Dimension]:
     for name, event in statement.events.items():
         with ledger.entry(f"event '{name}'"):
             dimension_of(event.function, known)
+        _check_action(name, event, statement, known, ledger)
+    _check_regimes(statement, ledger)
     accelerations = {acceleration(name): known[name] / TIME**2 for name in statement.coordinates}
     for name, observable in statement.observables.items():
         with ledger.entry(f"observable '{name}'"):
@@ -67,7 +69,7 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
         if len({one.digest for one in functions if one.name == name}) > 1:
             ledger.note(f"two different functions are named '{name}'; rename one")
     used: dict[str, str] = {}
-    sections = ("coordinates", "parameters", "definitions", "drives", "states", "forces", "events", "observables")
+    sections = ("coordinates", "parameters", "definitions", "drives", "states", "forces", "events", "regimes", "observables")  # fmt: skip
     for section in sections:
         for name in getattr(statement, section):
             what = f"{section.removesuffix('s')} '{name}'"
@@ -77,7 +79,7 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
                 ledger.note(f"{what}: a name is a letter, then letters, digits and underscores, 40 at most")
             elif section == "coordinates" and name in ("description", "potential", "matrix", "t"):
                 ledger.note(f"{what}: '{name}' is a key of the model file; choose another name")
-            elif name in RESERVED and section not in ("forces", "events"):
+            elif name in RESERVED and section not in ("forces", "events", "regimes"):
                 ledger.note(f"{what}: the name '{name}' is a word of the expression language")
     for name, owner in record_names(vars(statement)):
         if name in used:
@@ -109,6 +111,34 @@ def _define(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -
             with ledger.entry(f"definition '{name}'"):
                 known[name] = dimension_of(node, known)
                 expand(node, statement.definitions)
+
+
+def _check_action(
+    name: str, event: Event, statement: Statement, known: Mapping[str, Dimension], ledger: Ledger
+) -> None:
+    """Check what an event does."""
+    if event.to and event.to not in statement.regimes:
+        ledger.note(
+            f"event '{name}' switches to '{event.to}', which is no regime; there are: {', '.join(statement.regimes) or 'none'}"
+        )
+    moved = [one for name in statement.coordinates for one in (name, velocity(name))] + list(statement.states)
+    for target, node in event.reset.items():
+        if target in moved:
+            _needs(ledger, f"event '{name}' sets '{target}'", node, known, known[target])
+        else:
+            ledger.note(f"event '{name}' sets '{target}', which is no coordinate, velocity or state")
+
+
+def _check_regimes(statement: Statement, ledger: Ledger) -> None:
+    """Check that regimes name forces, and every force is in one."""
+    for name, regime in statement.regimes.items():
+        for one in regime.forces:
+            if one not in statement.forces:
+                ledger.note(f"regime '{name}' has '{one}', which is no force; there are: {', '.join(statement.forces)}")
+    acting = {one for regime in statement.regimes.values() for one in regime.forces}
+    for name in statement.forces if statement.regimes else ():
+        if name not in acting:
+            ledger.note(f"force '{name}' acts in no regime; put it into one, or leave it out")
 
 
 def _check_initial(statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:

@@ -15,7 +15,7 @@ from xdynamics.faults import InputError, ModelError
 from xdynamics.files import asked, decoded, read_bounded
 from xdynamics.model import toml
 from xdynamics.model.checking import check
-from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Parameter, State
+from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Parameter, Regime, State
 from xdynamics.model.reach import ANYWHERE, BELOW, EMBEDDED, REACHES, Reach
 from xdynamics.model.reading import read
 from xdynamics.model.statement import Statement
@@ -32,7 +32,7 @@ class Model:
     ----------
     **statement
         The sections of a model file by name (`name`, `description`, `coordinates`, `parameters`, `mass`,
-        `definitions`, `forces`, `drives`, `states`, `initial`, `events`, `observables`, `run`), each a
+        `definitions`, `forces`, `drives`, `states`, `initial`, `events`, `regimes`, `observables`, `run`), each a
         mapping in the file's own words. A force component may also be a numba-compilable Python function
         whose arguments are declared names; it gets and returns SI floats.
 
@@ -68,6 +68,8 @@ class Model:
     states: dict[str, State]
     initial: dict[str, Quantity]
     events: dict[str, Event]
+    regimes: dict[str, Regime]
+    regime: str
     observables: dict[str, Node]
     run: dict[str, Any]
     dimensions: dict[str, Dimension]

@@ -14,7 +14,7 @@ from functools import lru_cache, reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import Binary, Call, Name, Node, derivatives
+from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, derivatives
 from xdynamics.expressions.calculus import ONE, ZERO, add
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError, ModelError
@@ -24,6 +24,7 @@ from xdynamics.model.parts import Drive, Function
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.units import CONSTANTS, UNSCALED, Scales, constant
 
+REGIME_NUMBER = "_regime"  # by which trees tell in which regime they are, from 0
 Table = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -40,6 +41,11 @@ def variables(model: Model) -> tuple[str, ...]:
     return (*model.coordinates, *(velocity(name) for name in model.coordinates), *model.states)
 
 
+def first_regime(model: Model) -> int:
+    """Return the number of the regime that the motion begins in."""
+    return list(model.regimes).index(model.regime) if model.regimes else 0
+
+
 def slope(drive: str) -> str:
     """Name the slope of a drive by its argument."""
     return f"_slope_{drive}"
@@ -52,14 +58,41 @@ def motion(model: Model) -> tuple[Assignment, ...]:
     A diagonal mass divides; a full one is taken apart as L D L^T (Golub and Van Loan, Matrix Computations, 4th ed.,
     section 4.1.2). A mass that is not positive gives nan, which ends a run.
     """
-    found = [
-        Assignment(force(term, name), one if isinstance(one, Function) else model.expanded(one))
-        for term, parts in model.force_components.items()
-        for name, one in parts.items()
-    ]
+    found = list(_terms(model))
     found += _mass(model)
     found += _solved(model, {acceleration(name): total for name, total in _totals(model).items()})
     return (*found, *(Assignment(rate(name), model.expanded(one.rate)) for name, one in model.states.items()))
+
+
+def _terms(model: Model) -> Iterator[Assignment]:
+    """Write every force term; in a regime of which it is none it is 0, whatever it would be there."""
+    for term, parts in model.force_components.items():
+        for name, one in parts.items():
+            target = force(term, name)
+            if isinstance(one, Function) and acts_always(model, term):
+                yield Assignment(target, one)
+            elif isinstance(one, Function):
+                yield Assignment(f"_any_{target}", one)
+                yield Assignment(target, in_regimes(model, term, Name(f"_any_{target}")))
+            else:
+                yield Assignment(target, in_regimes(model, term, model.expanded(one)))
+
+
+def acts_always(model: Model, term: str) -> bool:
+    """Whether a force term acts in every regime."""
+    return all(term in one.forces for one in model.regimes.values())
+
+
+def in_regimes(model: Model, term: str, tree: Node) -> Node:
+    """Return what a tree of a force term is in the regime that holds: itself, or 0."""
+    if acts_always(model, term):
+        return tree
+    found: Node = ZERO
+    for i, one in reversed(list(enumerate(model.regimes.values()))):
+        if term in one.forces:
+            holds = Compare("==", Name(REGIME_NUMBER), Number(float(i)))
+            found = Call("where", (holds, tree, found))
+    return found
 
 
 @lru_cache(maxsize=64)
@@ -139,10 +172,11 @@ def force_totals(model: Model) -> dict[str, Node]:
             " write them as expressions to linearise the model"
         )
     totals: dict[str, Node] = {f"force_{name}": ZERO for name in model.coordinates}
-    for parts in model.force_components.values():
+    for term, parts in model.force_components.items():
         for name, one in parts.items():
             if not isinstance(one, Function):
-                totals[f"force_{name}"] = add(totals[f"force_{name}"], model.expanded(one))
+                tree = in_regimes(model, term, model.expanded(one))
+                totals[f"force_{name}"] = add(totals[f"force_{name}"], tree)
     return totals | {rate(name): model.expanded(state.rate) for name, state in model.states.items()}
 
 
@@ -237,7 +271,7 @@ def evaluated(
     ----------
     model : Model
     state : mapping of str to float
-        A number for `t`, every coordinate, velocity and first-order state.
+        A number for `t`, every coordinate, velocity and first-order state; the regime, if it is not the first.
     known : mapping of str to float
         `constants` in the same units.
     tables : iterable of (ndarray, ndarray)
@@ -251,6 +285,7 @@ def evaluated(
         Everything by its name, drives among it.
     """
     values = dict(known) | {name: state[name] for name in ("t", *variables(model))}
+    values[REGIME_NUMBER] = state.get(REGIME_NUMBER, float(first_regime(model)))
     for (name, drive), table in zip(model.drives.items(), tables, strict=True):
         values[name], values[slope(name)] = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
     for one in (*motion(model), *(slopes(model) if sloped else ())):

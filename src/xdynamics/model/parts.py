@@ -15,8 +15,8 @@ from xdynamics.model.drives import Table
 from xdynamics.units import TIME, Quantity, Unit
 
 DIRECTIONS = ("rising", "falling", "either")
-ACTIONS = ("record", "stop")
-LATER_ACTIONS = ("impact", "switch", "reset")
+ACTIONS = ("record", "stop", "switch", "reset")
+LATER_ACTIONS = ("impact",)
 
 
 @dataclass(frozen=True)
@@ -110,10 +110,37 @@ class Drive:
 
 @dataclass(frozen=True)
 class Event:
-    """A scalar function of the state whose zero is located."""
+    """A scalar function of the state whose zero is located, and what is done there.
+
+    Attributes
+    ----------
+    function : Node
+    direction : {"rising", "falling", "either"}
+        A touch counts where the function comes from the side that this asks for.
+    action : {"record", "stop", "switch", "reset"}
+    time_tolerance : Quantity
+    description : str
+    to : str
+        The regime to go on in, of a switch.
+    reset : mapping of str to Node
+        New values of coordinates, velocities or states, from those before.
+    count : int
+        The occurrence from which on to act.
+    """
 
     function: Node
     direction: str = "either"
     action: str = "record"
     time_tolerance: Quantity = field(default_factory=lambda: Quantity(1e-12, Unit("s", TIME)))
+    description: str = ""
+    to: str = ""
+    reset: Mapping[str, Node] = field(default_factory=dict)
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class Regime:
+    """The force terms that act while it lasts."""
+
+    forces: tuple[str, ...]
     description: str = ""

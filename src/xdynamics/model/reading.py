@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,8 @@ from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.drives import INTERPOLATIONS, OUTSIDE, Table
 from xdynamics.model.parts import (
-    ACTIONS,
-    DIRECTIONS,
-    LATER_ACTIONS,
     Coordinate,
     Drive,
-    Event,
     Force,
     Function,
     Parameter,
@@ -25,11 +20,13 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.reach import Reach
 from xdynamics.model.statement import Statement
+from xdynamics.model.switching import event, regime
+from xdynamics.model.words import choice, described, keys, near
 from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
 SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
-            "initial", "events", "observables", "run")  # fmt: skip
-LATER_SECTIONS = ("contacts", "regimes")
+            "initial", "events", "regimes", "observables", "run")  # fmt: skip
+LATER_SECTIONS = ("contacts", "frictions")
 RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
             "max_steps", "force_samples", "scales", "jacobian", "summation")  # fmt: skip
 
@@ -52,14 +49,14 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
         if key in LATER_SECTIONS:
             ledger.note(f"[{key}] is not available in this version")
         elif key not in SECTIONS:
-            ledger.note(f"[{key}] is no section{_near(key, SECTIONS)}")
+            ledger.note(f"[{key}] is no section{near(key, SECTIONS)}")
     sections = {key: _table(statement, key, ledger) for key in SECTIONS[2:]}
     parts: dict[str, Any] = {"name": name, "description": ""}
     with ledger.entry("description"):
-        parts["description"] = _text(statement)
+        parts["description"] = described(statement)
     if isinstance(name, str):
         with ledger.entry("name"):
-            _text({"description": name})
+            described({"description": name})
 
     def entries(key: str, what: str, reader: Callable[[Any], Any]) -> dict[str, Any]:
         found = {}
@@ -74,8 +71,11 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["drives"] = entries("drives", "drive", lambda given: _drive(given, reach))
     parts["states"] = entries("states", "state", _state)
     parts["forces"] = entries("forces", "force", lambda given: _force(given, functions))
-    parts["events"] = entries("events", "event", _event)
+    parts["events"] = entries("events", "event", event)
+    parts["regimes"] = entries("regimes", "regime", regime)
     parts["observables"] = entries("observables", "observable", parse)
+    parts["regime"] = _first_regime(sections["initial"], list(parts["regimes"]), ledger)
+    sections["initial"] = {key: value for key, value in sections["initial"].items() if key != "regime"}
     parts["initial"] = {"t": Quantity(0.0, Unit("s", TIME)), **entries("initial", "initial value", parse_quantity)}
     parts["run"] = _run(sections["run"], ledger)
     with ledger.entry("mass"):
@@ -94,14 +94,14 @@ def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[st
 
 def _coordinate(given: Any) -> Coordinate:
     given = {"unit": given} if isinstance(given, str) else given
-    _keys(given, ("unit", "description"), needed=("unit",))
-    return Coordinate(parse_unit(given["unit"]), _text(given))
+    keys(given, ("unit", "description"), needed=("unit",))
+    return Coordinate(parse_unit(given["unit"]), described(given))
 
 
 def _parameter(given: Any) -> Parameter:
     if not isinstance(given, Mapping):
         return Parameter(parse_quantity(given))
-    _keys(given, ("value", "unit", "uncertainty", "description"), needed=("value",))
+    keys(given, ("value", "unit", "uncertainty", "description"), needed=("value",))
     quantity = _in_unit(given["value"], given.get("unit"))
     uncertainty = None
     if "uncertainty" in given:
@@ -113,12 +113,12 @@ def _parameter(given: Any) -> Parameter:
             raise InputError(
                 f"uncertainty is in '{uncertainty.unit.dimension}', the value in '{quantity.unit.dimension}'"
             )
-    return Parameter(quantity, uncertainty, _text(given))
+    return Parameter(quantity, uncertainty, described(given))
 
 
 def _state(given: Any) -> State:
-    _keys(given, ("unit", "rate", "description"), needed=("unit", "rate"))
-    return State(parse_unit(given["unit"]), parse(given["rate"]), _text(given))
+    keys(given, ("unit", "rate", "description"), needed=("unit", "rate"))
+    return State(parse_unit(given["unit"]), parse(given["rate"]), described(given))
 
 
 def _force(given: Any, functions: Functions) -> Force:
@@ -130,7 +130,7 @@ def _force(given: Any, functions: Functions) -> Force:
     if "potential" in given:
         if components:
             raise InputError(f"has a potential and the components {', '.join(components)}; write two forces")
-        return Force(parse(given["potential"]), {}, _text(given))
+        return Force(parse(given["potential"]), {}, described(given))
     read: dict[str, Node | Function] = {}
     for coordinate, value in components.items():
         if callable(value):
@@ -139,11 +139,11 @@ def _force(given: Any, functions: Functions) -> Force:
             read[coordinate] = _function(value, functions)
         else:
             read[coordinate] = parse(value)
-    return Force(None, read, _text(given))
+    return Force(None, read, described(given))
 
 
 def _function(given: Mapping[str, Any], functions: Functions) -> Function:
-    _keys(given, ("function", "arguments", "digest", "source"), needed=("function", "digest"))
+    keys(given, ("function", "arguments", "digest", "source"), needed=("function", "digest"))
     name, arguments = given["function"], given.get("arguments", [])
     listed = [name, given["digest"], given.get("source", ""), *(arguments if isinstance(arguments, list) else [None])]
     if not all(isinstance(one, str) for one in listed):
@@ -160,7 +160,7 @@ def _function(given: Mapping[str, Any], functions: Functions) -> Function:
 
 
 def _drive(given: Any, reach: Reach) -> Drive:
-    _keys(given, ("table", "csv", "argument", "interpolation", "outside", "description"), needed=("table",))
+    keys(given, ("table", "csv", "argument", "interpolation", "outside", "description"), needed=("table",))
     name = given["table"]
     if not isinstance(name, str) or not name.isprintable() or not isinstance(given.get("csv", ""), str):
         raise InputError(f"table {name!r} must be the name of a CSV file")
@@ -168,27 +168,18 @@ def _drive(given: Any, reach: Reach) -> Drive:
     return Drive(
         table,
         str(given.get("argument", "t")),
-        _choice(given, "interpolation", INTERPOLATIONS, "linear"),
-        _choice(given, "outside", OUTSIDE, "error"),
-        _text(given),
+        choice(given, "interpolation", INTERPOLATIONS, "linear"),
+        choice(given, "outside", OUTSIDE, "error"),
+        described(given),
     )
 
 
-def _event(given: Any) -> Event:
-    _keys(given, ("function", "direction", "action", "time_tolerance", "description"), needed=("function",))
-    action = given.get("action", "record")
-    if action in LATER_ACTIONS:
-        raise InputError(f"action '{action}' is not available in this version; there are {', '.join(ACTIONS)}")
-    tolerance = parse_quantity(given.get("time_tolerance", "1e-12 s"))
-    if tolerance.unit.dimension != TIME or tolerance.value <= 0:
-        raise InputError(f"time_tolerance is '{tolerance}', needs a positive time")
-    return Event(
-        parse(given["function"]),
-        _choice(given, "direction", DIRECTIONS, "either"),
-        _choice(given, "action", ACTIONS, "record"),
-        tolerance,
-        _text(given),
-    )
+def _first_regime(initial: Mapping[str, Any], regimes: list[str], ledger: Ledger) -> str:
+    """Read which regime a motion begins in: the first, unless it is said."""
+    given = initial.get("regime", regimes[0] if regimes else "")
+    if given not in regimes and "regime" in initial:
+        ledger.note(f"initial regime {given!r} is none; there are: {', '.join(regimes) or 'none'}")
+    return str(given)
 
 
 def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node, ...], ...]:
@@ -214,7 +205,7 @@ def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node,
 def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
     for key in given:
         if key not in RUN_KEYS:
-            ledger.note(f"[run] has no setting '{key}'{_near(key, RUN_KEYS)}")
+            ledger.note(f"[run] has no setting '{key}'{near(key, RUN_KEYS)}")
     with ledger.entry("[run]"):
         for key in ("step", "until", "min_step", "max_step"):
             if key in given:
@@ -233,31 +224,3 @@ def _in_unit(value: Any, unit: str | None) -> Quantity:
     if quantity.unit.text != "1":
         raise InputError(f"{value!r} has a unit already, and '{unit}' stands beside it; write one")
     return parse_quantity(f"{quantity.value!r} {unit}")
-
-
-def _keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
-    if not isinstance(given, Mapping):
-        raise InputError(f"{given!r} must be a table with {', '.join(needed)}")
-    faults = [f"key '{key}' is not known{_near(key, known)}" for key in given if key not in known]
-    faults += [f"key '{key}' is missing" for key in needed if key not in given]
-    if faults:
-        raise InputError("; ".join(faults))
-
-
-def _choice(given: Mapping[str, Any], key: str, known: tuple[str, ...], default: str) -> str:
-    value = given.get(key, default)
-    if value not in known:
-        raise InputError(f"{key} {value!r} is not known; there are {', '.join(known)}")
-    return str(value)
-
-
-def _text(given: Mapping[str, Any]) -> str:
-    text = str(given.get("description", "")).strip()
-    if not all(one.isprintable() or one in "\n\t" for one in text):
-        raise InputError(f"text {text[:40]!r} has characters that are not printable")
-    return text
-
-
-def _near(name: str, known: tuple[str, ...]) -> str:
-    near = get_close_matches(name, known, n=1)
-    return f"; did you mean '{near[0]}'?" if near else f"; there are {', '.join(known)}"

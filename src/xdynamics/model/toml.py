@@ -35,10 +35,15 @@ def write(statement: Statement) -> str:
         _section(lines, f"drives.{name}", _described(body, drive))
     for name, state in statement.states.items():
         _section(lines, f"states.{name}", _described({"unit": state.unit.text, "rate": text_of(state.rate)}, state))
-    _section(lines, "initial", {name: str(quantity) for name, quantity in statement.initial.items()})
+    initial = {name: str(quantity) for name, quantity in statement.initial.items()}
+    _section(lines, "initial", initial | ({"regime": statement.regime} if statement.regime else {}))
     for name, event in statement.events.items():
         body = {"function": text_of(event.function), "direction": event.direction, "action": event.action}
+        body |= ({"to": event.to} if event.to else {}) | ({"count": event.count} if event.count > 1 else {})
+        body |= {"set": {key: text_of(one) for key, one in event.reset.items()}} if event.reset else {}
         _section(lines, f"events.{name}", _described(body | {"time_tolerance": str(event.time_tolerance)}, event))
+    for name, regime in statement.regimes.items():
+        _section(lines, f"regimes.{name}", _described({"forces": list(regime.forces)}, regime))
     _section(lines, "observables", {name: text_of(node) for name, node in statement.observables.items()})
     _section(lines, "run", statement.run)
     return "\n".join(lines) + "\n"

@@ -149,7 +149,13 @@ def _steps(about: _About) -> list[Column]:
     found = [Column(one, _row(order[one.name], units.time)) for one in schema.FIXED_STEPS[:2]]
     found.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
     regime = Variable(
-        "regime", (STEPS,), "i1", "1", "regime of the force law", "flag", schema.flags({0: schema.ONLY_REGIME})
+        "regime",
+        (STEPS,),
+        "i1",
+        "1",
+        "regime of the force law",
+        "flag",
+        schema.flags(dict(enumerate(model.regimes)) or {0: schema.ONLY_REGIME}),
     )
     found.append(Column(regime, lambda block: block.log.flags[1, : block.rows]))
 

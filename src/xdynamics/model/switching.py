@@ -1,0 +1,80 @@
+"""Events and regimes, from the words of a model file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from xdynamics.expressions import Node, parse
+from xdynamics.faults import InputError
+from xdynamics.model.parts import ACTIONS, DIRECTIONS, LATER_ACTIONS, Event, Regime
+from xdynamics.model.words import choice, described, keys
+from xdynamics.units import TIME, parse_quantity
+
+_KEYS = ("function", "direction", "action", "to", "set", "count", "time_tolerance", "description")
+_OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other knows
+
+
+def event(given: Any) -> Event:
+    """Read an event.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    keys(given, _KEYS, needed=("function",))
+    action = given.get("action", "record")
+    if action in LATER_ACTIONS:
+        raise InputError(f"action '{action}' is not available in this version; there are {', '.join(ACTIONS)}")
+    action = choice(given, "action", ACTIONS, "record")
+    for key, needed in _OF_ACTIONS.items():
+        if (key in given) != (action == needed):
+            word = "needs" if action == needed else f"is for action '{needed}': '{action}' does not take"
+            raise InputError(
+                f"action '{action}' needs the key '{key}'" if action == needed else f"key '{key}' {word} it"
+            )
+    tolerance = parse_quantity(given.get("time_tolerance", "1e-12 s"))
+    if tolerance.unit.dimension != TIME or tolerance.value <= 0:
+        raise InputError(f"time_tolerance is '{tolerance}', needs a positive time")
+    count = given.get("count", 1)
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count < 1 << 31:
+        raise InputError(f"count is {count!r}, needs a whole number from 1 on: the time at which to act")
+    if count > 1 and action == "record":
+        raise InputError(f"count is {count}, and action 'record' does nothing that could wait for it")
+    if not isinstance(given.get("to", ""), str):
+        raise InputError(f"to is {given['to']!r}, needs the name of a regime")
+    return Event(
+        parse(given["function"]), choice(given, "direction", DIRECTIONS, "either"), action, tolerance, described(given),
+        to=given.get("to", ""), reset=_reset(given.get("set", {})), count=count,
+    )  # fmt: skip
+
+
+def _reset(given: Any) -> dict[str, Node]:
+    """Read what an event sets a state to."""
+    if not isinstance(given, Mapping):
+        raise InputError(f'set is {given!r}, needs a table like {{ v_y = "-v_y" }}')
+    found = {}
+    for name, text in given.items():
+        try:
+            found[name] = parse(text)
+        except InputError as error:
+            raise InputError(f"set '{name}': {error}") from None
+    return found
+
+
+def regime(given: Any) -> Regime:
+    """Read a regime.
+
+    Raises
+    ------
+    InputError
+        If it lists no names of forces.
+    """
+    keys(given, ("forces", "description"), needed=("forces",))
+    names = given["forces"]
+    if not isinstance(names, list | tuple) or not all(isinstance(one, str) for one in names):
+        raise InputError(f"forces is {names!r}, needs a list of the forces that act in it")
+    if len(set(names)) < len(names):
+        raise InputError(f"forces lists one of {', '.join(names)} twice")
+    return Regime(tuple(names), described(given))

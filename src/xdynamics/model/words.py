@@ -1,0 +1,41 @@
+"""Tables of a model file: their keys, choices and texts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Any
+
+from xdynamics.faults import InputError
+
+
+def keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
+    """Refuse what is no table, has other keys than the known ones, or lacks one that is needed."""
+    if not isinstance(given, Mapping):
+        raise InputError(f"{given!r} must be a table with {', '.join(needed)}")
+    faults = [f"key '{key}' is not known{near(key, known)}" for key in given if key not in known]
+    faults += [f"key '{key}' is missing" for key in needed if key not in given]
+    if faults:
+        raise InputError("; ".join(faults))
+
+
+def choice(given: Mapping[str, Any], key: str, known: tuple[str, ...], default: str) -> str:
+    """Return one of some words."""
+    value = given.get(key, default)
+    if value not in known:
+        raise InputError(f"{key} {value!r} is not known; there are {', '.join(known)}")
+    return str(value)
+
+
+def described(given: Mapping[str, Any]) -> str:
+    """Return the description of an entry."""
+    text = str(given.get("description", "")).strip()
+    if not all(one.isprintable() or one in "\n\t" for one in text):
+        raise InputError(f"text {text[:40]!r} has characters that are not printable")
+    return text
+
+
+def near(name: str, known: tuple[str, ...]) -> str:
+    """Say which word may have been meant, or which there are."""
+    alike = get_close_matches(name, known, n=1)
+    return f"; did you mean '{alike[0]}'?" if alike else f"; there are {', '.join(known)}"
