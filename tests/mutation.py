@@ -57,7 +57,9 @@ TOUCHED = {
         "test_extend.py -k one_march",
         "test_archive.py -k streamed_equals",
     ),
-    "record/kinds.py": ("test_identity.py",),
+    "record/conformity.py": ("test_conformity.py",),
+    "record/identity.py": ("test_march_identity.py",),
+    "record/kinds.py": ("test_kinds.py",),
     "record/provenance.py": (
         "test_provenance.py",
         "test_record.py",
