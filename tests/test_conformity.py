@@ -143,6 +143,12 @@ def test_what_each_step_control_needs() -> None:
     assert faults_of(changed(lambda run: run.drop_dims("sample"))) == []
 
 
+@pytest.mark.parametrize("row", [0, 62])
+def test_the_first_row_and_the_last_one_are_there(row: int) -> None:
+    """Assert that an event may name either."""
+    assert faults_of(changed(put("event_row_after", 0, row))) == []
+
+
 def test_faults_are_gathered() -> None:
     """Assert that those of attributes stand before those of variables, and those of values last."""
     run = changed(said(title=None), "adaptive")
