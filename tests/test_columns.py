@@ -9,8 +9,9 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from problems import particle
-from xdynamics.units import parse_unit
+from problems import linear_drag, particle
+from xdynamics.record import factors
+from xdynamics.units import Scales, parse_unit
 
 TABLE = "time [s],pull [N]\n0,0\n0.7,1\n2,-1\n5,0\n"
 
@@ -169,3 +170,9 @@ def test_uncertainty_of_an_event_is_the_sum_of_its_parts() -> None:
     assert residual == pytest.approx(np.abs(run.event_residual.values / slopes))
     assert not interpolation.any()
     assert run.event_time_uncertainty.values == pytest.approx(bracket + residual)
+
+
+def test_factors_lead_from_the_numbers_of_a_march_to_those_of_its_record() -> None:
+    """Assert that scales are in them, and the units that the model declares."""
+    scales = Scales.parse({"length": "3 m", "time": "0.5 s"})
+    assert factors(linear_drag().model, scales) == pytest.approx({"y": 3000.0, "v_y": 6000.0})
