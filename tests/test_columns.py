@@ -10,7 +10,9 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import linear_drag, particle
-from xdynamics.record import factors
+from xdynamics.march import March
+from xdynamics.march.asking import settings_for
+from xdynamics.record import columns, factors
 from xdynamics.units import Scales, parse_unit
 
 TABLE = "time [s],pull [N]\n0,0\n0.7,1\n2,-1\n5,0\n"
@@ -170,6 +172,30 @@ def test_uncertainty_of_an_event_is_the_sum_of_its_parts() -> None:
     assert residual == pytest.approx(np.abs(run.event_residual.values / slopes))
     assert not interpolation.any()
     assert run.event_time_uncertainty.values == pytest.approx(bracket + residual)
+
+
+def test_an_event_is_located_no_nearer_than_half_a_spacing_of_time() -> None:
+    """Assert the least uncertainty where nothing else is unsure, and an infinite one where the function does not move."""
+    past = {"function": "x - 3*metre", "direction": "rising", "time_tolerance": "1 ms"}
+    model = particle(events={"past": past})
+    march = March(model, settings_for(model, method="rk4", step=0.5, until=1.0))
+    (block,) = march.blocks()
+    take = {column.variable.name: column.take for column in columns(march)}["event_time_uncertainty"]
+    event = block.log.events[:1]
+    event["left"], event["residual"], event["slope"] = event["time"], 0.0, 0.0
+    assert take(block).tolist() == [np.spacing(event["time"][0]) / 2]
+    event["residual"] = 1e-9
+    assert take(block).tolist() == [np.inf]
+
+
+def test_rejected_trials_name_where_they_began() -> None:
+    """Assert that row, time, size, norm and reason of a trial belong together."""
+    run = swing("m", scales={"time": "7 s"}, step=0.5)
+    rows = run.trial_step.values
+    assert rows[0] == 0 < rows[-1]
+    assert (run.trial_time.values == run.time.values[rows]).all()
+    assert (run.trial_step_size.values[0], run.trial_error_norm.dims) == (pytest.approx(0.5), ("trial",))
+    assert (run.trial_error_norm.values[run.trial_reason.values == 0] > 1).all()
 
 
 def test_factors_lead_from_the_numbers_of_a_march_to_those_of_its_record() -> None:
