@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from test_columns import swing
 from xdynamics.march.control import FIRST_STEP
 from xdynamics.march.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE
-from xdynamics.record.provenance import _machine, asked_of, scales_of
+from xdynamics.record.provenance import _machine, asked_of, scales_of, xdynamics_version
 
 FIXED = {"rtol": None, "atol": None, "step": 0.1}
 SCALED = {"length": "3.0 m", "time": "0.5 s", "mass": "2.0 kg"}
@@ -79,6 +80,11 @@ def test_the_processor_is_told_by_sorted_features(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(binding, "get_host_cpu_features", lambda: {"sse": True, "avx": True, "amx": False})
     assert _machine.__wrapped__()["cpu_features"] == "avx sse"
+
+
+def test_the_version_is_that_of_the_record() -> None:
+    """Assert that the program and its records say one version."""
+    assert xdynamics_version() == version("xdynamics") == swing("m", **FIXED).attrs["xdynamics_version"]
 
 
 @pytest.mark.parametrize(
