@@ -83,6 +83,13 @@ def test_columns_are_what_they_say() -> None:
     assert not run.event_offset_x.values.any()
 
 
+def test_a_run_keeps_what_it_goes_on_from() -> None:
+    """Assert that the last state stands first in the numbers at the end, and that they have names."""
+    run = swing("m")
+    assert run.end_memory.attrs["names"].startswith("y[9] now.t ")
+    assert run.end_memory.values[:2].tolist() == [run.x.values[-1], run.v_x.values[-1]]
+
+
 def test_only_what_a_run_has_is_in_its_record() -> None:
     """Assert that given steps, tolerances and samples are kept where there are any."""
     steps = [0.1, 0.2, 0.3, 0.4]
