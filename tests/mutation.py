@@ -49,7 +49,7 @@ TOUCHED = {
     "march/events.py": ("test_phases.py", f"test_march.py -k {EVENTS}"),
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
     "evidence/sampling.py": ("test_sampling.py -k not (radau or archive)",),
-    "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py", f"test_march.py -k {EVENTS}"),
+    "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py"),
     "record/dataset.py": (
         "test_record.py",
         "test_reading.py",
@@ -57,7 +57,9 @@ TOUCHED = {
         "test_extend.py -k one_march",
         "test_archive.py -k streamed_equals",
     ),
-    "record/kinds.py": ("test_identity.py",),
+    "record/conformity.py": ("test_conformity.py",),
+    "record/identity.py": ("test_march_identity.py",),
+    "record/kinds.py": ("test_kinds.py",),
     "record/provenance.py": (
         "test_provenance.py",
         "test_record.py",

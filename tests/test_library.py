@@ -238,3 +238,13 @@ def test_the_mask_of_the_process_is_left_alone(tmp_path: Path, monkeypatch: pyte
     finally:
         os.umask(before)
     assert path.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_close_that_fails_is_the_last_one(tmp_path: Path) -> None:
+    """Assert that no finaliser closes again what the library could not: it would use memory that is free already."""
+    file = library.file_at(tmp_path / "run.nc", "w")
+    file.createDimension("step", 2**62)  # more than HDF5 can lay out
+    file.createVariable("x", "f8", ())
+    with pytest.raises(RuntimeError, match="HDF error"):
+        library.close(file)
+    assert not file.isopen()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from test_columns import swing
 from xdynamics.march.control import FIRST_STEP
 from xdynamics.march.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE
-from xdynamics.record.provenance import asked_of, scales_of
+from xdynamics.record.provenance import _machine, asked_of, scales_of, xdynamics_version
 
 FIXED = {"rtol": None, "atol": None, "step": 0.1}
 SCALED = {"length": "3.0 m", "time": "0.5 s", "mass": "2.0 kg"}
@@ -61,6 +62,29 @@ def test_what_chose_the_steps_is_told() -> None:
     run = xd.simulate(late, **settings)
     assert run.attrs["solver_max_step"] == 1.0
     assert "max_step" not in asked_of(run)
+
+
+def test_version_01_did_not_say_who_chose_the_longest_step() -> None:
+    """Assert that a longest step other than the span was given, and that without a start none can be the span."""
+    late = oscillator().model.replace(initial={"t": "2 s"})
+    for asked, found in ({}, None), ({"max_step": 0.5}, 0.5), ({"max_step": 1.0}, None):
+        run = xd.simulate(late, method="dormand_prince", rtol=1e-6, until=3.0, **asked)
+        del run.attrs["solver_max_step_choice"]
+        assert asked_of(run).get("max_step") == found
+    assert asked_of(run.drop_vars("time"))["max_step"] == 1.0
+
+
+def test_the_processor_is_told_by_sorted_features(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that what it has is listed, not what it lacks, and in one order on every machine."""
+    from llvmlite import binding
+
+    monkeypatch.setattr(binding, "get_host_cpu_features", lambda: {"sse": True, "avx": True, "amx": False})
+    assert _machine.__wrapped__()["cpu_features"] == "avx sse"
+
+
+def test_the_version_is_that_of_the_record() -> None:
+    """Assert that the program and its records say one version."""
+    assert xdynamics_version() == version("xdynamics") == swing("m", **FIXED).attrs["xdynamics_version"]
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,14 @@ def test_what_is_no_archive_is_refused_unchecked_too(archived: Path, tmp_path: P
         xd.open_run(tmp_path / "foreign.nc", check=False)
 
 
+def test_values_that_cannot_be_read(archived: Path, tmp_path: Path) -> None:
+    """Assert that a file that was opened unchecked and cannot be read says which of its variables, of which file."""
+    path = tmp_path / "hurt.nc"
+    path.write_bytes(archived.read_bytes().replace(b"TREE", b"tree"))  # where the library looks for the chunks
+    with pytest.raises(xd.ArchiveError, match=r"^variable '\w+' of '.*hurt\.nc' cannot be read: NetCDF: HDF error"):
+        xd.open_run(path, check=False).load()
+
+
 def test_an_opened_run_is_the_run_that_was_saved(archived: Path) -> None:
     """Assert that what is said of the file alone is not said of the run, and its digest is."""
     with xd.open_run(archived, check=False) as run:

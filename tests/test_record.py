@@ -9,7 +9,9 @@ import pytest
 
 import xdynamics as xd
 from problems import MODELS, free, oscillator
-from xdynamics.record import check_kind
+from xdynamics.march import March
+from xdynamics.march.asking import settings_for
+from xdynamics.record import check_kind, dataset
 from xdynamics.schema import REQUIRED_ATTRIBUTES, ROW_KINDS
 
 
@@ -122,6 +124,15 @@ def test_same_model_same_digest() -> None:
     runs = [xd.simulate(free().model, method="midpoint", step=step, until=1.0) for step in (0.5, 0.5, 0.25)]
     digests = [xd.content_digest(run) for run in runs]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_a_run_in_one_block_is_not_copied() -> None:
+    """Assert that the record of a run in memory stands where the march wrote it."""
+    model = oscillator().model
+    march = March(model, settings_for(model, step=0.1, until=1.0))
+    blocks = list(march.blocks())
+    assert len(blocks) == 1
+    assert np.shares_memory(dataset(march, blocks).x.values, blocks[0].log.rows)
 
 
 def test_what_is_plainly_no_run_is_named() -> None:

@@ -78,6 +78,16 @@ def test_kills_of_whole_processes() -> None:
     assert sum(int(line.split()[-4]) for line in done.stdout.splitlines()[:-1]) > 2
 
 
+def test_kills_between_segments() -> None:
+    """Assert equal digests and nothing left of runs that are killed with segments, while these become archives too."""
+    script = Path(__file__).with_name("killing.py")
+    environment = os.environ | {"NUMBA_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, script, "aimed", "3"], capture_output=True, text=True, check=False, env=environment)  # fmt: skip
+    last = done.stdout.splitlines()[-1]
+    assert last.startswith("3 of 3 digests equal, "), done.stdout + done.stderr
+    assert int(last.split()[-6]) > 0
+
+
 def test_resumed_is_uninterrupted(broken: Path) -> None:
     """Assert the bits of the uninterrupted run, fewer rows marched, and that nothing is left behind."""
     seen: list[float] = []

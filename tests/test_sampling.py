@@ -217,6 +217,15 @@ def test_a_grid_that_rounds_has_no_jumps() -> None:
         assert np.abs(found.x.values - run.x.values[1:] + moved).max() < 1e-9 * moved + 1e3 * EPS
 
 
+def test_a_step_to_zero_may_round() -> None:
+    """Assert that a grid that ends beside t = 0 by a rounding has no rows missing there."""
+    start = {"t": "-0.3 s", "x": "0 m", "v_x": "3 m s-1"}
+    run = xd.simulate(particle(initial=start), method="midpoint", step=0.1, until=0.3)
+    assert 0 < abs(run.time.values).min() < EPS
+    middle = (run.time.values[1:] + run.time.values[:-1]) / 2
+    assert xd.sample(run, middle).x.values == pytest.approx(3 * (middle + 0.3))
+
+
 def test_events_and_samples_agree() -> None:
     """Assert that without an event a sample at its time is the state that the run with it landed on."""
     model = model_of("pendulum")
@@ -274,6 +283,7 @@ def test_a_thinned_or_converted_record_is_refused() -> None:
         ([], r"times have the shape \(0,\)"),
         ([[1.0]], r"times have the shape \(1, 1\)"),
         (["soon"], r"times are \['soon'\], need numbers in s"),
+        (["x" * 70], r"times are \['x{58}, need numbers in s"),
         ("1 m", "times"),
     ],
 )  # fmt: skip
@@ -289,6 +299,8 @@ def test_other_faults_are_named() -> None:
         xd.sample(run_of(), 1.0, side="left")
     with pytest.raises(xd.InputError, match="rule is 'hermite'; there are reintegrate, interpolant"):
         xd.sample(run_of(), 1.0, rule="hermite")
+    with pytest.raises(xd.InputError, match="functions are 'x{40}', need a mapping of names to functions"):
+        xd.sample(run_of(), 1.0, functions="x" * 50)
     with pytest.raises(xd.InputError, match="this is no run record: it has no time, row_kind, step_size, model_toml"):
         xd.sample(xd.sample(run_of(), 1.0).drop_vars("time"), 1.0)
 

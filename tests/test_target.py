@@ -207,6 +207,17 @@ def test_parts_of_living_processes_stay(tmp_path: Path) -> None:
         os.dup2(os.open(os.devnull, os.O_RDONLY), part.handle)  # which the end of the part closes
 
 
+def test_what_could_not_be_written_takes_no_room(tmp_path: Path) -> None:
+    """Assert that a temporary file that is given up is empty for who still has it open, as HDF5 may until the end."""
+    with Part.beside(tmp_path / "run.nc", 0o600) as part:
+        held = part.path.open("wb")
+        held.write(b"as much as the disk had room for")
+        held.flush()
+    assert names(tmp_path) == []
+    assert os.fstat(held.fileno()).st_size == 0
+    held.close()
+
+
 def test_files_of_others_stay(run: xr.Dataset, tmp_path: Path) -> None:
     """Assert that of files with such names only those are removed that hold what a dead process began to write."""
     for name, content in ((".run.nc.abcd1234.part", b"\x89HDF\r\n\x1a\n and more"), (".notes.abcd1234.part", b"dear")):

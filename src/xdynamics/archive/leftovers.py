@@ -46,6 +46,8 @@ class Part:
             os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode))
             yield cls(path, handle)
         finally:
+            with suppress(OSError):
+                os.truncate(path, 0)  # a file that HDF5 cannot close stays open, and would keep a full disk full
             path.unlink(missing_ok=True)
             _lock_of(path).unlink(missing_ok=True)
             os.close(handle)

@@ -71,6 +71,9 @@ def _check_record(run: xr.Dataset, path: Path, *, values: bool) -> None:
     """Refuse what bears right digests and is no run record: somebody else wrote it, or another version."""
     try:
         faults = faults_of(run, values=values)
+    except ArchiveError:
+        run.close()
+        raise
     except DAMAGE as error:
         faults = [str(error)]
     if faults:

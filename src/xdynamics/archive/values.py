@@ -9,6 +9,7 @@ from xarray.backends import BackendArray, NetCDF4DataStore
 from xarray.core import indexing
 
 from xdynamics.archive.library import alone
+from xdynamics.faults import ArchiveError
 
 
 class Store(NetCDF4DataStore):
@@ -37,4 +38,7 @@ class Values(BackendArray):
         variable = self.lent.acquire().variables[self.name]
         variable.set_auto_maskandscale(False)
         variable.set_auto_chartostring(False)
-        return variable[key]
+        try:
+            return variable[key]
+        except (OSError, RuntimeError) as error:  # a damaged file that was opened unchecked, or a disk that went
+            raise ArchiveError(f"variable '{self.name}' of '{self.lent.path}' cannot be read: {error}") from None

@@ -146,7 +146,7 @@ class _Inside:
         sampled = used.get("solver_force_samples") == "all"
         jacobian, summation = str(used.get("solver_jacobian", EXACT)), str(used.get("solver_summation", PLAIN))
         return Settings(
-            method, start + 1.0, estimator=estimator, samples=sampled, scales=scales_of(self.run), jacobian=jacobian,
+            method, start, estimator=estimator, samples=sampled, scales=scales_of(self.run), jacobian=jacobian,
             summation=summation,
         )  # fmt: skip
 

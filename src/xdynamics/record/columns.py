@@ -67,8 +67,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     for name, one in march.model.parameters.items():
         more: dict[str, Any] = {}
         if one.uncertainty is not None:
-            factor = one.uncertainty.unit.factor / one.quantity.unit.factor
-            more["uncertainty"] = float(factor) * one.uncertainty.value if factor != 1 else one.uncertainty.value
+            more["uncertainty"] = float(one.uncertainty.unit.factor / one.quantity.unit.factor) * one.uncertainty.value
         long_name = one.description or f"parameter {name}"
         found.append(
             (Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", more), one.quantity.value)

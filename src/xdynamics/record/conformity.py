@@ -214,12 +214,12 @@ def _times(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
 
 def _is_number(value: Any) -> bool:
     one = plain({"": value})[""]
-    return isinstance(one, int | float) and not isinstance(one, bool) and isfinite(one)
+    return isinstance(one, int) or (isinstance(one, float) and isfinite(one))
 
 
 def _is_name(name: str) -> bool:
     first = name[:1].isalnum() or name[:1] == "_" or not name[:1].isascii()
-    return bool(name) and first and name.isprintable() and "/" not in name and not name.endswith(" ")
+    return first and name.isprintable() and "/" not in name and not name.endswith(" ")
 
 
 def _is_text(text: str) -> bool:

@@ -39,9 +39,9 @@ def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, A
     for name, values in before:
         parts[name].append(values)
     for block in blocks:
-        for column, part in zip(spec, parts.values(), strict=True):
-            part.append(column.take(block))
-    filled = [(column.variable, _joined(part)) for column, part in zip(spec, parts.values(), strict=True)]
+        for column in spec:
+            parts[column.variable.name].append(column.take(block))
+    filled = [(column.variable, _joined(parts[column.variable.name])) for column in spec]
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     # fastpath: xarray would import dask to find out that a numpy array is none of its own
     variables = {one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True) for one, data in filled}

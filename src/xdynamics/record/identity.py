@@ -64,8 +64,8 @@ def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:
         for one in fields(value):
             yield from _words(own + one.name, getattr(value, one.name))
     elif isinstance(value, Mapping):
-        for key, one in sorted(value.items()):
-            yield from _words(f"{name}.{key}".strip("."), one)
+        for key, one in value.items():
+            yield from _words(f"{name}.{key}", one)
     elif value is not None:
         yield name, repr(value)
 
