@@ -39,6 +39,7 @@ PATIENCE = 5.0  # times what the tests take on the source as it is
 EVENTS = "event and not outside or root or stop_at or bracket"
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
 ARCHIVE = "opened_equals or damage or changed or unsealed or flipped or foreign or is_no"
+SEGMENTS = "resumed_is or missing or without_room or follows or discard or no_target or processes or nothing or sealed or another_model or interrupted"
 TOUCHED = {
     "model/drives.py": (
         "test_drives.py",
@@ -79,6 +80,7 @@ TOUCHED = {
         "test_identity.py -k derived or forged",
     ),
     "archive/writer.py": (
+        "test_writer.py",
         "test_durability.py",
         f"test_archive.py -k {ARCHIVE} or dask or streamed_equals or never_writes",
         "test_tail.py -k word",
@@ -90,6 +92,42 @@ TOUCHED = {
         f"test_archive.py -k {ARCHIVE} or dask",
         "test_identity.py -k derived or selection",
     ),
+    "archive/segments.py": (f"test_resume.py -k {SEGMENTS}",),
+    "archive/segment.py": ("test_durability.py", "test_resume.py -k resumed_is or damaged_segment"),
+    "archive/streaming.py": (
+        "test_archive.py -k streamed_equals",
+        "test_resume.py -k resumed_is or short_runs or sealed or follows or interrupted",
+        "test_extend.py -k streamed",
+    ),
+    "archive/signatures.py": ("test_signatures.py",),
+    "archive/library.py": (
+        "test_target.py -k any_name",
+        "test_library.py -k alone or waited or finaliser or fork or few or goes_to or another",
+        "test_archive.py -k opened_equals or truncation",
+    ),
+    "archive/lending.py": (
+        "test_library.py -k finaliser or few or goes_to or another",
+        "test_target.py -k is_read",
+        "test_bounds.py -k more_than_there_is",
+    ),
+    "archive/examination.py": (
+        "test_tail.py -k added or word or hurt_seal",
+        f"test_archive.py -k {ARCHIVE}",
+        "test_odd_archives.py -k utf_8 or says_where",
+        "test_target.py -k complete_archive or bad_end",
+    ),
+    "archive/leftovers.py": ("test_target.py -k parts or others or killed or name",),
+    "archive/source.py": (
+        "test_bounds.py -k no_file_is",
+        "test_target.py -k name or links",
+        "test_archive.py -k no_path or is_no",
+    ),
+    "archive/bounds.py": (
+        "test_tail.py -k added",
+        "test_bounds.py -k more_than or nothing",
+        "test_archive.py -k opened_equals",
+    ),
+    "archive/values.py": ("test_archive.py -k opened_equals or dask", "test_library.py -k one_is_alone or few"),
 }
 PLAIN = ("march/", "kernels/")  # rooms that numba compiles
 
@@ -224,6 +262,7 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1)
         os.dup2(null, 2)
+    sys.frozen = True  # type: ignore[attr-defined]  # so that archives are examined in this process, where the mutant is
     found = SourceFileLoader.get_code
     SourceFileLoader.get_code = lambda self, name: code if code and name == module else found(self, name)  # type: ignore[method-assign]
     numba.config.DISABLE_JIT = module.startswith(tuple(f"xdynamics.{one[:-1]}." for one in PLAIN))

@@ -12,7 +12,7 @@ import xarray as xr
 from xdynamics.archive import seals
 from xdynamics.archive.origin import digest_of
 from xdynamics.archive.seals import content_digest
-from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
+from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS, Variable
 
 NUMBERS = np.arange(6.0).reshape(2, 3)
 SAME = digest_of("a", xr.Variable(("n", "m"), NUMBERS))
@@ -71,6 +71,15 @@ def test_a_digest_of_a_text_is_of_its_letters() -> None:
     assert text == digest_of("a", xr.Variable((), np.array("kräftig", dtype=object)))
 
 
+def test_a_digest_is_begun_before_its_first_value() -> None:
+    """Assert that rows that come one by one have the digest of all of them, their form being known beforehand."""
+    variable = Variable("a", ("n", "m"), "f8", "m", "some number", "state")
+    seal = seals.Seal.of(variable)
+    for row in NUMBERS:
+        seal.update(row[None])
+    assert seal.hexdigest() == SAME
+
+
 class Stored:
     """A variable of a file, as the library shows it, of which every reading is noted."""
 
@@ -121,7 +130,7 @@ def test_a_seal_is_of_every_part_of_a_file(tmp_path: Path) -> None:
         with path.open("r+b") as file:
             file.seek(place)
             file.write(bytes([whole[place] ^ 1]))
-        assert seals.tail_of(path).fault
+        assert seals.tail_of(path) == seals.Tail(fault="the bytes of the file differ from its seal")
         with path.open("r+b") as file:
             file.seek(place)
             file.write(whole[place : place + 1])
