@@ -93,7 +93,7 @@ TOUCHED = {
         "test_identity.py -k derived or selection",
     ),
     "archive/segments.py": (f"test_resume.py -k {SEGMENTS}",),
-    "archive/segment.py": ("test_durability.py", "test_resume.py -k resumed_is or damaged_segment"),
+    "archive/segment.py": ("test_segment.py", "test_durability.py", "test_resume.py -k resumed_is or damaged_segment"),
     "archive/streaming.py": (
         "test_archive.py -k streamed_equals",
         "test_resume.py -k resumed_is or short_runs or sealed or follows or interrupted",
