@@ -72,12 +72,13 @@ TOUCHED = {
         f"test_archive.py -k {ARCHIVE}",
     ),
     "archive/origin.py": ("test_identity.py",),
-    "archive/standing.py": ("test_identity.py",),
+    "archive/standing.py": ("test_standing.py", "test_identity.py -k edited or selection"),
     "archive/target.py": ("test_durability.py", "test_target.py -k not interrupt and not sigterm and not command"),
     "archive/reading.py": (
         "test_reading.py",
         f"test_archive.py -k {ARCHIVE} or all",
-        "test_identity.py -k derived or forged",
+        "test_identity.py -k (derived and marched) or forged",
+        "test_bounds.py -k more_than_there_is and small",
     ),
     "archive/writer.py": (
         "test_writer.py",

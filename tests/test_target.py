@@ -156,8 +156,9 @@ def test_a_complete_archive_is_kept(run: xr.Dataset, bad: xr.Dataset, tmp_path: 
     path = xd.save(run, tmp_path / "run.nc")
     before = path.read_bytes()
     for _ in range(2):
-        with pytest.warns(xd.PartialRunWarning, match=r"ended well and stays; .* is in '.*/run.partial.nc'"):
+        with pytest.warns(xd.PartialRunWarning, match=r"ended well and stays; .* is in '.*/run.partial.nc'") as told:
             assert xd.save(bad, path) == tmp_path / "run.partial.nc"
+        assert told[0].filename == __file__
         assert path.read_bytes() == before
         assert names(tmp_path) == ["run.nc", "run.partial.nc"]
     assert xd.verify(tmp_path / "run.partial.nc") == xd.content_digest(bad)
