@@ -100,7 +100,10 @@ TOUCHED = {
         "test_target.py -k complete_archive or bad_end or models_own",
         "test_identity.py -k stay_derived or text or selection_keeps or selection_of",
     ),
-    "archive/segments.py": (f"test_resume.py -k {SEGMENTS}",),
+    "archive/segments.py": (
+        "test_segments.py",
+        f"test_resume.py -k {SEGMENTS}",
+    ),
     "archive/segment.py": ("test_segment.py", "test_durability.py", "test_resume.py -k resumed_is or damaged_segment"),
     "archive/streaming.py": (
         "test_archive.py -k streamed_equals",
