@@ -106,6 +106,7 @@ TOUCHED = {
     ),
     "archive/segment.py": ("test_segment.py", "test_durability.py", "test_resume.py -k resumed_is or damaged_segment"),
     "archive/streaming.py": (
+        "test_streaming.py",
         "test_archive.py -k streamed_equals",
         "test_resume.py -k resumed_is or short_runs or sealed or follows or interrupted",
         "test_extend.py -k streamed",
@@ -117,6 +118,7 @@ TOUCHED = {
         "test_archive.py -k opened_equals or truncation",
     ),
     "archive/lending.py": (
+        "test_lending.py",
         "test_library.py -k finaliser or few or goes_to or another",
         "test_target.py -k is_read",
         "test_bounds.py -k more_than_there_is",

@@ -54,12 +54,21 @@ def test_a_segment_comes_back(path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     for name, one in MEMORY.items():
         assert (memory[name].dtype, memory[name].shape) == (one.dtype, one.shape)
         assert memory[name].tobytes() == one.tobytes()
-    for piece, shapes in ((1 << 22, [(10,), (7, 2), (0,), (0, 2)]), (32, [(4,), (4,), (2,), (2, 2), (2, 2), (2, 2), (1, 2), (0,), (0, 2)])):  # fmt: skip
+    none = [(0,), (0, 2)]
+    by_pairs = [(4,), (4,), (2,), (2, 2), (2, 2), (2, 2), (1, 2)]
+    for piece, shapes in ((1 << 22, [(10,), (7, 2)]), (32, by_pairs), (8, [(1,)] * 10 + [(1, 2)] * 7)):
         monkeypatch.setattr(segment, "_PIECE", piece)
         parts = list(found.rows())
-        assert [one.shape for _, one in parts] == shapes
+        assert [one.shape for _, one in parts] == shapes + none
         for name, one in ROWS.items():
             assert np.concatenate([part for other, part in parts if other == name]).tobytes() == one.tobytes()
+
+
+def test_rows_come_four_megabytes_at_a_time(tmp_path: Path) -> None:
+    """Assert that the memory a segment takes is bounded, however long it is."""
+    values = np.arange(600_000.0)
+    segment.write(tmp_path / "1.segment", {}, {}, [("x", values.dtype, values.shape)], [values])
+    assert [len(part) for _, part in segment.read(tmp_path / "1.segment").rows()] == [1 << 19, 600_000 - (1 << 19)]
 
 
 def test_rows_are_held_against_digests(path: Path) -> None:
