@@ -39,7 +39,7 @@ PATIENCE = 5.0  # times what the tests take on the source as it is
 EVENTS = "event and not outside or root or stop_at or bracket"
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
 ARCHIVE = "opened_equals or damage or changed or unsealed or flipped or foreign or is_no"
-SEGMENTS = "resumed_is or missing or without_room or follows or discard or no_target or processes or nothing or sealed or another_model or interrupted"
+SEGMENTS = "resumed_is or missing or without_room or follows or sealed or another_model or (damaged_segment and sample_)"
 TOUCHED = {
     "model/drives.py": (
         "test_drives.py",
@@ -129,17 +129,17 @@ TOUCHED = {
         "test_odd_archives.py -k utf_8 or says_where",
         "test_target.py -k complete_archive or bad_end",
     ),
-    "archive/leftovers.py": ("test_target.py -k parts or others or killed or name",),
+    "archive/leftovers.py": (
+        "test_leftovers.py",
+        "test_target.py -k parts or others or killed or name",
+    ),
     "archive/source.py": (
+        "test_source.py",
         "test_bounds.py -k no_file_is",
         "test_target.py -k name or links",
         "test_archive.py -k no_path or is_no",
     ),
-    "archive/bounds.py": (
-        "test_tail.py -k added",
-        "test_bounds.py -k more_than or nothing",
-        "test_archive.py -k opened_equals",
-    ),
+    "archive/bounds.py": ("test_bounds.py -k told or declared or disk or more_than", "test_tail.py -k added"),
     "archive/values.py": ("test_archive.py -k opened_equals or dask", "test_library.py -k one_is_alone or few"),
 }
 PLAIN = ("march/", "kernels/")  # rooms that numba compiles
