@@ -39,7 +39,9 @@ PATIENCE = 5.0  # times what the tests take on the source as it is
 EVENTS = "event and not outside or root or stop_at or bracket"
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
 ARCHIVE = "opened_equals or damage or changed or unsealed or flipped or foreign or is_no"
-SEGMENTS = "resumed_is or missing or without_room or follows or sealed or another_model or (damaged_segment and sample_)"
+SEGMENTS = (
+    "resumed_is or missing or without_room or follows or sealed or another_model or (damaged_segment and sample_)"
+)
 TOUCHED = {
     "model/drives.py": (
         "test_drives.py",
