@@ -126,6 +126,7 @@ TOUCHED = {
         "test_bounds.py -k more_than_there_is",
     ),
     "archive/examination.py": (
+        "test_examination.py",
         "test_tail.py -k added or word or hurt_seal",
         f"test_archive.py -k {ARCHIVE}",
         "test_odd_archives.py -k utf_8 or says_where",
