@@ -48,6 +48,22 @@ def test_values_that_cannot_be_read(archived: Path, tmp_path: Path) -> None:
         xd.open_run(path, check=False).load()
 
 
+@pytest.mark.parametrize(
+    ("step", "said"), [("lent", "cannot be opened as a run archive: "), ("faults_of", "no run record:\n  1. ")]
+)
+def test_an_error_without_words_has_a_name(
+    archived: Path, monkeypatch: pytest.MonkeyPatch, step: str, said: str
+) -> None:
+    """Assert that memory that is full is told as such, while a file is opened and while it is looked at."""
+
+    def full(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(reading, step, full)
+    with pytest.raises(xd.ArchiveError, match=f"{said}MemoryError$"):
+        xd.open_run(archived)
+
+
 def test_an_opened_run_is_the_run_that_was_saved(archived: Path) -> None:
     """Assert that what is said of the file alone is not said of the run, and its digest is."""
     with xd.open_run(archived, check=False) as run:
