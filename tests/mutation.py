@@ -143,7 +143,11 @@ TOUCHED = {
         "test_archive.py -k no_path or is_no",
     ),
     "archive/bounds.py": ("test_bounds.py -k told or declared or disk or more_than", "test_tail.py -k added"),
-    "archive/values.py": ("test_archive.py -k opened_equals or dask", "test_library.py -k one_is_alone or few"),
+    "archive/values.py": (
+        "test_values.py",
+        "test_archive.py -k opened_equals or dask",
+        "test_library.py -k one_is_alone or few",
+    ),
 }
 PLAIN = ("march/", "kernels/")  # rooms that numba compiles
 
