@@ -27,8 +27,7 @@ def archived(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def nothing_open() -> None:
     """Let go of what earlier tests opened."""
     gc.collect()
-    library.close_left()
-    lending._open.clear()
+    lending._end()
 
 
 def test_what_was_used_longest_ago_is_closed(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
