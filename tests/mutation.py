@@ -70,7 +70,7 @@ TOUCHED = {
     ),
     "archive/seals.py": (
         "test_seals.py",
-        "test_tail.py -k hurt or cut_seal or behind",
+        "test_tail.py -k hurt or cut_seal or behind or less_than_half or before_seals",
         f"test_archive.py -k {ARCHIVE}",
     ),
     "archive/origin.py": (

@@ -60,6 +60,8 @@ def test_the_content_digest_is_of_every_attribute_that_is_no_circumstance() -> N
     same = content_digest(run)
     assert content_digest(run.assign_attrs(date_created="now", content_digest="other")) == same
     assert content_digest(run.drop_attrs(deep=False).assign_attrs(solver_order=2, title="x")) == same
+    more = run.assign(b=run.a)
+    assert content_digest(more[["b", "a"]]) == content_digest(more[["a", "b"]]) != same
     others = [run.assign_attrs(title="y"), run.assign_attrs(more=1), run.assign(a=run.a.assign_attrs(units="s"))]
     assert same not in [content_digest(one) for one in others]
 
@@ -104,6 +106,12 @@ def test_a_variable_of_a_file_is_read_in_parts(shape: tuple[int, ...]) -> None:
     assert sum(stored.read) == shape[0]
     assert max(stored.read) * row <= 1 << 25
     assert len(stored.read) == max(1, -(-shape[0] // min(8 * seals.CHUNKS[STEPS], (1 << 25) // row)))
+
+
+def test_rows_of_nothing_are_read_too() -> None:
+    """Assert that a variable of a file whose rows have no bytes has the digest that it has in memory."""
+    stored = Stored(np.zeros((5, 0)))
+    assert seals.stored_digest(stored) == digest_of("a", xr.Variable(stored.dimensions, stored.values))
 
 
 def test_chunks_are_a_megabyte_at_most() -> None:
