@@ -30,7 +30,7 @@ from typing import Any
 
 HERE = Path(__file__).parent
 SOURCE = HERE.parent / "src" / "xdynamics"
-IMPORTED = ("pytest", "numpy", "xarray", "dask.array", "netCDF4", "numba", "llvmlite.binding", "scipy.interpolate", "pandas")  # fmt: skip
+IMPORTED = ("pytest", "hypothesis", "numpy", "xarray", "dask.array", "netCDF4", "numba", "llvmlite.binding", "scipy.interpolate", "pandas")  # fmt: skip
 AGAIN = "-Wignore::pytest.PytestAssertRewriteWarning"  # a second call of pytest finds its plugins imported
 MEMORY = 8 << 30
 PATIENCE = 5.0  # times what the tests take on the source as it is
