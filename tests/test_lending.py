@@ -100,6 +100,9 @@ def test_a_file_is_lent_until_nobody_can_read_it(archived: Path, tmp_path: Path)
     """Assert that it is told of this file alone, by whatever name, and not of runs that are closed, gone or in memory."""
     (tmp_path / "link.nc").symlink_to(archived)
     other = Path(shutil.copy(archived, tmp_path / "other.nc"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lending.gc, "collect", lambda: 1 / 0)  # nobody waits for it where there is nothing to collect
+        assert not is_lent(archived)
     run = xd.open_run(archived)
     again = xd.open_run(archived)
     assert [is_lent(one) for one in (archived, tmp_path / "link.nc", other, tmp_path / "none.nc")] == [
@@ -126,10 +129,28 @@ def test_closing_goes_with_a_run(archived: Path) -> None:
     sent.close()
     assert len(lending._open) == 1
     assert run.x.values.size == 11
+    (file,) = lending._open.values()
     run.close()
     assert list(lending._open) == []
+    assert not file.isopen()
     closing = pickle.loads(pickle.dumps(lending._Closing(None)))
     closing()
+
+
+def test_values_are_lent_as_they_are_stored(tmp_path: Path) -> None:
+    """Assert that nothing that a file says of scales, gaps and dates makes other numbers of those that it holds."""
+    with library.opened(tmp_path / "odd.nc", "w") as file:
+        file.createDimension("n", 3)
+        for name, about in (
+            ("when", {"units": "days since 2000-01-01"}),
+            ("scaled", {"scale_factor": 10.0, "missing_value": 2.0}),
+        ):
+            variable = file.createVariable(name, "f8", ("n",), fill_value=False)
+            variable.set_auto_maskandscale(False)
+            variable[:] = [1.0, 2.0, 3.0]
+            variable.setncatts(about)
+    with lent(tmp_path / "odd.nc") as run:
+        assert {str(name): one.values.tolist() for name, one in run.items()} == {"when": [1, 2, 3], "scaled": [1, 2, 3]}
 
 
 def test_in_the_end_every_file_is_closed(archived: Path) -> None:
