@@ -78,12 +78,26 @@ def test_a_write_that_fails_ends_the_run(tmp_path: Path, monkeypatch: pytest.Mon
     """Assert that what goes wrong while the next block is marched, or behind the last, is told."""
     monkeypatch.setattr(streaming, "BLOCK_ROWS", 50)
 
-    def refuse(*_: object) -> None:
-        raise OSError(28, "No space left on device")
+    write = Writer.write
 
-    monkeypatch.setattr("xdynamics.archive.writer.Writer.write", refuse)
+    def refuse(one: Writer, parts: list[Any]) -> None:
+        if len(parts) > 1:  # a block, not a constant
+            raise OSError(28, "No space left on device")
+        write(one, parts)
+
+    monkeypatch.setattr(Writer, "write", refuse)
     for until in (0.1, 2.0):
         march = March(MODEL, settings_for(MODEL, step=0.01, until=until))
         with pytest.raises(xd.ArchiveError, match="cannot be written: No space left on device"):
             streaming.stream(march, tmp_path / "run.nc")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_model_s_own_file_is_no_target(tmp_path: Path) -> None:
+    """Assert that a march refuses the file that its model is from, before anything is made beside it."""
+    path = tmp_path / "free.toml"
+    path.write_text(MODEL.to_toml())
+    model = xd.Model.from_toml(path)
+    with pytest.raises(xd.InputError, match="is the model file itself"):
+        streaming.stream(March(model, settings_for(model, step=0.1, until=1.0)), path)
+    assert [one.name for one in tmp_path.iterdir()] == ["free.toml"]
