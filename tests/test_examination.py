@@ -81,6 +81,16 @@ def test_what_was_harmed_is_named(archived: Path, tmp_path: Path, what: str) -> 
     assert caught.value.faults == faults
 
 
+def test_what_is_out_of_bounds_is_not_read(archived: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that of a file that asks too much no value is looked at, and that it is said behind what is wrong with its seal."""
+    path = Path(shutil.copy(archived, tmp_path / "harmed.nc"))
+    with netCDF4.Dataset(path, "a") as file:
+        file.createVariable("more", "f8", ("step",), zlib=True)
+    monkeypatch.setattr(examination, "stored_digest", lambda _: 1 / 0)
+    said = "variable 'more' is compressed (zlib), which no variable of an archive is"
+    assert examine(path, Tail(fault="its seal is hurt")).faults == ("its seal is hurt", said)
+
+
 def test_what_cannot_be_read_is_told(archived: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that what the libraries say is passed on, for the file and for a variable, and an error without words by its name."""
     (tmp_path / "text.nc").write_text("time,y\n")
