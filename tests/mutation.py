@@ -116,7 +116,7 @@ TOUCHED = {
     "archive/signatures.py": ("test_signatures.py",),
     "archive/library.py": (
         "test_target.py -k any_name",
-        "test_library.py -k xarrays_own or made_with or own_name or as_they or was_left or alone or waited or finaliser or fork",
+        "test_library.py -k words or xarrays_own or made_with or own_name or as_they or was_left or alone or waited or finaliser or fork",
         "test_archive.py -k opened_equals or truncation",
     ),
     "archive/lending.py": (

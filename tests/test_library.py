@@ -320,3 +320,8 @@ def test_what_was_left_is_closed_before_the_next(archived: Path, monkeypatch: py
     with pytest.raises(NotADirectoryError):
         library.file_at(archived / "nowhere")
     assert collected
+
+
+def test_an_error_without_words_is_told_by_its_name() -> None:
+    """Assert what is said of a file that could not be read."""
+    assert [library.words_of(one) for one in (OSError("odd"), MemoryError())] == ["odd", "MemoryError"]
