@@ -74,6 +74,7 @@ TOUCHED = {
         f"test_archive.py -k {ARCHIVE}",
     ),
     "archive/origin.py": (
+        "test_origin.py",
         "test_identity.py -k (edited or rows or copy or writing or arithmetic or over or remembered) and not opened",
     ),
     "archive/standing.py": ("test_standing.py", "test_identity.py -k edited or selection"),

@@ -54,6 +54,13 @@ def test_parts_are_made_when_they_are_asked_for_and_once() -> None:
     assert (kept.parts["x"], kept.parts["x"].digest, made) == (part, "1" * 64, ["made"])
 
 
+def test_a_run_of_which_a_part_is_gone_is_none() -> None:
+    """Assert that values are only at hand where all of them are."""
+    kept: Origin = marched(record()).attrs["origin"]
+    some = {"x": kept.parts["x"], "text": kept.parts["text"].as_digest}
+    assert Origin.of(lambda: some, {}, None).whole() is None
+
+
 def test_a_copy_is_the_same_past_and_a_sent_one_its_digests() -> None:
     """Assert that copies share what is remembered, and that another process is sent digests and the way to the values."""
     kept: Origin = marched(record()).attrs["origin"]
