@@ -6,11 +6,12 @@ import os
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import xdynamics as xd
 from problems import oscillator
-from xdynamics.archive import segments
+from xdynamics.archive import segment, segments
 from xdynamics.archive.segments import Segments, discard, folder_of, has_segments
 from xdynamics.march import March
 from xdynamics.march.asking import settings_for
@@ -51,6 +52,19 @@ def test_segments_are_ten_seconds_or_a_hundredth_apart(tmp_path: Path, monkeypat
         made.failed = True
         assert not made.due
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_segment_says_the_time_in_seconds(tmp_path: Path) -> None:
+    """Assert that where a run is scaled its segments say how far it came in the unit of its messages, one after the other."""
+    scaled = March(MODEL, settings_for(MODEL, step=0.1, until=1.0, scales={"time": "4 s"}))
+    writer = SimpleNamespace(filled={}, shapes_since=lambda _: [], since=lambda _: iter([]))
+    with Segments(tmp_path / "run.nc", scaled, resume=False) as made:
+        for _ in range(2):
+            made.keep(writer, {"now": np.array([(0.125,)], dtype=[("t", "f8")])}, {})
+    names = segments._names(folder_of(tmp_path / "run.nc"))
+    assert [one.name for one in names] == ["000001.segment", "000002.segment"]
+    first, second = (segment.read(one) for one in names)
+    assert (first.said["t"], first.said["before"], second.said["before"]) == (0.5, "", first.digest)
 
 
 def test_segments_stand_beside_the_file_itself(tmp_path: Path) -> None:
