@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from pathlib import Path
 from types import SimpleNamespace
@@ -126,6 +127,17 @@ def test_a_folder_is_one_process_s_at_a_time(tmp_path: Path) -> None:
     free = os.open(tmp_path, os.O_RDONLY)
     os.close(free)
     assert free == before
+
+
+def test_where_there_are_no_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that segments are kept and removed on a file system that knows no locks."""
+
+    def refuse(*_: object) -> None:
+        raise OSError
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    segments_at(tmp_path / "run.nc", "000001.segment")
+    assert discard(tmp_path / "run.nc") == 1
 
 
 def test_segments_are_asked_for(tmp_path: Path) -> None:
