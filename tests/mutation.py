@@ -30,7 +30,7 @@ from typing import Any
 
 HERE = Path(__file__).parent
 SOURCE = HERE.parent / "src" / "xdynamics"
-IMPORTED = ("pytest", "numpy", "xarray", "dask.array", "netCDF4", "numba", "llvmlite.binding", "scipy.interpolate", "pandas")  # fmt: skip
+IMPORTED = ("pytest", "hypothesis", "numpy", "xarray", "dask.array", "netCDF4", "numba", "llvmlite.binding", "scipy.interpolate", "pandas")  # fmt: skip
 AGAIN = "-Wignore::pytest.PytestAssertRewriteWarning"  # a second call of pytest finds its plugins imported
 MEMORY = 8 << 30
 PATIENCE = 5.0  # times what the tests take on the source as it is
@@ -39,6 +39,9 @@ PATIENCE = 5.0  # times what the tests take on the source as it is
 EVENTS = "event and not outside or root or stop_at or bracket"
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
 ARCHIVE = "opened_equals or damage or changed or unsealed or flipped or foreign or is_no"
+SEGMENTS = (
+    "resumed_is or missing or without_room or follows or sealed or another_model or (damaged_segment and sample_)"
+)
 TOUCHED = {
     "model/drives.py": (
         "test_drives.py",
@@ -69,18 +72,26 @@ TOUCHED = {
     ),
     "archive/seals.py": (
         "test_seals.py",
-        "test_tail.py -k hurt or cut_seal or behind",
+        "test_tail.py -k hurt or cut_seal or behind or less_than_half or before_seals",
         f"test_archive.py -k {ARCHIVE}",
     ),
-    "archive/origin.py": ("test_identity.py",),
-    "archive/standing.py": ("test_identity.py",),
-    "archive/target.py": ("test_durability.py", "test_target.py -k not interrupt and not sigterm and not command"),
+    "archive/origin.py": (
+        "test_origin.py",
+        "test_identity.py -k (edited or rows or copy or writing or arithmetic or over or remembered) and not opened",
+    ),
+    "archive/standing.py": ("test_standing.py", "test_identity.py -k edited or selection"),
+    "archive/target.py": (
+        "test_durability.py",
+        "test_target.py -k not interrupt and not sigterm and not command and not killed and not any_name",
+    ),
     "archive/reading.py": (
         "test_reading.py",
         f"test_archive.py -k {ARCHIVE} or all",
-        "test_identity.py -k derived or forged",
+        "test_identity.py -k (derived and marched) or forged",
+        "test_bounds.py -k more_than_there_is and small",
     ),
     "archive/writer.py": (
+        "test_writer.py",
         "test_durability.py",
         f"test_archive.py -k {ARCHIVE} or dask or streamed_equals or never_writes",
         "test_tail.py -k word",
@@ -88,9 +99,57 @@ TOUCHED = {
         "test_extend.py -k streamed",
     ),
     "archive/writing.py": (
+        "test_writing.py",
         "test_durability.py",
         f"test_archive.py -k {ARCHIVE} or dask",
-        "test_identity.py -k derived or selection",
+        "test_target.py -k complete_archive or bad_end or models_own",
+        "test_identity.py -k stay_derived or text or selection_keeps or selection_of",
+    ),
+    "archive/segments.py": (
+        "test_segments.py",
+        f"test_resume.py -k {SEGMENTS}",
+    ),
+    "archive/segment.py": ("test_segment.py", "test_durability.py", "test_resume.py -k resumed_is or damaged_segment"),
+    "archive/streaming.py": (
+        "test_streaming.py",
+        "test_archive.py -k streamed_equals",
+        "test_resume.py -k resumed_is or short_runs or sealed or follows or interrupted",
+        "test_extend.py -k streamed",
+    ),
+    "archive/signatures.py": ("test_signatures.py",),
+    "archive/library.py": (
+        "test_target.py -k any_name",
+        "test_library.py -k words or xarrays_own or made_with or own_name or as_they or was_left or alone or waited or finaliser or fork",
+        "test_archive.py -k opened_equals or truncation",
+    ),
+    "archive/lending.py": (
+        "test_lending.py",
+        "test_library.py -k finaliser or few or goes_to or another",
+        "test_target.py -k is_read",
+        "test_bounds.py -k more_than_there_is",
+    ),
+    "archive/examination.py": (
+        "test_examination.py",
+        "test_tail.py -k added or word or hurt_seal",
+        f"test_archive.py -k {ARCHIVE}",
+        "test_odd_archives.py -k utf_8 or says_where",
+        "test_target.py -k complete_archive or bad_end",
+    ),
+    "archive/leftovers.py": (
+        "test_leftovers.py",
+        "test_target.py -k parts or others or killed or name",
+    ),
+    "archive/source.py": (
+        "test_source.py",
+        "test_bounds.py -k no_file_is",
+        "test_target.py -k name or links",
+        "test_archive.py -k no_path or is_no",
+    ),
+    "archive/bounds.py": ("test_bounds.py -k told or declared or disk or more_than", "test_tail.py -k added"),
+    "archive/values.py": (
+        "test_values.py",
+        "test_archive.py -k opened_equals or dask",
+        "test_library.py -k one_is_alone or few",
     ),
 }
 PLAIN = ("march/", "kernels/")  # rooms that numba compiles
@@ -226,6 +285,7 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1)
         os.dup2(null, 2)
+    sys.frozen = True  # type: ignore[attr-defined]  # so that archives are examined in this process, where the mutant is
     found = SourceFileLoader.get_code
     SourceFileLoader.get_code = lambda self, name: code if code and name == module else found(self, name)  # type: ignore[method-assign]
     numba.config.DISABLE_JIT = module.startswith(tuple(f"xdynamics.{one[:-1]}." for one in PLAIN))

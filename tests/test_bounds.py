@@ -7,13 +7,16 @@ import signal
 import socket
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import xdynamics as xd
 from problems import oscillator
 from xdynamics.archive import examiner
+from xdynamics.archive.bounds import foreign, oversize
 from xdynamics.archive.examiner import _Examiner
 from xdynamics.archive.seals import seal_file, tail_of
 
@@ -82,7 +85,7 @@ def bomb(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 @pytest.mark.parametrize("read", [xd.verify, xd.open_run, lambda path: xd.open_run(path, check=False), xd.reproduce])
 def test_more_than_there_is(bomb: tuple[Path, str], read: Callable[[Path], object]) -> None:
     """Assert that what a file declares is held against what it has, before any of it is read, checked or not."""
-    with pytest.raises(xd.ArchiveError, match=bomb[1]):
+    with pytest.raises(xd.ArchiveError, match=rf"bomb.nc' is damaged or no run archive:\n  1\. {bomb[1]}"):
         read(bomb[0])
 
 
@@ -94,6 +97,67 @@ def test_a_file_of_nothing(tmp_path: Path) -> None:
     for read in (xd.verify, xd.open_run, lambda path: xd.open_run(path, check=False)):
         with pytest.raises(xd.ArchiveError, match="1099511627776 bytes, but almost none of them are on the disk"):
             read(path)
+
+
+def declared(*variables: tuple[str, Any, tuple[int, ...], Any, Any]) -> Any:
+    """Return what the library would say of a file with some variables."""
+    kinds = {
+        name: SimpleNamespace(dtype=dtype, shape=shape, chunking=lambda c=chunks: c, filters=lambda f=filters: f)
+        for name, dtype, shape, chunks, filters in variables
+    }
+    return SimpleNamespace(variables=kinds)
+
+
+def sized(size: int, **more: int) -> Any:
+    """Return a path to a file of so many bytes."""
+    return SimpleNamespace(stat=lambda: SimpleNamespace(st_size=size, **more))
+
+
+F8, PLAIN = np.dtype("f8"), {"zlib": False, "szip": False, "complevel": 4, "shuffle": True}
+WHOLE, LONG = ("a", F8, (10,), "contiguous", PLAIN), ("b", F8, (4,), [11], None)
+
+
+@pytest.mark.parametrize(
+    ("variables", "size", "said"),
+    [
+        ([WHOLE], 80, []),
+        ([WHOLE], 79, ["variable 'a' declares 80 bytes, and the file has 79"]),
+        ([LONG], 88, []),
+        ([LONG], 87, ["variable 'b' declares 88 bytes, and the file has 87"]),
+        ([("b", F8, (0,), [11], None)], 1, []),
+        ([("b", F8, (0, 5), (11, 5), None)], 1, []),
+        ([("b", F8, (4, 5), (2, 6), None)], 159, ["variable 'b' declares 160 bytes, and the file has 159"]),
+        ([("t", str, (2,), "contiguous", None)], 31, ["variable 't' declares 32 bytes, and the file has 31"]),
+        ([WHOLE, LONG], 112, []),
+        ([WHOLE, LONG], 111, ["the variables declare 112 bytes, and the file has 111"]),
+        ([WHOLE, LONG], 87, ["variable 'b' declares 88 bytes, and the file has 87"]),
+        ([(*WHOLE[:4], {"zlib": True, "szip": {"mask": 1}, "shuffle": True})], 80, ["variable 'a' is compressed (zlib, szip), which no variable of an archive is"]),
+    ],
+)  # fmt: skip
+def test_what_is_declared_is_held_against_the_bytes(variables: list[Any], size: int, said: list[str]) -> None:
+    """Assert that a variable, a chunk of it and all variables together must fit into the file, to the byte."""
+    assert oversize(sized(size, st_blocks=1), declared(*variables)) == said
+
+
+@pytest.mark.parametrize(
+    ("size", "blocks", "sparse"),
+    [(10_000_000, 0, False), (10_000_001, 0, True), (51_200_000, 100, False), (51_200_001, 100, True), (2**40, None, False)],
+)  # fmt: skip
+def test_bytes_that_are_on_no_disk(size: int, blocks: int | None, *, sparse: bool) -> None:
+    """Assert that a large file of which a thousandth is there is refused, where the system says how much is."""
+    about = {} if blocks is None else {"st_blocks": blocks}
+    said = [f"the file says that it has {size} bytes, but almost none of them are on the disk"]
+    assert oversize(sized(size, **about), declared()) == said * sparse
+
+
+def test_what_no_archive_has_is_told() -> None:
+    """Assert that groups, types of all kinds and dimensions that nobody has are named one by one."""
+    file: Any = SimpleNamespace(
+        groups={"g": 0, "h": 0}, cmptypes={"c": 0}, vltypes={"v": 0}, enumtypes={"e": 0},
+        dimensions={"step": 0, "more": 0}, variables={"x": SimpleNamespace(dimensions=("step",))},
+    )  # fmt: skip
+    named = ("group 'g'", "group 'h'", "type 'c'", "type 'v'", "type 'e'", "dimension 'more'")
+    assert foreign(file) == [f"{one} is none of a run" for one in named]
 
 
 @pytest.mark.parametrize("kind", ["a pipe", "a socket", "a directory"])

@@ -67,5 +67,6 @@ def test_a_file_that_is_not_the_model_s_may_be_replaced(tmp_path: Path) -> None:
     model = xd.Model.from_toml(path)
     with pytest.raises(xd.InputError, match="is the model file itself"):
         check_target(path, model)
+    path.unlink()
     for one in (model, oscillator().model, xd.Model.from_toml(MODELS / "rocket_c6.toml"), None):
         check_target(old, one)

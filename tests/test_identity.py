@@ -91,8 +91,9 @@ def test_derived_data_say_so_everywhere(run: xr.Dataset, tmp_path: Path) -> None
     kept = xd.open_run(path)
     assert (kept.attrs["derived"], kept.attrs["derived_from"]) == ("theta scaled by 1.1", digest)
     said = f"derived data, no run: theta scaled by 1.1; from run {digest}"
-    with pytest.warns(KindWarning, match=said):
+    with pytest.warns(KindWarning, match=said) as told:
         assert xd.verify(path) != digest
+    assert told[0].filename == __file__
     verified = call("verify", path)
     assert (verified.exit_code, said in verified.output, verified.output.startswith("verified")) == (0, True, False)
     assert said in call("show", path).output

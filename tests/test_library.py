@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -248,3 +249,79 @@ def test_a_close_that_fails_is_the_last_one(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="HDF error"):
         library.close(file)
     assert not file.isopen()
+
+
+def test_the_locks_are_xarrays_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that the two locks of xarray are found, in its order, and others taken while it is not imported."""
+    assert library._locks_of_xarray() == [one.lock for one in NETCDF4_PYTHON_LOCK.locks]
+    monkeypatch.setitem(sys.modules, "xarray.backends.netCDF4_", None)
+    first, second = library._locks_of_xarray()
+    assert first is not second
+    assert not first.locked()
+    assert alone(lambda: 1)() == 1
+
+
+def test_a_fork_is_made_with_all_locks_and_frees_them() -> None:
+    """Assert that nobody is in the library while a process forks, but who forks may be, and goes on being."""
+    locks = library._locks_of_xarray()
+    library._before_fork()
+    assert library._own._is_owned()
+    assert [one.locked() for one in locks] == [True, True]
+    library._after_fork()
+    assert not library._own._is_owned()
+    assert [one.locked() for one in locks] == [False, False]
+
+    @alone
+    def forking() -> bool:
+        library._before_fork()
+        library._after_fork()
+        return library._own._is_owned()
+
+    assert forking()
+    assert not library._own._is_owned()
+
+
+def test_a_file_says_its_own_name(archived: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that names of any bytes come out as they went in, absolute, as text of the system or in another encoding."""
+    path = tmp_path / os.fsdecode(b"caf\xe9 \xc3\xa4.nc")
+    path.write_bytes(archived.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    with library.opened(Path(path.name)) as file:
+        assert file.filepath() == str(path)
+        assert file.filepath("latin-1") == os.fsencode(path).decode("latin-1")
+    assert not file.isopen()
+
+
+def test_values_are_read_as_they_are_stored(tmp_path: Path) -> None:
+    """Assert that no scale that a file names is applied, that its attributes are told, and that it is closed after an error."""
+    with library.opened(tmp_path / "new.nc", "w") as file:
+        file.createDimension("n", 2)
+        variable = file.createVariable("x", "i2", ("n",))
+        variable.scale_factor = 10.0
+        variable.set_auto_maskandscale(False)
+        variable[:] = [1, 2]
+    with suppress(KeyError), library.opened(tmp_path / "new.nc") as file:
+        assert library.read(file["x"], slice(1, 2)).tolist() == [2]
+        assert library.attributes(file["x"]) == {"scale_factor": 10.0}
+        raise KeyError
+    assert not file.isopen()
+
+
+def test_what_was_left_is_closed_before_the_next(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that files of finalisers are closed, those that are closed already too, and half-opened ones collected."""
+    one, two = library.file_at(archived), library.file_at(archived)
+    library.close(one)
+    for file in (one, two):
+        library.leave(file)
+    library.close(library.file_at(archived))
+    assert not two.isopen()
+    collected = []
+    monkeypatch.setattr(library.gc, "collect", lambda: collected.append(1))
+    with pytest.raises(NotADirectoryError):
+        library.file_at(archived / "nowhere")
+    assert collected
+
+
+def test_an_error_without_words_is_told_by_its_name() -> None:
+    """Assert what is said of a file that could not be read."""
+    assert [library.words_of(one) for one in (OSError("odd"), MemoryError())] == ["odd", "MemoryError"]

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -262,12 +262,21 @@ def test_a_damaged_segment_is_named(broken: Path, damage: Any, message: str) -> 
     assert xd.verify(broken) == whole()
 
 
-def test_a_missing_segment_is_named(broken: Path) -> None:
-    """Assert that segments behind a gap are not taken for those before it."""
-    names(broken)[0].unlink()
-    with pytest.warns(
-        xd.ResumeWarning, match=r"000002.segment' does not follow the one before it: the run starts anew"
-    ):
+@pytest.mark.parametrize(
+    ("lost", "told"),
+    [
+        (lambda all_of: all_of[0].unlink(), "000002.segment' does not follow the one before it: the run starts anew"),
+        (lambda all_of: all_of[2].replace(all_of[1]), "000002.segment' does not follow .*: the run goes on from t ="),
+        (
+            lambda all_of: all_of[4].rename(all_of[4].with_stem("000009")),
+            "000009.segment' does not follow .* goes on from",
+        ),
+    ],
+)
+def test_a_missing_segment_is_named(broken: Path, lost: Callable[[list[Path]], object], told: str) -> None:
+    """Assert that segments behind a gap are not taken for those before it, whatever they are called."""
+    lost(names(broken))
+    with pytest.warns(xd.ResumeWarning, match=told):
         xd.simulate(PENDULUM, **ASKED, path=broken, resume=True)
     assert xd.verify(broken) == whole()
 

@@ -12,7 +12,7 @@ import xarray as xr
 from xdynamics.archive import seals
 from xdynamics.archive.origin import digest_of
 from xdynamics.archive.seals import content_digest
-from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
+from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS, Variable
 
 NUMBERS = np.arange(6.0).reshape(2, 3)
 SAME = digest_of("a", xr.Variable(("n", "m"), NUMBERS))
@@ -60,6 +60,8 @@ def test_the_content_digest_is_of_every_attribute_that_is_no_circumstance() -> N
     same = content_digest(run)
     assert content_digest(run.assign_attrs(date_created="now", content_digest="other")) == same
     assert content_digest(run.drop_attrs(deep=False).assign_attrs(solver_order=2, title="x")) == same
+    more = run.assign(b=run.a)
+    assert content_digest(more[["b", "a"]]) == content_digest(more[["a", "b"]]) != same
     others = [run.assign_attrs(title="y"), run.assign_attrs(more=1), run.assign(a=run.a.assign_attrs(units="s"))]
     assert same not in [content_digest(one) for one in others]
 
@@ -69,6 +71,15 @@ def test_a_digest_of_a_text_is_of_its_letters() -> None:
     text = digest_of("a", xr.Variable((), np.array("kräftig")))
     assert text != digest_of("a", xr.Variable((), np.array("kraftig")))
     assert text == digest_of("a", xr.Variable((), np.array("kräftig", dtype=object)))
+
+
+def test_a_digest_is_begun_before_its_first_value() -> None:
+    """Assert that rows that come one by one have the digest of all of them, their form being known beforehand."""
+    variable = Variable("a", ("n", "m"), "f8", "m", "some number", "state")
+    seal = seals.Seal.of(variable)
+    for row in NUMBERS:
+        seal.update(row[None])
+    assert seal.hexdigest() == SAME
 
 
 class Stored:
@@ -97,6 +108,12 @@ def test_a_variable_of_a_file_is_read_in_parts(shape: tuple[int, ...]) -> None:
     assert len(stored.read) == max(1, -(-shape[0] // min(8 * seals.CHUNKS[STEPS], (1 << 25) // row)))
 
 
+def test_rows_of_nothing_are_read_too() -> None:
+    """Assert that a variable of a file whose rows have no bytes has the digest that it has in memory."""
+    stored = Stored(np.zeros((5, 0)))
+    assert seals.stored_digest(stored) == digest_of("a", xr.Variable(stored.dimensions, stored.values))
+
+
 def test_chunks_are_a_megabyte_at_most() -> None:
     """Assert that a chunk of what grows by steps is 1 MiB of floats, and of what is rare a few pages."""
     pages = {dim: seals.CHUNKS[dim] * 8 / 4096 for dim in (STEPS, SAMPLES, TRIALS, EVENTS)}
@@ -121,7 +138,7 @@ def test_a_seal_is_of_every_part_of_a_file(tmp_path: Path) -> None:
         with path.open("r+b") as file:
             file.seek(place)
             file.write(bytes([whole[place] ^ 1]))
-        assert seals.tail_of(path).fault
+        assert seals.tail_of(path) == seals.Tail(fault="the bytes of the file differ from its seal")
         with path.open("r+b") as file:
             file.seek(place)
             file.write(whole[place : place + 1])

@@ -103,6 +103,66 @@ def test_new_keys(tmp_path: Path) -> None:
     assert (tmp_path / "own.pem").read_bytes() == before
 
 
+def test_where_no_key_can_be(tmp_path: Path) -> None:
+    """Assert that everybody may read the public key, and that links, files and missing folders are one error each."""
+    mask = os.umask(0)
+    os.umask(mask)
+    assert stat.S_IMODE(new_key(tmp_path / "own.pem").stat().st_mode) == 0o644 & ~mask
+    (tmp_path / "link.pem").symlink_to("nowhere")
+    (tmp_path / "half.public.pem").touch()
+    for name, there in (("link.pem", "link.pem"), ("half.pem", "half.public.pem")):
+        with pytest.raises(xd.InputError, match=f"{there}' is there already"):
+            new_key(tmp_path / name)
+    with pytest.raises(xd.InputError, match=r"the key '.*none/own.pem' cannot be written: No such file or directory"):
+        new_key(tmp_path / "none" / "own.pem")
+    assert sorted(one.name for one in tmp_path.iterdir()) == [
+        "half.public.pem",
+        "link.pem",
+        "own.pem",
+        "own.public.pem",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("line", "other"),
+    [
+        (0, "xdynamics signature 2"),
+        (1, "contents 1"),
+        (2, None),
+        (4, "signature !!"),
+        (4, "signature abc"),
+        (5, "more 1"),
+    ],
+)
+def test_a_signature_has_five_lines(made: Path, signed: Path, line: int, other: str | None) -> None:
+    """Assert that what has others, more or fewer, or no base64 in its last, is none."""
+    place = signature_of(signed)
+    lines = place.read_text().splitlines()
+    lines[line : line + 1] = [] if other is None else [other]
+    place.write_text("\n".join(lines))
+    with pytest.raises(xd.ArchiveError, match=r"run.nc.sig' is no signature of an archive"):
+        xd.verify_signature(signed, made / "key.public.pem")
+
+
+def test_what_is_no_small_file_is_no_key(made: Path, signed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a name with a null, a file that the system does not open and the end of a long one are no key."""
+    with pytest.raises(xd.InputError, match=r"the key 'a\\x00b' is no file; name one"):
+        xd.sign(signed, "a\0b")
+    long = signed.with_name("long.pem")
+    long.write_bytes(b"#" * 65_000 + b"\n" + (made / "key.pem").read_bytes())
+    xd.sign(signed, long)
+    long.write_bytes(b"#" * 65_536 + b"\n" + (made / "key.pem").read_bytes())
+    with pytest.raises(xd.InputError, match="is no private key in PEM"):
+        xd.sign(signed, long)
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(xd.InputError, match="the key '.*key.pem' cannot be read: Permission denied"):
+        xd.sign(signed, made / "key.pem")
+
+
 def test_a_locked_key_is_unlocked(made: Path, signed: Path) -> None:
     """Assert that a passphrase, or what is asked for one, unlocks a key; a wrong one does not."""
     assert xd.sign(signed, made / "locked.pem", passphrase="sesame") == signature_of(signed)

@@ -81,11 +81,30 @@ def test_a_cut_seal_is_named(hurt: Callable[..., Path], n: int, read: Callable[[
 
 
 @pytest.mark.parametrize("read", READ)
-@pytest.mark.parametrize("n", [1, 50, 83, 100_000])
-def test_what_stands_behind_the_seal_is_found(hurt: Callable[..., Path], n: int, read: Callable[..., object]) -> None:
+@pytest.mark.parametrize(
+    ("n", "fault"),
+    [
+        (1, "a byte stands behind its seal"),
+        (2, "2 bytes stand behind its seal"),
+        (83, "83 bytes stand behind its seal"),
+        (65_000, "65000 bytes stand behind its seal"),
+        (66_000, "its seal is missing"),
+    ],
+)
+def test_what_stands_behind_the_seal_is_found(
+    hurt: Callable[..., Path], n: int, read: Callable[..., object], fault: str
+) -> None:
     """Assert that bytes that were added are counted, or, where they are many, that the seal is not where it should be."""
-    with pytest.raises(xd.ArchiveError, match="stands? behind its seal|its seal is missing"):
+    with pytest.raises(xd.ArchiveError, match=rf"no run archive:\n  1\. {fault}"):
         read(hurt(lambda content: content.extend(b"\0" * n)))
+
+
+@pytest.mark.parametrize(("right", "fault"), [(9, ""), (10, "its seal is hurt")])
+def test_what_is_less_than_half_like_a_seal_is_none(tmp_path: Path, right: int, fault: str) -> None:
+    """Assert that a file that never had a seal is not called hurt for a few bytes that happen to be those of the mark."""
+    path = tmp_path / "file"
+    path.write_bytes(MARK[:right] + b"\0" * (SEAL - right))
+    assert tail_of(path) == Tail(fault=fault)
 
 
 ADDED = {

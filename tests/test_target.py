@@ -9,8 +9,10 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,7 @@ from click.testing import CliRunner
 import xdynamics as xd
 from problems import MODELS, oscillator
 from xdynamics.archive.leftovers import Part, sweep
+from xdynamics.archive.target import check_no_table, taking_name
 from xdynamics.cli import main
 
 
@@ -40,7 +43,14 @@ def names(folder: Path) -> list[str]:
     return sorted(one.name for one in folder.iterdir())
 
 
-@pytest.mark.parametrize("kind", ["a pipe", "a socket", "a directory"])
+REFUSED = {
+    "a pipe": r"is a pipe \(FIFO\); name a file$",
+    "a socket": "is a socket; name a file$",
+    "a directory": "is a directory; name a file in it, like '.*/run.nc'$",
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
 def test_what_is_no_file_is_refused(run: xr.Dataset, tmp_path: Path, kind: str) -> None:
     """Assert that a pipe, a socket and a directory stay what they are, by themselves or behind a link."""
     path, link = tmp_path / "it", tmp_path / "link"
@@ -51,7 +61,7 @@ def test_what_is_no_file_is_refused(run: xr.Dataset, tmp_path: Path, kind: str) 
         ]()
         before = path.stat()
         for target in (path, link):
-            with pytest.raises(xd.InputError, match=f"is {kind}"):
+            with pytest.raises(xd.InputError, match=REFUSED[kind]):
                 xd.save(run, target)
             with pytest.raises(xd.InputError, match=f"is {kind}"):
                 xd.simulate(oscillator().model, step=0.1, until=1.0, path=target)
@@ -100,6 +110,26 @@ def test_the_owner_stays(run: xr.Dataset, tmp_path: Path) -> None:
     assert (path.stat().st_uid, path.stat().st_gid) == (12345, 23456)
 
 
+@pytest.mark.parametrize(("user", "group"), [(0, 0), (1, 0), (0, 1), (1, 1)])
+def test_owner_and_group_are_given_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, user: int, group: int
+) -> None:
+    """Assert that only what differs from the old file is asked for: who may not give files away may change the group."""
+    path, given, status = tmp_path / "run.nc", [], os.fstat
+    path.touch()
+    old = path.stat()
+
+    def another(handle: int) -> os.stat_result:
+        about = status(handle)
+        return os.stat_result((*about[:4], old.st_uid + user, old.st_gid + group, *about[6:]))
+
+    monkeypatch.setattr(os, "fchown", lambda _handle, *who: given.append(who))
+    monkeypatch.setattr(os, "fstat", another)
+    with taking_name(path):
+        pass
+    assert given == [(-1, old.st_gid)] * group + [(old.st_uid, -1)] * user
+
+
 def test_rights_are_never_wider(run: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that where the group cannot be kept, another group gets no more than everybody."""
     path = xd.save(run, tmp_path / "run.nc")
@@ -135,6 +165,50 @@ def test_the_models_own_files_stay(tmp_path: Path) -> None:
         xd.save(made, tmp_path / "estes_c6_thrust.csv")
 
 
+@pytest.mark.parametrize(
+    ("content", "refused"), [("t,y\n0,1\n", True), ("t,y\r\n" + "0,1\r\n" * 20, True), ("0,1\n" * 90, False), ("\x80", False)]
+)  # fmt: skip
+def test_a_table_is_told_by_its_text(tmp_path: Path, content: str, *, refused: bool) -> None:
+    """Assert that each table of a model is known again, be it the longest, and that longer files and other bytes are none."""
+    path, tables = tmp_path / "it", ["t,y\n0,1\n", "t,y\n" + "0,1\n" * 20]
+    check_no_table(path, tables)
+    path.write_bytes(content.encode("latin-1"))
+    check_no_table(path, [])
+    with pytest.raises(xd.InputError, match="is a table of the model; name another file") if refused else nullcontext():
+        check_no_table(path, tables)
+
+
+@pytest.mark.parametrize(
+    ("error", "probed", "said"),
+    [
+        (OSError(28, "No space left on device"), None, "No space left on device"),
+        (RuntimeError("NetCDF: HDF error"), None, r"NetCDF: HDF error \(disk full, file-size limit or lost device\)"),
+        (OSError("odd"), None, r"odd \(disk full, file-size limit or lost device\)"),
+        (RuntimeError("NetCDF: HDF error"), OSError(30, "Read-only file system"), "Read-only file system"),
+        (RuntimeError("NetCDF: HDF error"), OSError("odd"), "odd"),
+    ],
+)
+def test_a_write_that_fails_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, probed: OSError | None, said: str
+) -> None:
+    """Assert one error with the cause that the system gives, and nothing changed in the folder."""
+
+    def probe(**_: object) -> None:
+        raise probed or AssertionError
+
+    (tmp_path / "run.nc").write_text("old")
+    with monkeypatch.context() as patch:
+        if probed:
+            patch.setattr(tempfile, "TemporaryFile", probe)
+        with (
+            pytest.raises(xd.ArchiveError, match=f"run.nc' cannot be written: {said}; nothing is changed there"),
+            taking_name(tmp_path / "run.nc"),
+        ):
+            raise error
+    assert names(tmp_path) == ["run.nc"]
+    assert (tmp_path / "run.nc").read_text() == "old"
+
+
 def test_an_archive_that_is_read_is_refused(run: xr.Dataset, tmp_path: Path) -> None:
     """Assert that an opened run keeps its file until it is closed, loaded or gone."""
     path = xd.save(run, tmp_path / "run.nc")
@@ -156,8 +230,9 @@ def test_a_complete_archive_is_kept(run: xr.Dataset, bad: xr.Dataset, tmp_path: 
     path = xd.save(run, tmp_path / "run.nc")
     before = path.read_bytes()
     for _ in range(2):
-        with pytest.warns(xd.PartialRunWarning, match=r"ended well and stays; .* is in '.*/run.partial.nc'"):
+        with pytest.warns(xd.PartialRunWarning, match=r"ended well and stays; .* is in '.*/run.partial.nc'") as told:
             assert xd.save(bad, path) == tmp_path / "run.partial.nc"
+        assert told[0].filename == __file__
         assert path.read_bytes() == before
         assert names(tmp_path) == ["run.nc", "run.partial.nc"]
     assert xd.verify(tmp_path / "run.partial.nc") == xd.content_digest(bad)

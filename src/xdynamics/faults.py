@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import unicodedata
 import warnings
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-_PACKAGE = str(Path(__file__).parent)
+_OURS = (str(Path(__file__).parent), contextlib.__file__)  # the latter is between a context manager and its caller
 MOST_LISTED = 20  # faults that a message shows; an error bears them all
 # controls, marks of direction and other characters without a shape, halves of pairs, ends of lines and paragraphs
 UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
@@ -88,7 +88,7 @@ class ArchiveError(InputError):
 def warn(message: str, category: type[Warning]) -> None:
     """Warn at the line of the caller's that led into this package."""
     level, frame = 1, inspect.currentframe()
-    while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+    while frame is not None and frame.f_code.co_filename.startswith(_OURS):
         level, frame = level + 1, frame.f_back
     warnings.warn(message, category, stacklevel=level)
 
@@ -122,7 +122,7 @@ class Ledger:
         """Write down one fault."""
         self.faults.append(fault)
 
-    @contextmanager
+    @contextlib.contextmanager
     def entry(self, what: str) -> Iterator[None]:
         """Turn an `InputError` raised inside into faults of `what`."""
         try:

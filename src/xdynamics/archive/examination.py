@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.archive.bounds import foreign, oversize
-from xdynamics.archive.library import DAMAGE, alone, opened, read
+from xdynamics.archive.library import DAMAGE, alone, opened, read, words_of
 from xdynamics.archive.library import attributes as attributes_of
 from xdynamics.archive.seals import Tail, root_digest, stored_digest, volatile_digest
 from xdynamics.attributes import own_attributes
@@ -53,7 +53,7 @@ def examine(path: Path, tail: Tail) -> Examination:
         with opened(path) as file:
             return _examined(path, file, tail, faults)
     except DAMAGE as error:
-        return Examination((*faults, f"it cannot be read: {error or type(error).__name__}"))
+        return Examination((*faults, f"it cannot be read: {words_of(error)}"))
 
 
 def _examined(path: Path, file: Any, tail: Tail, faults: list[str]) -> Examination:
@@ -89,7 +89,7 @@ def _fault_of(name: str, variable: Any, digests: dict[str, str], own: dict[str, 
         dims, is_text = alone(lambda: (variable.dimensions, variable.dtype == "S1"))()
         text = read(variable, ...).tobytes() if is_text else b""
     except DAMAGE as error:
-        return f"cannot be read: {error}"
+        return f"cannot be read: {words_of(error)}"
     try:
         text.decode()
     except UnicodeDecodeError as error:

@@ -25,6 +25,12 @@ Result = TypeVar("Result")
 # what the libraries raise on files that are damaged or of another kind
 DAMAGE = (OSError, RuntimeError, ValueError, AttributeError, LookupError, TypeError, MemoryError, OverflowError)
 
+
+def words_of(error: Exception) -> str:
+    """Return what an error says; its name where it says nothing, as that of a memory that is full."""
+    return str(error) or type(error).__name__
+
+
 _own = threading.RLock()
 _left: list[Any] = []
 

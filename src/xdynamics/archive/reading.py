@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from xdynamics.archive.examination import Examination
 from xdynamics.archive.examiner import examined, is_known
 from xdynamics.archive.lending import MOST_REPLACED, Identity, identity_of, lent
-from xdynamics.archive.library import DAMAGE
+from xdynamics.archive.library import DAMAGE, words_of
 from xdynamics.archive.origin import read
 from xdynamics.archive.seals import Tail, tail_of
 from xdynamics.archive.source import check_source
@@ -52,7 +52,7 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
     except DAMAGE as error:
         if isinstance(error, ArchiveError):
             raise
-        raise ArchiveError(f"'{path}' cannot be opened as a run archive: {error}") from None
+        raise ArchiveError(f"'{path}' cannot be opened as a run archive: {words_of(error)}") from None
     run.attrs.pop(SEALED, None)  # it is said of the file, not of the run
     _check_record(run, path, values=foreign)
     return read(run, partial(_again, path, str(run.attrs.get(ROOT_DIGEST, ""))))
@@ -75,7 +75,7 @@ def _check_record(run: xr.Dataset, path: Path, *, values: bool) -> None:
         run.close()
         raise
     except DAMAGE as error:
-        faults = [str(error)]
+        faults = [words_of(error)]
     if faults:
         run.close()
         raise ArchiveError(f"'{path}' is as it was written, but no run record:{numbered(faults)}", tuple(faults))

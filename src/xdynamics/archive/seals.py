@@ -197,7 +197,7 @@ def root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str
     """Return the content digest, from the variables' digests and every attribute that is no circumstance."""
     outside = {*VOLATILE, ROOT_DIGEST, ORIGIN}
     content = {
-        "variables": {name: [digests[name], plain(attributes[name])] for name in sorted(digests)},
+        "variables": {name: [digests[name], plain(attributes[name])] for name in digests},
         "attributes": plain({key: value for key, value in run.items() if key not in outside}),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -94,7 +94,7 @@ def write(path: Path, of: Mapping[str, Any], memory: Mapping[str, Array], rows: 
             pass
     except BaseException:
         with suppress(OSError):
-            part.unlink(missing_ok=True)
+            part.unlink()
         raise
     return digest
 

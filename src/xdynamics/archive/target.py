@@ -135,7 +135,6 @@ def _cause(folder: Path, error: Exception) -> str:
     try:
         with tempfile.TemporaryFile(dir=folder) as probe:
             probe.write(b"\0" * 1_000_000)
-            probe.flush()
     except OSError as why:
         return why.strerror or str(why)
     if isinstance(error, OSError) and error.strerror:

@@ -35,14 +35,15 @@ class Writer:
         Whether the run ended well; known when it is finished.
     """
 
+    path: Path
+    complete: bool
+
     def __init__(self, file: netCDF4.Dataset) -> None:
         self._file = file
-        self.path = Path()
         self._seals: dict[str, Seal] = {}
         self._attributes: dict[str, dict[str, Any]] = {}
         self._coordinates: dict[str, str] = {}
         self._filled: dict[str, int] = {}
-        self.complete = False
 
     @alone
     def define(
@@ -147,7 +148,7 @@ class Writer:
         self.complete = attributes.get("run_outcome") in GOOD
         kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST)}
         kept[SEALED] = SEAL_WORDS
-        digests = {name: seal.hexdigest() for name, seal in self._seals.items()}
+        digests = self.digests()
         for name, own in self._attributes.items():
             kept_as = {"coordinates": self._coordinates[name]} if name in self._coordinates else {}
             self._file.variables[name].setncatts(own | kept_as | {DIGEST: digests[name]})
