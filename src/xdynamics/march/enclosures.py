@@ -29,7 +29,7 @@ from xdynamics.kernels.enclosing import (  # fmt: skip
     VALUE,
 )
 from xdynamics.kernels.tables import find_piece
-from xdynamics.march.handle import applied
+from xdynamics.march.handle import applied, floats_at, run_at
 from xdynamics.march.run import Run
 
 State = NDArray[Any]
@@ -389,3 +389,18 @@ def looked_up(run: Run, row: int, target: int, a: int, drive: int, of_time: int)
         least = min(least, least_of(b0, b1, b2, z0) - off)
         most = max(most, most_of(b0, b1, b2, z0) + off)
     put(run, target, below(least), above(most), flaw if begin == end else max(flaw, BREAKS))
+
+
+def enclose_between(address: Any, y: Any, z: Any, first: int, last: int) -> None:
+    """Make enclosures, for who calls by address: no caller compiles it again.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run`.
+    y, z : int
+        Where the places of two of its states stand.
+    first, last : int
+        Rows.
+    """
+    enclose(run_at(address), floats_at(y), floats_at(z), first, last)

@@ -14,12 +14,12 @@ from numba import config, from_dtype, types
 
 from xdynamics.kernels import cache
 from xdynamics.kernels.compiling import PLAIN
-from xdynamics.march import entries, loop
+from xdynamics.march import enclosures, entries, loop, transition
 from xdynamics.march.kept import Kept
 from xdynamics.march.run import NOW, PLAN
 
-SECONDS, SOLVERS_SECONDS = 10, 8  # that compiling takes on a machine of 2026
-NEWTON, RADAU = -1, -2  # keys of steps where nothing is compiled
+SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS = 10, 8, 12  # that compiling takes on a machine of 2026
+NEWTON, RADAU, ENCLOSING, HAPPENING = -1, -2, -3, -4  # keys of steps where nothing is compiled
 _LOCK = threading.Lock()
 _FOUND: dict[str, Any] = {}
 _KEPT: list[Any] = []
@@ -40,6 +40,13 @@ class Solvers(NamedTuple):
     radau: int  # `entries.step_by_radau`
 
 
+class Watchers(NamedTuple):
+    """Where begins what looks for events and lands on them."""
+
+    enclose: int  # `enclosures.enclose_between`
+    happen: int  # `transition.happen`
+
+
 def engine() -> Engine:
     """Return the engine, compiled if that was not done on this machine."""
     found: Engine = _part("engine", "the engine", SECONDS, _entries, _plain_entries)
@@ -49,6 +56,12 @@ def engine() -> Engine:
 def solvers() -> Solvers:
     """Return the solvers of implicit methods, compiled if that was not done on this machine."""
     found: Solvers = _part("solvers", "the solvers of implicit methods", SOLVERS_SECONDS, _solvers, _plain_solvers)
+    return found
+
+
+def watchers() -> Watchers:
+    """Return what looks for events, compiled if that was not done on this machine."""
+    found: Watchers = _part("watchers", "the search for events", WATCHERS_SECONDS, _watchers, _plain_watchers)
     return found
 
 
@@ -110,6 +123,19 @@ def _solvers(kept: Kept) -> Solvers:
     steps: list[Any] = [kept.callback(one, _STEP) for one in (entries.step_by_newton, entries.step_by_radau)]
     _KEPT.extend(steps)
     return Solvers(*(one.address for one in steps))
+
+
+def _plain_watchers() -> Watchers:
+    PLAIN[ENCLOSING], PLAIN[HAPPENING] = enclosures.enclose_between, transition.happen
+    return Watchers(ENCLOSING, HAPPENING)
+
+
+def _watchers(kept: Kept) -> Watchers:
+    """The same for the search for events."""
+    found: list[Any] = [kept.callback(enclosures.enclose_between, types.void(*[types.int64] * 5))]
+    found.append(kept.callback(transition.happen, types.void(*[types.int64] * 2)))
+    _KEPT.extend(found)
+    return Watchers(*(one.address for one in found))
 
 
 def _array(dtype: Any, dims: int) -> Any:

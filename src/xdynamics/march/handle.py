@@ -265,6 +265,31 @@ def _stepped_by(_typing: Any, step: Any, run: Any, t: Any, t1: Any, h: Any, y: A
     return types.void(step, run, t, t1, h, y, z, sample), generate
 
 
+def _enclosed_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, first: Any, last: Any) -> Any:
+    """Call the compiled enclosure at an address."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        entry, run, y, z, first, last = arguments
+        run, y, z = (builder.ptrtoint(one, _WORD) for one in (run, y, z))
+        kind = ir.FunctionType(ir.VoidType(), [_WORD] * 5)
+        builder.call(builder.inttoptr(entry, kind.as_pointer()), [run, y, z, first, last])
+        return context.get_dummy_value()
+
+    return types.void(entry, run, y, z, first, last), generate
+
+
+def _happened_by(_typing: Any, entry: Any, run: Any, reason: Any) -> Any:
+    """Call what looks for events and lands on them, at an address."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        entry, run, reason = arguments
+        kind = ir.FunctionType(ir.VoidType(), [_WORD] * 2)
+        builder.call(builder.inttoptr(entry, kind.as_pointer()), [builder.ptrtoint(run, _WORD), reason])
+        return context.get_dummy_value()
+
+    return types.void(entry, run, reason), generate
+
+
 def _march_by(_typing: Any, march: Any, address: Any, rows: Any) -> Any:
     """Call the compiled march at an address."""
 
@@ -330,8 +355,8 @@ def _march_by_plainly(march: Any, run: Any, rows: int) -> None:
     march(run, rows)
 
 
-def _stepped_plainly(step: int, *given: Any) -> None:
-    PLAIN[int(step)](*given)
+def _by_key(entry: int, *given: Any) -> None:
+    PLAIN[int(entry)](*given)
 
 
 def called_plainly(address: int, run: Any, y: Any, z: Any, sample: int) -> None:
@@ -353,7 +378,9 @@ def noted_plainly(address: int, run: Any, y: Any, row: int) -> None:
 _PLAINLY = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
 run_at: Any = _itself if _PLAINLY else intrinsic(_run_at)
 floats_at: Any = _itself if _PLAINLY else intrinsic(_floats_at)
-stepped_by: Any = _stepped_plainly if _PLAINLY else intrinsic(_stepped_by)
+stepped_by: Any = _by_key if _PLAINLY else intrinsic(_stepped_by)
+enclosed_by: Any = _by_key if _PLAINLY else intrinsic(_enclosed_by)
+happened_by: Any = _by_key if _PLAINLY else intrinsic(_happened_by)
 march_by: Any = _march_by_plainly if _PLAINLY else intrinsic(_march_by)
 applied: Any = applied_plainly if _PLAINLY else intrinsic(_applied)
 called: Any = called_plainly if _PLAINLY else intrinsic(_called)

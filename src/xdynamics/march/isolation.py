@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.enclosures import BREAKS, EPS, SMOOTH, UNBOUNDED, enclose
-from xdynamics.march.handle import called
+from xdynamics.march.enclosures import BREAKS, EPS, SMOOTH, UNBOUNDED
+from xdynamics.march.handle import called, enclosed_by
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, substep
-from xdynamics.march.run import Run
+from xdynamics.march.run import ENCLOSE, Run
 
 State = NDArray[Any]
 
@@ -50,7 +50,7 @@ def uncertainty(run: Run, i: int, state: State) -> float:
     piece, place = run.piece[0], run.detectors[i].value
     start, end, width = piece.start, piece.end, piece.width
     piece.start, piece.end, piece.width, piece.wide = run.at[T], run.at[T], 0.0, 1.0
-    enclose(run, state, state, run.parts[0], run.parts[1])
+    enclosed_by(run.functions[ENCLOSE], run, state, state, run.parts[0], run.parts[1])
     piece.start, piece.end, piece.width, piece.wide = start, end, width, 0.0
     if run.flaws[place] != SMOOTH:  # where it jumps, both sides are in the interval
         return 0.0
@@ -63,7 +63,7 @@ def quiet(run: Run) -> bool:
     now, trial, piece = run.now[0], run.trial[0], run.piece[0]
     piece.start, piece.end, piece.width, piece.wide = now.t, trial.t, trial.h, 0.0
     piece.rough = 1
-    enclose(run, run.y, run.z, run.parts[0], run.parts[1])
+    enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1])
     piece.rough, silent = 0, True
     for i in range(run.detectors.shape[0]):
         place, watch = run.detectors[i].value, run.watches[i]
@@ -121,7 +121,7 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
     """Look what is known of each event function on a piece; whether it has to be cut."""
     piece, t, cut = run.piece[0], run.now[0].t, False
     piece.start, piece.end, piece.width, piece.wide = t + start, t + end, end - start, 0.0
-    enclose(run, run.near, run.far, run.parts[0], run.parts[2])
+    enclosed_by(run.functions[ENCLOSE], run, run.near, run.far, run.parts[0], run.parts[2])
     for i in range(run.detectors.shape[0]):
         watch, detector = run.watches[i], run.detectors[i]
         if watch.alive:

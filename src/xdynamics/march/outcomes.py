@@ -14,6 +14,7 @@ from xdynamics.schema import (
 )
 
 SOUND, RUNNING = -1, -1
+BEGIN = -2  # in the place of a reason: the march begins
 # what ends a run without a trial that was rejected; the reasons of trials stand before them
 COMPLETED, STOPPED, STEP_TOO_SMALL, STEP_LIMIT, NONFINITE_OBSERVABLE, INTERRUPTED, EVENT_AT_ZERO = range(
     len(TRIAL_REASONS), len(TRIAL_REASONS) + 7

@@ -15,7 +15,7 @@ from xdynamics.kernels.enclosing import Enclosing, enclosing
 from xdynamics.kernels.law import called_with_intervals
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.tables import flattened
-from xdynamics.march.engine import solvers
+from xdynamics.march.engine import solvers, watchers
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PIECE, PLAN, TRIAL, WATCH, Run
@@ -191,7 +191,7 @@ def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]
         "numbers": said.numbers,
         "parts": np.array(said.parts, np.int64),
         "branches": np.zeros((deep, 1 + len(law.layout.record) + events)),
-        "functions": called_with_intervals() if events else np.zeros(0, np.int64),
+        "functions": np.append(called_with_intervals(), watchers()) if events else np.zeros(0, np.int64),
     }
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.kernels.enclosing import CALLED
 from xdynamics.kernels.program import TABLE, WORDS
 
 
@@ -44,7 +45,7 @@ WATCH = _record(
 )
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
 # `rough` asks for less care, `cut` says that substeps were made in a trial that is accepted all the same.
-PIECE = _record("start end width wide", "cut rough")
+PIECE = _record("start end width wide", "cut rough verdict")
 # What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
 # What `march.radau` keeps from step to step. The factors are those of the step size `factored`, 0 if there are none;
@@ -53,6 +54,8 @@ EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entr
 # may be used, `fresh` whether they are those at the state itself, `since` what has become of the march since the last trial.
 KEPT = _record("factored change ratio theta eta step norm growth", "linearised fresh since turns")
 BEGUN, STAYED, MOVED = range(3)
+# Entries of the engine, behind the elementary functions in `functions`.
+ENCLOSE, HAPPEN = len(CALLED), len(CALLED) + 1
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
 EVENT_ROW = _record(

@@ -1,0 +1,234 @@
+"""From a trial with events to the state behind them: found, located, landed on, noted on both sides, acted upon.
+
+All of it is compiled apart from the loop, which calls it by its address where an event function may be near zero.
+"""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Any
+
+import numpy as np
+
+from xdynamics.kernels.compiling import apart, shared
+from xdynamics.kernels.law import DETECT, RESETS, SLOPES
+from xdynamics.kernels.program import REGIME, T
+from xdynamics.march.control import grow
+from xdynamics.march.enclosures import EPS
+from xdynamics.march.evaluating import evaluate, finite_state
+from xdynamics.march.events import kind_of, locate
+from xdynamics.march.handle import called, run_at
+from xdynamics.march.isolation import NONE, arm, arrives, isolate, quiet, sign, uncertainty
+from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
+from xdynamics.march.log import MOST_SUBSTEPS, note, note_sample, note_samples, note_trial
+from xdynamics.march.outcomes import BEGIN, NONFINITE_OBSERVABLE, SOUND, STOPPED
+from xdynamics.march.proposing import keep, look, propose_apart, substep, take
+from xdynamics.march.run import BEGUN, Run
+from xdynamics.model.parts import ACTIONS
+from xdynamics.schema import (  # fmt: skip
+    EVENT_AFTER,
+    EVENT_BEFORE,
+    REASON_DOMAIN,
+    REASON_EVENT,
+    REASON_EVENT_FUNCTION,
+    REGIME_SWITCH,
+    RESET_KIND,
+)
+
+# no literals: of a function that is given one, numba makes a copy for each
+_BEFORE, _AFTER = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)
+_SWITCHED, _RESET = np.int64(REGIME_SWITCH), np.int64(RESET_KIND)
+_, STOP, SWITCH, RESET = range(len(ACTIONS))
+note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
+
+
+def happen(address: Any, reason: int) -> None:
+    """Find the first event of a trial and go on behind it; an entry of the engine.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run`. Its `piece` tells afterwards what became of the trial: it is SOUND, to be accepted as it is; an event
+        was landed on; or it is to be rejected, and why.
+    reason : int
+        SOUND for a trial that may be accepted, else why not.
+    """
+    run = run_at(address)
+    if reason == BEGIN:
+        begin(run)
+        return
+    if reason == SOUND:
+        reason = meet(run)
+    if reason in (REASON_DOMAIN, REASON_EVENT_FUNCTION):
+        reason = shrink(run, reason)
+    if reason == REASON_EVENT:
+        reason = hand_over(run)
+    run.piece[0].verdict = reason
+
+
+@shared
+def begin(run: Run) -> None:
+    """Look on which side of zero every event function is at the start."""
+    for i in range(run.detectors.shape[0]):
+        run.watches[i].ever, run.watches[i].seen = 0, 0
+        arm(run, i, run.g[i])
+
+
+@shared
+def meet(run: Run) -> int:
+    """Look for events in the trial: REASON_EVENT where one is in it, SOUND where none is, and it stays as it is."""
+    now, trial = run.now[0], run.trial[0]
+    growth, trials, final = run.kept[0].growth, now.trials, trial.landing != AT_GRID and now.node >= run.nodes.shape[0]
+    run.at[T] = now.t
+    called(run.law[DETECT], run, run.y, run.g, 0)
+    look(run)
+    keep(run)
+    if trial.unsound_events != 0.0:
+        return REASON_EVENT_FUNCTION
+    if isolate(run, final):
+        return REASON_EVENT
+    take(run)
+    run.kept[0].growth, run.piece[0].cut = growth, int(now.trials > trials)
+    return SOUND
+
+
+@shared
+def shrink(run: Run, reason: int) -> int:
+    """Shorten a trial that leaves where the model is defined to what is left of it; an event may be on the border."""
+    now, trial = run.now[0], run.trial[0]
+    whole, target, landing, low, high = trial.h, trial.t, trial.landing, 0.0, trial.h
+    tolerance = 2.0 * EPS * max(abs(now.t), abs(now.t + high))
+    for _ in range(MOST_SUBSTEPS // 2):
+        s = (low + high) / 2.0
+        if high - low <= tolerance or not low < s < high:
+            break
+        substep(run, s)
+        sound = trial.iterations >= 0 and trial.unsound == 0.0 and trial.unsound_events == 0.0
+        low, high = (s, high) if sound else (low, s)
+    if low > 0.0:
+        substep(run, low)
+        run.at[T] = now.t
+        called(run.law[DETECT], run, run.y, run.g, 0)
+        trial.landing = AT_BORDER
+        keep(run)
+        quiet(run)
+        if isolate(run, True) or arrives(run):
+            return REASON_EVENT
+        if not run.plan[0].adaptive and low > tolerance:
+            take(run)
+            return SOUND
+    propose_apart(run, target, whole)
+    trial.landing = landing
+    return reason
+
+
+@shared
+def hand_over(run: Run) -> int:
+    """Locate the first event of the trial, land on it, and note the state on either side; why it is rejected, if it is."""
+    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
+    whole, target, landing, trials = run.located[0].h, run.located[0].t, run.located[0].landing, now.trials
+    note_trial(run, whole, now.norm if plan.estimates else nan, REASON_EVENT)
+    if plan.adaptive:
+        grow_apart(run, whole, landing != AT_GRID)
+    locate(run)
+    # two events closer than the spacing of t are two rows all the same
+    trial.t = max(trial.t, np.nextafter(now.t, np.inf))
+    reached = landing != AT_BORDER and (trial.h == whole or trial.t >= target)
+    trial.t = target if reached else trial.t
+    reason = judge_apart(run)
+    if reason != SOUND:
+        return reason
+    before = now.rows
+    if not note_apart(run, _BEFORE, trial.t, trial.h, run.z):
+        end(run, NONFINITE_OBSERVABLE)
+        return REASON_EVENT
+    note_samples_apart(run, before)
+    note_events(run, before, now.trials - trials)
+    if act(run, before):
+        evaluate(run, trial.t, run.z)
+        note_sample(run, trial.t, run.z, before + 1)
+    if not finite_state(run):
+        end(run, nonfinite(run))
+        return REASON_EVENT
+    if not note_apart(run, _AFTER, trial.t, 0.0, run.z):
+        end(run, NONFINITE_OBSERVABLE)
+        return REASON_EVENT
+    if reached:
+        completed = now.status
+        land_apart(run)
+        now.status = completed if completed == STOPPED else now.status
+    else:
+        now.on_grid = 0
+    move_apart(run)
+    run.kept[0].since = BEGUN
+    rearm(run)
+    return REASON_EVENT
+
+
+@shared
+def note_events(run: Run, row: int, substeps: int) -> None:
+    """Write a row for each event that the trial ends at, between the rows `row` and the next."""
+    now, trial = run.now[0], run.trial[0]
+    run.at[T] = trial.t
+    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    for i in range(run.detectors.shape[0]):
+        watch = run.watches[i]
+        if watch.hit == NONE:
+            continue
+        one = run.log_events[now.events - run.base[0].events]
+        one.time, one.left, one.residual, one.slope = trial.t, now.t + watch.left, run.g1[i], run.slopes[i]
+        one.uncertainty, one.murk, one.substeps = (
+            uncertainty(run, i, run.z),
+            max(0.0, watch.clear - watch.zone),
+            substeps,
+        )
+        one.row_before, one.row_after, one.detector, one.kind = row, row + 1, i, kind_of(run, i)
+        one.direction = -watch.armed
+        watch.seen += 1
+        for k in range(run.log_rates.shape[0]):
+            run.log_rates[k, now.events - run.base[0].events] = run.slopes[run.detectors.shape[0] + k]
+        now.events += 1
+
+
+@shared
+def act(run: Run, row: int) -> bool:
+    """Do what the events of a group say, in their declared order; whether forces have to be evaluated anew."""
+    now, changed = run.now[0], False
+    first = now.events - run.base[0].events
+    while first > 0 and run.log_events[first - 1].row_before == row:
+        first -= 1
+    for k in range(first, now.events - run.base[0].events):
+        one = run.log_events[k]
+        detector = run.detectors[one.detector]
+        if run.watches[one.detector].seen < detector.count:
+            continue
+        if detector.action == STOP:
+            now.status = STOPPED
+        elif detector.action == SWITCH:
+            now.regime, run.at[REGIME], one.kind, changed = detector.to, detector.to, _SWITCHED, True
+        elif detector.action == RESET:
+            reset(run, one.detector)
+            one.kind, changed = _RESET, True
+    return changed
+
+
+@shared
+def reset(run: Run, i: int) -> None:
+    """Set the state to what an event says, all of it from the state before."""
+    called(run.law[RESETS], run, run.z, run.resets, 0)
+    carried = run.plan[0].used + run.plan[0].evaluated
+    for k in range(run.targets.shape[0]):
+        if run.targets[k, 0] == i:
+            run.z[run.targets[k, 1]] = run.resets[k]
+            if carried < run.z.shape[0]:  # what rounding took from the value before is not the new one's
+                run.z[carried + run.targets[k, 1]] = 0.0
+
+
+@shared
+def rearm(run: Run) -> None:
+    """Look on which side of zero every event function is behind an event; one within its uncertainty has yet to leave."""
+    run.at[T] = run.now[0].t
+    called(run.law[DETECT], run, run.y, run.g, 0)
+    for i in range(run.detectors.shape[0]):
+        if run.watches[i].hit != NONE or sign(run.g[i]) != run.watches[i].armed:
+            arm(run, i, run.g[i])
