@@ -14,12 +14,12 @@ from numba import config, from_dtype, types
 
 from xdynamics.kernels import cache
 from xdynamics.kernels.compiling import PLAIN
-from xdynamics.march import enclosures, entries, loop, transition
+from xdynamics.march import enclosures, entries, loop, proposing, transition
 from xdynamics.march.kept import Kept
 from xdynamics.march.run import NOW, PLAN
 
 SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS = 10, 8, 12  # that compiling takes on a machine of 2026
-NEWTON, RADAU, ENCLOSING, HAPPENING = -1, -2, -3, -4  # keys of steps where nothing is compiled
+NEWTON, RADAU, ENCLOSING, PARTING, HAPPENING = -1, -2, -3, -4, -5  # keys of steps where nothing is compiled
 _LOCK = threading.Lock()
 _FOUND: dict[str, Any] = {}
 _KEPT: list[Any] = []
@@ -44,6 +44,7 @@ class Watchers(NamedTuple):
     """Where begins what looks for events and lands on them."""
 
     enclose: int  # `enclosures.enclose_between`
+    substep: int  # `proposing.part_of_step`
     happen: int  # `transition.happen`
 
 
@@ -126,14 +127,19 @@ def _solvers(kept: Kept) -> Solvers:
 
 
 def _plain_watchers() -> Watchers:
-    PLAIN[ENCLOSING], PLAIN[HAPPENING] = enclosures.enclose_between, transition.happen
-    return Watchers(ENCLOSING, HAPPENING)
+    PLAIN[ENCLOSING], PLAIN[PARTING], PLAIN[HAPPENING] = (
+        enclosures.enclose_between,
+        proposing.part_of_step,
+        transition.happen,
+    )
+    return Watchers(ENCLOSING, PARTING, HAPPENING)
 
 
 def _watchers(kept: Kept) -> Watchers:
     """The same for the search for events."""
     found: list[Any] = [kept.callback(enclosures.enclose_between, types.void(*[types.int64] * 5))]
-    found.append(kept.callback(transition.happen, types.void(*[types.int64] * 2)))
+    entry = types.void(types.int64, types.float64, types.int64)
+    found += [kept.callback(one, entry) for one in (proposing.part_of_step, transition.happen)]
     _KEPT.extend(found)
     return Watchers(*(one.address for one in found))
 

@@ -278,16 +278,16 @@ def _enclosed_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, first: Any,
     return types.void(entry, run, y, z, first, last), generate
 
 
-def _happened_by(_typing: Any, entry: Any, run: Any, reason: Any) -> Any:
-    """Call what looks for events and lands on them, at an address."""
+def _entered_by(_typing: Any, entry: Any, run: Any, number: Any, count: Any) -> Any:
+    """Call an entry of the engine at an address, with a number and a whole one."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        entry, run, reason = arguments
-        kind = ir.FunctionType(ir.VoidType(), [_WORD] * 2)
-        builder.call(builder.inttoptr(entry, kind.as_pointer()), [builder.ptrtoint(run, _WORD), reason])
+        entry, run, number, count = arguments
+        kind = ir.FunctionType(ir.VoidType(), [_WORD, ir.DoubleType(), _WORD])
+        builder.call(builder.inttoptr(entry, kind.as_pointer()), [builder.ptrtoint(run, _WORD), number, count])
         return context.get_dummy_value()
 
-    return types.void(entry, run, reason), generate
+    return types.void(entry, run, number, count), generate
 
 
 def _march_by(_typing: Any, march: Any, address: Any, rows: Any) -> Any:
@@ -380,7 +380,7 @@ run_at: Any = _itself if _PLAINLY else intrinsic(_run_at)
 floats_at: Any = _itself if _PLAINLY else intrinsic(_floats_at)
 stepped_by: Any = _by_key if _PLAINLY else intrinsic(_stepped_by)
 enclosed_by: Any = _by_key if _PLAINLY else intrinsic(_enclosed_by)
-happened_by: Any = _by_key if _PLAINLY else intrinsic(_happened_by)
+entered_by: Any = _by_key if _PLAINLY else intrinsic(_entered_by)
 march_by: Any = _march_by_plainly if _PLAINLY else intrinsic(_march_by)
 applied: Any = applied_plainly if _PLAINLY else intrinsic(_applied)
 called: Any = called_plainly if _PLAINLY else intrinsic(_called)

@@ -16,7 +16,7 @@ from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import STRETCH, first_step, grow, reduce, shortest
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.handle import called, enclosed_by, happened_by, run_at
+from xdynamics.march.handle import called, enclosed_by, entered_by, run_at
 from xdynamics.march.isolation import quiet
 from xdynamics.march.landing import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
@@ -71,7 +71,7 @@ def march(address: Any, rows: int) -> None:
         propose(run, run.trial[0].t, run.trial[0].h)
         reason = judge(run)
         if run.detectors.shape[0] > 0 and (reason == REASON_DOMAIN or (reason == SOUND and not quiet(run))):
-            happened_by(run.functions[HAPPEN], run, reason)
+            entered_by(run.functions[HAPPEN], run, 0.0, reason)
             reason = run.piece[0].verdict
         if reason == SOUND:
             accept(run)
@@ -93,7 +93,7 @@ def start(run: Run) -> None:
     sound_events = run.at[UNSOUND] == 0.0
     copy(run.y, run.z)
     if run.detectors.shape[0] > 0:
-        happened_by(run.functions[HAPPEN], run, BEGIN)
+        entered_by(run.functions[HAPPEN], run, 0.0, BEGIN)
     for i in range(run.largest.shape[0]):
         run.largest[i] = abs(run.y[i])
     noted = note_apart(run, _INITIAL, now.t, 0.0, run.y)

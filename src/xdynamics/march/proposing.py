@@ -12,9 +12,9 @@ from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.law import DETECT, PROPOSE
 from xdynamics.kernels.program import T1, UNSOUND, H, T
 from xdynamics.march.evaluating import evaluate, finite_state, keep_sample
-from xdynamics.march.handle import called, stepped_by
+from xdynamics.march.handle import called, entered_by, run_at, stepped_by
 from xdynamics.march.log import note_trial
-from xdynamics.march.run import Run
+from xdynamics.march.run import SUBSTEP, Run
 from xdynamics.schema import REASON_EVENT
 
 State = NDArray[Any]
@@ -82,6 +82,20 @@ def look(run: Run) -> None:
 @shared
 def substep(run: Run, s: float) -> None:
     """Make a part of the step, and look at the event functions there."""
+    entered_by(run.functions[SUBSTEP], run, s, 0)
+
+
+def part_of_step(address: Any, s: float, _count: int) -> None:
+    """Do so, for who calls by address: no caller compiles it again.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run`.
+    s : float
+        The part, as a step from where the march stands.
+    """
+    run = run_at(address)
     note_trial(run, s, nan, REASON_EVENT)
     propose_apart(run, run.now[0].t + s, s)
     look(run)

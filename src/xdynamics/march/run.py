@@ -55,7 +55,7 @@ EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entr
 KEPT = _record("factored change ratio theta eta step norm growth", "linearised fresh since turns")
 BEGUN, STAYED, MOVED = range(3)
 # Entries of the engine, behind the elementary functions in `functions`.
-ENCLOSE, HAPPEN = len(CALLED), len(CALLED) + 1
+ENCLOSE, SUBSTEP, HAPPEN = (len(CALLED) + i for i in range(3))
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
 EVENT_ROW = _record(

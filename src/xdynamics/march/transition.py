@@ -42,7 +42,7 @@ _, STOP, SWITCH, RESET = range(len(ACTIONS))
 note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
 
 
-def happen(address: Any, reason: int) -> None:
+def happen(address: Any, _number: float, reason: int) -> None:
     """Find the first event of a trial and go on behind it; an entry of the engine.
 
     Parameters
