@@ -11,7 +11,7 @@ from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.program import AT, UNSOUND
 from xdynamics.march.handle import applied_plainly, called_plainly, noted_plainly
-from xdynamics.march.run import ARRAYS, KINDS, NOW, PLAN, Run
+from xdynamics.march.run import ARRAYS, HAPPEN, KINDS, NOW, PLAN, SUBSTEP, Run
 
 _KNOWN: dict[Any, Callable[..., Any]] = {}
 
@@ -29,6 +29,7 @@ def plain(function: Any) -> Callable[..., Any]:
             "noted": noted_plainly,
             "applied": applied_plainly,
             "run_at": lambda run: run,
+            "entered_by": lambda entry, *given: PLAIN[int(entry)](*given),
         }
     return _KNOWN[python]
 
@@ -67,7 +68,7 @@ def made_by_hand(n: int = 1, columns: int = 6, **arrays: Any) -> Run:
     run.plan[0].used, run.plan[0].state, run.plan[0].coordinates = 2 * n, 3 * n, n
     run.plan[0].end, run.plan[0].most_steps = 10.0, 1e6
     if "law" not in arrays:
-        run.put(law=law_of(*[kept] * 6))
+        run.put(law=law_of(*[kept] * 7))
     run.now[0].on_grid, run.now[0].status, run.now[0].rows = 1, -1, 1
     return run
 
@@ -87,4 +88,16 @@ def law_of(*functions: Callable[..., None]) -> Any:
     return np.arange(first, first + len(CONTROL) + len(functions), dtype=np.int64)
 
 
-__all__ = ["NOW", "PLAN", "kept", "law_of", "made_by_hand", "plain"]
+def entries() -> Any:
+    """Put what is called by address behind the elementary functions, as plain Python."""
+    import numpy as np
+
+    from xdynamics.march import proposing
+
+    found = np.zeros(HAPPEN + 1, np.int64)
+    found[SUBSTEP] = max(PLAIN, default=0) + 1
+    PLAIN[int(found[SUBSTEP])] = plain(proposing.part_of_step)
+    return found
+
+
+__all__ = ["NOW", "PLAN", "entries", "kept", "law_of", "made_by_hand", "plain"]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from plain import kept, law_of, made_by_hand, plain
+from plain import entries, kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
-from xdynamics.march import control, events, isolation, loop, proposing
+from xdynamics.march import control, events, isolation, landing, loop, proposing, transition
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, WATCH, Run
@@ -34,7 +34,7 @@ def test_aim_at_the_grid() -> None:
     run = made_by_hand()
     run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
     plain(loop.aim)(run)
-    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (3 * 0.1, 0.1, loop.AT_GRID)
+    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (3 * 0.1, 0.1, landing.AT_GRID)
 
 
 def test_aim_at_a_node_before_the_grid() -> None:
@@ -42,7 +42,7 @@ def test_aim_at_a_node_before_the_grid() -> None:
     run = made_by_hand(nodes=np.array([0.25]))
     run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
     plain(loop.aim)(run)
-    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (0.25, 0.25 - 0.2, loop.AT_NODE)
+    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (0.25, 0.25 - 0.2, landing.AT_NODE)
 
 
 def test_aim_at_a_node_on_the_grid() -> None:
@@ -50,7 +50,7 @@ def test_aim_at_a_node_on_the_grid() -> None:
     run = made_by_hand(nodes=np.array([0.5]))
     run.plan[0].step_size, run.plan[0].snap, run.now[0].grid, run.now[0].t = 0.25, 1e-15, 1, 0.25
     plain(loop.aim)(run)
-    assert (run.trial[0].t, run.trial[0].landing) == (0.5, loop.AT_BOTH)
+    assert (run.trial[0].t, run.trial[0].landing) == (0.5, landing.AT_BOTH)
 
 
 def test_aim_freely_stretches_to_the_end() -> None:
@@ -86,14 +86,14 @@ def test_judge_names_one_reason(state: list[float], limited: int, iterations: in
     run = made_by_hand(z=np.array(state))
     run.plan[0].limited, run.trial[0].iterations = limited, iterations
     run.trial[0].unsound = 0.0 if np.isfinite(state).all() else np.nan
-    assert plain(loop.judge)(run) == reason
+    assert plain(landing.judge)(run) == reason
 
 
 def test_judge_event_functions() -> None:
     """Assert that an event function that is no number has a reason of its own."""
     run = made_by_hand(detectors=np.zeros(1, DETECTOR), g1=np.array([np.nan]))
     run.trial[0].unsound_events = np.nan
-    assert plain(loop.judge)(run) == REASON_EVENT_FUNCTION
+    assert plain(landing.judge)(run) == REASON_EVENT_FUNCTION
 
 
 def test_judge_errors() -> None:
@@ -102,14 +102,14 @@ def test_judge_errors() -> None:
         e=np.array([1e-3, 3e-3]), atol=np.array([1e-2, 1e-3]), y=np.array([0.0, 1.0, 0.0]), z=np.zeros(3)
     )
     run.plan[0].estimates, run.plan[0].adaptive, run.plan[0].rtol = 1, 1, 1e-3
-    assert plain(loop.judge)(run) == REASON_ERROR
+    assert plain(landing.judge)(run) == REASON_ERROR
     assert run.now[0].norm == 3e-3 / (1e-3 + 1e-3)
 
 
 def test_accept_notes_and_moves() -> None:
     """Assert that an accepted trial is a row and the place to go on from."""
     run = made_by_hand(z=np.array([1.0, 2.0, 3.0]))
-    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.25, loop.AT_GRID
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.25, landing.AT_GRID
     plain(loop.accept)(run)
     assert run.y.tolist() == [1.0, 2.0, 3.0]
     assert run.log_rows[:5, 1].tolist() == [0.5, 0.25, 1.0, 2.0, 3.0]
@@ -120,10 +120,10 @@ def test_accept_notes_and_moves() -> None:
 def test_accept_at_a_node_and_at_the_end() -> None:
     """Assert that a breakpoint is a node, and that the end completes the run and is none."""
     run = made_by_hand(nodes=np.array([0.5]))
-    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.5, loop.AT_NODE
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.5, landing.AT_NODE
     plain(loop.accept)(run)
     assert (run.log_flags[0, 1], run.now[0].node, run.now[0].on_grid) == (NODE, 1, 0)
-    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 10.0, 9.5, loop.AT_BOTH
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 10.0, 9.5, landing.AT_BOTH
     plain(loop.accept)(run)
     assert (run.log_flags[0, 2], run.now[0].status) == (STEP, COMPLETED)
 
@@ -192,10 +192,10 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
     arrays = dict.fromkeys(("g", "g1", "located_g", "slopes"))
     watches = np.zeros(1, WATCH)
     watches["armed"] = watches["ever"] = watches["alive"] = 1
-    law = law_of(nothing, watched, nothing, kept, nothing, falling)
+    law = law_of(nothing, watched, nothing, nothing, kept, nothing, falling)
     run = made_by_hand(
         y=np.array([1.0, 0.0, -2.0]), law=law, detectors=detectors, log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
-        log_events=np.zeros(5, EVENT_ROW), watches=watches, **{name: np.zeros(1) for name in arrays},
+        log_events=np.zeros(5, EVENT_ROW), watches=watches, functions=entries(), **{name: np.zeros(1) for name in arrays},
     )  # fmt: skip
     run.plan[0].step_size, run.plan[0].stages, run.g[0] = 0.75, 1, seen(1.0)
     return run
@@ -345,7 +345,7 @@ def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
         arrays[5][:2], arrays[0][UNSOUND] = [(h - 0.25) * (h - 1.25), 0.5 - h], 0.0
 
     arrays = {name: np.zeros(2) for name in ("g1", "located_g", "slopes")}
-    run.put(law=law_of(nothing, both, nothing, kept, nothing, falling), detectors=detectors, g=np.array([0.3125, 0.5]),
+    run.put(law=law_of(nothing, both, nothing, nothing, kept, nothing, falling), detectors=detectors, g=np.array([0.3125, 0.5]),
             watches=np.zeros(2, WATCH), **arrays)  # fmt: skip
     run.watches["armed"] = 1
     found(run, 1.5)
@@ -378,10 +378,10 @@ def test_hand_over_writes_both_sides_without_another_step(monkeypatch: pytest.Mo
     """Assert two rows at one time, one event, and that the event's state is the located trial, not made again."""
     run = dropped(stops)
     found(run, 1.5)
-    run.located[0].landing = loop.AT_GRID
+    run.located[0].landing = landing.AT_GRID
     for name in ("arm", "uncertainty"):
-        monkeypatch.setitem(plain(loop.note_events).__globals__, name, lambda *_: 0.0)
-    plain(loop.hand_over)(run)
+        monkeypatch.setitem(plain(transition.note_events).__globals__, name, lambda *_: 0.0)
+    plain(transition.hand_over)(run)
     assert run.now[0].evaluations == run.now[0].trials
     event, row = run.log_events[0], int(run.log_events[0].row_before)
     assert run.now[0].events == 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -212,29 +212,33 @@ OTHER_NAMES = (
 )
 
 
+def _of_coordinate(name: str) -> tuple[str, ...]:
+    moved = (name, velocity(name))
+    own = (*moved, acceleration(name), f"event_impulse_{name}", f"event_offset_{name}")
+    return (*own, *map(sampled, moved), *map(error, moved))
+
+
+# what entries of a section call variables of the record
+_CLAIMED: dict[str, Callable[[str], tuple[str, ...]]] = {
+    "parameters": lambda name: (name,),
+    "definitions": lambda name: (name,),
+    "observables": lambda name: (name, f"event_{name}", f"event_{name}_uncertainty"),
+    "drives": lambda name: (name, sampled(name)),
+    "coordinates": _of_coordinate,
+    "states": lambda name: (name, rate(name), sampled(name), error(name)),
+}
+
+
 def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield every name that the record of a model uses, each with what claims it."""
     for variable in (*FIXED, *EVENT_UNCERTAINTIES):
         yield variable.name, "the record"
     for name in OTHER_NAMES:
         yield name, "the record"
-    for section in ("parameters", "definitions"):
+    for section, claimed in _CLAIMED.items():
         for name in parts[section]:
-            yield name, f"{section.removesuffix('s')} '{name}'"
-    for name in parts["observables"]:
-        for one in (name, f"event_{name}", f"event_{name}_uncertainty"):
-            yield one, f"observable '{name}'"
-    for name in parts["drives"]:
-        yield name, f"drive '{name}'"
-        yield sampled(name), f"drive '{name}'"
-    for name in parts["coordinates"]:
-        owner = f"coordinate '{name}'"
-        for one in (name, velocity(name), sampled(name), sampled(velocity(name)), error(name), error(velocity(name)),
-                    acceleration(name), f"event_impulse_{name}", f"event_offset_{name}"):  # fmt: skip
-            yield one, owner
-    for name in parts["states"]:
-        for one in (name, rate(name), sampled(name), error(name)):
-            yield one, f"state '{name}'"
+            for one in claimed(name):
+                yield one, f"{section.removesuffix('s')} '{name}'"
     for term, one_force in parts["forces"].items():
         for name in one_force.components or parts["coordinates"]:
             yield force(term, name), f"force '{term}'"

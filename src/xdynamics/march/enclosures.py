@@ -44,25 +44,25 @@ LESS, AT_MOST, MORE, AT_LEAST, EQUAL, UNEQUAL = (OPERATION[name] for name in COM
 SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, EXP, LOG = (OPERATION[name] for name in enclosing.CALLED)
 
 
-@compiled
+@shared
 def below(x: float) -> float:
     """A number under x, or x where it is that already."""
     return MOST if x == inf else x - (abs(x) * EPS + LEAST)
 
 
-@compiled
+@shared
 def above(x: float) -> float:
     """A number over x."""
     return -MOST if x == -inf else x + (abs(x) * EPS + LEAST)
 
 
-@compiled
+@shared
 def least_of(w: float, x: float, y: float, z: float) -> float:
     """The least of four numbers."""
     return min(min(w, x), min(y, z))  # noqa: PLW3301 - two at a time: one order of comparisons
 
 
-@compiled
+@shared
 def most_of(w: float, x: float, y: float, z: float) -> float:
     """The greatest of four numbers."""
     return max(max(w, x), max(y, z))  # noqa: PLW3301
@@ -101,7 +101,7 @@ def enclose(run: Run, y: State, z: State, first: int, last: int) -> None:
             function(run, row, target, a, run.rows[k, 3], run.rows[k, 4])
 
 
-@compiled
+@shared
 def put(run: Run, target: int, low: float, high: float, flaw: int) -> None:
     """Fill the place of a value; what is no interval may be anything."""
     sound = low <= high
@@ -248,7 +248,7 @@ def compare(run: Run, row: int, target: int, a: int, b: int) -> None:
     put(run, target, 1.0 if always else 0.0, 0.0 if never else 1.0, SMOOTH)
 
 
-@compiled
+@shared
 def called(run: Run, row: int, x: float) -> float:
     """The portable function itself."""
     return applied(run.functions[row - SIN], x)
@@ -340,7 +340,7 @@ def in_plane(run: Run, row: int, target: int, a: int, b: int) -> None:
         put(run, target, least - 8.0 * ULPS, most + 8.0 * ULPS, flaw)
 
 
-@compiled
+@shared
 def length(x: float, y: float) -> float:
     """The length of a vector, without overflow."""
     large, small = max(x, y), min(x, y)

@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.enclosures import BREAKS, EPS, SMOOTH, UNBOUNDED
@@ -30,7 +30,7 @@ STEEP = 100.0  # times what a slope explains: no more of the same function
 MURK = 4.0  # uncertainties of an event function that count as zero
 
 
-@compiled
+@shared
 def sign(x: float) -> int:
     """1, 0 or -1."""
     return 1 if x > 0.0 else (-1 if x < 0.0 else 0)
@@ -147,7 +147,7 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
     return cut
 
 
-@compiled
+@shared
 def known(run: Run, i: int) -> int:
     """Say what the enclosures of an event function and its derivative on a piece tell."""
     watch, w = run.watches[i], run.piece[0].width
@@ -175,7 +175,7 @@ def lingers(run: Run, i: int) -> bool:
     return bends or (value <= MURK * doubt and doubt > near * slowest)
 
 
-@compiled
+@shared
 def clears(before: float, after: float, down: float, up: float, w: float) -> bool:
     """Whether a function with such values at the ends of a piece and slopes on it cannot reach zero (Piyavskii's tent)."""
     if before > 0.0 and after > 0.0:
@@ -187,7 +187,7 @@ def clears(before: float, after: float, down: float, up: float, w: float) -> boo
     return False
 
 
-@compiled
+@shared
 def resolution(run: Run, i: int, s: float) -> float:
     """The width of a piece under which it is not cut any further for the sake of an event."""
     t = run.now[0].t
@@ -272,7 +272,7 @@ def arrives(run: Run) -> bool:
     return found
 
 
-@compiled
+@shared
 def strike(run: Run, i: int, left: float, right: float, what: int) -> None:
     """Take down that an event is in a piece, if it is of the direction watched; a touch goes the way it came."""
     watch, direction = run.watches[i], run.detectors[i].direction

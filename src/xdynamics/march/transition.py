@@ -22,7 +22,7 @@ from xdynamics.march.isolation import NONE, arm, arrives, isolate, quiet, sign, 
 from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.log import MOST_SUBSTEPS, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import BEGIN, NONFINITE_OBSERVABLE, SOUND, STOPPED
-from xdynamics.march.proposing import keep, look, propose_apart, substep, take
+from xdynamics.march.proposing import keep, look, substep, take
 from xdynamics.march.run import BEGUN, Run
 from xdynamics.model.parts import ACTIONS
 from xdynamics.schema import (  # fmt: skip
@@ -117,8 +117,8 @@ def shrink(run: Run, reason: int) -> int:
         if not run.plan[0].adaptive and low > tolerance:
             take(run)
             return SOUND
-    propose_apart(run, target, whole)
-    trial.landing = landing
+    substep(run, whole)
+    trial.t, trial.landing = target, landing
     return reason
 
 
