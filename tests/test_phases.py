@@ -379,8 +379,8 @@ def test_hand_over_writes_both_sides_without_another_step(monkeypatch: pytest.Mo
     run = dropped(stops)
     found(run, 1.5)
     run.located[0].landing = landing.AT_GRID
-    for name in ("arm", "uncertainty"):
-        monkeypatch.setitem(plain(transition.note_events).__globals__, name, lambda *_: 0.0)
+    for phase, name in ((transition.note_events, "uncertainty"), (transition.rearm, "arm")):
+        monkeypatch.setitem(plain(phase).__globals__, name, lambda *_: 0.0)
     plain(transition.hand_over)(run)
     assert run.now[0].evaluations == run.now[0].trials
     event, row = run.log_events[0], int(run.log_events[0].row_before)
