@@ -27,6 +27,8 @@ FORMATS = (".png", ".svg", ".pdf")
 FEW_ROWS = 400  # up to which every accepted state is a dot
 DRAWN = 4000  # points of a line; what is longer is thinned
 MOST_LABELLED = 12
+MOST_BANDS = 400  # of regimes; what changes more often is not told apart
+SHORTEST_NAMED = 0.08  # of the span, for a regime to be named in its band
 
 Rows = NDArray[np.int64]
 _COLOURS = ("#1f5a96", "#c8501e", "#3a8f5c", "#7a4fa0", "#8c6d1f", "#4c4c4c")
@@ -121,9 +123,28 @@ def _against_time(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> N
         axes.plot(time[rows], values[rows], dots + "-", color=colour, linewidth=1.2, markersize=4, label=_words(name))
     axes.set(xlabel="time (s)", ylabel=_words(f"{_joined(names)} ({run[names[0]].attrs['units']})"))
     axes.set_title(what, loc="left", fontsize=10)
+    _shade_regimes(run, axes)
     _mark_events(run, names, axes)
     if len(names) > 1:
         axes.legend(fontsize=8, frameon=False)
+
+
+def _shade_regimes(run: xr.Dataset, axes: Axes) -> None:
+    """Shade the time that each regime lasts, and name it, where there are several."""
+    if not _drawn(run, "regime") or len(words := run["regime"].attrs["flag_meanings"].split()) < 2:
+        return
+    time, regime = run["time"].values, run["regime"].values
+    flags = np.atleast_1d(run["regime"].attrs["flag_values"]).tolist()
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(regime)) + 1, [len(regime)]])
+    for first, last in list(pairwise(edges))[:MOST_BANDS]:
+        place = flags.index(int(regime[first]))
+        end = time[min(last, len(time) - 1)]
+        axes.axvspan(time[first], end, color=_COLOURS[place % len(_COLOURS)], alpha=0.07, linewidth=0)
+        if len(edges) <= MOST_LABELLED and end - time[first] > SHORTEST_NAMED * (time[-1] - time[0]):
+            axes.annotate(
+                _words(words[place]), ((time[first] + end) / 2, 1.0), xycoords=("data", "axes fraction"), xytext=(0, -9),
+                textcoords="offset points", ha="center", fontsize=7, color="#555555",
+            )  # fmt: skip
 
 
 def _mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
@@ -133,6 +154,7 @@ def _mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     detectors = event_names(run)
     rows = run["event_row_before"].values
     time, values = run["time"].values[rows], run[names[0]].values[rows]
+    labels: dict[int, list[str]] = {}  # by the row at which a kind is met first: what is met at once is named at once
     for n, detector in enumerate(dict.fromkeys(detectors)):
         chosen = np.array([one == detector for one in detectors])
         marker = "ovsD^P*X"[n % 8]
@@ -140,13 +162,16 @@ def _mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
             time[chosen], values[chosen], marker, color="black", markersize=4.5, markerfacecolor="white", zorder=3
         )
         if n < MOST_LABELLED:
-            axes.annotate(
-                _words(detector),
-                (time[chosen][0], values[chosen][0]),
-                textcoords="offset points",
-                xytext=(5, 5),
-                fontsize=7.5,
-            )
+            labels.setdefault(int(rows[chosen][0]), []).append(detector)
+    for row, named in labels.items():
+        place = int(np.flatnonzero(rows == row)[0])
+        axes.annotate(
+            _words(", ".join(named)),
+            (time[place], values[place]),
+            textcoords="offset points",
+            xytext=(5, 5),
+            fontsize=7.5,
+        )
 
 
 def _phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
