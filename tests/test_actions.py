@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
+from problems import MODELS
 
 G, E = 9.81, 0.9
 BALL: dict[str, Any] = {
@@ -196,3 +197,19 @@ def test_the_rest_of_the_run_goes_on_with_the_new_rule(statement: dict[str, Any]
     longer = xd.extend(xd.simulate(model, method="rk4", step=0.1, until=2.5), until=5.0)
     whole = xd.simulate(model, method="rk4", step=0.1, until=5.0, nodes=[2.5])
     assert xd.content_digest(longer) == xd.content_digest(whole)
+
+
+@pytest.mark.parametrize("asked", [{"method": "dop853", "rtol": 1e-11}, {"method": "rk4", "step": 0.02}, {"method": "radau_iia", "rtol": 1e-10}])  # fmt: skip
+def test_a_rocket_with_two_stages_is_tsiolkovsky_s(asked: dict[str, Any]) -> None:
+    """Assert speed and mass behind both groups of two events at one instant, each done in the order of the file."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "staged_rocket.toml"), **asked)
+    assert run.event_time.values == pytest.approx([10.0, 10.0, 30.0, 30.0], abs=1e-10)
+    assert run.event_detector.values.tolist() == [0, 1, 2, 3]
+    assert len(set(run.event_row_after.values.tolist())) == 2
+    first = 2500 * math.log(100 / 40) - 9.80665 * 10
+    second = first + 3000 * math.log(30 / 10) - 9.80665 * 20
+    after = run.isel(step=run.event_row_after.values[[0, 2]])
+    assert after.v_y.values == pytest.approx([first, second], rel=1e-8)
+    assert after.m.values == pytest.approx([30.0, 10.0], rel=1e-12)
+    assert after.flow.values.tolist() == [1.0, 0.0]
+    assert after.regime.values.tolist() == [1, 2]
