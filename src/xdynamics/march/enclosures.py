@@ -201,9 +201,7 @@ def function(run: Run, row: int, target: int, a: int, b: int, c: int) -> None:
         least = 0.0 if undefined else max(0.0, below(np.sqrt(low)))
         put(run, target, least, above(np.sqrt(high)), UNBOUNDED if undefined else flaw)
     elif row == SIGN:
-        least, most = 1.0 if low > 0.0 else -1.0, -1.0 if high < 0.0 else 1.0
-        if low == 0.0 and high == 0.0:
-            least, most = 0.0, 0.0
+        least, most = np.sign(low), np.sign(high)
         put(run, target, least, most, flaw if least == most else max(flaw, BREAKS))
     elif row == MINIMUM:
         put(run, target, min(low, run.under[b]), min(high, run.over[b]), max(flaw, run.flaws[b]))
@@ -233,8 +231,10 @@ def choose(run: Run, target: int, a: int, b: int, c: int) -> None:
 def compare(run: Run, row: int, target: int, a: int, b: int) -> None:
     """Say whether a comparison holds: 1, 0, or from 0 to 1 where that depends."""
     low, high, from_, to = run.under[a], run.over[a], run.under[b], run.over[b]
-    always, never = 0, 0
-    if row == LESS:
+    always, never = False, False
+    if max(run.flaws[a], run.flaws[b]) == UNBOUNDED:  # what is no number is neither less nor more
+        pass
+    elif row == LESS:
         always, never = high < from_, low >= to
     elif row == AT_MOST:
         always, never = high <= from_, low > to
@@ -271,10 +271,10 @@ def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
         if low < 0.0:
             low, flaw = 0.0, UNBOUNDED
         exponent = run.under[b]
-        low, high = powered(run, low, exponent), powered(run, high, exponent)
+        low, high = powered(run, low, exponent, -ULPS), powered(run, high, exponent, ULPS)
     elif row == TAN:
-        turns = 0.5 + low / pi
-        if high - low >= 3.0 or np.floor(0.5 + high / pi + 1e-9) != np.floor(turns - 1e-9):
+        slack = ULPS * (abs(low) + abs(high) + 1.0)
+        if high - low >= 3.0 or np.floor((high + slack) / pi + 0.5) != np.floor((low - slack) / pi + 0.5):
             put(run, target, -inf, inf, UNBOUNDED)
             return
         low, high = called(run, row, low), called(run, row, high)
@@ -292,11 +292,12 @@ def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
 
 
 @shared
-def powered(run: Run, x: float, exponent: float) -> float:
-    """A power of a number that is not negative."""
-    if x <= 0.0:
-        return 0.0 if exponent > 0.0 else inf
-    return called(run, EXP, exponent * called(run, LOG, x)) if x < inf else inf
+def powered(run: Run, x: float, exponent: float, slack: float) -> float:
+    """A power of a number that is not negative; of its logarithm as much is added as rounding may have taken."""
+    if x <= 0.0 or x == inf:
+        return x
+    logarithm = exponent * called(run, LOG, x)
+    return called(run, EXP, logarithm + slack * abs(logarithm))
 
 
 @shared
@@ -307,7 +308,7 @@ def wave(run: Run, target: int, low: float, high: float, flaw: int, shift: float
         return
     row = SIN if shift > 0.0 else COS
     if run.piece[0].rough:  # one call instead of two
-        middle, half = called(run, row, (low + high) / 2.0), (high - low) / 2.0 + ULPS
+        middle, half = called(run, row, (low + high) / 2.0), (high - low) / 2.0 + ULPS * (abs(low) + abs(high) + 1.0)
         put(run, target, max(-1.0, middle - half), min(1.0, middle + half), flaw)
         return
     one, other = called(run, row, low), called(run, row, high)
@@ -318,7 +319,8 @@ def wave(run: Run, target: int, low: float, high: float, flaw: int, shift: float
         most = 1.0
     if np.floor((last - 1.0) / 2.0) >= np.ceil((first - 1.0) / 2.0):
         least = -1.0
-    put(run, target, max(-1.0, least - ULPS), min(1.0, most + ULPS), flaw)
+    least, most = below(least - ULPS * abs(least)), above(most + ULPS * abs(most))
+    put(run, target, max(-1.0, least), min(1.0, most), flaw)
 
 
 @shared
@@ -337,7 +339,7 @@ def in_plane(run: Run, row: int, target: int, a: int, b: int) -> None:
         w, x = angle(run, low, from_), angle(run, low, to)
         y, z = angle(run, high, from_), angle(run, high, to)
         least, most = least_of(w, x, y, z), most_of(w, x, y, z)
-        put(run, target, least - 8.0 * ULPS, most + 8.0 * ULPS, flaw)
+        put(run, target, below(least - ULPS * abs(least)), above(most + ULPS * abs(most)), flaw)
 
 
 @shared
