@@ -45,6 +45,13 @@ def arm(run: Run, i: int, value: float) -> None:
 
 
 @shared
+def forget(run: Run) -> None:
+    """Have every event armed as it was before a trial that is rejected."""
+    for i in range(run.watches.shape[0]):
+        run.watches[i].armed = run.watches[i].began
+
+
+@shared
 def uncertainty(run: Run, i: int, state: State) -> float:
     """How far rounding, and the error of the step where it is estimated, may have an event function from its value."""
     piece, place = run.piece[0], run.detectors[i].value
@@ -79,7 +86,7 @@ def isolate(run: Run, final: bool) -> bool:
     last = 0
     for i in range(run.watches.shape[0]):
         watch = run.watches[i]
-        watch.zone, watch.hit, watch.forced, watch.broken = -1.0, NONE, 0, SMOOTH
+        watch.zone, watch.hit, watch.forced, watch.broken, watch.began = -1.0, NONE, 0, SMOOTH, watch.armed
         watch.greatest = max(abs(run.g[i]), abs(run.g1[i]))
     grow_branch(run, 0, run.trial[0].h)
     copy(run.y, run.near)

@@ -37,11 +37,11 @@ NOW = _record(
 TRIAL = _record("t h unsound unsound_events", "landing iterations")
 # How to look for each event.
 DETECTOR = _record("tolerance", "direction action to count value slope of_time")
-# What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `ever` whether it
-# did, `seen` how often the event was met; the rest is of the trial at hand: whether it may have a zero there (`alive`), its bounds and those of its slope on
+# What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `began` what it was
+# before the trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the trial at hand: whether it may have a zero there (`alive`), its bounds and those of its slope on
 # the piece looked at, since where it is too small to be told from zero (`zone`), and what was found between which steps.
 WATCH = _record(
-    "low high down up zone clear left right before greatest", "armed ever alive state flaw broken forced hit seen"
+    "low high down up zone clear left right before greatest", "armed began ever alive state flaw broken forced hit seen"
 )
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
 # `rough` asks for less care, `cut` says that substeps were made in a trial that is accepted all the same.

@@ -18,7 +18,7 @@ from xdynamics.march.enclosures import EPS
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events import kind_of, locate
 from xdynamics.march.handle import called, run_at
-from xdynamics.march.isolation import NONE, arm, arrives, isolate, quiet, sign, uncertainty
+from xdynamics.march.isolation import NONE, arm, arrives, forget, isolate, quiet, sign, uncertainty
 from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.log import MOST_SUBSTEPS, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import BEGIN, NONFINITE_OBSERVABLE, SOUND, STOPPED
@@ -117,6 +117,7 @@ def shrink(run: Run, reason: int) -> int:
         if not run.plan[0].adaptive and low > tolerance:
             take(run)
             return SOUND
+        forget(run)
     substep(run, whole)
     trial.t, trial.landing = target, landing
     return reason
@@ -137,6 +138,7 @@ def hand_over(run: Run) -> int:
     trial.t = target if reached else trial.t
     reason = judge_apart(run)
     if reason != SOUND:
+        forget(run)
         return reason
     before = now.rows
     if not note_apart(run, _BEFORE, trial.t, trial.h, run.z):
