@@ -22,7 +22,7 @@ from xdynamics.elementary import FUNCTIONS
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.enclosing import CALLED, COORDINATE, STATE
 from xdynamics.kernels.tables import _found, _slope, _value
-from xdynamics.march.enclosures import BREAKS, SMOOTH, UNBOUNDED, enclose, put
+from xdynamics.march.enclosures import BREAKS, SMOOTH, UNBOUNDED, companion, coordinate, enclose, put
 from xdynamics.march.run import Run
 from xdynamics.march.runner import March
 from xdynamics.march.settings import Settings
@@ -270,6 +270,24 @@ def test_what_is_undefined_is_neither_less_nor_more() -> None:
     run = machine("where(sqrt(x) < 2, 1, 3)")
     assert enclosed(run, (-1.0, 1.0)) == (1.0, 3.0, BREAKS)
     assert enclosed(run, (0.5, 1.0)) == (1.0, 1.0, SMOOTH)
+
+
+@pytest.mark.parametrize("width", [0.01, 0.5, 1.5, 3.1415, 6.2831])
+def test_motion_between_two_states_is_enclosed(width: float) -> None:
+    """Assert that a sine is held between two of its states: a period of a coordinate's, half a one of a first-order state's."""
+    run, random = machine("x"), np.random.default_rng(9)
+    n, used, s = run.plan[0].coordinates, run.plan[0].used, np.linspace(0, width, 300)
+    run.piece[0].start, run.piece[0].end, run.piece[0].width = 0.0, width, width
+    for phase in (0.0, math.pi / 2, *random.uniform(0, 2 * math.pi, 100)):
+        q, v, a = np.sin(s + phase), np.cos(s + phase), -np.sin(s + phase)
+        for state, k in ((run.y, 0), (run.z, -1)):
+            state[[0, n, used, 2 * n, used + n]] = q[k], v[k], a[k], q[k], v[k]
+        rows = [(coordinate, order, values) for order, values in enumerate((q, v, a))]
+        rows += [(companion, order, values) for order, values in enumerate((q, v))] if width < math.pi else []
+        for row, order, values in rows:
+            plain(row)(run, run.y, run.z, 0, 0, order)
+            assert run.under[0] <= values.min(), (row, order, phase)
+            assert values.max() <= run.over[0], (row, order, phase)
 
 
 SAME = """

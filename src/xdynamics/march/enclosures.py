@@ -37,6 +37,8 @@ State = NDArray[Any]
 EPS, LEAST, MOST = 2.220446049250313e-16, 5e-324, 1.7976931348623157e308
 ROUNDED = 4.0 * EPS  # of a state, relative
 ULPS = 4.0 * EPS  # of an elementary function
+# how far a rate is from the straight line, by what odd and even say of it, if it is half a wave (pi/2, 1/9.5) or less of one
+ARCHED, BENT = 1.571, 0.1053
 SMOOTH, BREAKS, UNBOUNDED = 0, 1, 2  # whether a value may jump there, or be infinite or none at all
 ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATIVE, SQRT, ABS, MINIMUM, MAXIMUM, SIGN = (OPERATION[name] for name in ARITHMETIC)
 CHOOSE, HYPOT, ATAN2, POWER = (OPERATION[name] for name in ("choose", "hypot", "atan2", "power"))
@@ -158,8 +160,9 @@ def coordinate(run: Run, y: State, z: State, target: int, i: int, order: int) ->
     elif order == 1:
         b1, b2 = v0 + w * a0 / 3.0, v1 - w * a1 / 3.0
         low, high = least_of(v0, b1, b2, v1), most_of(v0, b1, b2, v1)
-        steepest = w * max(abs(a0), abs(a1))
-        off = min(4.0 * off / w, steepest) if w > 0.0 else 0.0
+        off = 4.0 * off / w if w > 0.0 else 0.0
+        if odd <= 4.0 * ROUNDED * (size + w * max(abs(v0), abs(v1))):  # rounding alone, which a short w makes large
+            off = min(off, w * max(abs(a0), abs(a1)))
         off = off + ROUNDED * max(abs(v0), abs(v1)) + run.piece[0].wide * abs(run.located_e[n + i])
     else:
         low, high = min(a0, a1), max(a0, a1)
@@ -181,7 +184,7 @@ def companion(run: Run, y: State, z: State, target: int, i: int, order: int) -> 
         off = off + ROUNDED * max(abs(x0), abs(x1)) + run.piece[0].wide * abs(run.located_e[2 * n + i])
     else:
         low, high = min(r0, r1), max(r0, r1)
-        off = (4.0 * off + odd) / w if w > 0.0 else 0.0
+        off = (ARCHED * odd + BENT * even) / w if w > 0.0 else 0.0
         off = off + ROUNDED * max(abs(r0), abs(r1))
     put(run, target, below(low - off), above(high + off), SMOOTH)
 
