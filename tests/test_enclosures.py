@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import ival
@@ -288,6 +289,69 @@ def test_motion_between_two_states_is_enclosed(width: float) -> None:
             plain(row)(run, run.y, run.z, 0, 0, order)
             assert run.under[0] <= values.min(), (row, order, phase)
             assert values.max() <= run.over[0], (row, order, phase)
+
+
+BETWEEN = """
+import sys
+import numpy as np
+import xdynamics as xd
+from problems import MODELS, coupled_springs
+from xdynamics.march import enclosures, loop, proposing
+from xdynamics.march.run import ARRAYS
+
+KEPT = [name for name in ARRAYS if not name.startswith("log_") and name not in ("law", "functions", "base")]
+
+def accept(run, old=loop.accept):
+    n, used, t, h = run.plan[0].coordinates, run.plan[0].used, run.now[0].t, run.trial[0].h
+    before = {name: getattr(run, name).copy() for name in KEPT}
+    cuts = np.concatenate([[0.0], np.sort(random.uniform(0, h, 50)), [h]])
+    states = [run.y.copy()]
+    for s in cuts[1:]:
+        proposing.propose(run, t + s, s)
+        states.append(run.z.copy())
+        for name, array in before.items():
+            getattr(run, name)[...] = array
+    states = np.array(states)
+    for first, last in ((0, 51), (0, 26), (12, 40), (30, 34)):
+        run.piece[0].start, run.piece[0].end, run.piece[0].width = t + cuts[first], t + cuts[last], cuts[last] - cuts[first]
+        here = states[first : last + 1]
+        asked = [(enclosures.coordinate, i, order, place) for i in range(n) for order, place in enumerate((i, n + i, used + i))]
+        asked += [(enclosures.companion, i, order, place) for i in range(used - 2 * n) for order, place in enumerate((2 * n + i, used + n + i))]
+        for row, i, order, place in asked:
+            row(run, here[0], here[-1], 0, i, order)
+            count[0] += 1
+            if not run.under[0] <= here[:, place].min() <= here[:, place].max() <= run.over[0]:
+                print("lost", method, model.name, t, h, row.__name__, i, order, first, last)
+    for name, array in before.items():
+        getattr(run, name)[...] = array
+    old(run)
+
+loop.accept, random, count = accept, np.random.default_rng(3), [0]
+for model, until in ((coupled_springs().model, 1.0), (xd.Model.from_toml(MODELS / "kepler.toml"), 1.5), (xd.Model.from_toml(MODELS / "double_pendulum.toml"), 0.5)):
+    import tomllib
+    statement = tomllib.loads(model.to_toml())
+    model = xd.Model(**statement | {"events": {"e": {"function": "t - 1e3*second"}}})
+    for method, one in xd.METHODS.items():
+        if one.order < 4 or (model.name == "Double pendulum" and not one.estimate):
+            continue
+        asked = {} if one.estimate else {"estimator": "step_doubling"}
+        try:
+            xd.simulate(model, method=method, rtol=1e-4, until=until, **asked)
+        except xd.InputError as error:
+            if "refuses" not in str(error):
+                raise
+print(count[0])
+"""
+
+
+def test_shortened_steps_are_enclosed() -> None:
+    """Assert of every method of order 4 or more that states of shortened steps lie in the intervals between two of them."""
+    paths = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    plainly = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths}
+    told = subprocess.run([sys.executable, "-W", "ignore", "-c", BETWEEN], env=plainly, capture_output=True, text=True, check=True).stdout  # fmt: skip
+    *lost, count = told.splitlines()
+    assert lost == []
+    assert int(count) > 1000
 
 
 SAME = """

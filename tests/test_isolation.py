@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,11 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.schema import CLUSTER, CROSSING, EVENT_KINDS, JUMP, POLE, TOUCH
+from problems import MODELS
+from xdynamics.schema import CLUSTER, CROSSING, EVENT_KINDS, JUMP, POLE, REASON_ERROR, TOUCH
 
 T = "t/(1*second)"
-EXPLICIT = [name for name, one in xd.METHODS.items() if one.order >= 4 and not one.implicit]
+ACCURATE = [name for name, one in xd.METHODS.items() if one.order >= 4]
 
 
 def clock(function: str, *, direction: str = "either", action: str = "record", start: float = 0.0, until: float = 1.0, **asked: Any) -> xr.Dataset:  # fmt: skip
@@ -75,3 +77,81 @@ def test_classes_of_events(name: str, asked: dict[str, Any]) -> None:
     assert {EVENT_KINDS[one] for one in found.event_kind.values} <= {EVENT_KINDS[kind]}
     off, doubt = np.abs(found.event_time.values - times), found.event_time_uncertainty.values
     assert (off <= doubt + 4e-16 * np.abs(times)).all()
+
+
+def corner(first: float, second: float, *, speed: float = 1.0, **asked: Any) -> xr.Dataset:
+    """A particle that flies into a corner of two walls."""
+    model = xd.Model(
+        name="corner", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg"}, mass={"x": "m", "y": "m"}, forces={},
+        initial={"x": "0 m", "v_x": f"{speed!r} m s-1", "y": "0 m", "v_y": f"{speed!r} m s-1"},
+        events={"one": {"function": f"x - {first!r}*metre"}, "other": {"function": f"y - {second!r}*metre"}},
+    )  # fmt: skip
+    return xd.simulate(model, until=1.0, **asked)
+
+
+KINDS_OF_STEP: list[dict[str, Any]] = [{"method": "rk4", "step": 0.1}, {"method": "rk4", "step": 0.37}, {"method": "dop853", "rtol": 1e-6}]  # fmt: skip
+
+
+@pytest.mark.parametrize("asked", KINDS_OF_STEP, ids=["rk4", "long", "adaptive"])
+@pytest.mark.parametrize("apart", [0.0, 1e-13, -1e-13])
+def test_two_walls_at_once(apart: float, asked: dict[str, Any]) -> None:
+    """Assert that walls reached within the time tolerance are one group in declared order, whichever is nearer."""
+    run = corner(0.553, 0.553 + apart, **asked)
+    assert run.event_detector.values.tolist() == [0, 1]
+    assert len(set(run.event_row_before.values)) == 1
+    assert run.event_time.values == pytest.approx([0.553, 0.553], abs=1.1e-12)
+
+
+@pytest.mark.parametrize("asked", KINDS_OF_STEP, ids=["rk4", "long", "adaptive"])
+def test_thin_slab_at_high_speed(asked: dict[str, Any]) -> None:
+    """Assert that two walls a micrometre apart are both met at 10 km/s, one after the other."""
+    run = corner(5003.300001, 5003.3, speed=1e4, **asked)
+    assert run.event_detector.values.tolist() == [1, 0]
+    assert run.event_time.values == pytest.approx([0.50033, 0.5003300001], rel=1e-14)
+
+
+@pytest.mark.parametrize("unit", ["nm", "m", "Gm"])
+def test_events_at_any_scale(unit: str) -> None:
+    """Assert that the same motion in other lengths has the same events at the same times, to rounding."""
+    functions = {"near": "x - c", "wave": "sin(x/A) - 0.3", "product": "x*v_x", "angle": "atan2(x, c)"}
+    model = xd.Model(
+        name="scale", coordinates={"x": unit}, parameters={"m": "1 kg", "k": "4 N m-1", "c": f"0.999 {unit}", "A": f"1 {unit}"},
+        mass={"x": "m"}, forces={"spring": {"x": "-k*x"}}, initial={"x": f"1 {unit}", "v_x": f"0 {unit} s-1"},
+        events={name: {"function": one} for name, one in functions.items()},
+    )  # fmt: skip
+    run = xd.simulate(model, method="dop853", rtol=1e-9, until=10.0)
+    counts = [int((run.event_detector.values == i).sum()) for i in range(4)]
+    assert counts == [7, 6, 12, 6]
+    times = run.event_time.values[run.event_detector.values == 3]
+    assert times == pytest.approx(math.pi / 4 + math.pi / 2 * np.arange(6), abs=1e-8)
+
+
+def swinging(*levels: float, **asked: Any) -> xr.Dataset:
+    """The oscillator cos 2t, watched at some levels."""
+    statement = tomllib.loads((MODELS / "harmonic_oscillator.toml").read_text(encoding="utf-8"))
+    statement |= {"events": {f"e{i}": {"function": f"x - {one!r}*metre"} for i, one in enumerate(levels)}}
+    return xd.simulate(xd.Model(**statement), **asked)
+
+
+@pytest.mark.parametrize("asked", [{"rtol": 1e-6}, {"step": 0.05}], ids=["adaptive", "fixed"])
+@pytest.mark.parametrize("method", ACCURATE)
+def test_crossings_near_the_crest(method: str, asked: dict[str, Any]) -> None:
+    """Assert that the oscillator crosses levels right below its crest 80 times in 40 periods, each where it does."""
+    doubled = {"estimator": "step_doubling"} if "rtol" in asked and not xd.METHODS[method].estimate else {}
+    levels = (0.97, 0.99, 0.999)
+    run = swinging(*levels, method=method, until=40 * math.pi, **asked, **doubled)
+    for i, level in enumerate(levels):
+        mine = run.event_detector.values == i
+        half, turns = math.acos(level) / 2, np.arange(40) * math.pi
+        assert run.event_time.values[mine] == pytest.approx(np.ravel([turns + half, turns + math.pi - half], "F"), abs=2e-3)  # fmt: skip
+        assert run.event_direction.values[mine].tolist() == [-1, 1] * 40
+
+
+def test_event_inside_a_rejected_trial() -> None:
+    """Assert that an event in a trial that the error test rejects is found in the steps behind it, once."""
+    run = swinging(0.2, method="dop853", rtol=1e-9, step=3.0, until=3.0)
+    failed = run.trial_reason.values == REASON_ERROR
+    reach = (run.trial_time + run.trial_step_size).values[failed].max()
+    times = [math.acos(0.2) / 2, math.pi - math.acos(0.2) / 2]
+    assert reach > times[-1]
+    assert run.event_time.values == pytest.approx(times, abs=1e-8)

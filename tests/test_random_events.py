@@ -112,6 +112,43 @@ def test_random_functions_of_time(asked: dict[str, Any]) -> None:
     assert faults([case(random) for _ in range(TOGETHER * 3)], **asked)[0] == []
 
 
+def levels(random: np.random.Generator) -> tuple[float, float, float, float]:
+    """An event function (x - c)*(a*x + b*v - d) of an oscillator: its coefficients, c often right below the crest."""
+    c = 1 - 10.0 ** random.uniform(-6, -1) if random.integers(2) else random.uniform(-1, 1)
+    a, b, d = random.uniform(-1, 1, 3).tolist()
+    return float(c), a, b, d
+
+
+def surprises(coefficients: list[tuple[float, float, float, float]], step: float) -> list[str]:
+    """March an oscillator by rk4, whose steps are Taylor polynomials: compare the roots of those with the events."""
+    model = xd.Model(
+        name="swing", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"}, forces={"spring": {"x": "-k*x"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+        events={f"e{i}": {"function": f"(x - {c!r}*metre)*({a!r}*x + {b!r}*v_x*second - {d!r}*metre)"} for i, (c, a, b, d) in enumerate(coefficients)},
+    )  # fmt: skip
+    run, found = xd.simulate(model, method="rk4", step=step, until=12.0), []
+    events = set(zip(run.event_row_before.values.tolist(), run.event_detector.values.tolist(), strict=True))
+    for row, (x, v, h) in enumerate(zip(run.x.values, run.v_x.values, run.step_size.values[1:], strict=False), 1):
+        place = np.polynomial.Polynomial([x, v, -4 * x / 2, -4 * v / 6, 16 * x / 24])
+        speed = np.polynomial.Polynomial([v, -4 * x, -4 * v / 2, 16 * x / 6, 16 * v / 24])
+        for i, (c, a, b, d) in enumerate(coefficients if h else ()):
+            roots = np.concatenate([(place - c).roots(), (a * place + b * speed - d).roots()])
+            roots = roots[np.abs(roots.imag) < 1e-9].real
+            inside = roots[(roots > 1e-8) & (roots < h - 1e-8)]
+            at_end = (np.abs(roots - h) < 1e-7).any()
+            crossed = [root for root in inside if ((place - c) * (a * place + b * speed - d)).deriv()(root) != 0]
+            if crossed or ((row, i) in events) > at_end:
+                found.append(f"row {row}, event {i}: roots {crossed}, ends at one: {at_end}, {coefficients[i]}")
+    return found
+
+
+@pytest.mark.parametrize("step", [0.05, 0.3, 0.7])
+def test_random_functions_of_the_state(step: float) -> None:
+    """Assert that between two rows no event function has a root, and that each event is at one."""
+    random = np.random.default_rng(12)
+    assert surprises([levels(random) for _ in range(12)], step) == []
+
+
 def test_a_rejected_trial_leaves_no_trace() -> None:
     """Assert that what a trial behind which the model ends showed of an event is not taken for its past."""
     found = xd.simulate(

@@ -54,8 +54,8 @@ def settle(run: Run, first: float) -> None:
 def join(run: Run, i: int) -> None:
     """Have the trial end behind an event too that follows the first within its time tolerance."""
     before = run.located[0].h
-    s = before + resolution(run, i, before)
-    if run.watches[i].left > s or s > run.watches[i].right:
+    s = min(before + resolution(run, i, before), run.watches[i].right)
+    if not max(before, run.watches[i].left) < s:
         return
     substep(run, s)
     if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)):
