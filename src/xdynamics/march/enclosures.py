@@ -252,7 +252,7 @@ def compare(run: Run, row: int, target: int, a: int, b: int) -> None:
 
 
 @shared
-def called(run: Run, row: int, x: float) -> float:
+def computed(run: Run, row: int, x: float) -> float:
     """The portable function itself."""
     return applied(run.functions[row - SIN], x)
 
@@ -269,7 +269,7 @@ def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
         return
     if row == COSH:
         least = 0.0 if low < 0.0 < high else min(abs(low), abs(high))
-        low, high = called(run, row, least), called(run, row, max(abs(low), abs(high)))
+        low, high = computed(run, row, least), computed(run, row, max(abs(low), abs(high)))
     elif row == POWER:
         if low < 0.0:
             low, flaw = 0.0, UNBOUNDED
@@ -280,7 +280,7 @@ def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
         if high - low >= 3.0 or np.floor((high + slack) / pi + 0.5) != np.floor((low - slack) / pi + 0.5):
             put(run, target, -inf, inf, UNBOUNDED)
             return
-        low, high = called(run, row, low), called(run, row, high)
+        low, high = computed(run, row, low), computed(run, row, high)
     else:
         if row == LOG and low <= 0.0:
             low, flaw = 0.0, UNBOUNDED
@@ -288,7 +288,7 @@ def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
             if low < -1.0 or high > 1.0:
                 flaw = UNBOUNDED
             low, high = min(1.0, max(-1.0, low)), min(1.0, max(-1.0, high))
-        low, high = called(run, row, low), called(run, row, high)
+        low, high = computed(run, row, low), computed(run, row, high)
     if low > high:
         low, high = high, low
     put(run, target, below(low - ULPS * abs(low)), above(high + ULPS * abs(high)), flaw)
@@ -299,8 +299,8 @@ def powered(run: Run, x: float, exponent: float, slack: float) -> float:
     """A power of a number that is not negative; of its logarithm as much is added as rounding may have taken."""
     if x <= 0.0 or x == inf:
         return x
-    logarithm = exponent * called(run, LOG, x)
-    return called(run, EXP, logarithm + slack * abs(logarithm))
+    logarithm = exponent * computed(run, LOG, x)
+    return computed(run, EXP, logarithm + slack * abs(logarithm))
 
 
 @shared
@@ -311,10 +311,10 @@ def wave(run: Run, target: int, low: float, high: float, flaw: int, shift: float
         return
     row = SIN if shift > 0.0 else COS
     if run.piece[0].rough:  # one call instead of two
-        middle, half = called(run, row, (low + high) / 2.0), (high - low) / 2.0 + ULPS * (abs(low) + abs(high) + 1.0)
+        middle, half = computed(run, row, (low + high) / 2.0), (high - low) / 2.0 + ULPS * (abs(low) + abs(high) + 1.0)
         put(run, target, max(-1.0, middle - half), min(1.0, middle + half), flaw)
         return
-    one, other = called(run, row, low), called(run, row, high)
+    one, other = computed(run, row, low), computed(run, row, high)
     least, most = min(one, other), max(one, other)
     slack = ULPS * (abs(low) + abs(high) + 1.0)
     first, last = (low - slack) / pi - shift, (high + slack) / pi - shift  # crests at even, troughs at odd numbers
@@ -356,9 +356,9 @@ def length(x: float, y: float) -> float:
 def angle(run: Run, y: float, x: float) -> float:
     """The angle of a vector that is not the origin."""
     if abs(x) >= abs(y):
-        turned = called(run, ATAN, y / x)
+        turned = computed(run, ATAN, y / x)
         return turned if x > 0.0 else (turned + pi if y >= 0.0 else turned - pi)
-    turned = called(run, ATAN, x / y)
+    turned = computed(run, ATAN, x / y)
     return pi / 2.0 - turned if y > 0.0 else -pi / 2.0 - turned
 
 

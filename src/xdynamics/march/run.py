@@ -37,9 +37,10 @@ NOW = _record(
 TRIAL = _record("t h unsound unsound_events", "landing iterations")
 # How to look for each event.
 DETECTOR = _record("tolerance", "direction action to count value slope of_time")
-# What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `began` what it was
-# before the trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the trial at hand: whether it may have a zero there (`alive`), its bounds and those of its slope on
-# the piece looked at, since where it is too small to be told from zero (`zone`), and what was found between which steps.
+# What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `began` what
+# it was before the trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the trial at
+# hand: whether it may have a zero there (`alive`), its bounds and those of its slope on the piece looked at, since where it
+# is too small to be told from zero (`zone`), and what was found between which steps.
 WATCH = _record(
     "low high down up zone clear left right before greatest", "armed began ever alive state flaw broken forced hit seen"
 )
