@@ -129,6 +129,8 @@ def _kind_of_file() -> type[netCDF4.Dataset]:
             return name.decode(encoding) if encoding else os.fsdecode(name)
 
         def close(self) -> memoryview:
+            if not self.isopen():
+                return memoryview(b"")
             try:
                 closed = super().close()
             except Exception:

@@ -49,6 +49,7 @@ class Openings:
                 with suppress(RuntimeError):
                     file.close()
             if _is_held(inode):
+                self._by_inode[inode] = before  # `closed` forgot it: whoever tries again is refused again
                 raise ArchiveError(
                     f"'{path}' was overwritten while this process had it open, and the netCDF library would mix what it"
                     " was with what it is: copy it to another name, or read it in a new process"
