@@ -317,8 +317,9 @@ def test_what_was_left_is_closed_before_the_next(archived: Path, monkeypatch: py
     assert not two.isopen()
     collected = []
     monkeypatch.setattr(library.gc, "collect", lambda: collected.append(1))
-    with pytest.raises(NotADirectoryError):
-        library.file_at(archived / "nowhere")
+    (odd := archived.with_name("odd.nc")).write_bytes(b"no archive")
+    with pytest.raises(OSError, match="Unknown file format"):
+        library.file_at(odd)
     assert collected
 
 
