@@ -244,3 +244,11 @@ def test_bytes_that_are_known_are_read_here(tmp_path: Path, monkeypatch: pytest.
     path.write_bytes(content)
     with pytest.raises(xd.ArchiveError, match="the libraries break off"):
         xd.open_run(path)
+
+
+def test_a_long_run_takes_no_more_memory_to_read(tmp_path: Path) -> None:
+    """Assert that an archive of 43 MB is read in 20 MB: the library keeps no chunk of what was read."""
+    run = xd.simulate(oscillator().model, step=1e-5, until=4.0, force_samples="none")
+    path = xd.save(run, tmp_path / "long.nc")
+    assert path.stat().st_size > 40_000_000
+    assert examiner._EXAMINER.examine(path, tail_of(path), memory=20_000_000).faults == ()

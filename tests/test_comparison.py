@@ -65,3 +65,24 @@ def test_a_rerun_says_how_far_it_is() -> None:
         assert table.attrs["identical"] == 0
         assert table.attrs["arithmetic"].startswith(words)
     assert reproduced(kept, kept.copy(deep=True)).attrs["arithmetic"] == ""
+
+
+ODD = {
+    "times of whole seconds": lambda run: run.assign_coords(time=run.time.astype("M8[s]", keep_attrs=True)),
+    "one time": lambda run: run.drop_vars("time").assign_coords(time=1.0),
+    "fewer times": lambda run: run.drop_vars("time").assign_coords(time=("q", np.arange(5.0), run.time.attrs)),
+    "kinds along another dimension": lambda run: run.drop_vars("row_kind").assign(row_kind=("q", np.zeros(500, "i1"), run.row_kind.attrs)),
+    "a text for a state": lambda run: run.assign(x=("step", np.array(["a"] * run.sizes["step"], object), run.x.attrs)),
+    "a plane of states": lambda run: run.assign(x=(("step", "bound"), np.zeros((run.sizes["step"], 2)), run.x.attrs)),
+    "no units": lambda run: run.assign(x=("step", run.x.values, {"role": "coordinate", "long_name": "x"})),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", ODD)
+def test_an_edited_record_is_one_error(what: str) -> None:
+    """Assert that a record which was edited to be none is refused on either side."""
+    run = xd.simulate(oscillator().model, step=0.1, until=1.0)
+    odd = ODD[what](run)
+    for pair in ((run, odd), (odd, run), (odd, odd)):
+        with pytest.raises(xd.InputError, match="no run record"):
+            xd.compare(*pair)

@@ -77,3 +77,12 @@ def test_what_is_no_run_is_not_drawn() -> None:
     """Assert that a figure needs recorded times."""
     with pytest.raises(xd.InputError, match="plot needs a run record"):
         xd.plot(xr.Dataset())
+
+
+def test_events_of_rows_that_are_left_out_are_not_marked() -> None:
+    """Assert that a part of a run is drawn, though its events name rows of the whole."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"), step="0.1 s", until="5 s")
+    assert xd.plot(run).axes[0].texts
+    assert not xd.plot(run.isel(step=slice(3))).axes[0].texts
+    with pytest.raises(xd.InputError, match="variable 'event_detector' has the value 99"):
+        xd.plot(run.assign(event_detector=run.event_detector * 0 + 99))

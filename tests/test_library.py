@@ -317,11 +317,45 @@ def test_what_was_left_is_closed_before_the_next(archived: Path, monkeypatch: py
     assert not two.isopen()
     collected = []
     monkeypatch.setattr(library.gc, "collect", lambda: collected.append(1))
-    with pytest.raises(NotADirectoryError):
-        library.file_at(archived / "nowhere")
+    (odd := archived.with_name("odd.nc")).write_bytes(b"no archive")
+    with pytest.raises(OSError, match="Unknown file format"):
+        library.file_at(odd)
     assert collected
 
 
 def test_an_error_without_words_is_told_by_its_name() -> None:
     """Assert what is said of a file that could not be read."""
     assert [library.words_of(one) for one in (OSError("odd"), MemoryError())] == ["odd", "MemoryError"]
+
+
+def two_of_a_size(folder: Path) -> tuple[Path, Path]:
+    """Save two runs of as many rows, whose files are of one size."""
+    model = oscillator().model
+    made = [xd.simulate(model, step=step, until=10 * step, force_samples="none") for step in (0.125, 0.25)]
+    return xd.save(made[0], folder / "one.nc"), xd.save(made[1], folder / "two.nc")
+
+
+def test_what_is_overwritten_while_it_is_open_is_told(tmp_path: Path) -> None:
+    """Assert that a run gives no number of the archive that was copied over its own, and that one is opened as it is."""
+    one, two = two_of_a_size(tmp_path)
+    run, after = xd.open_run(one), xd.content_digest(xd.open_run(two))
+    run.x.values  # noqa: B018 - now its file is open
+    one.write_bytes(two.read_bytes())
+    with pytest.raises(xd.ArchiveError, match="was overwritten while it was open"):
+        run.v_x.load()
+    assert xd.verify(one) == after
+    assert xd.content_digest(xd.open_run(one)) == after
+    with pytest.raises(xd.ArchiveError, match="another file than the one that was opened"):
+        run.a_x.load()
+
+
+def test_what_is_kept_open_is_not_mixed(tmp_path: Path) -> None:
+    """Assert that an archive copied over one that the library still has open is refused, not read with its structure."""
+    one, two = two_of_a_size(tmp_path)
+    run = xd.open_run(one)
+    with one.open("rb"):  # as of a damaged file, which the library does not close
+        one.write_bytes(two.read_bytes())
+        with pytest.raises(xd.ArchiveError, match="was overwritten while this process had it open"):
+            xd.open_run(one)
+    run.close()
+    assert xd.content_digest(xd.open_run(one)) == xd.verify(two)

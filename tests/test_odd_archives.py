@@ -217,6 +217,8 @@ def test_texts_are_utf_8(swing: Path, tmp_path: Path) -> None:
         text.setncattr("sha256", stored_digest(text))
     with pytest.raises(xd.ArchiveError, match="'model_toml' is no text in UTF-8"):
         xd.verify(path)
+    with pytest.raises(xd.ArchiveError, match="variable 'model_toml' of .* is no text in UTF-8: .* at 3"):
+        xd.open_run(path, check=False).load()
 
 
 def test_no_archive_says_where_it_came_from(swing: Path, tmp_path: Path) -> None:

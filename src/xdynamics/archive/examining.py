@@ -21,12 +21,16 @@ from xdynamics.archive.seals import Tail
 
 PATIENCE = 60.0  # s without a request, after which the process ends
 READY = "ready"
+# bytes of chunks kept of each variable, which is read once and in order: the library's own 64 MiB, kept until the file
+# is closed, would make the memory needed that of the file
+CACHE = 1_000_000
 
 
 def main() -> None:
     """Answer requests until nobody asks any more."""
-    import netCDF4  # noqa: F401 - once, for every process that is forked
+    import netCDF4  # once, for every process that is forked
 
+    netCDF4.set_chunk_cache(size=CACHE)
     _answer(READY)
     while select.select([sys.stdin], [], [], PATIENCE)[0]:
         line = sys.stdin.readline()

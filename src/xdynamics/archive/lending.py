@@ -47,7 +47,7 @@ class Lent:
     def acquire(self, needs_lock: bool = True) -> netCDF4.Dataset:  # noqa: ARG002, FBT001, FBT002 - xarray's signature
         """Return the open file."""
         file = _open.get(id(self))
-        if file is None:
+        if file is None or not file.isopen():  # closed where the file was overwritten and opened anew
             file = _open[id(self)] = self._reopened()
             while len(_open) > MOST_OPEN:
                 _open.popitem(last=False)[1].close()
@@ -65,6 +65,22 @@ class Lent:
         file = _open.pop(id(self), None)
         if file is not None:
             file.close()
+
+    def check_unchanged(self) -> None:
+        """Refuse what was read of a file that was overwritten while it was open.
+
+        Raises
+        ------
+        ArchiveError
+            If it was. Another file under its name does no harm: what is open is still the one that it was.
+        """
+        try:
+            _, inode, *now = identity_of(self.path)
+        except OSError:  # removed, and readable as long as it is open
+            return
+        _, own, *then = self.identity
+        if inode == own and now != then:
+            raise ArchiveError(f"'{self.path}' was overwritten while it was open; open it again")
 
     def _reopened(self) -> netCDF4.Dataset:
         file = file_at(self.path)

@@ -16,6 +16,8 @@ from functools import lru_cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 
+from xdynamics.archive.openings import openings
+
 if TYPE_CHECKING:
     import netCDF4
 
@@ -102,14 +104,23 @@ def file_at(path: Path, mode: Literal["r", "w"] = "r") -> netCDF4.Dataset:
 
     The library takes texts, and a file's name is bytes: in Latin-1 every name is a text, and comes out as it went in.
     It also skips blanks at the beginning of a name, which an absolute one has not.
+
+    Raises
+    ------
+    ArchiveError
+        If the library still has the file open as it was before it was overwritten.
     """
     close_left()
     name = os.fsencode(path.absolute()).decode("latin-1")
+    opening = openings.of(path) if mode == "r" else None
     try:
-        return _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
+        file = _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
     except BaseException:
         gc.collect()  # a file that was opened half is closed now, under the lock, not by whatever thread collects later
         raise
+    if opening:
+        opening.files.add(file)
+    return file
 
 
 @lru_cache
@@ -124,13 +135,17 @@ def _kind_of_file() -> type[netCDF4.Dataset]:
             return name.decode(encoding) if encoding else os.fsdecode(name)
 
         def close(self) -> memoryview:
+            if not self.isopen():
+                return memoryview(b"")
             try:
-                return super().close()
+                closed = super().close()
             except Exception:
                 # netCDF-C may have freed half of it: the finaliser, which closes what says that it is open, would use
                 # what is free. A plain assignment would write an attribute into the file.
                 netCDF4.Dataset.__dict__["_isopen"].__set__(self, 0)
                 raise
+            openings.closed(self)
+            return closed
 
     return File
 

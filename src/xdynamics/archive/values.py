@@ -39,6 +39,22 @@ class Values(BackendArray):
         variable.set_auto_maskandscale(False)
         variable.set_auto_chartostring(False)
         try:
-            return variable[key]
+            values = variable[key]
         except (OSError, RuntimeError) as error:  # a damaged file that was opened unchecked, or a disk that went
             raise ArchiveError(f"variable '{self.name}' of '{self.lent.path}' cannot be read: {error}") from None
+        finally:
+            self.lent.check_unchanged()
+        if self.dtype == "S1":
+            self._check_text(values)
+        return values
+
+    def _check_text(self, letters: Any) -> None:
+        """Refuse bytes that xarray, which decodes a row of them at a time, could make no text of."""
+        width = letters.shape[-1] if letters.ndim else 1
+        for row in letters.reshape(-1, width or 1):
+            try:
+                row.tobytes().decode()
+            except UnicodeDecodeError as error:
+                raise ArchiveError(
+                    f"variable '{self.name}' of '{self.lent.path}' is no text in UTF-8: {error.reason} at {error.start}"
+                ) from None

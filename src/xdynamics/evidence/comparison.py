@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, escaped
-from xdynamics.record import own_attributes, plain
+from xdynamics.record import check, own_attributes, plain
 from xdynamics.schema import COUNTS, EVENT_AFTER, ORIGIN, ROOT_DIGEST, SELECTION_OF, STEPS, VOLATILE
 
 SLAB = 1_000_000
@@ -140,6 +140,11 @@ def compare(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     for one in (first, second):
         if "time" not in one.variables or "row_kind" not in one.variables:
             raise InputError("compare needs two run records; one has no 'time' along 'step'")
+        check(one, whole=False, values=False)
+        if any(one[name].dims != (STEPS,) for name in ("time", "row_kind")):  # of derived data these may be anything
+            raise InputError(
+                f"compare needs 'time' and 'row_kind' along '{STEPS}', and they are along {one['time'].dims} and {one['row_kind'].dims}"
+            )
     times, here, there = _common(first, second)
     result = bitwise(first, second)
     result["common_time"] = ("common", times, {"units": "s", "long_name": "time that both runs have"})
@@ -243,7 +248,11 @@ def _last_of_pairs(run: xr.Dataset) -> NDArray[Any]:
 
 
 def _shared(first: xr.Dataset, second: xr.Dataset) -> list[Hashable]:
-    return [name for name in first.data_vars if name in second.data_vars and first[name].dims == (STEPS,)]
+    return [
+        name
+        for name, one in first.data_vars.items()
+        if name in second.data_vars and one.dims == second[name].dims == (STEPS,)
+    ]
 
 
 def _bits(values: NDArray[Any]) -> bytes:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.target import check_target, taking_name
 from xdynamics.faults import ArchiveError, InputError, escaped
+from xdynamics.record import check
 from xdynamics.record.kinds import is_whole
 from xdynamics.schema import STEPS, velocity
 from xdynamics.summary import event_names
@@ -58,6 +59,7 @@ def plot(run: xr.Dataset, path: str | Path | None = None) -> Figure:
         _check_path(Path(path))
     if "time" not in run.variables or run["time"].dims != (STEPS,) or not run["time"].size:
         raise InputError("plot needs a run record with 'time' along 'step'")
+    check(run, whole=False, values=False)
     panels = list(_panels(run))
     if not panels:
         raise InputError(
@@ -151,9 +153,13 @@ def _mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Mark every event on the first line, and name each kind once."""
     if not run.sizes.get("event", 0) or not is_whole(run.attrs):
         return  # of a selection, the rows that events name are those of the run
+    if not {"event_detector", "event_row_before", "event_time"} <= set(run.variables):
+        return
+    rows, every = run["event_row_before"].values, run["time"].values
+    if not np.array_equal(every[np.clip(rows, 0, every.size - 1)], run["event_time"].values):
+        return  # rows were left out since
     detectors = event_names(run)
-    rows = run["event_row_before"].values
-    time, values = run["time"].values[rows], run[names[0]].values[rows]
+    time, values = every[rows], run[names[0]].values[rows]
     labels: dict[int, list[str]] = {}  # by the row at which a kind is met first: what is met at once is named at once
     for n, detector in enumerate(dict.fromkeys(detectors)):
         chosen = np.array([one == detector for one in detectors])
@@ -208,7 +214,8 @@ def _steps(run: xr.Dataset, axes: Axes) -> None:
     rows = taken[thinned(size[taken])] if len(taken) else taken
     axes.plot(time[rows], size[rows], ".", color=_COLOURS[5], markersize=2.5, label="accepted")
     about = run["trial_reason"].attrs
-    failed = np.atleast_1d(about["flag_values"])[np.array(about["flag_meanings"].split()) == "error_test"]
+    words = np.array(about["flag_meanings"].split()) if about["role"] == "flag" else np.zeros(0, "U")
+    failed = np.atleast_1d(about["flag_values"])[words == "error_test"] if words.size else words
     chosen = np.flatnonzero(np.isin(run["trial_reason"].values, failed))
     if len(chosen):
         chosen = chosen[thinned(run["trial_step_size"].values[chosen])]

@@ -8,66 +8,45 @@ Cloud, Introduction to Interval Analysis, 2009). The rows that say what to compu
 
 from __future__ import annotations
 
-from math import inf, pi
+from math import inf
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels import enclosing
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.enclosing import (  # fmt: skip
-    ARITHMETIC,
-    COMPARED,
     CONSTANT,
     COORDINATE,
     NUMBER,
-    OPERATION,
     SLOPE,
     STATE,
     TIME,
     VALUE,
 )
 from xdynamics.kernels.tables import find_piece
-from xdynamics.march.handle import applied, floats_at, run_at
+from xdynamics.march.handle import floats_at, run_at
+from xdynamics.march.intervals import (
+    BREAKS,
+    DIVIDE,
+    EPS,
+    SMOOTH,
+    ULPS,
+    UNBOUNDED,
+    above,
+    arithmetic,
+    below,
+    function,
+    least_of,
+    most_of,
+    put,
+)
 from xdynamics.march.run import Run
 
 State = NDArray[Any]
 
-EPS, LEAST, MOST = 2.220446049250313e-16, 5e-324, 1.7976931348623157e308
 ROUNDED = 4.0 * EPS  # of a state, relative
-ULPS = 4.0 * EPS  # of an elementary function
 # how far a rate is from the straight line, by what odd and even say of it, if it is half a wave (pi/2, 1/9.5) or less of one
 ARCHED, BENT = 1.571, 0.1053
-SMOOTH, BREAKS, UNBOUNDED = 0, 1, 2  # whether a value may jump there, or be infinite or none at all
-ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATIVE, SQRT, ABS, MINIMUM, MAXIMUM, SIGN = (OPERATION[name] for name in ARITHMETIC)
-CHOOSE, HYPOT, ATAN2, POWER = (OPERATION[name] for name in ("choose", "hypot", "atan2", "power"))
-LESS, AT_MOST, MORE, AT_LEAST, EQUAL, UNEQUAL = (OPERATION[name] for name in COMPARED)
-SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, EXP, LOG = (OPERATION[name] for name in enclosing.CALLED)
-
-
-@shared
-def below(x: float) -> float:
-    """A number under x, or x where it is that already."""
-    return MOST if x == inf else x - (abs(x) * EPS + LEAST)
-
-
-@shared
-def above(x: float) -> float:
-    """A number over x."""
-    return -MOST if x == -inf else x + (abs(x) * EPS + LEAST)
-
-
-@shared
-def least_of(w: float, x: float, y: float, z: float) -> float:
-    """The least of four numbers."""
-    return min(min(w, x), min(y, z))  # noqa: PLW3301 - two at a time: one order of comparisons
-
-
-@shared
-def most_of(w: float, x: float, y: float, z: float) -> float:
-    """The greatest of four numbers."""
-    return max(max(w, x), max(y, z))  # noqa: PLW3301
 
 
 @shared
@@ -101,45 +80,6 @@ def enclose(run: Run, y: State, z: State, first: int, last: int) -> None:
             looked_up(run, row, target, a, run.rows[k, 3], run.rows[k, 4])
         else:
             function(run, row, target, a, run.rows[k, 3], run.rows[k, 4])
-
-
-@shared
-def put(run: Run, target: int, low: float, high: float, flaw: int) -> None:
-    """Fill the place of a value; what is no interval may be anything."""
-    sound = low <= high
-    run.under[target] = low if sound else -inf
-    run.over[target] = high if sound else inf
-    run.flaws[target] = flaw if sound else UNBOUNDED
-
-
-@compiled
-def arithmetic(run: Run, row: int, target: int, a: int, b: int) -> None:
-    """Add, subtract, multiply, divide."""
-    low, high, from_, to = run.under[a], run.over[a], run.under[b], run.over[b]
-    flaw = max(run.flaws[a], run.flaws[b])
-    if row == ADD:
-        low, high = low + from_, high + to
-    elif row == SUBTRACT:
-        low, high = low - to, high - from_
-    else:
-        if row == DIVIDE:
-            if from_ <= 0.0 <= to:
-                low, high, from_, to, flaw = -inf, inf, 1.0, 1.0, UNBOUNDED
-            else:
-                from_, to = below(1.0 / to), above(1.0 / from_)
-        if a == b and row == MULTIPLY:
-            low, high = abs(low), abs(high)
-            if low > high:
-                low, high = high, low
-            if run.under[a] < 0.0 < run.over[a]:
-                low = 0.0
-            low, high = low * low, high * high
-        else:
-            w, x, y, z = low * from_, low * to, high * from_, high * to
-            low, high = least_of(w, x, y, z), most_of(w, x, y, z)
-            if not (w == w and x == x and y == y and z == z):
-                low, high = -inf, inf
-    put(run, target, below(low), above(high), flaw)
 
 
 @compiled
@@ -187,179 +127,6 @@ def companion(run: Run, y: State, z: State, target: int, i: int, order: int) -> 
         off = (ARCHED * odd + BENT * even) / w if w > 0.0 else 0.0
         off = off + ROUNDED * max(abs(r0), abs(r1))
     put(run, target, below(low - off), above(high + off), SMOOTH)
-
-
-@shared
-def function(run: Run, row: int, target: int, a: int, b: int, c: int) -> None:
-    """Enclose every other operation of the language."""
-    low, high, flaw = run.under[a], run.over[a], run.flaws[a]
-    if row == NEGATIVE:
-        put(run, target, -high, -low, flaw)
-    elif row == ABS:
-        inside = low < 0.0 < high
-        least, most = min(abs(low), abs(high)), max(abs(low), abs(high))
-        put(run, target, 0.0 if inside else least, most, flaw)
-    elif row == SQRT:
-        undefined = low < 0.0
-        least = 0.0 if undefined else max(0.0, below(np.sqrt(low)))
-        put(run, target, least, above(np.sqrt(high)), UNBOUNDED if undefined else flaw)
-    elif row == SIGN:
-        least, most = np.sign(low), np.sign(high)
-        put(run, target, least, most, flaw if least == most else max(flaw, BREAKS))
-    elif row == MINIMUM:
-        put(run, target, min(low, run.under[b]), min(high, run.over[b]), max(flaw, run.flaws[b]))
-    elif row == MAXIMUM:
-        put(run, target, max(low, run.under[b]), max(high, run.over[b]), max(flaw, run.flaws[b]))
-    elif row == CHOOSE:
-        choose(run, target, a, b, c)
-    elif LESS <= row <= UNEQUAL:
-        compare(run, row, target, a, b)
-    else:
-        elementary(run, row, target, a, b)
-
-
-@shared
-def choose(run: Run, target: int, a: int, b: int, c: int) -> None:
-    """Enclose the branch that is taken, or both where that is not settled."""
-    if run.under[a] == 1.0:
-        put(run, target, run.under[b], run.over[b], run.flaws[b])
-    elif run.over[a] == 0.0:
-        put(run, target, run.under[c], run.over[c], run.flaws[c])
-    else:
-        low, high = min(run.under[b], run.under[c]), max(run.over[b], run.over[c])
-        put(run, target, low, high, max(BREAKS, run.flaws[b], run.flaws[c]))
-
-
-@shared
-def compare(run: Run, row: int, target: int, a: int, b: int) -> None:
-    """Say whether a comparison holds: 1, 0, or from 0 to 1 where that depends."""
-    low, high, from_, to = run.under[a], run.over[a], run.under[b], run.over[b]
-    always, never = False, False
-    if max(run.flaws[a], run.flaws[b]) == UNBOUNDED:  # what is no number is neither less nor more
-        pass
-    elif row == LESS:
-        always, never = high < from_, low >= to
-    elif row == AT_MOST:
-        always, never = high <= from_, low > to
-    elif row == MORE:
-        always, never = low > to, high <= from_
-    elif row == AT_LEAST:
-        always, never = low >= to, high < from_
-    else:
-        equal, apart = low == high == from_ == to, high < from_ or low > to
-        always, never = (equal, apart) if row == EQUAL else (apart, equal)
-    put(run, target, 1.0 if always else 0.0, 0.0 if never else 1.0, SMOOTH)
-
-
-@shared
-def computed(run: Run, row: int, x: float) -> float:
-    """The portable function itself."""
-    return applied(run.functions[row - SIN], x)
-
-
-@shared
-def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
-    """Enclose a function that is not rounded correctly."""
-    low, high, flaw = run.under[a], run.over[a], run.flaws[a]
-    if row in (SIN, COS):
-        wave(run, target, low, high, flaw, 0.5 if row == SIN else 0.0)
-        return
-    if row in (HYPOT, ATAN2):
-        in_plane(run, row, target, a, b)
-        return
-    if row == COSH:
-        least = 0.0 if low < 0.0 < high else min(abs(low), abs(high))
-        low, high = computed(run, row, least), computed(run, row, max(abs(low), abs(high)))
-    elif row == POWER:
-        if low < 0.0:
-            low, flaw = 0.0, UNBOUNDED
-        exponent = run.under[b]
-        low, high = powered(run, low, exponent, -ULPS), powered(run, high, exponent, ULPS)
-    elif row == TAN:
-        slack = ULPS * (abs(low) + abs(high) + 1.0)
-        if high - low >= 3.0 or np.floor((high + slack) / pi + 0.5) != np.floor((low - slack) / pi + 0.5):
-            put(run, target, -inf, inf, UNBOUNDED)
-            return
-        low, high = computed(run, row, low), computed(run, row, high)
-    else:
-        if row == LOG and low <= 0.0:
-            low, flaw = 0.0, UNBOUNDED
-        if row in (ASIN, ACOS):
-            if low < -1.0 or high > 1.0:
-                flaw = UNBOUNDED
-            low, high = min(1.0, max(-1.0, low)), min(1.0, max(-1.0, high))
-        low, high = computed(run, row, low), computed(run, row, high)
-    if low > high:
-        low, high = high, low
-    put(run, target, below(low - ULPS * abs(low)), above(high + ULPS * abs(high)), flaw)
-
-
-@shared
-def powered(run: Run, x: float, exponent: float, slack: float) -> float:
-    """A power of a number that is not negative; of its logarithm as much is added as rounding may have taken."""
-    if x <= 0.0 or x == inf:
-        return x
-    logarithm = exponent * computed(run, LOG, x)
-    return computed(run, EXP, logarithm + slack * abs(logarithm))
-
-
-@shared
-def wave(run: Run, target: int, low: float, high: float, flaw: int, shift: float) -> None:
-    """Enclose a sine, or with no shift of half a turn's half a cosine: its values at the ends, and the crests between."""
-    if not (high - low < 2.0 * pi and abs(low) < 1e15 and abs(high) < 1e15):
-        put(run, target, -1.0, 1.0, flaw if abs(low) < inf and abs(high) < inf else UNBOUNDED)
-        return
-    row = SIN if shift > 0.0 else COS
-    if run.piece[0].rough:  # one call instead of two
-        middle, half = computed(run, row, (low + high) / 2.0), (high - low) / 2.0 + ULPS * (abs(low) + abs(high) + 1.0)
-        put(run, target, max(-1.0, middle - half), min(1.0, middle + half), flaw)
-        return
-    one, other = computed(run, row, low), computed(run, row, high)
-    least, most = min(one, other), max(one, other)
-    slack = ULPS * (abs(low) + abs(high) + 1.0)
-    first, last = (low - slack) / pi - shift, (high + slack) / pi - shift  # crests at even, troughs at odd numbers
-    if np.floor(last / 2.0) >= np.ceil(first / 2.0):
-        most = 1.0
-    if np.floor((last - 1.0) / 2.0) >= np.ceil((first - 1.0) / 2.0):
-        least = -1.0
-    least, most = below(least - ULPS * abs(least)), above(most + ULPS * abs(most))
-    put(run, target, max(-1.0, least), min(1.0, most), flaw)
-
-
-@shared
-def in_plane(run: Run, row: int, target: int, a: int, b: int) -> None:
-    """Enclose the length of a vector, or its angle."""
-    low, high, from_, to = run.under[a], run.over[a], run.under[b], run.over[b]
-    flaw = max(run.flaws[a], run.flaws[b])
-    if row == HYPOT:
-        x = 0.0 if low < 0.0 < high else min(abs(low), abs(high))
-        y = 0.0 if from_ < 0.0 < to else min(abs(from_), abs(to))
-        least, most = length(x, y), length(max(abs(low), abs(high)), max(abs(from_), abs(to)))
-        put(run, target, max(0.0, below(least - ULPS * least)), above(most + ULPS * most), flaw)
-    elif from_ <= 0.0 and low <= 0.0 <= high:  # the angle's cut, or the origin
-        put(run, target, -pi - ULPS, pi + ULPS, max(flaw, BREAKS))
-    else:
-        w, x = angle(run, low, from_), angle(run, low, to)
-        y, z = angle(run, high, from_), angle(run, high, to)
-        least, most = least_of(w, x, y, z), most_of(w, x, y, z)
-        put(run, target, below(least - ULPS * abs(least)), above(most + ULPS * abs(most)), flaw)
-
-
-@shared
-def length(x: float, y: float) -> float:
-    """The length of a vector, without overflow."""
-    large, small = max(x, y), min(x, y)
-    return large * np.sqrt(1.0 + (small / large) * (small / large)) if 0.0 < large < inf else large
-
-
-@shared
-def angle(run: Run, y: float, x: float) -> float:
-    """The angle of a vector that is not the origin."""
-    if abs(x) >= abs(y):
-        turned = computed(run, ATAN, y / x)
-        return turned if x > 0.0 else (turned + pi if y >= 0.0 else turned - pi)
-    turned = computed(run, ATAN, x / y)
-    return pi / 2.0 - turned if y > 0.0 else -pi / 2.0 - turned
 
 
 @shared

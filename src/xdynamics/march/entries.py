@@ -11,9 +11,9 @@ from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
 from xdynamics.kernels.tables import enter_pieces
-from xdynamics.march.enclosures import EPS
 from xdynamics.march.evaluating import evaluate
 from xdynamics.march.handle import called, floats_at, march_by, run_at
+from xdynamics.march.intervals import EPS
 from xdynamics.march.newton import newton_step
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.proposing import copy, propose_apart

@@ -7,8 +7,8 @@ from math import inf, nan
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.enclosures import BREAKS, EPS, UNBOUNDED
 from xdynamics.march.handle import called
+from xdynamics.march.intervals import BREAKS, EPS, UNBOUNDED
 from xdynamics.march.isolation import ENDED, FORCED, NONE, STEEP, TOUCHED, resolution, sign
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, keep, substep, take

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.enclosures import BREAKS, EPS, SMOOTH, UNBOUNDED
 from xdynamics.march.handle import called, enclosed_by
+from xdynamics.march.intervals import BREAKS, EPS, SMOOTH, UNBOUNDED
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, substep
 from xdynamics.march.run import ENCLOSE, Run

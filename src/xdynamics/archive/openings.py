@@ -1,0 +1,80 @@
+"""Files that the library may still have open: one that was overwritten in place is the old one to it.
+
+HDF5 knows a file by its inode. Whoever copies another archive over one that this process has open, or that the library
+could not close because it is damaged, has the old file's structure read with the new one's bytes.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from weakref import WeakSet
+
+from xdynamics.faults import ArchiveError
+
+Inode = tuple[int, int]
+State = tuple[int, int]  # size, time of the last change
+
+
+@dataclass(frozen=True)
+class Opening:
+    """One file of the disk, as it was when it was opened to reading."""
+
+    state: State
+    files: WeakSet[Any] = field(default_factory=WeakSet)
+
+
+class Openings:
+    """What was opened and not closed in order, by inode; used under the lock of the library."""
+
+    def __init__(self) -> None:
+        self._by_inode: dict[Inode, Opening] = {}
+
+    def of(self, path: Path) -> Opening:
+        """Return the opening of a file that is to be opened now; what was opened of it before it was overwritten is closed.
+
+        Raises
+        ------
+        ArchiveError
+            If the library keeps the old one open nevertheless.
+        """
+        about = path.stat()
+        inode, state = (about.st_dev, about.st_ino), (about.st_size, about.st_mtime_ns)
+        before = self._by_inode.get(inode)
+        if before and before.state != state:
+            for file in list(before.files):
+                with suppress(RuntimeError):
+                    file.close()
+            if _is_held(inode):
+                self._by_inode[inode] = before  # `closed` forgot it: whoever tries again is refused again
+                raise ArchiveError(
+                    f"'{path}' was overwritten while this process had it open, and the netCDF library would mix what it"
+                    " was with what it is: copy it to another name, or read it in a new process"
+                )
+            self._by_inode.pop(inode, None)
+        return self._by_inode.setdefault(inode, Opening(state))
+
+    def closed(self, file: Any) -> None:
+        """Forget a file that was closed in order."""
+        for inode, opening in list(self._by_inode.items()):
+            if file in opening.files:
+                opening.files.discard(file)
+                if not opening.files:
+                    del self._by_inode[inode]
+
+
+openings = Openings()
+
+
+def _is_held(inode: Inode) -> bool:
+    """Tell whether this process has a file open; where the system does not say, it has not."""
+    with suppress(OSError):
+        for one in Path("/dev/fd").iterdir():
+            with suppress(OSError):
+                about = os.fstat(int(one.name))
+                if (about.st_dev, about.st_ino) == inode:
+                    return True
+    return False
