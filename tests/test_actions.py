@@ -10,6 +10,7 @@ import pytest
 
 import xdynamics as xd
 from problems import MODELS
+from xdynamics.summary import summary
 
 G, E = 9.81, 0.9
 BALL: dict[str, Any] = {
@@ -213,3 +214,5 @@ def test_a_rocket_with_two_stages_is_tsiolkovsky_s(asked: dict[str, Any]) -> Non
     assert after.m.values == pytest.approx([30.0, 10.0], rel=1e-12)
     assert after.flow.values.tolist() == [1.0, 0.0]
     assert after.regime.values.tolist() == [1, 2]
+    told = [line.split(" at t =")[0] for line in summary(run) if line.startswith("event ")]
+    assert told == [f"event     {name}" for name in ("separation (reset)", "ignition (regime_switch)", "burnout (reset)", "coasting (regime_switch)")]  # fmt: skip

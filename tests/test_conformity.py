@@ -122,7 +122,7 @@ FAULTS: list[tuple[Change, str]] = [
     (put("event_row_before", 0, -1), "variable 'event_row_before' names row -1 at event 0, and there are 63"),
     (put("event_row_after", 0, 63), "variable 'event_row_after' names row 63 at event 0, and there are 63"),
     (put("row_kind", slice(4, 6), 9), "variable 'row_kind' has the value 9 at 4, which no word in flag_meanings stands for"),
-    (put("event_kind", 0, 9), "variable 'event_kind' has the value 9 at 0, which no word in flag_meanings stands for"),
+    (put("event_kind", 0, 99), "variable 'event_kind' has the value 99 at 0, which no word in flag_meanings stands for"),
     (put("time", slice(3, 5), 0.25), "variable 'time' goes from 0.25 to 0.25 at row 4: it must increase, but at an event's pair"),
     (put("time", 5, 0.1), "variable 'time' goes from 0.2 to 0.1 at row 5: it must increase, but at an event's pair"),
     (put("time", 5, np.nan), "variable 'time' goes from 0.2 to nan at row 5: it must increase, but at an event's pair"),
@@ -152,7 +152,9 @@ def test_the_first_row_and_the_last_one_are_there(row: int) -> None:
 def test_faults_are_gathered() -> None:
     """Assert that those of attributes stand before those of variables, and those of values last."""
     run = changed(said(title=None), "adaptive")
-    run = put("time", 5, np.nan)(run) or said("theta", units=None, atol="1")(run) or put("event_kind", 0, 9)(run) or run
+    run = (
+        put("time", 5, np.nan)(run) or said("theta", units=None, atol="1")(run) or put("event_kind", 0, 99)(run) or run
+    )
     found = faults_of(without("trial_time")(run))
     assert [one.split("'")[1] for one in found] == ["title", "trial_time", "theta", "theta", "event_kind", "time"]
 
@@ -185,7 +187,7 @@ def test_values_are_read_where_they_are_asked_for() -> None:
     put("row_kind", 5, 9)(run)
     assert faults_of(run, values=False) == []
     assert len(faults_of(run)) == 2
-    put("event_kind", 0, 9)(run)
+    put("event_kind", 0, 99)(run)
     assert len(faults_of(run, values=False)) == 1
 
 

@@ -6,7 +6,7 @@ import math
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,13 @@ Bounds = tuple[float, float, int]  # and whether a value may jump there, or be n
 EPS = float(np.finfo(float).eps)
 MOST, LEAST = float(np.finfo(float).max), 5e-324
 TABLE = "q [m],curve [1]\n-3,1.5\n-1,-2\n0,0.1\n0.5,0.3\n0.7,5\n3,5\n4,-7\n9,1e3\n"
-mpmath.mp.dps = 50
+
+
+@pytest.fixture(autouse=True)
+def _digits() -> Iterator[None]:
+    """Compute truths with 50 digits, and leave others' tests with theirs."""
+    with mpmath.workdps(50):
+        yield
 
 
 @lru_cache

@@ -14,8 +14,9 @@ from problems import ROOT
 ARCHIVES = sorted((ROOT / "data" / "golden" / "0.1").glob("*.nc"))
 # its method has other iterations and another choice of steps since
 OTHER_STEPS = {"linear_drag_radau_iia": "38 rows became 33"}
-# without elementary functions, fixed steps: the same bits whatever the set
-EXACT = {"ball_drag_midpoint", "cart_spring_verlet", "kepler_dprkn6_given", "rocket_c6_midpoint"}
+# without elementary functions, fixed steps: the same bits whatever the set; but the rocket's liftoff, where its height has a
+# kink, is looked for in a part of the step, and located elsewhere within its time tolerance
+EXACT = {"ball_drag_midpoint", "cart_spring_verlet", "kepler_dprkn6_given"}
 SAID = (
     "version 0.1.0 wrote the law in other words than 0.2.0; "
     "the archive was made with the elementary functions 'libm', here they are 'xdynamics 1'; "

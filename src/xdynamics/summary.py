@@ -10,7 +10,7 @@ import xarray as xr
 
 from xdynamics.faults import escaped
 from xdynamics.record.kinds import is_selection, is_whole, said_of
-from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
+from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, SAMPLES, STEPS, TRIALS
 
 MOST_EVENTS = 20
 LONGEST = 400  # characters of a setting that are shown
@@ -97,7 +97,7 @@ def _end(run: xr.Dataset) -> Iterator[str]:
 
 
 def _events(run: xr.Dataset) -> Iterator[str]:
-    names = event_names(run)
+    names, kinds = event_names(run), _words(run["event_kind"])
     rows = np.asarray(run["event_row_before"])
     coordinates = [
         str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in ("coordinate", "velocity")
@@ -105,14 +105,19 @@ def _events(run: xr.Dataset) -> Iterator[str]:
     for i, row in enumerate(rows[:MOST_EVENTS]):
         time, doubt = float(run["event_time"][i]), float(run["event_time_uncertainty"][i])
         state = ", ".join(f"{name} = {float(run[name][row]):.9g} {run[name].attrs['units']}" for name in coordinates)
-        yield f"event     {names[i]} at t = {time:.15g} s, located within {doubt:.2g} s: {state}"
+        kind = "" if kinds[i] == EVENT_KINDS[CROSSING] else f" ({kinds[i]})"
+        yield f"event     {names[i]}{kind} at t = {time:.15g} s, located within {doubt:.2g} s: {state}"
     if len(rows) > MOST_EVENTS:
         yield f"event     … and {len(rows) - MOST_EVENTS} more"
 
 
 def event_names(run: xr.Dataset) -> list[str]:
     """Return the name of the detector of every event."""
-    detector = run["event_detector"]
-    words = str(detector.attrs["flag_meanings"]).split()
-    names = dict(zip(np.atleast_1d(detector.attrs["flag_values"]).tolist(), words, strict=True))
-    return [names[int(one)] for one in np.asarray(detector)]
+    return _words(run["event_detector"])
+
+
+def _words(flag: xr.DataArray) -> list[str]:
+    """Return the words of a flag's values."""
+    words = str(flag.attrs["flag_meanings"]).split()
+    names = dict(zip(np.atleast_1d(flag.attrs["flag_values"]).tolist(), words, strict=True))
+    return [names[int(one)] for one in np.asarray(flag)]

@@ -84,7 +84,12 @@ def enclose(run: Run, y: State, z: State, first: int, last: int) -> None:
 
 @compiled
 def coordinate(run: Run, y: State, z: State, target: int, i: int, order: int) -> None:
-    """Enclose a coordinate, its velocity or its acceleration."""
+    """Enclose a coordinate, its velocity or its acceleration.
+
+    What a position says of velocities is divided by the width of the piece. Where that was made short by cutting, rounding
+    and what positions and velocities of a method of low order lack of being those of one motion would be all of it: there
+    velocities are held by accelerations, and those by their change.
+    """
     n, used, w = run.plan[0].coordinates, run.plan[0].used, run.piece[0].width
     q0, v0, a0, q1, v1, a1 = y[i], y[n + i], y[used + i], z[i], z[n + i], z[used + i]
     # how far cubic polynomials through velocities and positions are from the quintic one, at its middle
@@ -101,12 +106,15 @@ def coordinate(run: Run, y: State, z: State, target: int, i: int, order: int) ->
         b1, b2 = v0 + w * a0 / 3.0, v1 - w * a1 / 3.0
         low, high = least_of(v0, b1, b2, v1), most_of(v0, b1, b2, v1)
         off = 4.0 * off / w if w > 0.0 else 0.0
-        if odd <= 4.0 * ROUNDED * (size + w * max(abs(v0), abs(v1))):  # rounding alone, which a short w makes large
+        if run.piece[0].part or odd <= 4.0 * ROUNDED * (size + w * max(abs(v0), abs(v1))):
             off = min(off, w * max(abs(a0), abs(a1)))
         off = off + ROUNDED * max(abs(v0), abs(v1)) + run.piece[0].wide * abs(run.located_e[n + i])
     else:
         low, high = min(a0, a1), max(a0, a1)
-        off = 24.0 * odd / (w * w) + 2.0 * even / w if w > 0.0 else 0.0
+        bent = 24.0 * odd / (w * w) if w > 0.0 else 0.0
+        if run.piece[0].part:
+            bent = min(bent, abs(a1 - a0))
+        off = bent + 2.0 * even / w if w > 0.0 else 0.0
         off = off + ROUNDED * max(abs(a0), abs(a1))
     put(run, target, below(low - off), above(high + off), SMOOTH)
 

@@ -15,7 +15,7 @@ from xdynamics.march.proposing import copy, keep, substep, take
 from xdynamics.march.run import Run
 from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
 
-ROOT_METHOD = "pieces of a step are left out where intervals of function and slope, rounded outward, have no zero, and cut until there is one; then ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
+ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
 
 
 @shared

@@ -40,7 +40,8 @@ def sign(x: float) -> int:
 def arm(run: Run, i: int, value: float) -> None:
     """Let an event be found once its function leaves zero, or at once where it is away from it."""
     watch = run.watches[i]
-    watch.armed = sign(value) if abs(value) > MURK * uncertainty(run, i, run.z) else 0
+    away = abs(value) > max(MURK * uncertainty(run, i, run.z), NEAR * watch.greatest)
+    watch.armed = sign(value) if away else 0
     watch.ever = max(watch.ever, abs(watch.armed))
 
 
@@ -69,7 +70,7 @@ def quiet(run: Run) -> bool:
     """Whether no event function can have a zero in the trial; keeps which may."""
     now, trial, piece = run.now[0], run.trial[0], run.piece[0]
     piece.start, piece.end, piece.width, piece.wide = now.t, trial.t, trial.h, 0.0
-    piece.rough = 1
+    piece.rough, piece.part = 1, 0
     enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1])
     piece.rough, silent = 0, True
     for i in range(run.detectors.shape[0]):
@@ -128,6 +129,7 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
     """Look what is known of each event function on a piece; whether it has to be cut."""
     piece, t, cut = run.piece[0], run.now[0].t, False
     piece.start, piece.end, piece.width, piece.wide = t + start, t + end, end - start, 0.0
+    piece.part = int(end - start < run.located[0].h)
     enclosed_by(run.functions[ENCLOSE], run, run.near, run.far, run.parts[0], run.parts[2])
     for i in range(run.detectors.shape[0]):
         watch, detector = run.watches[i], run.detectors[i]
@@ -145,13 +147,29 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
             run.at[T] = t + start
             size = MURK * uncertainty(run, i, run.near)
             small = -size <= watch.low and watch.high <= size
-            if small or narrow or finest:
+            if not small and (narrow or finest) and not turns(run, i):
+                watch.state = CLEAR
+            elif small or narrow or finest:
                 watch.state = MURKY
                 watch.broken = max(watch.broken, watch.flaw)
                 watch.forced = max(watch.forced, int(not small and watch.flaw == SMOOTH))
             else:
                 cut = True
     return cut
+
+
+@shared
+def turns(run: Run, i: int) -> bool:
+    """Whether a function that is on one side at both ends of a piece comes nearer to zero first, and leaves it then."""
+    watch, piece, side = run.watches[i], run.piece[0], sign(run.near_g[i])
+    if watch.flaw != SMOOTH or side == 0 or side != sign(run.far_g[i]):
+        return True  # or it may: nothing more is known of it
+    run.at[T] = piece.start
+    called(run.law[SLOPES], run, run.near, run.slopes, 0)
+    approaches = side * run.slopes[i] < 0.0
+    run.at[T] = piece.end
+    called(run.law[SLOPES], run, run.far, run.slopes, 0)
+    return approaches and side * run.slopes[i] > 0.0
 
 
 @shared

@@ -45,8 +45,8 @@ WATCH = _record(
     "low high down up zone clear left right before greatest", "armed began ever alive state flaw broken forced hit seen"
 )
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
-# `rough` asks for less care, `cut` says that substeps were made in a trial that is accepted all the same.
-PIECE = _record("start end width wide", "cut rough verdict")
+# `rough` asks for less care, `part` says that it is not the whole trial, `cut` says that substeps were made in a trial that is accepted all the same.
+PIECE = _record("start end width wide", "cut rough part verdict")
 # What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
 # What `march.radau` keeps from step to step. The factors are those of the step size `factored`, 0 if there are none;
