@@ -12,6 +12,8 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
+from xdynamics.march import March
+from xdynamics.march.asking import settings_for
 from xdynamics.schema import CLUSTER, CROSSING, EVENT_KINDS, JUMP, POLE, REASON_ERROR, TOUCH
 
 T = "t/(1*second)"
@@ -155,3 +157,14 @@ def test_event_inside_a_rejected_trial() -> None:
     times = [math.acos(0.2) / 2, math.pi - math.acos(0.2) / 2]
     assert reach > times[-1]
     assert run.event_time.values == pytest.approx(times, abs=1e-8)
+
+
+def test_a_log_has_room_for_the_most_laborious_step() -> None:
+    """Assert that steps near a border, with events that chatter and touch, never write behind a log of few rows."""
+    functions = (f"sqrt(0.55 - {T})", f"sin(1/({T} - 0.5499))", f"({T} - 0.5499)**2", f"sin(3000*{T})")
+    model = xd.Model(
+        name="laborious", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        initial={"x": "0 m", "v_x": "1 m s-1"}, events={f"e{i}": {"function": one} for i, one in enumerate(functions)},
+    )  # fmt: skip
+    march = March(model, settings_for(model, method="rk4", step=0.1, until=0.54))
+    assert max(block.trials - len(block.log.trials) for block in march.blocks(7)) <= 0

@@ -55,8 +55,8 @@ class Log(NamedTuple):
 
 @compiled
 def most_substeps(events: int) -> int:
-    """Rejected trials that a step may bring: one, and where there are events those of finding and locating them."""
-    return 1 + (events + 1) * (MOST_SUBSTEPS + 3) if events > 0 else 1
+    """Rejected trials that a step may bring: one, and where there are events those of its border, of the search, of brackets."""
+    return 8 + 2 * MOST_SUBSTEPS + events * (MOST_SUBSTEPS + 3) if events > 0 else 1
 
 
 @compiled
