@@ -12,7 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
-from xdynamics.march import March
+from xdynamics.march import March, march_many
 from xdynamics.march.asking import settings_for
 from xdynamics.schema import CLUSTER, CROSSING, EVENT_KINDS, JUMP, POLE, REASON_ERROR, TOUCH
 
@@ -168,3 +168,32 @@ def test_a_log_has_room_for_the_most_laborious_step() -> None:
     )  # fmt: skip
     march = March(model, settings_for(model, method="rk4", step=0.1, until=0.54))
     assert max(block.trials - len(block.log.trials) for block in march.blocks(7)) <= 0
+
+
+@pytest.mark.parametrize(
+    ("asked", "doubt"), [({"method": "rk4", "step": 0.07}, 2e-12), ({"method": "dop853", "rtol": 1e-8}, 1e-4)]
+)
+def test_a_tank_is_empty_where_its_law_ends(asked: dict[str, Any], doubt: float) -> None:
+    """Assert that h' = -2 sqrt(h) stops where it has no law any more; with an error of h, its root tells the time's."""
+    model = xd.Model(
+        name="tank", states={"h": {"unit": "1", "rate": "-2*sqrt(h)/second"}}, initial={"h": "1"},
+        events={"empty": {"function": "h", "direction": "falling", "action": "stop"}},
+    )  # fmt: skip
+    run = xd.simulate(model, until=3.0, **asked)
+    assert run.attrs["run_outcome"] == "stopped_by_event"
+    assert EVENT_KINDS[run.event_kind.values[0]] == "touch"
+    assert float(run.h[-1]) < 1e-15
+    assert 1e-16 < float(run.event_time_uncertainty[0]) < doubt
+
+
+def test_runs_one_behind_the_other_forget_the_last() -> None:
+    """Assert that where an event is armed does not depend on the run that was marched in the same place before."""
+    model = xd.Model(
+        name="free", coordinates={"x": "m"}, parameters={"m": "1 kg", "c": "1e-12 m"}, mass={"x": "m"}, forces={},
+        initial={"x": "0 m", "v_x": "1 m s-1"}, events={"e": {"function": "x - c"}},
+    )  # fmt: skip
+    settings = settings_for(model, method="rk4", step=0.5, until=10.0)
+    both = march_many(model, settings, parameters={"c": [5.0, 1e-12]})
+    alone = march_many(model, settings, parameters={"c": [1e-12]})
+    assert len(alone.events_of(0)) == 1
+    assert both.events_of(1).tobytes() == alone.events_of(0).tobytes()

@@ -292,6 +292,8 @@ def arrives(run: Run) -> bool:
         watch, value, slope = run.watches[i], run.located_g[i], run.slopes[i]
         watch.hit = NONE
         if watch.armed * slope < 0.0 and abs(value) <= resolution(run, i, s) * abs(slope):
+            rest = abs(value / slope)  # to the event, by the slope
+            watch.zone, watch.clear = max(0.0, s - rest), s + rest
             strike(run, i, s, s, ENDED)
             found = found or watch.hit != NONE
     return found

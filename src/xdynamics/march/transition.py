@@ -70,7 +70,8 @@ def happen(address: Any, _number: float, reason: int) -> None:
 def begin(run: Run) -> None:
     """Look on which side of zero every event function is at the start."""
     for i in range(run.detectors.shape[0]):
-        run.watches[i].ever, run.watches[i].seen = 0, 0
+        watch = run.watches[i]
+        watch.ever, watch.seen, watch.greatest = 0, 0, 0.0  # of another run that was marched before in this place
         arm(run, i, run.g[i])
 
 
@@ -116,6 +117,7 @@ def shrink(run: Run, reason: int) -> int:
             return REASON_EVENT
         if not run.plan[0].adaptive and low > tolerance:
             take(run)
+            run.piece[0].cut = 1
             return SOUND
         forget(run)
     substep(run, whole)
@@ -179,11 +181,8 @@ def note_events(run: Run, row: int, substeps: int) -> None:
             continue
         one = run.log_events[now.events - run.base[0].events]
         one.time, one.left, one.residual, one.slope = trial.t, now.t + watch.left, run.g1[i], run.slopes[i]
-        one.uncertainty, one.murk, one.substeps = (
-            uncertainty(run, i, run.z),
-            max(0.0, watch.clear - watch.zone),
-            substeps,
-        )
+        one.uncertainty, one.substeps = uncertainty(run, i, run.z), substeps
+        one.murk = watch.clear - watch.zone if watch.zone >= 0.0 else 0.0
         one.row_before, one.row_after, one.detector, one.kind = row, row + 1, i, kind_of(run, i)
         one.direction = -watch.armed
         watch.seen += 1

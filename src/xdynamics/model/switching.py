@@ -29,11 +29,10 @@ def event(given: Any) -> Event:
         raise InputError(f"action '{action}' is not available in this version; there are {', '.join(ACTIONS)}")
     action = choice(given, "action", ACTIONS, "record")
     for key, needed in _OF_ACTIONS.items():
-        if (key in given) != (action == needed):
-            word = "needs" if action == needed else f"is for action '{needed}': '{action}' does not take"
-            raise InputError(
-                f"action '{action}' needs the key '{key}'" if action == needed else f"key '{key}' {word} it"
-            )
+        if action == needed and key not in given:
+            raise InputError(f"action '{action}' needs the key '{key}'")
+        if action != needed and key in given:
+            raise InputError(f"key '{key}' is for action '{needed}': '{action}' does not take it")
     tolerance = parse_quantity(given.get("time_tolerance", "1e-12 s"))
     if tolerance.unit.dimension != TIME or tolerance.value <= 0:
         raise InputError(f"time_tolerance is '{tolerance}', needs a positive time")
