@@ -75,6 +75,7 @@ def test_a_rocket_is_switched_off(method: str) -> None:
     assert (float(run.a_y[before]), float(run.a_y[after])) == pytest.approx((a, -G))
     assert run.y[before] == run.y[after]
     assert run.regime.attrs["flag_meanings"] == "boost coast"
+    assert run.regime.attrs["forces"] == "boost: gravity thrust; coast: gravity"
     assert run.regime.values[[before, after, -1]].tolist() == [0, 1, 1]
 
 

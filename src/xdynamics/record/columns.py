@@ -154,7 +154,7 @@ def _steps(about: _About) -> list[Column]:
         "1",
         "regime of the force law",
         "flag",
-        schema.flags(dict(enumerate(model.regimes)) or {0: schema.ONLY_REGIME}),
+        schema.flags(dict(enumerate(model.regimes)) or {0: schema.ONLY_REGIME}) | _forces_by_regime(model),
     )
     found.append(Column(regime, lambda block: block.log.flags[1, : block.rows]))
 
@@ -198,6 +198,12 @@ def _tolerance(about: _About, name: str, unit: Unit) -> dict[str, float]:
     if asked is None:
         return {}
     return {"atol": asked.of(name) / float(unit.factor), "atol_si": asked.of(name)}
+
+
+def _forces_by_regime(model: Model) -> dict[str, str]:
+    """Say of every regime which forces act in it."""
+    acting = "; ".join(f"{name}: {' '.join(one.forces)}" for name, one in model.regimes.items())
+    return {"forces": acting} if acting else {}
 
 
 def _trials(about: _About) -> list[Column]:
@@ -336,7 +342,9 @@ def _observed(about: _About, uncertainty: Callable[[Block], Array]) -> list[Colu
 
     for name in about.model.observables if about.model.events else ():
         unit = units.derived(name)
-        variable = Variable(f"event_{name}", (EVENTS,), "f8", unit.text, f"{name} at the event", "event")
+        variable = Variable(
+            f"event_{name}", (EVENTS,), "f8", unit.text, f"{name} at the state before the event", "event"
+        )
         found.append(Column(variable, value(places[name], units.factor(unit))))
         if name in rates:
             said = f"uncertainty of {name} at the event by event_time_uncertainty"
