@@ -48,7 +48,7 @@ def test_python_statement_equals_file() -> None:
         ('action = "stop"', 'action = "impact"', "action 'impact' is not available in this version"),
         ('[mass]\ny = "m"', "[mass]", "mass: of coordinate 'y' is missing"),
         ('time_tolerance = "1e-12 s"', 'time_tolerance = "-1 s"', "time_tolerance is '-1.0 s', needs a positive time"),
-        ('[run]', '[contacts.floor]\ngap = "y"\n[run]', r"\[contacts\] is not available"),
+        ('[run]', '[contacts.floor]\ngap = "y"\n[run]', "contact 'floor': key 'restitution' is missing"),
         ('[run]', '[forcess.x]\ny = "0"\n[run]', r"\[forcess\] is no section; did you mean 'forces'"),
         ('c = "m*g/vt**2"', 'c = "m*g/vt**2"\nspeed = "v_y*other"\nother = "speed"', "definitions speed, other are defined by one another"),
         ('potential = "m*g*y"', 'potential = "m*g*y*v_y"', "potential of 'gravity' depends on a velocity"),

@@ -192,7 +192,7 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
     arrays = dict.fromkeys(("g", "g1", "located_g", "slopes"))
     watches = np.zeros(1, WATCH)
     watches["armed"] = watches["ever"] = watches["alive"] = 1
-    law = law_of(nothing, watched, nothing, nothing, kept, nothing, falling)
+    law = law_of(nothing, watched, nothing, nothing, nothing, kept, nothing, falling)
     run = made_by_hand(
         y=np.array([1.0, 0.0, -2.0]), law=law, detectors=detectors, log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
         log_events=np.zeros(5, EVENT_ROW), watches=watches, functions=entries(), **{name: np.zeros(1) for name in arrays},
@@ -345,7 +345,7 @@ def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
         arrays[5][:2], arrays[0][UNSOUND] = [(h - 0.25) * (h - 1.25), 0.5 - h], 0.0
 
     arrays = {name: np.zeros(2) for name in ("g1", "located_g", "slopes")}
-    run.put(law=law_of(nothing, both, nothing, nothing, kept, nothing, falling), detectors=detectors, g=np.array([0.3125, 0.5]),
+    run.put(law=law_of(nothing, both, nothing, nothing, nothing, kept, nothing, falling), detectors=detectors, g=np.array([0.3125, 0.5]),
             watches=np.zeros(2, WATCH), **arrays)  # fmt: skip
     run.watches["armed"] = 1
     found(run, 1.5)

@@ -32,6 +32,9 @@ EVENT_KINDS = ("crossing", "touch", "jump", "impact", "regime_switch", "pole", "
 CROSSING, TOUCH, JUMP, IMPACT, REGIME_SWITCH, POLE, CLUSTER, REST, TAKEOFF, STICK, SLIP, RESET_KIND = range(len(EVENT_KINDS))  # fmt: skip
 EVENT_DIRECTIONS = {-1: "falling", 1: "rising"}
 ONLY_REGIME = "motion"
+CONTACT_STATES = ("open", "settling", "closed")
+OPEN, SETTLING, CLOSED = range(len(CONTACT_STATES))
+FRICTION_STATES = ("open", "sticking", "slipping_forward", "slipping_backward")
 
 ENERGIES = {
     "kinetic_energy": "kinetic energy v.M.v/2",
@@ -141,6 +144,31 @@ def error(name: str) -> str:
     return f"error_{name}"
 
 
+def contact_force(name: str) -> str:
+    """Name the normal force of a contact."""
+    return f"contact_force_{name}"
+
+
+def contact_gap(name: str) -> str:
+    """Name the gap of a contact."""
+    return f"contact_gap_{name}"
+
+
+def contact_state(name: str) -> str:
+    """Name what a contact does."""
+    return f"contact_state_{name}"
+
+
+def friction_force(name: str) -> str:
+    """Name the friction force of a contact or of a friction element."""
+    return f"friction_force_{name}"
+
+
+def friction_state(name: str) -> str:
+    """Name what friction does."""
+    return f"friction_state_{name}"
+
+
 def sampled(name: str) -> str:
     """Name what a force evaluation used or gave."""
     return f"sample_{name}"
@@ -218,6 +246,14 @@ def _of_coordinate(name: str) -> tuple[str, ...]:
     return (*own, *map(sampled, moved), *map(error, moved))
 
 
+def _of_reaction(name: str) -> tuple[str, ...]:
+    return (name, sampled(name))
+
+
+def _of_friction(name: str) -> tuple[str, ...]:
+    return (friction_state(name), *_of_reaction(friction_force(name)))
+
+
 # what entries of a section call variables of the record
 _CLAIMED: dict[str, Callable[[str], tuple[str, ...]]] = {
     "parameters": lambda name: (name,),
@@ -226,6 +262,13 @@ _CLAIMED: dict[str, Callable[[str], tuple[str, ...]]] = {
     "drives": lambda name: (name, sampled(name)),
     "coordinates": _of_coordinate,
     "states": lambda name: (name, rate(name), sampled(name), error(name)),
+    "contacts": lambda name: (
+        contact_gap(name),
+        contact_state(name),
+        *_of_reaction(contact_force(name)),
+        *_of_friction(name),
+    ),
+    "frictions": _of_friction,
 }
 
 
@@ -239,6 +282,9 @@ def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         for name in parts[section]:
             for one in claimed(name):
                 yield one, f"{section.removesuffix('s')} '{name}'"
+    for section in ("events", "contacts", "frictions"):  # the flags of `event_detector`
+        for name in parts[section]:
+            yield f"detector {name}", f"{section.removesuffix('s')} '{name}'"
     for term, one_force in parts["forces"].items():
         for name in one_force.components or parts["coordinates"]:
             yield force(term, name), f"force '{term}'"

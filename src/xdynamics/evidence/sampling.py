@@ -21,6 +21,8 @@ from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import EXACT, REINTEGRATE, RULES
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
+from xdynamics.model.reactions import reactions
+from xdynamics.record.columns import state_name
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import STEPS
 from xdynamics.units import TIME, parse_time
@@ -190,11 +192,12 @@ class _Inside:
         return xr.Dataset(variables, attrs=attributes).set_coords("time")
 
     def _columns(self, rows: NDArray[np.int64]) -> list[Any]:
-        """Gather size and regime of every step and the state that it starts from; where it needs that too, the one it led to."""
+        """Gather size, regime and contacts of every step and the state that it starts from; where it needs that too, the one it led to."""
         run, used = self.run, list(self.layout.used)
         following = np.minimum(rows + 1, run.sizes[STEPS] - 1)
         # iterations that go on from those of the step before do not come to its end again, to the bit
-        wanted = [(["step_size"], following), (["regime"], rows), (used, rows)] + [
+        states = [state_name(one) for one in reactions(self.model)]
+        wanted = [(["step_size"], following), (["regime", "row_kind", *states], rows), (used, rows)] + [
             (used, following)
         ] * self.settings.method.simplified
         return [run[name].variable.isel({STEPS: which}) for names, which in wanted for name in names]
@@ -210,11 +213,12 @@ class _Inside:
         times, starts, ends = where / scale
         moving = np.flatnonzero(times > starts)
         # at an accepted time the accepted state, to the bit
-        size, regime, columns = columns[0], columns[1], columns[2:]
+        size, regime, behind = columns[0], columns[1], columns[2] == schema.EVENT_AFTER
+        states, columns = columns[3 : 3 + self._touching], columns[3 + self._touching :]
         found = np.vstack([columns[:n], np.zeros((n, times.size))])
         if not moving.size:
             return found
-        steps = np.stack([starts, ends, size / scale, times, regime])
+        steps = np.stack([starts, ends, size / scale, times, regime, behind, *states])
         given = [steps, columns[:n] / factors, columns[n:] / factors[: len(columns) - n]]
         inner = np.empty((2 * n, moving.size))
         # a run of its own: dask calls this in several threads
@@ -224,6 +228,10 @@ class _Inside:
         engine().states_inside(run, *given, inner, reintegrated)
         found[:, moving] = inner * np.vstack([factors, factors])
         return found
+
+    @property
+    def _touching(self) -> int:
+        return len(reactions(self.model))
 
     @cached_property
     def _factors(self) -> Floats:

@@ -283,5 +283,6 @@ _OUTER: dict[str, Callable[[Node, Node, Node], Node]] = {
     "atan": lambda u, _, rate: divide(rate, Binary("+", ONE, Binary("**", u, TWO))),
     "sinh": lambda u, _, rate: multiply(Call("cosh", (u,)), rate),
     "cosh": lambda u, _, rate: multiply(Call("sinh", (u,)), rate),
+    "positive": lambda _u, _f, rate: rate,
     "tanh": lambda u, _, rate: divide(rate, Binary("**", Call("cosh", (u,)), TWO)),
 }

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import Compute, Load, Operand, Place
-from xdynamics.model.motion import constants, slope
+from xdynamics.model.detectors import GAP, followed, function_bend, function_rate
+from xdynamics.model.motion import REGIME_NUMBER, constants, slope
 from xdynamics.schema import acceleration, rate, velocity
 
 # the functions that are called at the ends of an interval, by their place in a run's `functions`
@@ -24,9 +25,9 @@ CALLED = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "
 # what a row says to do; a row is an operation, the place of its value, and three places or numbers
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "sqrt", "abs", "least", "greatest", "sign")
 COMPARED = ("less", "at_most", "more", "at_least", "equal", "unequal")
-OPERATIONS = (*ARITHMETIC, "choose", *COMPARED, "hypot", "atan2", "power", *CALLED)
+OPERATIONS = (*ARITHMETIC, "choose", *COMPARED, "hypot", "atan2", "power", "positive", *CALLED)
 OPERATION = {name: i for i, name in enumerate(OPERATIONS)}
-NUMBER, CONSTANT, TIME, COORDINATE, STATE, VALUE, SLOPE = range(len(OPERATIONS), len(OPERATIONS) + 7)
+NUMBER, CONSTANT, TIME, PHASE, COORDINATE, STATE, VALUE, SLOPE = range(len(OPERATIONS), len(OPERATIONS) + 8)
 UNUSED = -1
 WIDTH = 5
 
@@ -40,22 +41,24 @@ class Enclosing:
     rows : ndarray of int64, shape (n, 5)
     numbers : ndarray of float64
         The literals.
-    parts : (int, int, int)
-        Rows up to which numbers and parameters are, then the functions, then their derivatives.
+    parts : (int, int, int, int)
+        Rows up to which numbers and parameters are, then the functions, then their derivatives, then those of the second
+        order.
     values : int
         How many places there are for values.
-    functions, slopes : tuple of int
-        The place of each event function and of its derivative.
+    functions, slopes, bends : tuple of int
+        The place of each event function, of its derivative, and of a gap's second one.
     of_time : tuple of bool
         Whether each depends on nothing but time.
     """
 
     rows: NDArray[np.int64]
     numbers: NDArray[np.float64]
-    parts: tuple[int, int, int]
+    parts: tuple[int, int, int, int]
     values: int
     functions: tuple[int, ...]
     slopes: tuple[int, ...]
+    bends: tuple[int, ...]
     of_time: tuple[bool, ...]
 
 
@@ -76,26 +79,31 @@ class _Printer:
         self._rows: list[tuple[int, ...]] = []
         self._constants = {name: i for i, name in enumerate(constants(layout.model))}
         self._moving = self._variables()
+        self._inner = {one.name: one.value for one in followed(layout.model)}
 
     def printed(self) -> Enclosing:
         """Print everything."""
         model = self._layout.model
         lines = Assignments(self._found)
-        trees = [model.expanded(one.function) for one in model.events.values()]
-        rates = [model.rate_of(one.function) for one in model.events.values()]
-        functions = [self._taken(lines, lines.value(tree)) for tree in trees]
+        watched = self._layout.watched
+        functions = [self._taken(lines, lines.value(one.function)) for one in watched]
         middle = len(self._rows)
-        slopes = [self._taken(lines, lines.value(tree)) for tree in rates]
+        slopes = [self._taken(lines, lines.value(function_rate(model, one))) for one in watched]
+        wide = len(self._rows)
+        bends = [
+            self._taken(lines, lines.value(function_bend(model, one))) if one.role == GAP else UNUSED for one in watched
+        ]
         count, first = len(self._places), len(self._first)
         rows = np.array([*self._first, *self._rows], np.int64).reshape(-1, WIDTH)
-        reads = [self._layout.model.reads(one.function) for one in model.events.values()]
-        of_time = tuple(not names & {*self._layout.used} for names in reads)
-        return Enclosing(rows, np.array(self._numbers), (first, first + middle, len(rows)), count, tuple(functions), tuple(slopes), of_time)  # fmt: skip
+        moving = {*self._layout.used, *self._layout.reactions}
+        of_time = tuple(not model.reads(one.function) & moving for one in watched)
+        return Enclosing(rows, np.array(self._numbers), (first, first + middle, first + wide, len(rows)), count, tuple(functions), tuple(slopes), tuple(bends), of_time)  # fmt: skip
 
     def _variables(self) -> Mapping[str, Callable[[int], tuple[int, ...]]]:
         """How each moving name is had: its row, given the place of its value."""
         layout = self._layout
         found: dict[str, Callable[[int], tuple[int, ...]]] = {"t": lambda at: (TIME, at, 0, 0, 0)}
+        found[REGIME_NUMBER] = lambda at: (PHASE, at, 0, 0, 0)
         for i, name in enumerate(layout.coordinates):
             for order, one in enumerate((name, velocity(name), acceleration(name))):
                 found[one] = lambda at, i=i, order=order: (COORDINATE, at, i, order, 0)  # type: ignore[misc]
@@ -110,6 +118,8 @@ class _Printer:
             return lines.load(Place("p", self._constants[name]), name)
         if name in self._moving:
             return lines.load(Place("moving", list(self._moving).index(name)), name)
+        if name in self._inner:
+            return lines.value(self._inner[name])  # type: ignore[arg-type]
         drive = name.removeprefix(slope(""))
         number = self._layout.drives.index(drive)
         return lines.compute("value_at" if drive == name else "slope_at", lines.named(self._layout.model.drives[drive].argument), number)  # fmt: skip

@@ -28,7 +28,7 @@ from xdynamics.kernels.tables import PYTHON_TABLES
 from xdynamics.methods.scheme import EXACT, Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
-EXP, LOG, FORCES, DETECT, SLOPES, RESETS, ROW, INSIDE, PROPOSE = range(9)
+EXP, LOG, FORCES, DETECT, SLOPES, RESETS, TOUCHING, ROW, INSIDE, PROPOSE = range(10)
 LINEARISED = PROPOSE  # of a method whose step `march.radau` makes
 CONTROL = ("exp", "log")  # what step control calls
 HEADER = (
@@ -79,6 +79,7 @@ class Law:
             quantities.events(layout),
             quantities.event_rates(layout),
             quantities.resets(layout),
+            quantities.touching(layout),
             quantities.row(layout),
         )
         return (*own, stepping.inside(layout, self.scheme), *self.steps.programs)

@@ -10,6 +10,8 @@ from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.methods.scheme import DIFFERENCES, Scheme
 from xdynamics.model import Model, motion
+from xdynamics.model.detectors import Detector, detectors
+from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.units import Dimension
 
 
@@ -72,6 +74,11 @@ class Layout:
         return tuple(schema.force(term, name) for term, parts in terms.items() for name in parts)
 
     @cached_property
+    def reactions(self) -> tuple[str, ...]:
+        """Names of the forces of contacts and friction elements."""
+        return tuple(one.name for one in reactions(self.model))
+
+    @cached_property
     def drives(self) -> tuple[str, ...]:
         """Names of the drives."""
         return tuple(self.model.drives)
@@ -84,12 +91,12 @@ class Layout:
     @cached_property
     def state(self) -> tuple[str, ...]:
         """What a row of the log keeps of a state, and the next step starts from."""
-        return self.used + self.accelerations + self.rates + self.forces
+        return self.used + self.accelerations + self.rates + self.forces + self.reactions
 
     @cached_property
     def evaluation(self) -> tuple[str, ...]:
         """What a force evaluation gives."""
-        return self.accelerations + self.rates + self.forces + self.drives
+        return self.accelerations + self.rates + self.forces + self.reactions + self.drives
 
     @cached_property
     def carried(self) -> tuple[str, ...]:
@@ -103,8 +110,19 @@ class Layout:
 
     @cached_property
     def derived(self) -> dict[str, Node]:
-        """Energies and observables, computed when a row is noted."""
-        return self._energies() | {name: self.model.expanded(node) for name, node in self.model.observables.items()}
+        """Energies, observables and gaps, computed when a row is noted."""
+        observables = {name: self.model.expanded(node) for name, node in self.model.observables.items()}
+        return self._energies() | observables | self.gaps
+
+    @cached_property
+    def gaps(self) -> dict[str, Node]:
+        """The gap of each contact."""
+        return {schema.contact_gap(one.owner): one.gap for one in reactions(self.model) if one.sort == NORMAL}
+
+    @cached_property
+    def watched(self) -> tuple[Detector, ...]:
+        """Everything whose zeros a march looks for."""
+        return detectors(self.model)
 
     @cached_property
     def resets(self) -> tuple[tuple[str, str], ...]:
@@ -117,7 +135,7 @@ class Layout:
         accelerations = set(self.accelerations)
         found = {name: self.model.expanded(node) for name, node in self.model.observables.items()}
         known = {name: node for name, node in found.items() if not free_names(node) & accelerations}
-        return {name: self.model.rate_of(node) for name, node in known.items()} if self.model.events else {}
+        return {name: self.model.rate_of(node) for name, node in known.items()} if self.watched else {}
 
     @cached_property
     def row(self) -> tuple[str, ...]:
@@ -159,7 +177,7 @@ class Layout:
     @cached_property
     def sample(self) -> tuple[str, ...]:
         """The float columns of a logged force sample."""
-        return ("time", "step", "stage", *self.used, *self.forces, *self.drives)
+        return ("time", "step", "stage", *self.used, *self.forces, *self.reactions, *self.drives)
 
     @property
     def sample_width(self) -> int:

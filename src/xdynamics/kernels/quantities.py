@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import AT, Compute, Each, Instruction, Load, Operand, Place, Program, Store
 from xdynamics.model import Function
-from xdynamics.model.motion import REGIME_NUMBER, Assignment, constants, jacobian, motion, slope, slopes
+from xdynamics.model.detectors import followed, function_rate
+from xdynamics.model.mass import Assignment
+from xdynamics.model.motion import REGIME_NUMBER, constants, jacobian, motion, slope, slopes
+from xdynamics.model.reactions import table
 
 PYTHON = "python_"  # in front of the names of functions handed over
 
@@ -37,15 +41,24 @@ def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
 
 def events(layout: Layout) -> Program:
     """Write the event functions."""
-    trees = [layout.model.expanded(one.function) for one in layout.model.events.values()]
-    return _returning("detect", "The function of every event.", layout, trees)
+    return _returning("detect", "The function of every event.", layout, [one.function for one in layout.watched])
 
 
 def event_rates(layout: Layout) -> Program:
     """Write the time derivatives of the event functions along the motion, and those of the observables."""
-    trees = [layout.model.rate_of(one.function) for one in layout.model.events.values()]
+    model = layout.model
+    trees = [function_rate(model, one) for one in layout.watched]
     trees += layout.followed.values()
-    return _returning("slopes", "The time derivatives of event functions and observables.", layout, trees)
+    about = "The time derivatives of event functions and observables."
+    return _returning("slopes", about, layout, trees, {one.name: one.value for one in followed(model)})
+
+
+def touching(layout: Layout) -> Program:
+    """Write what contacts and friction elements are at a state, one table behind the other."""
+    trees = [tree for part in table(layout.model) for tree in part]
+    inner = {one.name: one.value for one in motion(layout.model)} if layout.reactions else {}
+    about = "Gaps, rates, coefficients and matrices of contacts and friction."
+    return _returning("touching", about, layout, trees, inner, layout.used)
 
 
 def resets(layout: Layout) -> Program:
@@ -84,8 +97,8 @@ def row(layout: Layout) -> Program:
     return Program("row", "A row of the log.", tuple(body), sound=sound, spread=True)
 
 
-def _returning(name: str, about: str, layout: Layout, trees: Iterable[Node]) -> Program:
-    lines = Assignments(_Names(layout, layout.record))
+def _returning(name: str, about: str, layout: Layout, trees: Iterable[Node], inner: Mapping[str, Any] | None = None, known: Iterable[str] | None = None) -> Program:  # fmt: skip
+    lines = Assignments(_Names(layout, layout.record if known is None else known, inner or {}))
     count = 0
     for count, tree in enumerate(trees, start=1):
         lines.store(Place("z", count - 1), lines.value(tree))
@@ -104,10 +117,14 @@ def _moved(layout: Layout, assignments: Iterable[Assignment]) -> Assignments:
 
 
 class _Names:
-    """Where a law finds what its expressions name: in `at`, in the state, among the constants, in a table."""
+    """Where a law finds what its expressions name: in `at`, in the state, among the constants, in a table.
 
-    def __init__(self, layout: Layout, known: Iterable[str]) -> None:
+    What is found in none of them is computed where it is first asked for, from the assignments `inner`.
+    """
+
+    def __init__(self, layout: Layout, known: Iterable[str], inner: Mapping[str, Any] | None = None) -> None:
         self._layout = layout
+        self._inner = inner or {}
         self._drives = {name: i for i, name in enumerate(layout.drives)}
         self._places: Mapping[str, Place] = {
             **{name: Place("p", i) for i, name in enumerate(constants(layout.model))},
@@ -119,6 +136,8 @@ class _Names:
     def __call__(self, lines: Assignments, name: str) -> Operand:
         if name in self._places:
             return lines.load(self._places[name], name)
+        if name in self._inner:
+            return lines.value(self._inner[name])
         drive = name.removeprefix(slope(""))
         number, argument = self._drives[drive], self._layout.model.drives[drive].argument
         at = lines.named(argument)

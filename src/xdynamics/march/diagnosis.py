@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.march.disputes import dispute, painleve
 from xdynamics.march.doubts import advice_on_stiffness, doubts
 from xdynamics.march.newton import MOST_ITERATIONS
 from xdynamics.march.outcomes import (
     COMPLETED,
+    CONTACT_PENETRATED,
     EVENT_AT_ZERO,
     NONFINITE,
     NONFINITE_FORCE,
@@ -26,7 +29,9 @@ from xdynamics.march.retrace import retraced, undefined_part
 from xdynamics.march.runner import March
 from xdynamics.march.worst import of_error, of_newton
 from xdynamics.model import Function
+from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.schema import (
+    REASON_CONTACT,
     REASON_DOMAIN,
     REASON_ERROR,
     REASON_EVENT_FUNCTION,
@@ -77,15 +82,19 @@ def diagnose(march: March) -> Failure:
     """
     status = int(march.now.status)
     if status == REASON_EVENT_FUNCTION:
-        named = zip(march.model.events, march.run.g1.tolist(), strict=True)
-        cause = ", ".join(f"the function of event '{name}' is {value}" for name, value in named if not isfinite(value))
+        named = zip(march.layout.watched, march.run.g1.tolist(), strict=True)
+        cause = ", ".join(
+            f"the function of event '{one.name}' is {value}" for one, value in named if not isfinite(value)
+        )
         return Failure(OUTCOMES[status], cause)
     if status == EVENT_AT_ZERO:
-        named = zip(march.model.events, march.run.watches["ever"].tolist(), strict=True)
-        cause = ", ".join(f"the function of event '{name}' is 0" for name, ever in named if not ever)
+        named = zip(march.layout.watched, march.run.watches["ever"].tolist(), strict=True)
+        cause = ", ".join(f"the function of event '{one.name}' is 0" for one, ever in named if not ever)
         return Failure(OUTCOMES[status], cause)
     if status == NONFINITE_OBSERVABLE:
         return _in_row(march)
+    if status in (REASON_CONTACT, CONTACT_PENETRATED):
+        return Failure(OUTCOMES[status], dispute(march))
     if status not in (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON):
         return Failure(OUTCOMES[status], _cause(march))
     for values in retraced(march):
@@ -164,6 +173,13 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
     for name in layout.drives:
         if not isfinite(values[name]):
             return Failure(OUTSIDE_TABLE, _outside(march, name, values[model.drives[name].argument]))
+    for reaction in reactions(model):
+        # finite forces, and reactions that are not: their matrix has no positive pivots
+        if not isfinite(values[reaction.name]) and all(isfinite(values[name]) for name in layout.forces):
+            owner = reactions(model)[reaction.normal]
+            sliding = next((one for one in reactions(model) if one.sort == TANGENT and one.owner == owner.owner), None)
+            if sliding is not None:
+                return Failure(OUTCOMES[REASON_CONTACT], painleve(sliding, evaluate(sliding.size, values)))
     trees = {force(term, one): tree for term, parts in model.force_components.items() for one, tree in parts.items()}
     trees |= {rate(name): state.rate for name, state in model.states.items()}
     for name, tree in trees.items():

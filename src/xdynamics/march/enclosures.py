@@ -18,11 +18,13 @@ from xdynamics.kernels.enclosing import (  # fmt: skip
     CONSTANT,
     COORDINATE,
     NUMBER,
+    PHASE,
     SLOPE,
     STATE,
     TIME,
     VALUE,
 )
+from xdynamics.kernels.program import REGIME
 from xdynamics.kernels.tables import find_piece
 from xdynamics.march.handle import floats_at, run_at
 from xdynamics.march.intervals import (
@@ -72,6 +74,8 @@ def enclose(run: Run, y: State, z: State, first: int, last: int) -> None:
             companion(run, y, z, target, a, run.rows[k, 3])
         elif row == TIME:
             put(run, target, run.piece[0].start, run.piece[0].end, SMOOTH)
+        elif row == PHASE:
+            put(run, target, run.at[REGIME], run.at[REGIME], SMOOTH)
         elif row == NUMBER:
             put(run, target, run.numbers[a], run.numbers[a], SMOOTH)
         elif row == CONSTANT:

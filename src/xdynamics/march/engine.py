@@ -14,12 +14,24 @@ from numba import config, from_dtype, types
 
 from xdynamics.kernels import cache
 from xdynamics.kernels.compiling import PLAIN
-from xdynamics.march import enclosures, entries, loop, proposing, transition
+from xdynamics.march import contact, enclosures, entries, loop, proposing, transition
 from xdynamics.march.kept import Kept
 from xdynamics.march.run import NOW, PLAN
 
-SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS = 10, 8, 12  # that compiling takes on a machine of 2026
-NEWTON, RADAU, ENCLOSING, PARTING, HAPPENING = -1, -2, -3, -4, -5  # keys of steps where nothing is compiled
+SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS, CONTACTS_SECONDS = (
+    10,
+    8,
+    12,
+    15,
+)  # that compiling takes on a machine of 2026
+NEWTON, RADAU, ENCLOSING, PARTING, HAPPENING, TOUCHING = (
+    -1,
+    -2,
+    -3,
+    -4,
+    -5,
+    -6,
+)  # keys of steps where nothing is compiled
 _LOCK = threading.Lock()
 _FOUND: dict[str, Any] = {}
 _KEPT: list[Any] = []
@@ -63,6 +75,12 @@ def solvers() -> Solvers:
 def watchers() -> Watchers:
     """Return what looks for events, compiled if that was not done on this machine."""
     found: Watchers = _part("watchers", "the search for events", WATCHERS_SECONDS, _watchers, _plain_watchers)
+    return found
+
+
+def contacts() -> int:
+    """Return where begins what contacts do, compiled if that was not done on this machine."""
+    found: int = _part("contacts", "contacts and friction", CONTACTS_SECONDS, _contacts, _plain_contacts)
     return found
 
 
@@ -144,6 +162,18 @@ def _watchers(kept: Kept) -> Watchers:
     return Watchers(*(one.address for one in found))
 
 
+def _plain_contacts() -> int:
+    PLAIN[TOUCHING] = contact.touch
+    return TOUCHING
+
+
+def _contacts(kept: Kept) -> int:
+    """The same for contacts."""
+    found: Any = kept.callback(contact.touch, types.void(types.int64, types.float64, types.int64))
+    _KEPT.append(found)
+    return int(found.address)
+
+
 def _array(dtype: Any, dims: int) -> Any:
     return types.Array(from_dtype(np.dtype(dtype)), dims, "C")
 
@@ -160,7 +190,11 @@ def _key() -> str:
 
     package = Path(__file__).parents[1]
     rooms = [*(package / "kernels").glob("*.py"), *(package / "march").glob("*.py")]
-    files = sorted([*rooms, package / "schema.py", package / "methods" / "radau.py"])
+    constants = [
+        package / "methods" / "radau.py",
+        *(package / "model" / f"{one}.py" for one in ("parts", "detectors", "reactions")),
+    ]
+    files = sorted([*rooms, package / "schema.py", *constants])
     return cache.digest(
         *(path.read_text(encoding="utf-8") for path in files), numba.__version__, np.__version__, sys.version,
         binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),

@@ -12,13 +12,13 @@ from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.evaluating import evaluate
-from xdynamics.march.handle import called, floats_at, march_by, run_at
+from xdynamics.march.handle import called, entered_by, floats_at, march_by, run_at
 from xdynamics.march.intervals import EPS
 from xdynamics.march.newton import newton_step
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.proposing import copy, propose_apart
 from xdynamics.march.radau import radau_step
-from xdynamics.march.run import BEGUN, Run
+from xdynamics.march.run import BEGUN, INFORM, SETTLE, TOUCHED, Run
 
 Floats = NDArray[np.float64]
 Records = NDArray[Any]
@@ -96,8 +96,9 @@ def states_inside(address: Any, steps: Floats, states: Floats, ends: Floats, fou
     ----------
     address : int
         Of a `Run`.
-    steps : ndarray, shape (5, k)
-        For each time: start and end of its step, its size, the time, the regime.
+    steps : ndarray, shape (6 + m, k)
+        For each time: start and end of its step, its size, the time, the regime, whether the step begins behind an
+        event, what each of m reactions does.
     states : ndarray, shape (n, k)
         The state at the start.
     ends : ndarray, shape (n or 0, k)
@@ -114,7 +115,9 @@ def states_inside(address: Any, steps: Floats, states: Floats, ends: Floats, fou
         t, t1, h, time = steps[0, k], steps[1, k], steps[2, k], steps[3, k]
         s = (time - t) / (t1 - t)  # h is not t1 - t to the bit: at t1 the step is to be the whole one
         run.now[0].regime = np.int64(steps[4, k])
-        enter(run, t, states, k)
+        for i in range(run.touches.shape[0]):
+            run.touches[i].state = np.int64(steps[6 + i, k])
+        enter(run, t, states, k, steps[5, k] != 0.0)
         solved = shorter(run, t, time, s * h)
         for i in range(n):
             found[i, k] = found[n + i, k] = run.z[i] if solved else np.nan
@@ -133,13 +136,17 @@ def states_inside(address: Any, steps: Floats, states: Floats, ends: Floats, fou
 
 
 @shared
-def enter(run: Run, t: float, states: Floats, k: int) -> None:
-    """Stand at the start of a step: on the far side of what changes there."""
+def enter(run: Run, t: float, states: Floats, k: int, behind: bool) -> None:
+    """Stand at the start of a step: on the far side of what changes there, behind an event on what a contact settles to."""
     enter_pieces(t, run.tables, run.places, run.of_time)
     run.at[REGIME] = run.now[0].regime
     for i in range(run.y.shape[0]):  # nothing is carried along
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
+    if run.plan[0].reactions > 0:
+        entered_by(run.functions[TOUCHED], run, t, INFORM)
     evaluate(run, t, run.y)
+    if behind and run.plan[0].reactions > 0:
+        entered_by(run.functions[TOUCHED], run, t, SETTLE)
 
 
 @shared

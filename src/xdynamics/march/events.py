@@ -13,6 +13,7 @@ from xdynamics.march.isolation import ENDED, FORCED, NONE, STEEP, TOUCHED, resol
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, keep, substep, take
 from xdynamics.march.run import Run
+from xdynamics.model.detectors import GAP
 from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
 
 ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
@@ -127,6 +128,22 @@ def bracket(run: Run, i: int, left: float) -> None:
         else:
             low, at_low = s, value
     watch.left, watch.right, watch.before = low, high, at_low
+    if run.detectors[i].role == GAP:
+        polish(run, i, at_high)
+
+
+@shared
+def polish(run: Run, i: int, at_high: float) -> None:
+    """Move the right end next to the zero by one secant more: what is left of a gap goes into every bounce behind it."""
+    watch, t = run.watches[i], run.now[0].t
+    low, high, at_low = watch.left, watch.right, watch.before
+    s = (at_high * low - at_low * high) / (at_high - at_low) + 2.0 * EPS * max(abs(t), abs(t + high))
+    if not low < s < high:
+        return
+    substep(run, s)
+    if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)):
+        keep(run)
+        watch.right = s
 
 
 @shared

@@ -20,7 +20,7 @@ EPS, LEAST, MOST = 2.220446049250313e-16, 5e-324, 1.7976931348623157e308
 ULPS = 4.0 * EPS  # of an elementary function
 SMOOTH, BREAKS, UNBOUNDED = 0, 1, 2  # whether a value may jump there, or be infinite or none at all
 ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATIVE, SQRT, ABS, MINIMUM, MAXIMUM, SIGN = (OPERATION[name] for name in ARITHMETIC)
-CHOOSE, HYPOT, ATAN2, POWER = (OPERATION[name] for name in ("choose", "hypot", "atan2", "power"))
+CHOOSE, HYPOT, ATAN2, POWER, POSITIVE = (OPERATION[name] for name in ("choose", "hypot", "atan2", "power", "positive"))
 LESS, AT_MOST, MORE, AT_LEAST, EQUAL, UNEQUAL = (OPERATION[name] for name in COMPARED)
 SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, EXP, LOG = (OPERATION[name] for name in enclosing.CALLED)
 
@@ -109,6 +109,8 @@ def function(run: Run, row: int, target: int, a: int, b: int, c: int) -> None:
         put(run, target, min(low, run.under[b]), min(high, run.over[b]), max(flaw, run.flaws[b]))
     elif row == MAXIMUM:
         put(run, target, max(low, run.under[b]), max(high, run.over[b]), max(flaw, run.flaws[b]))
+    elif row == POSITIVE:
+        put(run, target, low, high, flaw if low > 0.0 else UNBOUNDED)
     elif row == CHOOSE:
         choose(run, target, a, b, c)
     elif LESS <= row <= UNEQUAL:

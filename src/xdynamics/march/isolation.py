@@ -15,7 +15,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.handle import called, enclosed_by
-from xdynamics.march.intervals import BREAKS, EPS, SMOOTH, UNBOUNDED
+from xdynamics.march.intervals import BREAKS, EPS, SMOOTH, UNBOUNDED, above, below
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, substep
 from xdynamics.march.run import ENCLOSE, Run
@@ -40,6 +40,9 @@ def sign(x: float) -> int:
 def arm(run: Run, i: int, value: float) -> None:
     """Let an event be found once its function leaves zero, or at once where it is away from it."""
     watch = run.watches[i]
+    if watch.asleep:
+        watch.armed = 0
+        return
     away = abs(value) > max(MURK * uncertainty(run, i, run.z), NEAR * watch.greatest)
     watch.armed = sign(value) if away else 0
     watch.ever = max(watch.ever, abs(watch.armed))
@@ -54,10 +57,18 @@ def forget(run: Run) -> None:
 
 @shared
 def uncertainty(run: Run, i: int, state: State) -> float:
-    """How far rounding, and the error of the step where it is estimated, may have an event function from its value."""
+    """How far rounding, and the error of the step where it is estimated, may have an event function from its value.
+
+    What may not leave a side is held to it where the march is, so that of a gap there is rounding only.
+    """
     piece, place = run.piece[0], run.detectors[i].value
     start, end, width = piece.start, piece.end, piece.width
-    piece.start, piece.end, piece.width, piece.wide = run.at[T], run.at[T], 0.0, 1.0
+    piece.start, piece.end, piece.width, piece.wide = (
+        run.at[T],
+        run.at[T],
+        0.0,
+        1.0 if run.watches[i].guard == 0 else 0.0,
+    )
     enclosed_by(run.functions[ENCLOSE], run, state, state, run.parts[0], run.parts[1])
     piece.start, piece.end, piece.width, piece.wide = start, end, width, 0.0
     if run.flaws[place] != SMOOTH:  # where it jumps, both sides are in the interval
@@ -75,7 +86,9 @@ def quiet(run: Run) -> bool:
     piece.rough, silent = 0, True
     for i in range(run.detectors.shape[0]):
         place, watch = run.detectors[i].value, run.watches[i]
-        watch.alive = 1 if run.under[place] <= 0.0 <= run.over[place] or watch.armed == 0 else 0
+        settled = (watch.armed > 0 and run.under[place] > 0.0) or (watch.armed < 0 and run.over[place] < 0.0)
+        unguarded = watch.guard == 0 or watch.armed == watch.guard
+        watch.alive = int(watch.asleep == 0 and not (settled and unguarded))
         if watch.alive:
             silent = False
     return silent
@@ -130,13 +143,19 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
     piece, t, cut = run.piece[0], run.now[0].t, False
     piece.start, piece.end, piece.width, piece.wide = t + start, t + end, end - start, 0.0
     piece.part = int(end - start < run.located[0].h)
-    enclosed_by(run.functions[ENCLOSE], run, run.near, run.far, run.parts[0], run.parts[2])
+    enclosed_by(run.functions[ENCLOSE], run, run.near, run.far, run.parts[0], run.parts[3])
+    bent = False
     for i in range(run.detectors.shape[0]):
         watch, detector = run.watches[i], run.detectors[i]
         if watch.alive:
             value, slope = detector.value, detector.slope
             watch.low, watch.high = run.under[value], run.over[value]
             watch.down, watch.up, watch.flaw = run.under[slope], run.over[slope], max(run.flaws[value], run.flaws[slope])  # fmt: skip
+            if detector.bend >= 0:
+                bent = True
+                watch.least_bend, watch.most_bend = run.under[detector.bend], run.over[detector.bend]
+    if bent:
+        tighten(run)
     for i in range(run.detectors.shape[0]):  # when all are taken down: to know more, intervals are written over
         if run.watches[i].alive:
             run.watches[i].state = known(run, i)
@@ -146,7 +165,7 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
             narrow = end - start <= resolution(run, i, end)
             run.at[T] = t + start
             size = MURK * uncertainty(run, i, run.near)
-            small = -size <= watch.low and watch.high <= size
+            small = stays_within(run, i, size, end - start)
             if not small and (narrow or finest) and not turns(run, i):
                 watch.state = CLEAR
             elif small or narrow or finest:
@@ -156,6 +175,39 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
             else:
                 cut = True
     return cut
+
+
+@shared
+def tighten(run: Run) -> None:
+    """Bound the slopes of gaps by those at the piece's start and by how much they change.
+
+    A body that leaves what it stands on, or comes down on it, hardly moves against it, however fast both do.
+    """
+    piece, w = run.piece[0], run.piece[0].width
+    end = piece.end
+    piece.end, piece.width = piece.start, 0.0
+    enclosed_by(run.functions[ENCLOSE], run, run.near, run.near, run.parts[0], run.parts[2])
+    piece.end, piece.width = end, w
+    for i in range(run.detectors.shape[0]):
+        watch, detector = run.watches[i], run.detectors[i]
+        if watch.alive and detector.bend >= 0 and watch.flaw == SMOOTH:
+            at_start, to = run.under[detector.slope], run.over[detector.slope]
+            watch.down = max(watch.down, at_start + min(0.0, below(watch.least_bend * w)))
+            watch.up = min(watch.up, to + max(0.0, above(watch.most_bend * w)))
+
+
+@shared
+def stays_within(run: Run, i: int, size: float, w: float) -> bool:
+    """Whether a function is no larger than a size on a piece: by its values, or by those at the ends and its slopes.
+
+    Where two large numbers move together, as a body and what it stands on, the values alone say far too much.
+    """
+    watch, before, after = run.watches[i], run.near_g[i], run.far_g[i]
+    low, high = watch.low, watch.high
+    if watch.flaw == SMOOTH and watch.down < 0.0 < watch.up:
+        low = max(low, before + watch.down * ((before - after + watch.up * w) / (watch.up - watch.down)))
+        high = min(high, before + watch.up * ((after - before - watch.down * w) / (watch.up - watch.down)))
+    return -size <= low and high <= size
 
 
 @shared
@@ -250,19 +302,36 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
             came = after if watch.state == MONOTONE else (before if before != 0 else after)
             watch.clear = start
             pending, left = watch.zone >= 0.0, watch.zone if watch.zone >= 0.0 else start
-            if watch.armed == 0:
+            waiting = watch.armed == 0
+            if leaves(run, i, came):
+                watch.armed, left = watch.guard, start
+            elif waiting:
                 watch.armed = came
-            elif came != watch.armed:
+            if came != watch.armed:
                 strike(run, i, left, end, FORCED if pending and watch.forced else CROSSED)
                 if watch.hit == NONE:
                     watch.armed = came
-            elif pending and reaches(run, i, end - watch.zone):
+            elif pending and not waiting and reaches(run, i, end - watch.zone):
                 strike(run, i, left, start, TOUCHED)
             watch.ever = max(watch.ever, abs(watch.armed))
             if watch.hit == NONE:
                 watch.zone, watch.forced, watch.broken = -1.0, 0, SMOOTH
         found = found or watch.hit != NONE
     return found
+
+
+@shared
+def leaves(run: Run, i: int, came: int) -> bool:
+    """Whether a function is on the side where it may not be, and goes on there: a gap that was zero and no more, say."""
+    watch = run.watches[i]
+    if watch.guard == 0 or came != -watch.guard or watch.armed == watch.guard:
+        return False
+    run.at[T] = run.piece[0].end
+    if not abs(run.far_g[i]) > MURK * uncertainty(run, i, run.far) or sign(run.far_g[i]) != came:
+        return False
+    run.at[T] = run.piece[0].end
+    called(run.law[SLOPES], run, run.far, run.slopes, 0)
+    return bool(watch.guard * run.slopes[i] < 0.0)
 
 
 @shared

@@ -32,11 +32,12 @@ class Log(NamedTuple):
     trials: NDArray[Any]
     events: NDArray[Any]
     rates: NDArray[np.float64]
+    impulses: NDArray[np.float64]
 
     def lend(self, run: Run) -> None:
         """Let a run write here from now on."""
         run.put(base=self.base, log_rows=self.rows, log_flags=self.flags, log_samples=self.samples,
-                log_trials=self.trials, log_events=self.events, log_rates=self.rates)  # fmt: skip
+                log_trials=self.trials, log_events=self.events, log_rates=self.rates, log_impulses=self.impulses)  # fmt: skip
 
     def make_ready(self, row: int, rows: int, sampled: int) -> None:
         """Have the system provide the memory of some rows to come in one go: one page after the other costs twice as much."""
@@ -80,6 +81,8 @@ def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
     at[T], at[H], at[NORM], at[TURNS] = t, h, now.norm if reached else 0.0, run.trial[0].iterations if reached else 0
     noted(run.law[ROW], run, state, row)
     run.log_flags[0, row], run.log_flags[1, row] = kind, now.regime
+    for k in range(run.touches.shape[0]):
+        run.log_flags[2 + k, row] = run.touches[k].state
     finite = at[UNSOUND] == 0.0
     if finite:
         now.rows += 1
@@ -137,7 +140,7 @@ def _memory_of(array: NDArray[Any]) -> mmap.mmap | None:
 
 def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
     """Return an empty log for `rows` rows, with `sampled` force samples a step."""
-    events = len(layout.model.events)
+    events = len(layout.watched)
     # an odd stride: columns a power of two apart would share one cache set
     rows = (rows + 4) | 1
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
@@ -147,11 +150,12 @@ def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
     return Log(
         np.zeros(1, BASE),
         _pages((len(layout.row), rows), np.float64),
-        _pages((2, rows), np.int8),
+        _pages((2 + len(layout.reactions), rows), np.int8),
         _pages((len(layout.sample), samples), np.float64),
         np.empty(trials, TRIAL_ROW),
         np.empty(most, EVENT_ROW),
         np.empty((len(layout.followed), most)),
+        np.empty((len(layout.coordinates) + 1 if layout.reactions else 0, most)),
     )
 
 

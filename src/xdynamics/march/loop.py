@@ -29,7 +29,8 @@ from xdynamics.march.outcomes import (
     STEP_TOO_SMALL,
 )
 from xdynamics.march.proposing import copy, propose
-from xdynamics.march.run import BEGUN, ENCLOSE, HAPPEN, Run
+from xdynamics.march.run import BEGIN as TOUCHES
+from xdynamics.march.run import BEGUN, ENCLOSE, HAPPEN, TOUCHED, Run
 from xdynamics.schema import (
     INITIAL,
     NODE,
@@ -86,6 +87,8 @@ def start(run: Run) -> None:
     run.at[REGIME] = now.regime  # until an event changes it
     run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
+    if plan.reactions > 0:
+        entered_by(run.functions[TOUCHED], run, now.t, TOUCHES)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)
     run.at[T] = now.t

@@ -20,9 +20,10 @@ Floats = NDArray[np.float64]
 _OF_A_STEP = (
     "at", "z", "e", "piece", "resets", "near", "near_g", "far", "far_g", "branches", "under", "over", "flaws", "samples", "w", "trial", "located", "g1", "half", "whole", "located_z", "located_e", "located_g",
     "located_samples", "slopes", "places", "matrix", "right", "kept", "stage", "shifted", "stages", "turned",
-    "defects", "past", "pivots",
+    "defects", "past", "pivots", "links", "problem", "basis", "solution", "effects", "square", "column", "chosen",
 )  # fmt: skip
 AT_END = tuple(name for name in CHANGING if name not in _OF_A_STEP)
+_OF_CONTACTS = ("modes", "touches")
 
 
 def arrays_of(run: Run) -> dict[str, Array]:
@@ -49,7 +50,7 @@ def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
 def numbers_at_end(run: Run) -> tuple[str, Floats]:
     """Return what a march needs to go on behind its end, and the names of its arrays and their fields."""
     names, parts = [], []
-    for name in AT_END:
+    for name in _at_end(run):
         array = getattr(run, name)
         fields = array.dtype.names
         names += [f"{name}.{one}" for one in fields] if fields else [f"{name}[{array.size}]"]
@@ -69,7 +70,7 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
     if names != known or numbers.shape != kept.shape:
         raise InputError("its memory of the end is of another version of xdynamics")
     first = 0
-    for name in AT_END:
+    for name in _at_end(run):
         array = getattr(run, name)
         for part in [array[one] for one in array.dtype.names] if array.dtype.names else [array]:
             part[...] = numbers[first : first + part.size]
@@ -77,3 +78,8 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
     now = run.now[0]
     now.status, now.crossed = RUNNING, now.node - 1
     run.at[REGIME] = now.regime
+
+
+def _at_end(run: Run) -> list[str]:
+    """Return the arrays that a record keeps the end of; those of contacts where there are any."""
+    return [name for name in AT_END if name not in _OF_CONTACTS or run.touches.size]

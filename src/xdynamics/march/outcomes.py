@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from xdynamics.schema import (
+    REASON_CONTACT,
     REASON_DOMAIN,
     REASON_ERROR,
     REASON_EVENT_FUNCTION,
@@ -16,8 +17,8 @@ from xdynamics.schema import (
 SOUND, RUNNING = -1, -1
 BEGIN = -2  # in the place of a reason: the march begins
 # what ends a run without a trial that was rejected; the reasons of trials stand before them
-COMPLETED, STOPPED, STEP_TOO_SMALL, STEP_LIMIT, NONFINITE_OBSERVABLE, INTERRUPTED, EVENT_AT_ZERO = range(
-    len(TRIAL_REASONS), len(TRIAL_REASONS) + 7
+COMPLETED, STOPPED, STEP_TOO_SMALL, STEP_LIMIT, NONFINITE_OBSERVABLE, INTERRUPTED, EVENT_AT_ZERO, CONTACT_PENETRATED = (
+    range(len(TRIAL_REASONS), len(TRIAL_REASONS) + 8)
 )
 
 
@@ -59,6 +60,8 @@ OUTCOMES: dict[int, Outcome] = {
     EVENT_AT_ZERO: Outcome(
         "event_at_zero", "reached t = {t} s, and {cause} from the start throughout: it tells of nothing"
     ),
+    REASON_CONTACT: Outcome("contact_undetermined", _ACCEPTED),
+    CONTACT_PENETRATED: Outcome("contact_penetrated", "at t = {t} s: {cause}"),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t} s; the rows up to there are kept"),
 }
 

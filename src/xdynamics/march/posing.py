@@ -15,15 +15,18 @@ from xdynamics.kernels.enclosing import Enclosing, enclosing
 from xdynamics.kernels.law import called_with_intervals
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.tables import flattened
-from xdynamics.march.engine import solvers, watchers
+from xdynamics.march.engine import contacts, solvers, watchers
+from xdynamics.march.linking import NUMBERS
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PIECE, PLAN, TRIAL, WATCH, Run
+from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PIECE, PLAN, REACTION, TOUCH, TRIAL, WATCH, Run
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
 from xdynamics.model import Function, Model
+from xdynamics.model.detectors import detectors
 from xdynamics.model.motion import constants, first_regime, tables_of
-from xdynamics.model.parts import ACTIONS
+from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
+from xdynamics.model.reactions import DRY, NORMAL, modes, reactions
 from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
@@ -55,7 +58,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         located=np.zeros(1, TRIAL),
         at=np.zeros(len(AT)),
         **_states(model, settings, law, int(plan["samples"][0])),
-        p=np.array(list(constants(model, scales).values())),
+        **_parameters(model, scales),
         tables=tables,
         places=places,
         of_time=np.array([i for i, one in enumerate(model.drives.values()) if one.argument == "t"], np.int64),
@@ -99,7 +102,7 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     """Return the initial state, its tolerances, and room for those that are tried."""
     layout, asked = law.layout, settings.tolerances
     sizes = {name: settings.scales.of(model.dimensions[name]) for name in layout.used}
-    n, events = len(layout.used), len(model.events)
+    n, events = len(layout.used), len(layout.watched)
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
     lengths |= dict.fromkeys(("e", "located_e", "largest"), n)
     lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g"), events)
@@ -151,6 +154,8 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "state": len(layout.state),
         "regime": first_regime(model),
         "evaluated": len(layout.evaluation),
+        "reactions": len(layout.reactions),
+        "pressed": len(layout.state) - len(layout.reactions),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
 
@@ -177,21 +182,65 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
     return np.array(times, np.float64), np.array(steps, np.float64)
 
 
+def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
+    """Return what a law knows of the model; the modes of contacts are the end of it."""
+    values = np.array(list(constants(model, scales).values()))
+    return {"p": values, "modes": values[len(values) - len(modes(model)) :]}
+
+
 def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]:
     """Return how events are looked for, and what that takes."""
-    said, deep, events = enclosing(law.layout), DEEPEST if model.events else 0, len(model.events)
+    watched = law.layout.watched
+    said, deep, events = enclosing(law.layout), DEEPEST if watched else 0, len(watched)
     places = {"under": np.zeros(said.values), "over": np.zeros(said.values), "flaws": np.zeros(said.values, np.int64)}
-    return places | {
-        "detectors": _detectors(model, said, scales),
-        "watches": np.zeros(events, WATCH),
-        "resets": np.zeros(len(law.layout.resets)),
-        "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
-        "piece": np.zeros(1, PIECE),
-        "rows": said.rows,
-        "numbers": said.numbers,
-        "parts": np.array(said.parts, np.int64),
-        "branches": np.zeros((deep, 1 + len(law.layout.record) + events)),
-        "functions": np.append(called_with_intervals(), watchers()) if events else np.zeros(0, np.int64),
+    functions = [*called_with_intervals(), *watchers()] if watched else []
+    return (
+        places
+        | _touching(model, scales)
+        | {
+            "detectors": _detectors(model, said, scales),
+            "watches": np.zeros(events, WATCH),
+            "resets": np.zeros(len(law.layout.resets)),
+            "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
+            "piece": np.zeros(1, PIECE),
+            "rows": said.rows,
+            "numbers": said.numbers,
+            "parts": np.array(said.parts, np.int64),
+            "branches": np.zeros((deep, 1 + len(law.layout.record) + events)),
+            "functions": np.array([*functions, contacts()] if law.layout.reactions else functions, np.int64),
+        }
+    )
+
+
+def _touching(model: Model, scales: Scales) -> dict[str, NDArray[Any]]:
+    """Return what contacts and friction elements are, and room for the problems that they pose."""
+    found = reactions(model)
+    m, n = len(found), len(model.coordinates)
+    most = sum(1 if one.sort == NORMAL else 3 for one in found)
+    fixed = np.zeros(m, REACTION)
+    for to, one in zip(fixed, found, strict=True):
+        part: Any = model.frictions[one.owner] if one.sort == DRY else model.contacts[one.owner]
+        to.role, to.normal, to.tolerance, to.rest_height = (
+            one.sort,
+            one.normal,
+            part.time_tolerance.si / scales.of(TIME),
+            -1.0,
+        )
+        if one.sort == NORMAL:
+            to.law = IMPACT_LAWS.index(part.law)
+            if part.rest_height is not None:
+                to.rest_height = part.rest_height.si / scales.of(part.rest_height.unit.dimension)
+    return {
+        "reactions": fixed,
+        "touches": np.zeros(m, TOUCH),
+        "links": np.zeros(NUMBERS * m + m * m + 2 * m * n),
+        "problem": np.zeros((most, 2 * most + 2)),
+        "basis": np.zeros(most, np.int64),
+        "solution": np.zeros(most),
+        "effects": np.zeros((m, most)),
+        "square": np.zeros(m * m),
+        "column": np.zeros(m),
+        "chosen": np.zeros(m, np.int64),
     }
 
 
@@ -202,12 +251,16 @@ def _targets(law: Law) -> list[tuple[int, int]]:
 
 
 def _detectors(model: Model, said: Enclosing, scales: Scales) -> NDArray[np.void]:
-    found = np.zeros(len(model.events), DETECTOR)
+    watched = detectors(model)
+    found = np.zeros(len(watched), DETECTOR)
     found["value"], found["slope"], found["of_time"] = said.functions, said.slopes, said.of_time
-    for one, event in zip(found, model.events.values(), strict=True):
-        one.direction, one.action, one.count = _DIRECTIONS[event.direction], ACTIONS.index(event.action), event.count
+    found["bend"] = said.bends
+    for one, detector in zip(found, watched, strict=True):
+        event = detector.event
+        one.direction, one.action, one.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
         one.to = list(model.regimes).index(event.to) if event.to else 0
-        one.tolerance = event.time_tolerance.si / scales.of(TIME)
+        one.tolerance = detector.time_tolerance.si / scales.of(TIME)
+        one.role, one.reaction = detector.role, detector.reaction
     return found
 
 

@@ -12,6 +12,7 @@ from xdynamics.expressions.tree import children
 from xdynamics.methods import Evaluation, Solve, Statement
 from xdynamics.methods.walk import Walker
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated, tables_of
+from xdynamics.model.reactions import modes
 from xdynamics.schema import acceleration, rate, velocity
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ def retraced(march: March) -> Iterator[Values]:
     state = dict(zip(march.layout.record, march.run.y.tolist(), strict=True))
     t, h, regime = float(march.now.t), float(march.now.h), float(march.now.regime)
     known = constants(march.model, march.settings.scales)
+    known = {**known, **dict(zip(modes(march.model), march.run.modes.tolist(), strict=True))}
     tables = tables_of(march.model, march.settings.scales)
 
     def forces(used: Values) -> Values:

@@ -24,7 +24,7 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 # a node by `snap` of its size is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
-    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state regime evaluated",
+    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state regime evaluated reactions pressed",
 )
 # Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried;
 # `node` counts the nodes landed on, `crossed` those behind which forces were evaluated.
@@ -35,14 +35,16 @@ NOW = _record(
 # A step that was made and is yet to be judged; iterations are -1 where Newton's method did not converge; `unsound` is 0
 # where its state, and `unsound_events` where its event functions are finite, else nan.
 TRIAL = _record("t h unsound unsound_events", "landing iterations")
-# How to look for each event.
-DETECTOR = _record("tolerance", "direction action to count value slope of_time")
+# How to look for each event; `role` is one of `model.detectors`, of the reaction with that number.
+DETECTOR = _record("tolerance", "direction action to count value slope bend of_time role reaction")
 # What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `began` what
 # it was before the trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the trial at
 # hand: whether it may have a zero there (`alive`), its bounds and those of its slope on the piece looked at, since where it
-# is too small to be told from zero (`zone`), and what was found between which steps.
+# is too small to be told from zero (`zone`), and what was found between which steps. One that is `asleep` is not looked
+# for; `guard` is the side that it may not leave: a gap's, say.
 WATCH = _record(
-    "low high down up zone clear left right before greatest", "armed began ever alive state flaw broken forced hit seen"
+    "low high down up least_bend most_bend zone clear left right before greatest",
+    "armed began ever alive state flaw broken forced hit seen asleep guard",
 )
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
 # `rough` asks for less care, `part` says that it is not the whole trial, `cut` says that substeps were made in a trial that is accepted all the same.
@@ -55,8 +57,22 @@ EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entr
 # may be used, `fresh` whether they are those at the state itself, `since` what has become of the march since the last trial.
 KEPT = _record("factored change ratio theta eta step norm growth", "linearised fresh since turns")
 BEGUN, STAYED, MOVED = range(3)
+# What is known of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how low bounces are
+# that may be skipped; relative to the largest gap so far where `rest_height` is negative.
+REACTION = _record("tolerance rest_height", "role normal law")
+# What a reaction does. `largest` is the largest gap so far, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how fast it opened last, and `since` when, `lost` the
+# energy that an impact takes, or bounces that are skipped, `bounce` its coefficient of restitution in the last impact. The rest is of the
+# problem at hand: its part there (`contact.ABSENT`, …), the rate or acceleration it starts from, what of it is known,
+# coefficient and bound of friction, scale, place among the unknowns, its force or impulse and what the rate or acceleration
+# is then, all impulses of an impact and the rate behind them; `near` tells that a contact touches, `hit` which detector
+# has met it, `held` what it did before the event, `slack` what a rate is uncertain by.
+TOUCH = _record(
+    "largest limit doubt speed since lost bounce origin known coefficient bound scale found after slack rate total",
+    "state part place way hit near held",
+)
 # Entries of the engine, behind the elementary functions in `functions`.
-ENCLOSE, SUBSTEP, HAPPEN = (len(CALLED) + i for i in range(3))
+ENCLOSE, SUBSTEP, HAPPEN, TOUCHED = (len(CALLED) + i for i in range(4))
+BEGIN, HOLD, SETTLE, RESOLVE, INFORM = range(5)  # what `contact.touch` is to do
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
 EVENT_ROW = _record(
@@ -80,12 +96,14 @@ Kepts = NDArray[Any]
 Watches = NDArray[Any]
 Pieces = NDArray[Any]
 Bases = NDArray[Any]
+Reactions = NDArray[Any]
+Touches = NDArray[Any]
 TrialRows = NDArray[Any]
 EventRows = NDArray[Any]
 KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimensions
     "Floats": ("f8", 1), "Columns": ("f8", 2), "Whole": ("i8", 1), "Lists": ("i8", 2), "Flags": ("i1", 2),
     "Plans": (PLAN, 1), "Nows": (NOW, 1), "Trials": (TRIAL, 1), "Detectors": (DETECTOR, 1), "Solves": (EQUATIONS, 1),
-    "Watches": (WATCH, 1), "Pieces": (PIECE, 1), "Kepts": (KEPT, 1), "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
+    "Reactions": (REACTION, 1), "Touches": (TOUCH, 1), "Watches": (WATCH, 1), "Pieces": (PIECE, 1), "Kepts": (KEPT, 1), "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
 }  # fmt: skip
 FLEETING = (
     "law",
@@ -94,7 +112,7 @@ FLEETING = (
 )  # no part of the memory, nor what begins with log_: addresses belong to a process
 # what the model and the settings say, and no march changes
 FIXED = (
-    "plan", "p", "tables", "of_time", "atol", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
+    "plan", "p", "tables", "of_time", "reactions", "atol", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
 )  # fmt: skip
 
 
@@ -147,6 +165,17 @@ class Run:
     over: Floats
     flaws: Whole
     slopes: Floats  # time derivatives of the event functions
+    reactions: Reactions
+    touches: Touches
+    modes: Floats  # the end of `p`: two numbers of each reaction, see `model.reactions`
+    links: Floats  # what `touching` says of a state: tables one behind the other
+    problem: Columns  # a complementarity problem; see `march.complementarity`
+    basis: Whole  # of it
+    solution: Floats
+    effects: Columns  # what each unknown adds to each reaction
+    square: Floats  # a linear system, and which reactions are in it
+    column: Floats
+    chosen: Whole
     of_time: Whole  # drives of time
     atol: Floats
     largest: Floats  # absolute values so far, where steps are chosen
@@ -176,6 +205,7 @@ class Run:
     log_trials: TrialRows
     log_events: EventRows
     log_rates: Columns  # of observables at the events
+    log_impulses: Columns  # of contacts at the events, by coordinate, and the energy that an impact took
 
     def __init__(self, **arrays: NDArray[Any]) -> None:
         self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # where compiled code finds them; see `handle`

@@ -210,11 +210,9 @@ class March:
         """Find out, while its log is at hand, which event stopped the run or what was not finite."""
         status = _status(self.run)
         if status == STOPPED:
-            names, events = list(self.model.events), block.log.events[: block.events]
-            detectors = events["detector"][events["time"] == self.now.t]
-            self.stopping_event = " and ".join(
-                f"'{names[i]}'" for i in detectors if self.model.events[names[i]].action == "stop"
-            )
+            events = block.log.events[: block.events]
+            met = [self.layout.watched[i] for i in events["detector"][events["time"] == self.now.t]]
+            self.stopping_event = " and ".join(f"'{one.name}'" for one in met if one.event.action == "stop")
         elif status == NONFINITE_OBSERVABLE:
             column = block.log.rows[:, 0 if self.now.h == 0.0 else block.rows]
             self.bad_values = dict(zip(self.layout.row, column.tolist(), strict=True))

@@ -16,14 +16,15 @@ from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.control import grow
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events import kind_of, locate
-from xdynamics.march.handle import called, run_at
+from xdynamics.march.handle import called, entered_by, run_at
 from xdynamics.march.intervals import EPS
 from xdynamics.march.isolation import NONE, arm, arrives, forget, isolate, quiet, sign, uncertainty
 from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.log import MOST_SUBSTEPS, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import BEGIN, NONFINITE_OBSERVABLE, SOUND, STOPPED
 from xdynamics.march.proposing import keep, look, substep, take
-from xdynamics.march.run import BEGUN, Run
+from xdynamics.march.run import BEGUN, RESOLVE, SETTLE, TOUCHED, Run
+from xdynamics.model.detectors import GRIP, OCCASION, PULL, SLIP
 from xdynamics.model.parts import ACTIONS
 from xdynamics.schema import (  # fmt: skip
     EVENT_AFTER,
@@ -71,7 +72,8 @@ def begin(run: Run) -> None:
     """Look on which side of zero every event function is at the start."""
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
-        watch.ever, watch.seen, watch.greatest = 0, 0, 0.0  # of another run that was marched before in this place
+        watch.seen, watch.greatest = 0, 0.0  # of another run that was marched before in this place
+        watch.ever = int(run.detectors[i].role != OCCASION)
         arm(run, i, run.g[i])
 
 
@@ -134,6 +136,7 @@ def hand_over(run: Run) -> int:
     if plan.adaptive:
         grow_apart(run, whole, landing != AT_GRID)
     locate(run)
+    leave_out(run)
     # two events closer than the spacing of t are two rows all the same
     trial.t = max(trial.t, np.nextafter(now.t, np.inf))
     reached = landing != AT_BORDER and (trial.h == whole or trial.t >= target)
@@ -148,7 +151,11 @@ def hand_over(run: Run) -> int:
         return REASON_EVENT
     note_samples_apart(run, before)
     note_events(run, before, now.trials - trials)
-    if act(run, before):
+    changed = act(run, before)
+    if plan.reactions > 0:
+        entered_by(run.functions[TOUCHED], run, trial.t, RESOLVE)
+        changed = True
+    if changed:
         evaluate(run, trial.t, run.z)
         note_sample(run, trial.t, run.z, before + 1)
     if not finite_state(run):
@@ -165,8 +172,22 @@ def hand_over(run: Run) -> int:
         now.on_grid = 0
     move_apart(run)
     run.kept[0].since = BEGUN
+    if plan.reactions > 0:
+        entered_by(run.functions[TOUCHED], run, now.t, SETTLE)
     rearm(run)
     return REASON_EVENT
+
+
+@shared
+def leave_out(run: Run) -> None:
+    """Forget that a grip is lost where the contact itself opens."""
+    for i in range(run.detectors.shape[0]):
+        one = run.detectors[i]
+        for j in range(run.detectors.shape[0]):
+            other = run.detectors[j]
+            opens = other.role == PULL and run.watches[j].hit != NONE
+            if one.role in (GRIP, SLIP) and opens and run.reactions[one.reaction].normal == other.reaction:
+                run.watches[i].hit = NONE
 
 
 @shared
@@ -188,6 +209,8 @@ def note_events(run: Run, row: int, substeps: int) -> None:
         watch.seen += 1
         for k in range(run.log_rates.shape[0]):
             run.log_rates[k, now.events - run.base[0].events] = run.slopes[run.detectors.shape[0] + k]
+        for k in range(run.log_impulses.shape[0]):
+            run.log_impulses[k, now.events - run.base[0].events] = 0.0
         now.events += 1
 
 

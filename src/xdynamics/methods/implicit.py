@@ -24,7 +24,7 @@ IMPLICIT_VELOCITY_VERLET = Method(
     """,
     words="position with the old velocity and acceleration, the velocity that agrees with the mean of both accelerations, solved for, then the force",
     reference="Swope et al. 1982, J. Chem. Phys. 76, 637, doi:10.1063/1.442716; Newmark 1959, J. Eng. Mech. Div. 85, 67, eq. (3), (6)",
-    refuses=(Trait.NO_COORDINATES, Trait.PYTHON_FORCES),
+    refuses=(Trait.NO_COORDINATES, Trait.PYTHON_FORCES, Trait.CONTACTS),
 )
 
 IMPLICIT_MIDPOINT = Method(
@@ -43,7 +43,7 @@ IMPLICIT_MIDPOINT = Method(
     """),
     words="the state half-way that agrees with the force there, solved for, then as far again, then the force",
     reference="Hairer, Lubich, Wanner, section II.1, eq. (1.7), and theorem VI.4.2 (symplectic); A-stable",
-    refuses=(Trait.PYTHON_FORCES,),
+    refuses=(Trait.PYTHON_FORCES, Trait.CONTACTS),
 )
 
 # c = ((4 - sqrt(6))/10, (4 + sqrt(6))/10, 1); the state after the step is the third stage
@@ -89,7 +89,7 @@ RADAU_IIA = Method(
     """),
     interpolation="the collocation polynomial, cubic, through the start and the three stages, solved for again",
     simplified=True,
-    refuses=(Trait.PYTHON_FORCES,),
+    refuses=(Trait.PYTHON_FORCES, Trait.CONTACTS),
 )
 
 METHODS = (IMPLICIT_VELOCITY_VERLET, IMPLICIT_MIDPOINT, RADAU_IIA)

@@ -192,7 +192,7 @@ class Method:
         traits = traits_of(model) if self.refuses else {}
         found = [trait for trait in self.refuses if trait in traits]
         if by_differences and self.simplified:
-            found = [trait for trait in found if trait != Trait.PYTHON_FORCES]
+            found = [trait for trait in found if trait not in (Trait.PYTHON_FORCES, Trait.CONTACTS)]
         return [f"it is not defined for {trait} ({traits[trait]})" for trait in found]
 
 

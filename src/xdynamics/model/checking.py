@@ -9,6 +9,7 @@ from typing import Any
 
 from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, shown, text_of
 from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.checking_contacts import check_contacts
 from xdynamics.model.parts import Event, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import acceleration, record_names, velocity
@@ -54,6 +55,9 @@ def check(statement: Statement) -> dict[str, Dimension]:
         with ledger.entry(f"observable '{name}'"):
             spell(dimension_of(observable, known | accelerations))
     ledger.settle()
+    with ledger.entry("contacts"):
+        check_contacts(statement, known, ledger)
+    ledger.settle()
     return known
 
 
@@ -69,7 +73,7 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
         if len({one.digest for one in functions if one.name == name}) > 1:
             ledger.note(f"two different functions are named '{name}'; rename one")
     used: dict[str, str] = {}
-    sections = ("coordinates", "parameters", "definitions", "drives", "states", "forces", "events", "regimes", "observables")  # fmt: skip
+    sections = ("coordinates", "parameters", "definitions", "drives", "states", "forces", "events", "contacts", "frictions", "regimes", "observables")  # fmt: skip
     for section in sections:
         for name in getattr(statement, section):
             what = f"{section.removesuffix('s')} '{name}'"
@@ -79,7 +83,7 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
                 ledger.note(f"{what}: a name is a letter, then letters, digits and underscores, 40 at most")
             elif section == "coordinates" and name in ("description", "potential", "matrix", "t"):
                 ledger.note(f"{what}: '{name}' is a key of the model file; choose another name")
-            elif name in RESERVED and section not in ("forces", "events", "regimes"):
+            elif name in RESERVED and section not in ("forces", "events", "contacts", "frictions", "regimes"):
                 ledger.note(f"{what}: the name '{name}' is a word of the expression language")
     for name, owner in record_names(vars(statement)):
         if name in used:

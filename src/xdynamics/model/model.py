@@ -15,7 +15,7 @@ from xdynamics.faults import InputError, ModelError
 from xdynamics.files import asked, decoded, read_bounded
 from xdynamics.model import toml
 from xdynamics.model.checking import check
-from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Parameter, Regime, State
+from xdynamics.model.parts import Contact, Coordinate, Drive, Event, Force, Friction, Function, Parameter, Regime, State
 from xdynamics.model.reach import ANYWHERE, BELOW, EMBEDDED, REACHES, Reach
 from xdynamics.model.reading import read
 from xdynamics.model.statement import Statement
@@ -32,7 +32,7 @@ class Model:
     ----------
     **statement
         The sections of a model file by name (`name`, `description`, `coordinates`, `parameters`, `mass`,
-        `definitions`, `forces`, `drives`, `states`, `initial`, `events`, `regimes`, `observables`, `run`), each a
+        `definitions`, `forces`, `drives`, `states`, `initial`, `events`, `contacts`, `frictions`, `regimes`, `observables`, `run`), each a
         mapping in the file's own words. A force component may also be a numba-compilable Python function
         whose arguments are declared names; it gets and returns SI floats.
 
@@ -68,6 +68,8 @@ class Model:
     states: dict[str, State]
     initial: dict[str, Quantity]
     events: dict[str, Event]
+    contacts: dict[str, Contact]
+    frictions: dict[str, Friction]
     regimes: dict[str, Regime]
     regime: str
     observables: dict[str, Node]
@@ -213,13 +215,18 @@ class Model:
 
     def rate_of(self, node: Node) -> Node:
         """Return an expression's time derivative along the motion, with `a_q`, `rate_x` and `_slope_d` as names."""
+        return derivative(self.expanded(node), self.rates)
+
+    @cached_property
+    def rates(self) -> dict[str, Node]:
+        """The time derivative along the motion of everything that moves."""
         rates: dict[str, Node] = {"t": ONE}
         for name in self.coordinates:
             rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
         rates |= {name: Name(rate(name)) for name in self.states}
         for name, drive in self.drives.items():
             rates[name] = multiply(Name(f"_slope_{name}"), rates[drive.argument])
-        return derivative(self.expanded(node), rates)
+        return rates
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Model) and self.digest == other.digest)

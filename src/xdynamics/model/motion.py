@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,21 +18,15 @@ from xdynamics.expressions.calculus import ONE, ZERO, add
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError, ModelError
 from xdynamics.model.drives import coefficients, looked_up
+from xdynamics.model.mass import Assignment, factors, less, solved
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
+from xdynamics.model.reactions import free, modes, reacting, reactions
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.units import CONSTANTS, UNSCALED, Scales, constant
 
 REGIME_NUMBER = "_regime"  # by which trees tell in which regime they are, from 0
 Table = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-
-@dataclass(frozen=True)
-class Assignment:
-    """``name = value``, of an expression without definitions or a function written in Python."""
-
-    name: str
-    value: Node | Function
 
 
 def variables(model: Model) -> tuple[str, ...]:
@@ -56,11 +49,13 @@ def motion(model: Model) -> tuple[Assignment, ...]:
     """Write force terms, accelerations and rates.
 
     A diagonal mass divides; a full one is taken apart as L D L^T (Golub and Van Loan, Matrix Computations, 4th ed.,
-    section 4.1.2). A mass that is not positive gives nan, which ends a run.
+    section 4.1.2). A mass that is not positive gives nan, which ends a run. Contacts and friction elements add their
+    forces to what is free without them.
     """
-    found = list(_terms(model))
-    found += _mass(model)
-    found += _solved(model, {acceleration(name): total for name, total in _totals(model).items()})
+    found = [*_terms(model), *factors(model)]
+    named = free if reactions(model) else acceleration
+    found += solved(model, {named(name): total for name, total in _totals(model).items()})
+    found += reacting(model)
     return (*found, *(Assignment(rate(name), model.expanded(one.rate)) for name, one in model.states.items()))
 
 
@@ -111,7 +106,7 @@ def slopes(model: Model) -> tuple[Assignment, ...]:
     found += [Assignment(f"_dM_{i}_{j}_{by}", tree) for ((i, j), by), tree in masses.items()]
     for by, right in _changes(model).items():
         found += [Assignment(f"_s_{name}_{by}", tree) for name, tree in right.items()]
-        found += _solved(model, {f"_da_{name}_{by}": Name(f"_s_{name}_{by}") for name in right}, list(right))
+        found += solved(model, {f"_da_{name}_{by}": Name(f"_s_{name}_{by}") for name in right}, list(right))
     return tuple(found)
 
 
@@ -131,7 +126,7 @@ def _changes(model: Model) -> dict[str, dict[str, Node]]:
     place = _places(model)
     found: dict[str, dict[str, Node]] = {}
     for name, by in sorted({*forces, *taken, *full}, key=lambda pair: (place[pair[1]], place[pair[0]])):
-        found.setdefault(by, {})[name] = _less(forces.get((name, by), ZERO), taken.get((name, by), ()))
+        found.setdefault(by, {})[name] = less(forces.get((name, by), ZERO), taken.get((name, by), ()))
     return found
 
 
@@ -220,10 +215,14 @@ def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
 
 @lru_cache(maxsize=64)
 def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
-    """Return parameters, unit constants and pi, in SI units over the scales; their order is that of a law's `p`."""
+    """Return parameters, unit constants, pi, and the modes of open contacts, in the order of a law's `p`.
+
+    They are in SI units over the scales. A march that closes a contact changes its modes, the last of them.
+    """
     sizes = {name: scales.of(dimension) for name, dimension in model.dimensions.items()}
     values = {name: one.quantity.si / sizes[name] for name, one in model.parameters.items()}
-    return values | {name: float(constant(name).factor) / sizes[name] for name in CONSTANTS} | {"pi": math.pi}
+    values |= {name: float(constant(name).factor) / sizes[name] for name in CONSTANTS} | {"pi": math.pi}
+    return values | dict.fromkeys(modes(model), 0.0)
 
 
 @lru_cache(maxsize=16)
@@ -307,48 +306,6 @@ def _totals(model: Model) -> dict[str, Node]:
             one = Name(force(term, name))
             totals[name] = Binary("+", totals[name], one) if name in totals else one
     return {name: totals.get(name, ZERO) for name in model.coordinates}
-
-
-def _mass(model: Model) -> Iterator[Assignment]:
-    """Write what dividing by the mass needs: its diagonal, or the factors of M = L D L^T."""
-    if not model.mass_is_full:
-        for i in range(len(model.coordinates)):
-            yield Assignment(f"_m{i}", Call("positive", (model.expanded(model.mass[i][i]),)))
-        return
-    mass = [[model.expanded(entry) for entry in row] for row in model.mass]
-    for i, row in enumerate(mass):
-        for j in range(i):
-            taken = (_product(f"_l{i}_{k}", f"_l{j}_{k}", f"_d{k}") for k in range(j))
-            yield Assignment(f"_l{i}_{j}", Binary("/", _less(row[j], taken), Name(f"_d{j}")))
-        taken = (_product(f"_l{i}_{k}", f"_l{i}_{k}", f"_d{k}") for k in range(i))
-        yield Assignment(f"_d{i}", Call("positive", (_less(row[i], taken),)))
-
-
-def _solved(model: Model, rows: Mapping[str, Node], names: Iterable[str] | None = None) -> Iterator[Assignment]:
-    """Solve M u = right for the unknowns, by division or forward and back through the factors."""
-    unknowns, right = list(rows), list(rows.values())
-    if not model.mass_is_full:
-        place = _places(model)
-        for name, unknown, tree in zip(model.coordinates if names is None else names, unknowns, right, strict=True):
-            yield Assignment(unknown, Binary("/", tree, Name(f"_m{place[name]}")))
-        return
-    n = len(unknowns)
-    z = [f"_z{i}_{unknown}" for i, unknown in enumerate(unknowns)]
-    for i in range(n):
-        yield Assignment(z[i], _less(right[i], (_product(f"_l{i}_{k}", z[k]) for k in range(i))))
-    for i in reversed(range(n)):
-        back = (_product(f"_l{k}_{i}", unknowns[k]) for k in range(i + 1, n))
-        yield Assignment(unknowns[i], _less(Binary("/", Name(z[i]), Name(f"_d{i}")), back))
-
-
-def _product(*names: str) -> Node:
-    factors: list[Node] = [Name(name) for name in names]
-    return reduce(lambda one, other: Binary("*", one, other), factors)
-
-
-def _less(tree: Node, taken: Iterable[Node]) -> Node:
-    """Take terms away, one after the other."""
-    return reduce(lambda one, other: Binary("-", one, other), taken, tree)
 
 
 @lru_cache(maxsize=64)

@@ -17,6 +17,9 @@ from xdynamics.units import TIME, Quantity, Unit
 DIRECTIONS = ("rising", "falling", "either")
 ACTIONS = ("record", "stop", "switch", "reset")
 LATER_ACTIONS = ("impact",)
+TANGENTIALS = ("frictionless", "coulomb")
+IMPACT_LAWS = ("newton", "poisson", "sequential")
+APPROACH = "approach_speed"  # by which a coefficient of restitution may know how fast a gap closes
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,64 @@ class Event:
     to: str = ""
     reset: Mapping[str, Node] = field(default_factory=dict)
     count: int = 1
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A unilateral contact: motion only where its gap is not negative.
+
+    Attributes
+    ----------
+    gap : Node
+        Of coordinates and time; its gradient is the normal.
+    restitution : Node
+        Newton's coefficient, a number or an expression, of `approach_speed` too.
+    tangential : {"frictionless", "coulomb"}
+    slip : Node, optional
+        Velocity along the surface, of a contact with friction.
+    friction, static : Node, optional
+        Coefficients while it slips, and up to which it sticks.
+    time_tolerance : Quantity
+        Of impacts, rest and take-off.
+    rest_height : Quantity, optional
+        Bounces lower than this may be skipped into rest; without it 1e-9 of the largest gap so far.
+    law : {"newton", "poisson", "sequential"}
+        Of impacts, several at once included.
+    description : str
+    """
+
+    gap: Node
+    restitution: Node
+    tangential: str = "frictionless"
+    slip: Node | None = None
+    friction: Node | None = None
+    static: Node | None = None
+    time_tolerance: Quantity = field(default_factory=lambda: Quantity(1e-12, Unit("s", TIME)))
+    rest_height: Quantity | None = None
+    law: str = "newton"
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Dry friction with true stick, where the load is known: a force along the derivative of `slip` by the velocities.
+
+    Attributes
+    ----------
+    slip : Node
+        Relative velocity, linear in velocities.
+    kinetic, static : Node
+        How large the force is while it slips, and the most that sticking holds.
+    time_tolerance : Quantity
+        Of stick and slip.
+    description : str
+    """
+
+    slip: Node
+    kinetic: Node
+    static: Node
+    time_tolerance: Quantity = field(default_factory=lambda: Quantity(1e-12, Unit("s", TIME)))
+    description: str = ""
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,12 @@ from xdynamics.model.parts import (
 from xdynamics.model.reach import Reach
 from xdynamics.model.statement import Statement
 from xdynamics.model.switching import event, regime
+from xdynamics.model.touching import contact, friction
 from xdynamics.model.words import choice, described, keys, near
 from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
 SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
-            "initial", "events", "regimes", "observables", "run")  # fmt: skip
-LATER_SECTIONS = ("contacts", "frictions")
+            "initial", "events", "contacts", "frictions", "regimes", "observables", "run")  # fmt: skip
 RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
             "max_steps", "force_samples", "scales", "jacobian", "summation")  # fmt: skip
 
@@ -46,9 +46,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     if not isinstance(name, str) or not name.strip():
         ledger.note('name is missing; write name = "…" first')
     for key in statement:
-        if key in LATER_SECTIONS:
-            ledger.note(f"[{key}] is not available in this version")
-        elif key not in SECTIONS:
+        if key not in SECTIONS:
             ledger.note(f"[{key}] is no section{near(key, SECTIONS)}")
     sections = {key: _table(statement, key, ledger) for key in SECTIONS[2:]}
     parts: dict[str, Any] = {"name": name, "description": ""}
@@ -72,6 +70,8 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["states"] = entries("states", "state", _state)
     parts["forces"] = entries("forces", "force", lambda given: _force(given, functions))
     parts["events"] = entries("events", "event", event)
+    parts["contacts"] = entries("contacts", "contact", contact)
+    parts["frictions"] = entries("frictions", "friction", friction)
     parts["regimes"] = entries("regimes", "regime", regime)
     parts["observables"] = entries("observables", "observable", parse)
     parts["regime"] = _first_regime(sections["initial"], list(parts["regimes"]), ledger)

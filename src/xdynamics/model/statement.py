@@ -8,7 +8,7 @@ from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
-from xdynamics.model.parts import Coordinate, Drive, Event, Force, Parameter, Regime, State
+from xdynamics.model.parts import Contact, Coordinate, Drive, Event, Force, Friction, Parameter, Regime, State
 from xdynamics.units import Quantity
 
 
@@ -27,6 +27,8 @@ class Statement:
     states: dict[str, State]
     initial: dict[str, Quantity]
     events: dict[str, Event]
+    contacts: dict[str, Contact]
+    frictions: dict[str, Friction]
     regimes: dict[str, Regime]
     regime: str  # that the motion begins in
     observables: dict[str, Node]

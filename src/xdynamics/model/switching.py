@@ -8,8 +8,7 @@ from typing import Any
 from xdynamics.expressions import Node, parse
 from xdynamics.faults import InputError
 from xdynamics.model.parts import ACTIONS, DIRECTIONS, LATER_ACTIONS, Event, Regime
-from xdynamics.model.words import choice, described, keys
-from xdynamics.units import TIME, parse_quantity
+from xdynamics.model.words import choice, described, keys, tolerance
 
 _KEYS = ("function", "direction", "action", "to", "set", "count", "time_tolerance", "description")
 _OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other knows
@@ -33,9 +32,7 @@ def event(given: Any) -> Event:
             raise InputError(f"action '{action}' needs the key '{key}'")
         if action != needed and key in given:
             raise InputError(f"key '{key}' is for action '{needed}': '{action}' does not take it")
-    tolerance = parse_quantity(given.get("time_tolerance", "1e-12 s"))
-    if tolerance.unit.dimension != TIME or tolerance.value <= 0:
-        raise InputError(f"time_tolerance is '{tolerance}', needs a positive time")
+    within = tolerance(given)
     count = given.get("count", 1)
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count < 1 << 31:
         raise InputError(f"count is {count!r}, needs a whole number from 1 on: the time at which to act")
@@ -44,7 +41,7 @@ def event(given: Any) -> Event:
     if not isinstance(given.get("to", ""), str):
         raise InputError(f"to is {given['to']!r}, needs the name of a regime")
     return Event(
-        parse(given["function"]), choice(given, "direction", DIRECTIONS, "either"), action, tolerance, described(given),
+        parse(given["function"]), choice(given, "direction", DIRECTIONS, "either"), action, within, described(given),
         to=given.get("to", ""), reset=_reset(given.get("set", {})), count=count,
     )  # fmt: skip
 

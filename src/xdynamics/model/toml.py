@@ -7,7 +7,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from xdynamics.expressions import text_of
-from xdynamics.model.parts import Function
+from xdynamics.model.parts import Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.units import Quantity
 
@@ -42,6 +42,13 @@ def write(statement: Statement) -> str:
         body |= ({"to": event.to} if event.to else {}) | ({"count": event.count} if event.count > 1 else {})
         body |= {"set": {key: text_of(one) for key, one in event.reset.items()}} if event.reset else {}
         _section(lines, f"events.{name}", _described(body | {"time_tolerance": str(event.time_tolerance)}, event))
+    for name, contact in statement.contacts.items():
+        _section(lines, f"contacts.{name}", _described(_contact(contact), contact))
+    for name, friction in statement.frictions.items():
+        body = {key: text_of(getattr(friction, key)) for key in ("slip", "kinetic", "static")}
+        _section(
+            lines, f"frictions.{name}", _described(body | {"time_tolerance": str(friction.time_tolerance)}, friction)
+        )
     for name, regime in statement.regimes.items():
         _section(lines, f"regimes.{name}", _described({"forces": list(regime.forces)}, regime))
     _section(lines, "observables", {name: text_of(node) for name, node in statement.observables.items()})
@@ -72,6 +79,13 @@ def _mass(statement: Statement) -> dict[str, Any]:
     if statement.mass_is_full:
         return {"matrix": [[text_of(entry) for entry in row] for row in statement.mass]}
     return {name: text_of(statement.mass[i][i]) for i, name in enumerate(statement.coordinates)}
+
+
+def _contact(part: Contact) -> dict[str, Any]:
+    trees = {key: getattr(part, key) for key in ("gap", "restitution", "slip", "friction", "static")}
+    body = {key: text_of(tree) for key, tree in trees.items() if tree is not None}
+    body |= {"tangential": part.tangential, "law": part.law, "time_tolerance": str(part.time_tolerance)}
+    return body | ({} if part.rest_height is None else {"rest_height": str(part.rest_height)})
 
 
 def _component(component: Any) -> Any:

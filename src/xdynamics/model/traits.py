@@ -6,6 +6,7 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.schema import velocity
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ class Trait(StrEnum):
     COUPLED_STATES = "first-order states coupled to the motion"
     NO_COORDINATES = "models without coordinates"
     PYTHON_FORCES = "forces written in Python, which have no derivatives"
+    CONTACTS = "contacts and dry friction, whose forces it has no derivatives of"
 
 
 @lru_cache(maxsize=64)
@@ -30,6 +32,8 @@ def traits_of(model: Model) -> dict[Trait, str]:
         found[Trait.NO_COORDINATES] = "the model has first-order states only"
     if model.python_forces:
         found[Trait.PYTHON_FORCES] = f"function {', '.join(one.name for one in model.python_forces)}"
+    if reactions(model):
+        found[Trait.CONTACTS] = ", ".join(one.owner for one in reactions(model))
     velocities = {velocity(name) for name in model.coordinates}
     motion = velocities | set(model.coordinates)
     states = set(model.states)
@@ -56,7 +60,12 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
         for coordinate, expression in components.items()
     ]
     masses = [("the mass", model.reads(entry)) for entry in model.statement.mass_entries.values()]
-    return forces + masses
+    pressed = [
+        (f"'{one.name}'", set().union(*(model.reads(tree) for tree in (*one.row.values(), one.bias, *sizes))))
+        for one in reactions(model)
+        for sizes in [() if one.sort == NORMAL else (one.size, one.most)]
+    ]
+    return forces + masses + pressed
 
 
 def _listed(names: set[str]) -> str:

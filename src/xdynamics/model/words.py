@@ -7,6 +7,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from xdynamics.faults import InputError
+from xdynamics.units import TIME, Quantity, parse_quantity
 
 
 def keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
@@ -25,6 +26,14 @@ def choice(given: Mapping[str, Any], key: str, known: tuple[str, ...], default: 
     if value not in known:
         raise InputError(f"{key} {value!r} is not known; there are {', '.join(known)}")
     return str(value)
+
+
+def tolerance(given: Mapping[str, Any]) -> Quantity:
+    """Return how well a time is to be located."""
+    found = parse_quantity(given.get("time_tolerance", "1e-12 s"))
+    if found.unit.dimension != TIME or found.value <= 0:
+        raise InputError(f"time_tolerance is '{found}', needs a positive time")
+    return found
 
 
 def described(given: Mapping[str, Any]) -> str:

@@ -17,6 +17,8 @@ from xdynamics.kernels import Layout
 from xdynamics.march import Block, March, Tolerances
 from xdynamics.march.memory import numbers_at_end
 from xdynamics.model import Model
+from xdynamics.model.detectors import GAP, GRIP, LIMIT, OCCASION, PULL, SLIP, function_dimension, labels
+from xdynamics.model.reactions import DRY, NORMAL, Reaction, reaction_dimensions, reactions
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
 from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, spell
 
@@ -126,6 +128,7 @@ class _Units:
             for term, parts in model.force_components.items():
                 if name in parts:
                     self.known[schema.force(term, name)] = needed
+        self.known |= {name: spell(one) for name, one in reaction_dimensions(model).items()}
         for name, state in model.states.items():
             self.known[schema.rate(name)] = state.unit.per_second()
         self.known |= {name: drive.table.value_unit for name, drive in model.drives.items()}
@@ -137,6 +140,8 @@ class _Units:
         layout = self.about.layout
         if name in schema.ENERGIES:
             return spell(layout.energy_dimension or NONE)
+        if name in layout.gaps:
+            return spell(dimension_of(layout.gaps[name], self.about.model.dimensions))
         known = self.about.model.dimensions
         accelerations = {schema.acceleration(one): known[one] / TIME**2 for one in layout.coordinates}
         return spell(dimension_of(self.about.model.observables[name], known | accelerations))
@@ -178,8 +183,14 @@ def _steps(about: _About) -> list[Column]:
             force = schema.force(term, name)
             add(force, f"component of force {words} along {name}", "force", units.known[force])
     for name in layout.derived:
-        role = "energy" if name in schema.ENERGIES else "observable"
-        add(name, schema.ENERGIES.get(name, f"observable {name}"), role, units.derived(name))
+        role = "energy" if name in schema.ENERGIES else "gap" if name in layout.gaps else "observable"
+        said = "gap of contact" if role == "gap" else "observable"
+        owner = name.removeprefix(schema.contact_gap("")) if role == "gap" else name
+        add(name, schema.ENERGIES.get(name, f"{said} {owner}"), role, units.derived(name))
+    for k, one in enumerate(reactions(model)):
+        what = "normal force of contact" if one.sort == NORMAL else "friction force of"
+        add(one.name, f"{what} {one.owner}; 0 where it is open", "force", units.known[one.name])
+        found.append(Column(_state_of(one), _flag(2 + k)))
     if layout.estimates and about.tolerances is not None:
         found.append(Column(schema.ERROR_NORM, _row(order["error_norm"], 1.0)))
     for name in layout.used if layout.estimates else ():
@@ -190,6 +201,29 @@ def _steps(about: _About) -> list[Column]:
         index = order["newton_iterations"]
         found.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
     return found
+
+
+def state_name(one: Reaction) -> str:
+    """Return the name of the variable that says what a contact, or its friction, does."""
+    return schema.contact_state(one.owner) if one.sort == NORMAL else schema.friction_state(one.owner)
+
+
+def _state_of(one: Reaction) -> Variable:
+    """Return the variable that says what a contact or friction does."""
+    words: tuple[str, ...] = schema.FRICTION_STATES
+    name = state_name(one)
+    said = f"what the friction of {one.owner} does; forward is along positive slip"
+    if one.sort == NORMAL:
+        words = schema.CONTACT_STATES
+        said = f"what contact {one.owner} does; bounces are skipped while it is settling"
+    elif one.sort == DRY:
+        words = ("", *words[1:])  # a friction element is never open
+    meanings = {i: word for i, word in enumerate(words) if word}
+    return Variable(name, (STEPS,), "i1", "1", said, "flag", schema.flags(meanings))
+
+
+def _flag(index: int) -> Callable[[Block], Array]:
+    return lambda block: block.log.flags[index, : block.rows]
 
 
 def _tolerance(about: _About, name: str, unit: Unit) -> dict[str, float]:
@@ -241,19 +275,43 @@ def _events(about: _About) -> list[Column]:
     )
     found = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
     found += [Column(variable, take) for variable, take in zip(schema.EVENT_UNCERTAINTIES, parts, strict=True)]
-    names = dict(enumerate(model.events)) or {0: "none"}
-    more = schema.flags(names) | _detectors(about)
+    names = labels(model)
+    owners = np.array([names.index(one.name) for one in about.layout.watched] or [0], np.int8)
+    more = schema.flags(dict(enumerate(names)) or {0: "none"}) | _detectors(about)
     detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", more)
-    found.append(Column(detector, _event("detector", "i1")))
+    found.append(Column(detector, lambda block: owners[block.log.events["detector"][: block.events]]))
     found += _values(about)
     found += _observed(about, uncertainty)
     for i, name in enumerate(model.coordinates):
         impulse = _impulse_unit(model, i, name)
         found += [
-            Column(Variable(f"event_impulse_{name}", (EVENTS,), "f8", impulse.text, f"contact impulse along {name}", "event"), _nothing),
+            Column(Variable(f"event_impulse_{name}", (EVENTS,), "f8", impulse.text, f"contact impulse along {name}", "event", _laws(model)), _impulse(about, i, impulse)),
             Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"offset put on {name} at the event", "event"), _nothing),
         ]  # fmt: skip
+    if about.layout.reactions:
+        energy = spell(
+            _impulse_unit(model, 0, name := next(iter(model.coordinates))).dimension
+            * model.dimensions[schema.velocity(name)]
+        )
+        said = "energy that an impact took, or the bounces that were skipped; seen from what is struck"
+        lost = Variable("event_energy_lost", (EVENTS,), "f8", energy.text, said, "event")
+        found.append(Column(lost, _impulse(about, len(model.coordinates), energy)))
     return found
+
+
+def _impulse(about: _About, i: int, unit: Unit) -> Callable[[Block], Array]:
+    """Impulses along a coordinate, or behind the last one the energy; none without contacts."""
+    factor = about.units.factor(unit)
+    return (lambda block: _times(block.log.impulses[i, : block.events], factor)) if about.layout.reactions else _nothing
+
+
+def _laws(model: Model) -> dict[str, str]:
+    """Say by which law impacts are computed, and in which order."""
+    if not model.contacts:
+        return {}
+    one = next(iter(model.contacts.values()))
+    restitutions = "; ".join(f"{name}: {text_of(one.restitution)}" for name, one in model.contacts.items())
+    return {"impact_law": one.law, "impact_order": " ".join(model.contacts), "restitution": restitutions}
 
 
 def _bracket(factor: float) -> Callable[[Block], Array]:
@@ -275,7 +333,9 @@ def _left_over(about: _About) -> Callable[[Block], Array]:
             left = np.where(residual == 0.0, 0.0, np.abs(residual / slope))
         # where a function jumps its value says nothing; where it cannot be told from zero, for how long does
         left = np.where(np.isin(kind, [schema.JUMP, schema.POLE]), 0.0, left)
-        return _times(np.where(np.isin(kind, [schema.TOUCH, schema.CLUSTER]), events["murk"] / 2.0, left), factor)
+        return _times(
+            np.where(np.isin(kind, [schema.TOUCH, schema.CLUSTER, schema.REST]), events["murk"] / 2.0, left), factor
+        )
 
     return take
 
@@ -295,17 +355,28 @@ def _detectors(about: _About) -> dict[str, str]:
     )
 
 
+# what is watched of a contact or friction element
+_WATCHED = {
+    OCCASION: "",
+    GAP: " (gap)",
+    PULL: " (normal force)",
+    LIMIT: " (time to rest)",
+    SLIP: " (slip)",
+    GRIP: " (static friction less force)",
+}
+
+
 def _values(about: _About) -> list[Column]:
     """Values of the event functions at the accepted states, and what they are uncertain by; several units are said in words."""
     model, scales = about.model, about.scales
-    dimensions = [dimension_of(one.function, model.dimensions) for one in model.events.values()]
+    watched = about.layout.watched
+    dimensions = [function_dimension(model, one) for one in watched]
     texts = [_unit_text(dimension) for dimension in dimensions]
     shared = set(texts)
     more: dict[str, Any] = {}
     if len(shared) > 1:
-        more["comment"] = "SI unit by event: " + ", ".join(
-            f"{name} {text}" for name, text in zip(model.events, texts, strict=True)
-        )
+        named = (f"{one.name}{_WATCHED[one.role]} {text}" for one, text in zip(watched, texts, strict=True))
+        more["comment"] = "SI unit by event: " + ", ".join(named)
     factors = np.array([scales.of(dimension) for dimension in dimensions] or [1.0])
     unit = shared.pop() if len(shared) == 1 else "1"
 
@@ -340,7 +411,7 @@ def _observed(about: _About, uncertainty: Callable[[Block], Array]) -> list[Colu
     def doubt(place: int, factor: float) -> Callable[[Block], Array]:
         return lambda block: _times(np.abs(block.log.rates[place, : block.events]), factor) * uncertainty(block)
 
-    for name in about.model.observables if about.model.events else ():
+    for name in about.model.observables if about.layout.watched else ():
         unit = units.derived(name)
         variable = Variable(
             f"event_{name}", (EVENTS,), "f8", unit.text, f"{name} at the state before the event", "event"
@@ -378,9 +449,15 @@ def _samples(about: _About) -> list[Column]:
         Column(step, lambda block: block.log.samples[1, : block.samples].astype("i8")),
         Column(stage, lambda block: block.log.samples[2, : block.samples].astype("i1")),
     ]
-    for name in (*layout.used, *layout.forces, *layout.drives):
+    for name in (*layout.used, *layout.forces, *layout.reactions, *layout.drives):
         unit = units.known[name]
-        what = "given by" if name in layout.forces else "looked up in" if name in layout.drives else "used in"
+        what = (
+            "given by"
+            if name in (*layout.forces, *layout.reactions)
+            else "looked up in"
+            if name in layout.drives
+            else "used in"
+        )
         variable = Variable(
             schema.sampled(name), (SAMPLES,), "f8", unit.text, f"{name} {what} the force evaluation", "sample"
         )

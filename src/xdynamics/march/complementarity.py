@@ -1,0 +1,105 @@
+"""Linear complementarity problems: w = M z + q with w and z not negative and, one by one, not both positive.
+
+Lemke's method, with ties broken lexicographically so that it cannot circle (Cottle, Pang, Stone, The Linear
+Complementarity Problem, 1992, section 4.4). It finds a solution where M is copositive-plus and there is one, as in
+impacts and contacts with Coulomb's friction; where it ends on a ray there is none that it could tell of.
+"""
+
+from __future__ import annotations
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.run import Run
+
+SMALL = 1e-12  # of the numbers that it is compared with: as good as zero
+MOST_TURNS = 50  # exchanges for each unknown
+
+
+@shared
+def prepare(run: Run, n: int) -> None:
+    """Make the table of a problem of size n empty: columns of w, of z, of the artificial unknown, and q."""
+    for i in range(n):
+        run.basis[i] = i
+        for j in range(2 * n + 2):
+            run.problem[i, j] = 1.0 if i == j else 0.0
+        run.problem[i, 2 * n] = -1.0
+
+
+@shared
+def solve_complementarity(run: Run, n: int) -> bool:
+    """Solve the problem of size n that stands in `problem` as w - M z - z0 = q; fill `solution` with z.
+
+    Returns
+    -------
+    bool
+        False where the method ends on a ray, or takes too long.
+    """
+    for i in range(n):
+        run.solution[i] = 0.0
+    worst = 0
+    for i in range(n):
+        worst = i if run.problem[i, 2 * n + 1] < run.problem[worst, 2 * n + 1] else worst
+    if n == 0 or run.problem[worst, 2 * n + 1] >= 0.0:
+        return True
+    entering = 2 * n
+    row = worst
+    for _ in range(MOST_TURNS * n):
+        leaving = run.basis[row]
+        exchange(run, n, row, entering)
+        run.basis[row] = entering
+        if leaving == 2 * n:
+            take_solution(run, n)
+            return True
+        entering = leaving + n if leaving < n else leaving - n
+        row = least_ratio(run, n, entering)
+        if row < 0:
+            return False
+    return False
+
+
+@shared
+def exchange(run: Run, n: int, row: int, column: int) -> None:
+    """Solve the row for an unknown, and put it into the others."""
+    pivot = run.problem[row, column]
+    for j in range(2 * n + 2):
+        run.problem[row, j] /= pivot
+    run.problem[row, column] = 1.0
+    for i in range(n):
+        factor = run.problem[i, column]
+        if i != row and factor != 0.0:
+            for j in range(2 * n + 2):
+                run.problem[i, j] -= factor * run.problem[row, j]
+            run.problem[i, column] = 0.0
+
+
+@shared
+def least_ratio(run: Run, n: int, entering: int) -> int:
+    """Choose the row that limits an unknown which grows: the artificial one's if it may be, -1 if none does."""
+    largest, found = 0.0, -1
+    for i in range(n):
+        largest = max(largest, abs(run.problem[i, entering]))
+    for i in range(n):
+        if run.problem[i, entering] > SMALL * largest and (found < 0 or limits_before(run, n, i, found, entering)):
+            found = i
+    return found
+
+
+@shared
+def limits_before(run: Run, n: int, one: int, other: int, entering: int) -> bool:
+    """Whether one row limits the entering unknown earlier than another."""
+    by, before = run.problem[one, entering], run.problem[other, entering]
+    for k in range(n + 1):
+        j = 2 * n + 1 if k == 0 else k - 1
+        left, right = run.problem[one, j] / by, run.problem[other, j] / before
+        if abs(left - right) > SMALL * max(abs(left), abs(right)):
+            return left < right
+        if k == 0 and (run.basis[one] == 2 * n or run.basis[other] == 2 * n):
+            return bool(run.basis[one] == 2 * n)
+    return False
+
+
+@shared
+def take_solution(run: Run, n: int) -> None:
+    """Read the unknowns z that are in the basis."""
+    for i in range(n):
+        if n <= run.basis[i] < 2 * n:
+            run.solution[run.basis[i] - n] = max(0.0, run.problem[i, 2 * n + 1])

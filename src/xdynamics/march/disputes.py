@@ -1,0 +1,58 @@
+"""Why contacts had no answer, in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from xdynamics.march.linking import GAP_OF, NUMBERS, SIZE, SLIDING
+from xdynamics.march.outcomes import CONTACT_PENETRATED
+from xdynamics.model.reactions import NORMAL, Reaction, rate_dimension, reactions
+from xdynamics.units import TIME
+
+if TYPE_CHECKING:
+    from xdynamics.march.runner import March
+
+PAINLEVE = (
+    "pressing harder would pull it in, so that no acceleration goes with it, or more than one (Painleve's paradox)"
+)
+_REMEDY = "; a smaller coefficient of friction, or a compliant contact force, has an answer"
+
+
+def dispute(march: March) -> str:
+    """Name the contact that has no answer, from what the march knew of its last state."""
+    found, run = reactions(march.model), march.run
+    numbers = run.links[: NUMBERS * len(found)].reshape(-1, NUMBERS)
+    if int(march.now.status) == CONTACT_PENETRATED:
+        return _penetrated(march, numbers[:, GAP_OF].tolist())
+    for one, size in zip(found, numbers[:, SIZE].tolist(), strict=True):
+        if one.sort == NORMAL and not 0.0 <= size <= 1.0:
+            return f"the restitution of contact '{one.owner}' is {size:.6g}, and needs to be from 0 to 1"
+    for k, one in enumerate(found):
+        if run.touches[k].part == SLIDING and not _pressed_apart(march, k):
+            return painleve(one, float(run.touches[k].coefficient))
+    held = ", ".join(f"'{one.owner}'" for one, touch in zip(found, run.touches, strict=True) if touch.part)
+    return f"the forces of {held} together are not determined: they hold the same motion twice, or cannot hold it"
+
+
+def painleve(one: Reaction, coefficient: float) -> str:
+    """Say that friction is too large for one answer."""
+    return f"friction of contact '{one.owner}', with the coefficient {coefficient:.6g}: {PAINLEVE}{_REMEDY}"
+
+
+def _pressed_apart(march: March, k: int) -> bool:
+    """Whether the normal force of a sliding contact pushes apart, its friction included."""
+    m, touch = len(march.run.touches), march.run.touches[k]
+    grams = march.run.links[NUMBERS * m : NUMBERS * m + m * m].reshape(m, m)
+    normal = int(march.run.reactions[k].normal)
+    return bool(grams[normal, normal] - touch.way * touch.coefficient * grams[normal, k] > 0.0)
+
+
+def _penetrated(march: March, gaps: list[float]) -> str:
+    named = []
+    for one, gap in zip(reactions(march.model), gaps, strict=True):
+        dimension = rate_dimension(march.model, one) * TIME
+        if one.sort == NORMAL and gap < 0.0:
+            named.append(
+                f"the gap of contact '{one.owner}' is {gap * march.settings.scales.of(dimension):.6g} {dimension}"
+            )
+    return f"{', '.join(named)}: one body is inside the other; begin, or set the state, where gaps are not negative"

@@ -1,0 +1,117 @@
+"""Impacts: velocities change by impulses along the reactions of the contacts that touch, by one of three laws.
+
+`newton`: each rate of approach is reversed and multiplied by the coefficient of restitution, all at once (Moreau). With
+several contacts the impulses solve a linear complementarity problem, with Coulomb's friction for impulses.
+`poisson`: a phase of compression up to rates of zero, then each contact gives back its share of the normal impulse
+(Glocker and Pfeiffer, Nonlinear Dynamics 7, 1995, doi:10.1007/BF00121109). `sequential`: Newton's law for one contact
+after the other in declared order, until none approaches.
+"""
+
+from __future__ import annotations
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.intervals import EPS
+from xdynamics.march.linking import (  # fmt: skip
+    ABSENT,
+    GRIPPING,
+    PRESSING,
+    RATE,
+    SIZE,
+    gained,
+    gram,
+    number,
+    reach,
+    solve_reactions,
+)
+from xdynamics.march.run import Run
+from xdynamics.model.parts import IMPACT_LAWS
+from xdynamics.model.reactions import NORMAL, TANGENT
+
+NEWTON, POISSON, SEQUENTIAL = range(len(IMPACT_LAWS))
+MOST_ROUNDS = 1000  # of impacts one after the other
+NOISE = 64.0 * EPS  # of a sum's terms: what rounding may have left of it
+ALL = -1
+
+
+@shared
+def collide(run: Run) -> bool:
+    """Find the impulses of the contacts that touch, and change the trial's velocities; whether there are some."""
+    law = NEWTON
+    for k in range(run.touches.shape[0]):
+        touch = run.touches[k]
+        touch.rate, touch.total, touch.known, touch.lost = number(run, k, RATE), 0.0, 0.0, 0.0
+        if run.reactions[k].role == NORMAL and touch.near:
+            law, touch.bounce = run.reactions[k].law, number(run, k, SIZE)
+            if not 0.0 <= touch.bounce <= 1.0:
+                return False
+    solved = one_after_the_other(run) if law == SEQUENTIAL else at_once(run, law)
+    if solved:
+        for k in range(run.touches.shape[0]):
+            for i in range(run.plan[0].coordinates):
+                run.z[run.plan[0].coordinates + i] += reach(run, k, i) * run.touches[k].total
+    return solved
+
+
+@shared
+def at_once(run: Run, law: int) -> bool:
+    """Find all impulses together."""
+    if not press(run, ALL, 1.0 if law == NEWTON else 0.0):
+        return False
+    if law == NEWTON:
+        return True
+    for k in range(run.touches.shape[0]):
+        touch = run.touches[k]
+        if run.reactions[k].role == NORMAL and touch.near:
+            touch.known = touch.bounce * touch.total
+    solved = press(run, ALL, 0.0)
+    for k in range(run.touches.shape[0]):
+        run.touches[k].known = 0.0
+    return solved
+
+
+@shared
+def one_after_the_other(run: Run) -> bool:
+    """Find the impulses of one contact after the other, until none approaches."""
+    for _ in range(MOST_ROUNDS):
+        quiet = True
+        for k in range(run.touches.shape[0]):
+            touch = run.touches[k]
+            if run.reactions[k].role == NORMAL and touch.near and touch.rate < -noise(run, k):
+                quiet = False
+                if not press(run, k, 1.0):
+                    return False
+        if quiet:
+            return True
+    # what is left after so many is far below what began
+    return press(run, ALL, 0.0)
+
+
+@shared
+def press(run: Run, only: int, share: float) -> bool:
+    """Find the impulses of all contacts that touch, or of one; `share` of each restitution counts."""
+    for k in range(run.touches.shape[0]):
+        touch, reaction = run.touches[k], run.reactions[k]
+        touch.part, touch.origin = ABSENT, touch.rate
+        if reaction.role == NORMAL and touch.near and only in (ALL, k):
+            touch.part = PRESSING
+            touch.origin += share * touch.bounce * min(touch.rate, 0.0)
+        elif reaction.role == TANGENT and run.touches[reaction.normal].near and only in (ALL, reaction.normal):
+            touch.part, touch.coefficient, touch.bound = GRIPPING, number(run, k, SIZE), 0.0
+    if not solve_reactions(run):
+        return False
+    for k in range(run.touches.shape[0]):
+        touch = run.touches[k]
+        before = touch.rate
+        touch.rate += gained(run, k)
+        touch.total += touch.found
+        touch.lost -= touch.found * (before + touch.rate) / 2.0  # as seen from what is struck
+    return True
+
+
+@shared
+def noise(run: Run, k: int) -> float:
+    """How far rounding may have a rate from zero after an impact."""
+    size = abs(number(run, k, RATE))
+    for j in range(run.touches.shape[0]):
+        size += abs(gram(run, k, j) * run.touches[j].total)
+    return max(run.touches[k].slack, NOISE * size)

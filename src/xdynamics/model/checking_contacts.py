@@ -1,0 +1,97 @@
+"""Names and dimensions of contacts and dry friction, checked before the first update."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from xdynamics.expressions import Node, derivative, dimension_of, expand, free_names
+from xdynamics.expressions.calculus import ONE, ZERO
+from xdynamics.faults import InputError, Ledger
+from xdynamics.model.parts import APPROACH, Contact, Function
+from xdynamics.model.statement import Statement
+from xdynamics.schema import velocity
+from xdynamics.units import NONE, TIME, Dimension
+
+MOST_REACTIONS = 24  # forces of contacts and friction: their equations are written out, and grow as the cube
+
+Dimensions = Mapping[str, Dimension]
+
+
+def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> None:
+    """Check every contact and friction element."""
+    contacts, frictions = statement.contacts, statement.frictions
+    if not contacts and not frictions:
+        return
+    count = sum(2 if one.slip else 1 for one in contacts.values()) + len(frictions)
+    if count > MOST_REACTIONS:
+        ledger.note(f"has {count} forces of contacts and friction, {MOST_REACTIONS} at most")
+    if APPROACH in known:
+        ledger.note(f"'{APPROACH}' is what contacts call the speed at which a gap closes; choose another name")
+    if len({one.law for one in contacts.values()}) > 1:
+        laws = ", ".join(f"'{name}': {one.law}" for name, one in contacts.items())
+        ledger.note(f"contacts have several laws ({laws}); several of them at once need one, so give all the same")
+    for term, force in statement.forces.items():
+        if any(isinstance(one, Function) for one in force.components.values()):
+            ledger.note(f"force '{term}' is written in Python, and contacts and friction need forces that can be differentiated; write it as an expression")  # fmt: skip
+    power = _power(statement, known)
+    for name, contact in contacts.items():
+        with ledger.entry(f"contact '{name}'"):
+            _check_contact(contact, statement, known)
+    for name, friction in frictions.items():
+        with ledger.entry(f"friction '{name}'"):
+            slip = _check_slip(friction.slip, statement, known)
+            for key in ("kinetic", "static"):
+                _needs(key, getattr(friction, key), statement, known, power / slip)
+
+
+def _check_contact(contact: Contact, statement: Statement, known: Dimensions) -> None:
+    gap = dimension_of(contact.gap, known)
+    tree = expand(contact.gap, statement.definitions)
+    for what, names in (("state", statement.states), ("drive", statement.drives), ("velocity", map(velocity, statement.coordinates))):  # fmt: skip
+        for one in sorted(free_names(tree) & set(names)):
+            raise InputError(f"gap reads the {what} '{one}', and may read coordinates, time and parameters")
+    if all(derivative(tree, {name: ONE}) == ZERO for name in statement.coordinates):
+        raise InputError("gap depends on no coordinate: nothing could be pushed away")
+    _needs("restitution", contact.restitution, statement, {**known, APPROACH: gap / TIME}, NONE)
+    if contact.rest_height is not None and contact.rest_height.unit.dimension != gap:
+        raise InputError(f"rest_height is '{contact.rest_height}', needs the unit of the gap, '{gap}'")
+    if contact.slip is not None and contact.friction is not None and contact.static is not None:
+        slip = _check_slip(contact.slip, statement, known)
+        for key, node in (("friction", contact.friction), ("static", contact.static)):
+            _needs(key, node, statement, known, gap / TIME / slip)
+
+
+def _check_slip(slip: Node, statement: Statement, known: Dimensions) -> Dimension:
+    """Check that a slip is linear in velocities, and return its dimension."""
+    found = dimension_of(slip, known)
+    tree, velocities = expand(slip, statement.definitions), set(map(velocity, statement.coordinates))
+    if not free_names(tree) & velocities:
+        raise InputError(f"slip depends on no velocity; there are {', '.join(sorted(velocities)) or 'none'}")
+    for one in sorted(free_names(tree) & set(statement.states)):
+        raise InputError(f"slip reads the state '{one}', and may read coordinates, velocities, time and parameters")
+    for one in sorted(free_names(tree) & set(statement.drives)):
+        drive = statement.drives[one]
+        if (drive.argument, drive.interpolation) != ("t", "linear"):
+            raise InputError(f"slip reads the drive '{one}', {drive.interpolation} in {drive.argument}; it may be one of t that is linear")  # fmt: skip
+    for name in sorted(velocities):
+        if free_names(derivative(tree, {name: ONE})) & velocities:
+            raise InputError(f"slip is not linear in {name}; write the relative velocity itself")
+    return found
+
+
+def _needs(what: str, node: Node, statement: Statement, known: Dimensions, needed: Dimension) -> None:
+    expand(node, statement.definitions)
+    found = dimension_of(node, known)
+    if found != needed:
+        raise InputError(f"{what} has units '{found}', needs '{needed}'")
+
+
+def _power(statement: Statement, known: Dimensions) -> Dimension:
+    """Return the dimension of a force times a velocity, which all coordinates share."""
+    found = {
+        dimension_of(statement.mass[i][i], known) * known[name] * known[name] / TIME**3
+        for i, name in enumerate(statement.coordinates)
+    }
+    if len(found) != 1:
+        raise InputError("contacts and friction need coordinates whose energies share one unit")
+    return found.pop()

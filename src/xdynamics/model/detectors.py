@@ -1,0 +1,111 @@
+"""Everything that a march watches for: the events of a model, and what its contacts and friction elements may do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+from xdynamics.expressions import Binary, Call, Name, Node, derivative, dimension_of
+from xdynamics.expressions.calculus import ZERO
+from xdynamics.model.mass import Assignment
+from xdynamics.model.model import Model
+from xdynamics.model.motion import motion
+from xdynamics.model.parts import Event, Function
+from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
+from xdynamics.units import TIME, Dimension, Quantity
+
+# what a detector is for: an event of the model; a gap that closes, a contact that pulls, one that has settled; a slip
+# that comes to rest, a grip that is lost
+OCCASION, GAP, PULL, LIMIT, SLIP, GRIP = range(6)
+
+
+@dataclass(frozen=True)
+class Detector:
+    """One function whose zero is watched for.
+
+    Attributes
+    ----------
+    name : str
+        The event, contact or friction element that it belongs to.
+    function : Node
+        Without definitions; it may name reactions.
+    role : int
+    event : Event
+        What the model says, of an occasion.
+    reaction : int
+        The number of the reaction that it watches, else -1.
+    time_tolerance : Quantity
+    """
+
+    name: str
+    function: Node
+    role: int
+    time_tolerance: Quantity
+    direction: str = "either"
+    event: Event = field(default_factory=lambda: Event(ZERO))
+    reaction: int = -1
+
+
+@lru_cache(maxsize=64)
+def detectors(model: Model) -> tuple[Detector, ...]:
+    """Return what a model watches for: its events in their order, then contacts, then friction."""
+    found = [
+        Detector(name, model.expanded(one.function), OCCASION, one.time_tolerance, one.direction, one)
+        for name, one in model.events.items()
+    ]
+    for k, one in enumerate(reactions(model)):
+        part = model.frictions[one.owner] if one.owner in model.frictions else model.contacts[one.owner]
+        if one.sort == NORMAL:
+            until = Binary("-", Name("t"), Name(way(one)))
+            watched = [(GAP, one.gap, "falling"), (PULL, Name(one.name), "falling"), (LIMIT, until, "rising")]
+        else:
+            held = Binary("*", one.most, Name(reactions(model)[one.normal].name)) if one.sort == TANGENT else one.most
+            grip = Binary("-", held, Call("abs", (Name(one.name),)))
+            watched = [(SLIP, one.rate, "either"), (GRIP, grip, "falling")]
+        found += [Detector(one.owner, tree, role, part.time_tolerance, to, reaction=k) for role, tree, to in watched]
+    return tuple(found)
+
+
+def labels(model: Model) -> tuple[str, ...]:
+    """Return the names that stand in `event_detector`: of events, contacts, friction elements."""
+    return tuple(dict.fromkeys(one.name for one in detectors(model)))
+
+
+def function_dimension(model: Model, detector: Detector) -> Dimension:
+    """Return the dimension of a detector's function."""
+    if detector.role == LIMIT:
+        return TIME
+    return dimension_of(detector.function, model.dimensions | reaction_dimensions(model))
+
+
+@lru_cache(maxsize=64)
+def followed(model: Model) -> tuple[Assignment, ...]:
+    """Return what of the motion leads to the reactions, and how fast all of it changes along the motion.
+
+    The time derivative of ``x`` is named ``_rate_of_x``.
+    """
+    if not reactions(model):
+        return ()
+    last = max(i for i, one in enumerate(motion(model)) if one.name in {this.name for this in reactions(model)})
+    known, found = dict(model.rates), []
+    for one in motion(model)[: last + 1]:
+        assert not isinstance(one.value, Function)  # noqa: S101 - a model with both is refused
+        found.append(one)
+        if (rate := derivative(one.value, known)) != ZERO:
+            known[one.name] = Name(f"_rate_of_{one.name}")
+            found.append(Assignment(f"_rate_of_{one.name}", rate))
+    return tuple(found)
+
+
+def function_rate(model: Model, detector: Detector) -> Node:
+    """Return the time derivative of a detector's function along the motion; see `followed`."""
+    known = {one.name.removeprefix("_rate_of_"): Name(one.name) for one in followed(model) if one.name.startswith("_rate_of_")}  # fmt: skip
+    return derivative(detector.function, {**known, **model.rates})
+
+
+def function_bend(model: Model, detector: Detector) -> Node:
+    """Return the second time derivative of a gap along the motion."""
+    return derivative(function_rate(model, detector), model.rates)
+
+
+__all__ = ["GAP", "GRIP", "LIMIT", "OCCASION", "PULL", "SLIP", "Detector", "Reaction", "detectors", "followed", "function_bend", "function_dimension", "function_rate", "labels"]  # fmt: skip

@@ -1,0 +1,62 @@
+"""Dividing by the mass, as trees: M u = right, by division or by the factors L D L^T."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import reduce
+
+from xdynamics.expressions import Binary, Call, Name, Node
+from xdynamics.model.model import Model
+from xdynamics.model.parts import Function
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """``name = value``, of an expression without definitions or a function written in Python."""
+
+    name: str
+    value: Node | Function
+
+
+def factors(model: Model) -> Iterator[Assignment]:
+    """Write what dividing by the mass needs: its diagonal, or the factors of M = L D L^T."""
+    if not model.mass_is_full:
+        for i in range(len(model.coordinates)):
+            yield Assignment(f"_m{i}", Call("positive", (model.expanded(model.mass[i][i]),)))
+        return
+    mass = [[model.expanded(entry) for entry in row] for row in model.mass]
+    for i, row in enumerate(mass):
+        for j in range(i):
+            taken = (product(f"_l{i}_{k}", f"_l{j}_{k}", f"_d{k}") for k in range(j))
+            yield Assignment(f"_l{i}_{j}", Binary("/", less(row[j], taken), Name(f"_d{j}")))
+        taken = (product(f"_l{i}_{k}", f"_l{i}_{k}", f"_d{k}") for k in range(i))
+        yield Assignment(f"_d{i}", Call("positive", (less(row[i], taken),)))
+
+
+def solved(model: Model, rows: Mapping[str, Node], names: Iterable[str] | None = None) -> Iterator[Assignment]:
+    """Solve M u = right for the unknowns, by division or forward and back through the factors."""
+    unknowns, right = list(rows), list(rows.values())
+    if not model.mass_is_full:
+        place = {name: i for i, name in enumerate(model.coordinates)}
+        for name, unknown, tree in zip(model.coordinates if names is None else names, unknowns, right, strict=True):
+            yield Assignment(unknown, Binary("/", tree, Name(f"_m{place[name]}")))
+        return
+    n = len(unknowns)
+    z = [f"_z{i}_{unknown}" for i, unknown in enumerate(unknowns)]
+    for i in range(n):
+        yield Assignment(z[i], less(right[i], (product(f"_l{i}_{k}", z[k]) for k in range(i))))
+    for i in reversed(range(n)):
+        back = (product(f"_l{k}_{i}", unknowns[k]) for k in range(i + 1, n))
+        yield Assignment(unknowns[i], less(Binary("/", Name(z[i]), Name(f"_d{i}")), back))
+
+
+def product(*names: str) -> Node:
+    """Multiply named numbers, one after the other."""
+    factors: list[Node] = [Name(name) for name in names]
+    return reduce(lambda one, other: Binary("*", one, other), factors)
+
+
+def less(tree: Node, taken: Iterable[Node]) -> Node:
+    """Take terms away, one after the other."""
+    return reduce(lambda one, other: Binary("-", one, other), taken, tree)

@@ -1,0 +1,261 @@
+"""What contacts and dry friction add to M a = F, as trees: forces that are found together with the accelerations.
+
+A contact that is closed and a friction element that sticks each hold one row of the motion: the gap's, or the slip's,
+second derivative is zero. Their forces u are such that R a + bias = 0 with a = M^-1 (F + R^T u), so that they solve
+R M^-1 R^T u = -(R a_free + bias) (Pfeiffer and Glocker, Multibody Dynamics with Unilateral Contacts, 1996, chapter 5).
+What slips has a force that is known, as a number or as a part of the normal force. Which of them hold, slip or are open
+are numbers behind the parameters, so that the same assignments serve them all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, derivative, dimension_of, expand
+from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
+from xdynamics.model.mass import Assignment, less, solved
+from xdynamics.model.model import Model
+from xdynamics.model.parts import APPROACH
+from xdynamics.schema import acceleration, contact_force, friction_force, velocity
+from xdynamics.units import TIME, Dimension
+
+NORMAL, TANGENT, DRY = range(3)  # of a contact, along its surface, of a friction element
+MODES = 2  # numbers of each reaction: whether it holds; the way it slips, or until when a contact settles
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """One force of a contact or friction element.
+
+    Attributes
+    ----------
+    name : str
+        Of the force, in the record.
+    owner : str
+        The contact or friction element.
+    sort : int
+        `NORMAL`, `TANGENT` or `DRY`.
+    normal : int
+        Of a tangent the number of its normal force, else its own.
+    gap : Node
+        Of a normal force; zero of others.
+    rate : Node
+        How fast the gap opens, or the slip.
+    row : mapping of str to Node
+        The derivative of `rate` by the velocity of each coordinate that it depends on: the force acts along it.
+    bias : Node
+        The time derivative of `rate` where nothing accelerates.
+    size, most : Node
+        Coefficient of friction, or force, while it slips, and up to which it sticks; `size` of a normal force is the
+        coefficient of restitution.
+    """
+
+    name: str
+    owner: str
+    sort: int
+    normal: int
+    gap: Node
+    rate: Node
+    row: Mapping[str, Node]
+    bias: Node
+    size: Node
+    most: Node
+
+
+@lru_cache(maxsize=64)
+def reactions(model: Model) -> tuple[Reaction, ...]:
+    """Return the forces of contacts and friction elements: normal ones, then tangents, then dry friction."""
+    found = []
+    for i, (name, one) in enumerate(model.contacts.items()):
+        rate = model.rate_of(one.gap)
+        restitution = expand(model.expanded(one.restitution), {APPROACH: Negative(rate)})
+        found.append(Reaction(contact_force(name), name, NORMAL, i, model.expanded(one.gap), rate, *_moved(model, rate), restitution, ONE))  # fmt: skip
+    for i, (name, one) in enumerate(model.contacts.items()):
+        if one.slip is not None and one.friction is not None and one.static is not None:
+            found.append(_tangent(model, name, TANGENT, i, (one.slip, one.friction, one.static)))
+    for name, element in model.frictions.items():
+        trees = element.slip, element.kinetic, element.static
+        found.append(_tangent(model, name, DRY, len(found), trees))
+    return tuple(found)
+
+
+def _tangent(model: Model, owner: str, sort: int, normal: int, trees: tuple[Node, Node, Node]) -> Reaction:
+    slip, size, most = map(model.expanded, trees)
+    return Reaction(friction_force(owner), owner, sort, normal, ZERO, slip, *_moved(model, slip), size, most)
+
+
+def _moved(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
+    """Return the derivatives of a rate by the velocities, and its derivative in time where nothing accelerates."""
+    rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.coordinates}
+    accelerations = {Name(acceleration(name)) for name in rows}
+    still = {name: one for name, one in model.rates.items() if one not in accelerations}
+    return {name: one for name, one in rows.items() if one != ZERO}, derivative(rate, still)
+
+
+def holds(reaction: Reaction) -> str:
+    """Name the number that is 1 where a reaction holds its row."""
+    return f"_holds_{reaction.name}"
+
+
+def way(reaction: Reaction) -> str:
+    """Name the number that is the sign of the slip, or of a contact the time at which it has settled."""
+    return f"_until_{reaction.name}" if reaction.sort == NORMAL else f"_way_{reaction.name}"
+
+
+def modes(model: Model) -> tuple[str, ...]:
+    """Name the numbers that say what contacts and friction do."""
+    return tuple(name for one in reactions(model) for name in (holds(one), way(one)))
+
+
+def free(name: str) -> str:
+    """Name the acceleration that a coordinate has without reactions."""
+    return f"_free_{name}"
+
+
+def reaction_dimensions(model: Model) -> dict[str, Dimension]:
+    """Return the dimension of each reaction: what it does is work."""
+    known, found = model.dimensions, {}
+    for one in reactions(model):
+        i, name = next((i, name) for i, name in enumerate(model.coordinates) if name in one.row)
+        power = dimension_of(model.mass[i][i], known) * known[name] / TIME**2 * known[velocity(name)]
+        found[one.name] = power / rate_dimension(model, one)
+    return found
+
+
+def rate_dimension(model: Model, reaction: Reaction) -> Dimension:
+    """Return the dimension of a reaction's rate."""
+    known = model.dimensions
+    if reaction.sort == NORMAL:
+        return dimension_of(reaction.gap, known) / TIME
+    return dimension_of(reaction.rate, known)
+
+
+def reacting(model: Model) -> Iterator[Assignment]:
+    """Write the reactions, and the accelerations with them.
+
+    The matrix is taken apart without exchanging rows: its pivots are positive where there is one solution for every
+    load (a P-matrix, Cottle, Pang, Stone, The Linear Complementarity Problem, 1992, section 3.3), and nan where not.
+    """
+    found = reactions(model)
+    if not found:
+        return
+    yield from pressing(model)
+    entries: dict[tuple[int, int], Node] = {}
+    right: list[Node] = []
+    for k, one in enumerate(found):
+        held = Compare("==", Name(holds(one)), ONE)
+        for j in range(len(found)):
+            otherwise = _let_go(one, k, j)
+            if _meet(model, one, found[j]) or otherwise != ZERO:
+                gram = Name(_gram(k, j)) if _meet(model, one, found[j]) else ZERO
+                entries[k, j] = Name(f"_entry{k}_{j}")
+                yield Assignment(f"_entry{k}_{j}", Call("where", (held, gram, otherwise)))
+        known = multiply(Negative(Name(way(one))), one.size) if one.sort == DRY else ZERO
+        right.append(Name(f"_right{k}"))
+        yield Assignment(f"_right{k}", Call("where", (held, Negative(Name(_without(k))), known)))
+    yield from _eliminated(entries, right, [one.name for one in found])
+    for name in model.coordinates:
+        total: Node = Name(free(name))
+        for k, one in enumerate(found):
+            if name in _reached(model, one):
+                total = add(total, multiply(Name(_reach(k, name)), Name(one.name)))
+        yield Assignment(acceleration(name), total)
+
+
+def pressing(model: Model) -> Iterator[Assignment]:
+    """Write rows, what a unit of each reaction does to accelerations and to each row, and each row's free acceleration."""
+    found = reactions(model)
+    for k, one in enumerate(found):
+        yield from (Assignment(_row(k, name), tree) for name, tree in one.row.items())
+        reached = _reached(model, one)
+        rows = {_reach(k, name): Name(_row(k, name)) if name in one.row else ZERO for name in reached}
+        yield from solved(model, rows, reached)
+        moved = (Binary("*", Name(_row(k, name)), Name(free(name))) for name in one.row)
+        yield Assignment(_without(k), _sum(one.bias, *moved))
+    for k, one in enumerate(found):
+        for j, other in enumerate(found):
+            if shared := _meet(model, one, other):
+                terms = (Binary("*", Name(_row(k, name)), Name(_reach(j, name))) for name in shared)
+                yield Assignment(_gram(k, j), _sum(*terms))
+
+
+def table(model: Model) -> tuple[list[Node], ...]:
+    """Return what `march.contact` is told of a state: by reaction its numbers, then the matrices, row by row.
+
+    Returns
+    -------
+    tuple of list of Node
+        Gap, rate, free acceleration of the row, size and most of each; what each does to each row; its row; what a
+        unit of it does to each acceleration.
+    """
+    found, coordinates = reactions(model), list(model.coordinates)
+    numbers: list[Node] = []
+    grams: list[Node] = []
+    rows: list[Node] = []
+    reach: list[Node] = []
+    for k, one in enumerate(found):
+        numbers += [one.gap, one.rate, Name(_without(k)), one.size, one.most]
+        grams += [Name(_gram(k, j)) if _meet(model, one, other) else ZERO for j, other in enumerate(found)]
+        rows += [Name(_row(k, name)) if name in one.row else ZERO for name in coordinates]
+        reach += [Name(_reach(k, name)) if name in _reached(model, one) else ZERO for name in coordinates]
+    return numbers, grams, rows, reach
+
+
+def _let_go(one: Reaction, k: int, j: int) -> Node:
+    """Return an entry of the row of a reaction that holds nothing: it is zero, or what slipping makes of the normal force."""
+    if j == k:
+        return ONE
+    return multiply(Name(way(one)), one.size) if one.sort == TANGENT and j == one.normal else ZERO
+
+
+def _eliminated(entries: dict[tuple[int, int], Node], right: list[Node], names: list[str]) -> Iterator[Assignment]:
+    """Solve for the reactions by Gaussian elimination; entries that are not there are zero."""
+    n = len(names)
+    for p in range(n):
+        yield Assignment(f"_pivot{p}", Call("positive", (entries[p, p],)))
+        for i in (i for i in range(p + 1, n) if (i, p) in entries):
+            factor = f"_factor{i}_{p}"
+            yield Assignment(factor, Binary("/", entries[i, p], Name(f"_pivot{p}")))
+            for j in (j for j in range(p + 1, n) if (p, j) in entries):
+                changed = f"_entry{i}_{j}_{p}"
+                yield Assignment(changed, less(entries.get((i, j), ZERO), [Binary("*", Name(factor), entries[p, j])]))
+                entries[i, j] = Name(changed)
+            yield Assignment(f"_right{i}_{p}", less(right[i], [Binary("*", Name(factor), right[p])]))
+            right[i] = Name(f"_right{i}_{p}")
+    for i in reversed(range(n)):
+        back = (Binary("*", entries[i, j], Name(names[j])) for j in range(i + 1, n) if (i, j) in entries)
+        yield Assignment(names[i], Binary("/", less(right[i], back), Name(f"_pivot{i}")))
+
+
+def _reached(model: Model, one: Reaction) -> list[str]:
+    """Return the coordinates that a reaction accelerates: through a full mass all."""
+    return list(model.coordinates) if model.mass_is_full else list(one.row)
+
+
+def _meet(model: Model, one: Reaction, other: Reaction) -> list[str]:
+    """Return the coordinates through which one reaction meets another."""
+    return [name for name in one.row if name in _reached(model, other)]
+
+
+def _sum(first: Node, *terms: Node) -> Node:
+    for one in terms:
+        first = add(first, one)
+    return first
+
+
+def _row(k: int, name: str) -> str:
+    return f"_row{k}_{name}"
+
+
+def _reach(k: int, name: str) -> str:
+    return f"_reach{k}_{name}"
+
+
+def _gram(k: int, j: int) -> str:
+    return f"_gram{k}_{j}"
+
+
+def _without(k: int) -> str:
+    return f"_without{k}"

@@ -1,0 +1,78 @@
+"""Contacts and dry friction, from the words of a model file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from xdynamics.expressions import Node, Number, parse
+from xdynamics.faults import InputError
+from xdynamics.model.parts import IMPACT_LAWS, TANGENTIALS, Contact, Friction
+from xdynamics.model.words import choice, described, keys, tolerance
+from xdynamics.units import Quantity, parse_quantity
+
+_OF_CONTACTS = ("gap", "restitution", "tangential", "slip", "friction", "static", "time_tolerance", "rest_height", "law",
+                "description")  # fmt: skip
+_OF_COULOMB = ("slip", "friction", "static")
+_OF_FRICTIONS = ("slip", "kinetic", "static", "time_tolerance", "description")
+
+
+def contact(given: Any) -> Contact:
+    """Read a contact.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    keys(given, _OF_CONTACTS, needed=("gap", "restitution"))
+    tangential = choice(given, "tangential", TANGENTIALS, "frictionless")
+    if tangential == "coulomb":
+        if missing := [key for key in _OF_COULOMB[:2] if key not in given]:
+            raise InputError(f"tangential 'coulomb' needs {' and '.join(missing)}")
+        own = {key: _expression(given, key) for key in _OF_COULOMB[:2]}
+        own["static"] = _expression(given, "static") if "static" in given else own["friction"]
+    else:
+        if unused := [key for key in _OF_COULOMB if key in given]:
+            raise InputError(f"{', '.join(unused)} is for tangential = 'coulomb', and this contact is frictionless")
+        own = {}
+    restitution = _expression(given, "restitution")
+    if isinstance(restitution, Number) and restitution.value > 1:
+        raise InputError(f"restitution is {given['restitution']!r}, needs a number from 0 to 1")
+    return Contact(
+        parse(given["gap"]), restitution, tangential, time_tolerance=tolerance(given), rest_height=_height(given),
+        law=choice(given, "law", IMPACT_LAWS, "newton"), description=described(given), **own,
+    )  # fmt: skip
+
+
+def friction(given: Any) -> Friction:
+    """Read a friction element.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    keys(given, _OF_FRICTIONS, needed=("slip", "kinetic"))
+    kinetic = _expression(given, "kinetic")
+    static = _expression(given, "static") if "static" in given else kinetic
+    return Friction(parse(given["slip"]), kinetic, static, tolerance(given), described(given))
+
+
+def _expression(given: Mapping[str, Any], key: str) -> Node:
+    """Read an expression, or a plain number."""
+    value = given[key]
+    plain = isinstance(value, int | float) and not isinstance(value, bool)
+    try:
+        return parse(repr(value) if plain else value)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+
+
+def _height(given: Mapping[str, Any]) -> Quantity | None:
+    if "rest_height" not in given:
+        return None
+    height = parse_quantity(given["rest_height"])
+    if height.value < 0:
+        raise InputError(f"rest_height is '{height}', needs to be non-negative")
+    return height
