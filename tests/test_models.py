@@ -15,6 +15,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import PchipInterpolator
 
 import xdynamics as xd
+from contacts import FIRST, FORTY_FOURTH, LIMIT, wave, words
 from problems import MODELS
 
 NAMES = sorted(path.stem for path in MODELS.glob("*.toml"))
@@ -233,3 +234,109 @@ def test_archive_reproduces_and_passes_cf(name: str, tmp_path: Path) -> None:
         assert "All tests passed!" in report.stdout, report.stdout
     if shutil.which("ncdump"):
         assert subprocess.run(["ncdump", "-h", path], capture_output=True, check=True).stdout
+
+
+def met(name: str) -> list[tuple[str, str]]:
+    """The events of a model, as its file says: detectors and kinds."""
+    return words(run(name))
+
+
+def test_a_ball_comes_to_rest_where_its_bounces_end() -> None:
+    """Assert the first impact, the 44th, and the end of the series."""
+    times = run("bouncing_ball").event_time.values
+    assert times[[0, 43, -1]] == pytest.approx([FIRST, FORTY_FOURTH, LIMIT], abs=2e-12)
+    assert met("bouncing_ball")[-1] == ("floor", "rest")
+
+
+def test_a_table_throws_a_ball() -> None:
+    """Assert take-off at g = A w**2 sin(w t), and one period later again."""
+    found = run("moving_table")
+    off = [t for t, what in zip(found.event_time.values, met("moving_table"), strict=True) if what[1] == "takeoff"]
+    first = np.arcsin(9.81 / (0.1 * 144)) / 12
+    assert off == pytest.approx([first, first + np.pi / 2], abs=1e-12)
+
+
+def test_walls_make_triangular_waves() -> None:
+    """Assert both coordinates over twenty seconds."""
+    found = run("ball_in_box")
+    for name, start, speed in (("x", 0.5, 1.0), ("y", 0.5, 3.0)):
+        assert found[name].values == pytest.approx(wave(start + speed * found.time.values), abs=5e-11)
+
+
+def test_a_block_stops_on_an_incline() -> None:
+    """Assert when and where, and the friction that holds it."""
+    found, slowed = run("block_on_incline"), 9.81 * (np.sin(0.3) + 0.4 * np.cos(0.3))
+    assert met("block_on_incline") == [("incline", "stick")]
+    assert found.event_time.values == pytest.approx([2 / slowed], abs=1e-14)
+    assert float(found.x[-1]) == pytest.approx(-2 / slowed, abs=1e-14)
+    assert float(found.friction_force_incline[-1]) == pytest.approx(-2 * 9.81 * np.sin(0.3), rel=1e-14)
+
+
+def test_a_belt_carries_a_mass_and_lets_it_slip() -> None:
+    """Assert the first slip, and how long each stick and slip takes."""
+    w = np.sqrt(10)
+    slips = (np.pi + 2 * np.arctan2(0.1, 0.2 * w)) / w
+    times = run("stick_slip_belt").event_time.values
+    assert times == pytest.approx(
+        4 + np.array([0, slips, slips + 4, 2 * slips + 4, 2 * slips + 8, 3 * slips + 8, 3 * slips + 12]), abs=5e-8
+    )
+
+
+def test_an_oscillator_hits_its_stop() -> None:
+    """Assert the first impact on the closed form of the motion before, and that a stop beyond reach is not hit."""
+    found = run("impact_oscillator")
+    t = float(found.event_time[0])
+    a = 1 / (1 - 2.6**2)
+    assert a * (np.cos(2.6 * t) - np.cos(t)) == pytest.approx(0.1, abs=1e-9)
+    assert {what for _, what in met("impact_oscillator")} == {"impact"}
+    assert (found.contact_gap_stop.values > -1e-12).all()
+    swings = model("impact_oscillator").replace(initial={"x": a})
+    reach = 1 / (2.6**2 - 1)
+    assert xd.simulate(swings.replace(parameters={"stop": reach * (1 + 1e-6)}), until=30).sizes["event"] == 0
+    grazing = xd.simulate(swings.replace(parameters={"stop": reach * (1 - 1e-6)}), until=5)
+    assert next(what for _, what in words(grazing)) == "impact"
+
+
+@pytest.mark.parametrize(("law", "speeds"), [("sequential", (0, 0, 0, 0, 1)), ("newton", (-0.6, 0.4, 0.4, 0.4, 0.4))])
+def test_a_cradle_hands_its_speed_on_by_its_law(law: str, speeds: tuple[float, ...]) -> None:
+    """Assert speeds behind the first impact, momentum and energy of all, and the period of the pendulums."""
+    found = run(f"newtons_cradle_{law}")
+    v = 0.03 * np.sqrt(9.81 / 0.14)
+    row = int(found.event_row_after[0])
+    assert [float(found[f"v_x{i}"][row]) for i in range(1, 6)] == pytest.approx(np.array(speeds) * v, abs=1e-12)
+    assert np.ptp(found.total_energy.values) < 1e-15
+    quarter = np.pi / 2 * np.sqrt(0.14 / 9.81)
+    assert np.unique(found.event_time.values.round(9)) == pytest.approx(quarter * np.arange(1, 17, 2), abs=1e-9)
+
+
+def test_a_block_rocks_to_rest() -> None:
+    """Assert Housner's loss of speed at the first impacts, and that a rest ends it."""
+    found = run("rocking_block")
+    hits = [i for i, (_, what) in enumerate(met("rocking_block")) if what == "impact"][:10]
+    after, before = (found.v_theta.values[found[f"event_row_{one}"].values[hits]] for one in ("after", "before"))
+    assert after / before == pytest.approx(1 - 1.5 * 0.04 / 1.04, rel=1e-9)
+    assert met("rocking_block")[-1][1] == "rest"
+
+
+def test_a_woodpecker_walks_down_its_pole() -> None:
+    """Assert the order of a cycle as Glocker has it, and one period for two methods.
+
+    The sleeve sticks below, slides, leaves the pole, hits it above, the beak hits, the sleeve hits above again, and comes
+    back below.
+    """
+    found = run("woodpecker")
+    order = [what for what in met("woodpecker") if what[1] in ("impact", "stick", "takeoff")]
+    start = order.index(("beak", "impact"))
+    again = order.index(("beak", "impact"), start + 1)
+    assert order[start:again] == [
+        ("beak", "impact"), ("upper", "impact"), ("upper", "takeoff"), *[("lower", "impact")] * 2, ("lower", "stick"),
+        ("lower", "takeoff"), ("upper", "impact"),
+    ] or order[start:again].count(("lower", "stick")) == 1  # fmt: skip
+    beak = np.array([what == ("beak", "impact") for what in met("woodpecker")])
+    periods = np.diff(found.event_time.values[beak])
+    assert periods == pytest.approx(0.146, abs=3e-4)
+    other = xd.simulate(model("woodpecker"), method="rk4", step=1e-4, until=0.4)
+    twice = other.event_time.values[[what == ("beak", "impact") for what in words(other)]]
+    assert twice == pytest.approx(found.event_time.values[beak][: len(twice)], abs=2e-6)
+    gaps = [float(found[f"contact_gap_{one}"].min()) for one in ("beak", "lower", "upper")]
+    assert min(gaps) > -1e-15

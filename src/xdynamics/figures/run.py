@@ -35,6 +35,10 @@ Rows = NDArray[np.int64]
 _COLOURS = ("#1f5a96", "#c8501e", "#3a8f5c", "#7a4fa0", "#8c6d1f", "#4c4c4c")
 
 
+_PARTS = {"event_time_uncertainty_bracket": "width of the bracket", "event_time_uncertainty": "uncertainty"}
+FEWEST_LOCATED = 3  # events, from which on a panel tells more than their list
+
+
 def plot(run: xr.Dataset, path: str | Path | None = None) -> Figure:
     """Draw trajectory, velocity, phase portrait, energy error and step size of a run.
 
@@ -106,6 +110,8 @@ def _panels(run: xr.Dataset) -> Iterator[Callable[[Axes], None]]:
         yield partial(_against_time, run, names, "velocity")
     for names in _by_unit(run, _with_role(run, "state")):
         yield partial(_against_time, run, names, "first-order state")
+    for names in _by_unit(run, _with_role(run, "reaction")):
+        yield partial(_against_time, run, names, "contact and friction")
     for names in _by_unit(run, moving):
         yield partial(_phase, run, names)
     if _drawn(run, "total_energy"):
@@ -114,6 +120,8 @@ def _panels(run: xr.Dataset) -> Iterator[Callable[[Axes], None]]:
         yield partial(_steps, run)
     if _drawn(run, "error_norm"):
         yield partial(_errors, run)
+    if run.sizes.get("event", 0) >= FEWEST_LOCATED and {*_PARTS} <= set(run.variables):
+        yield partial(_locations, run)
 
 
 def _against_time(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
@@ -239,6 +247,19 @@ def _errors(run: xr.Dataset, axes: Axes) -> None:
         axes.set_yscale("log")
     axes.set(xlabel="time (s)", ylabel="scaled local error (1)")
     axes.set_title("local error over what the tolerances allow", loc="left", fontsize=10)
+
+
+def _locations(run: xr.Dataset, axes: Axes) -> None:
+    """Draw how wide the bracket of each event is, and how well its time is known."""
+    time = run["event_time"].values
+    for name, marker, colour in zip(_PARTS, "_.", (_COLOURS[0], _COLOURS[1]), strict=True):
+        values = run[name].values
+        shown = (values > 0) & np.isfinite(values)
+        axes.plot(time[shown], values[shown], marker, color=colour, markersize=5, label=_words(_PARTS[name]))
+    axes.set_yscale("log")
+    axes.set(xlabel="time (s)", ylabel="located within (s)")
+    axes.set_title("events: bracket, and uncertainty of the time", loc="left", fontsize=10)
+    axes.legend(fontsize=8, frameon=False)
 
 
 def _with_role(run: xr.Dataset, role: str) -> list[str]:

@@ -98,7 +98,7 @@ def begin(run: Run, t: float) -> None:
     for k in range(run.touches.shape[0]):
         one = run.touches[k]
         one.state, one.limit, one.lost, one.hit, one.known = OPEN, -inf, 0.0, NONE, 0.0
-        one.speed, one.since, one.doubt, one.total = 0.0, t, 0.0, 0.0
+        one.speed, one.since, one.doubt, one.total, one.fastest = 0.0, t, 0.0, 0.0, 0.0
         one.largest = max(0.0, number(run, k, GAP_OF))
         if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -width(run, k):
             run.now[0].status = CONTACT_PENETRATED
@@ -171,7 +171,8 @@ def hear(run: Run) -> None:
 @shared
 def width(run: Run, k: int) -> float:
     """How wide a gap rounding alone may leave, and what it changes within the time tolerance."""
-    return max(NOISE * size_of_gap(run, k), abs(number(run, k, RATE)) * run.reactions[k].tolerance)
+    size = max(size_of_gap(run, k), run.touches[k].largest)
+    return max(NOISE * size, abs(number(run, k, RATE)) * run.reactions[k].tolerance)
 
 
 @shared
@@ -191,6 +192,8 @@ def measure(run: Run) -> None:
         one, size = run.touches[k], abs(number(run, k, RATE))
         for i in range(n):
             size += abs(row(run, k, i) * run.z[n + i])
+        one.fastest = max(one.fastest, abs(number(run, k, RATE)))
+        size = max(size, one.fastest)
         one.slack = max(NOISE * size, (abs(number(run, k, FREE)) + brake(run, k)) * run.reactions[k].tolerance)
         one.near = 0
         if run.reactions[k].role == NORMAL:
@@ -357,9 +360,10 @@ def wake(run: Run, i: int) -> None:
     if detector.role == OCCASION:
         return
     state = run.touches[detector.reaction].state
-    watch.guard, awake = 1, False
+    watch.guard, watch.floor, awake = 1, 0.0, False
     if detector.role == GAP:
         awake = state == OPEN
+        watch.floor = 4.0 * EPS * max(size_of_gap(run, detector.reaction), run.touches[detector.reaction].largest)
     elif detector.role == PULL:
         awake = state != OPEN
     elif detector.role == LIMIT:

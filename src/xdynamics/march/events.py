@@ -103,6 +103,7 @@ def bracket(run: Run, i: int, left: float) -> None:
     at_low = start_of(run, i, low)
     tolerance = max(run.detectors[i].tolerance, 2.0 * EPS * max(abs(t), abs(t + high)))
     slack, scale = reach(high - low, tolerance), 0.2 / (high - low)
+    believed = sign(at_low) == watch.armed
     for _ in range(MOST_SUBSTEPS - 1):
         if high - low <= tolerance:
             break
@@ -126,18 +127,22 @@ def bracket(run: Run, i: int, left: float) -> None:
             high, at_high = s, value
             keep(run)
         else:
-            low, at_low = s, value
+            low, at_low, believed = s, value, True
     watch.left, watch.right, watch.before = low, high, at_low
     if run.detectors[i].role == GAP:
-        polish(run, i, at_high)
+        polish(run, i, at_high if believed else 0.0)
 
 
 @shared
 def polish(run: Run, i: int, at_high: float) -> None:
-    """Move the right end next to the zero by one secant more: what is left of a gap goes into every bounce behind it."""
+    """Move the right end next to the zero by one secant more: what is left of a gap goes into every bounce behind it.
+
+    Where it was zero from the left end on, with no value to go by, `at_high` is 0.
+    """
     watch, t = run.watches[i], run.now[0].t
     low, high, at_low = watch.left, watch.right, watch.before
-    s = (at_high * low - at_low * high) / (at_high - at_low) + 2.0 * EPS * max(abs(t), abs(t + high))
+    root = low if at_high == 0.0 else (at_high * low - at_low * high) / (at_high - at_low)
+    s = root + 2.0 * EPS * max(abs(t), abs(t + high))
     if not low < s < high:
         return
     substep(run, s)

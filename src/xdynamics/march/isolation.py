@@ -19,6 +19,7 @@ from xdynamics.march.intervals import BREAKS, EPS, SMOOTH, UNBOUNDED, above, bel
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, substep
 from xdynamics.march.run import ENCLOSE, Run
+from xdynamics.model.detectors import GAP
 
 State = NDArray[Any]
 
@@ -43,7 +44,7 @@ def arm(run: Run, i: int, value: float) -> None:
     if watch.asleep:
         watch.armed = 0
         return
-    away = abs(value) > max(MURK * uncertainty(run, i, run.z), NEAR * watch.greatest)
+    away = abs(value) > max(murk(run, i, run.z), NEAR * watch.greatest)
     watch.armed = sign(value) if away else 0
     watch.ever = max(watch.ever, abs(watch.armed))
 
@@ -77,6 +78,12 @@ def uncertainty(run: Run, i: int, state: State) -> float:
 
 
 @shared
+def murk(run: Run, i: int, state: State) -> float:
+    """How large an event function may be and count as zero."""
+    return max(MURK * uncertainty(run, i, state), run.watches[i].floor)
+
+
+@shared
 def quiet(run: Run) -> bool:
     """Whether no event function can have a zero in the trial; keeps which may."""
     now, trial, piece = run.now[0], run.trial[0], run.piece[0]
@@ -86,6 +93,9 @@ def quiet(run: Run) -> bool:
     piece.rough, silent = 0, True
     for i in range(run.detectors.shape[0]):
         place, watch = run.detectors[i].value, run.watches[i]
+        if run.detectors[i].role == GAP:
+            touch = run.touches[run.detectors[i].reaction]
+            touch.largest = max(touch.largest, run.under[place])
         settled = (watch.armed > 0 and run.under[place] > 0.0) or (watch.armed < 0 and run.over[place] < 0.0)
         unguarded = watch.guard == 0 or watch.armed == watch.guard
         watch.alive = int(watch.asleep == 0 and not (settled and unguarded))
@@ -164,8 +174,8 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
         if watch.alive and watch.state == OPEN:
             narrow = end - start <= resolution(run, i, end)
             run.at[T] = t + start
-            size = MURK * uncertainty(run, i, run.near)
-            small = stays_within(run, i, size, end - start)
+            size = murk(run, i, run.near)
+            small = stays_within(run, i, size, end - start) or idles(run, i, size)
             if not small and (narrow or finest) and not turns(run, i):
                 watch.state = CLEAR
             elif small or narrow or finest:
@@ -211,6 +221,14 @@ def stays_within(run: Run, i: int, size: float, w: float) -> bool:
 
 
 @shared
+def idles(run: Run, i: int, size: float) -> bool:
+    """Whether a force that presses nothing, say, is as good as zero at both ends of a piece, and may be between."""
+    watch = run.watches[i]
+    largest = max(abs(run.near_g[i]), abs(run.far_g[i]))
+    return watch.guard != 0 and watch.armed == 0 and run.detectors[i].role != GAP and largest <= size
+
+
+@shared
 def turns(run: Run, i: int) -> bool:
     """Whether a function that is on one side at both ends of a piece comes nearer to zero first, and leaves it then."""
     watch, piece, side = run.watches[i], run.piece[0], sign(run.near_g[i])
@@ -232,7 +250,8 @@ def known(run: Run, i: int) -> int:
         return CLEAR
     if watch.flaw == SMOOTH:
         if watch.down > 0.0 or watch.up < 0.0:
-            return OPEN if lingers(run, i) else MONOTONE
+            nothing = max(abs(run.near_g[i]), abs(run.far_g[i])) <= watch.floor
+            return OPEN if nothing or lingers(run, i) else MONOTONE
         if clears(run.near_g[i], run.far_g[i], watch.down, watch.up, w):
             return CLEAR
     return OPEN
@@ -327,7 +346,7 @@ def leaves(run: Run, i: int, came: int) -> bool:
     if watch.guard == 0 or came != -watch.guard or watch.armed == watch.guard:
         return False
     run.at[T] = run.piece[0].end
-    if not abs(run.far_g[i]) > MURK * uncertainty(run, i, run.far) or sign(run.far_g[i]) != came:
+    if not abs(run.far_g[i]) > murk(run, i, run.far) or sign(run.far_g[i]) != came:
         return False
     run.at[T] = run.piece[0].end
     called(run.law[SLOPES], run, run.far, run.slopes, 0)

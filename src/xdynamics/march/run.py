@@ -41,9 +41,9 @@ DETECTOR = _record("tolerance", "direction action to count value slope bend of_t
 # it was before the trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the trial at
 # hand: whether it may have a zero there (`alive`), its bounds and those of its slope on the piece looked at, since where it
 # is too small to be told from zero (`zone`), and what was found between which steps. One that is `asleep` is not looked
-# for; `guard` is the side that it may not leave: a gap's, say.
+# for; `guard` is the side that it may not leave, a gap's, say, by more than `floor`.
 WATCH = _record(
-    "low high down up least_bend most_bend zone clear left right before greatest",
+    "low high down up least_bend most_bend floor zone clear left right before greatest",
     "armed began ever alive state flaw broken forced hit seen asleep guard",
 )
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
@@ -60,14 +60,14 @@ BEGUN, STAYED, MOVED = range(3)
 # What is known of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how low bounces are
 # that may be skipped; relative to the largest gap so far where `rest_height` is negative.
 REACTION = _record("tolerance rest_height", "role normal law")
-# What a reaction does. `largest` is the largest gap so far, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how fast it opened last, and `since` when, `lost` the
+# What a reaction does. `largest` is the largest gap so far, `fastest` the largest rate, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how fast it opened last, and `since` when, `lost` the
 # energy that an impact takes, or bounces that are skipped, `bounce` its coefficient of restitution in the last impact. The rest is of the
 # problem at hand: its part there (`contact.ABSENT`, …), the rate or acceleration it starts from, what of it is known,
 # coefficient and bound of friction, scale, place among the unknowns, its force or impulse and what the rate or acceleration
 # is then, all impulses of an impact and the rate behind them; `near` tells that a contact touches, `hit` which detector
 # has met it, `held` what it did before the event, `slack` what a rate is uncertain by.
 TOUCH = _record(
-    "largest limit doubt speed since lost bounce origin known coefficient bound scale found after slack rate total",
+    "largest fastest limit doubt speed since lost bounce origin known coefficient bound scale found after slack rate total",
     "state part place way hit near held",
 )
 # Entries of the engine, behind the elementary functions in `functions`.

@@ -189,7 +189,7 @@ def _steps(about: _About) -> list[Column]:
         add(name, schema.ENERGIES.get(name, f"{said} {owner}"), role, units.derived(name))
     for k, one in enumerate(reactions(model)):
         what = "normal force of contact" if one.sort == NORMAL else "friction force of"
-        add(one.name, f"{what} {one.owner}; 0 where it is open", "force", units.known[one.name])
+        add(one.name, f"{what} {one.owner}; 0 where it is open", "reaction", units.known[one.name])
         found.append(Column(_state_of(one), _flag(2 + k)))
     if layout.estimates and about.tolerances is not None:
         found.append(Column(schema.ERROR_NORM, _row(order["error_norm"], 1.0)))

@@ -42,6 +42,8 @@ ALONG_STEPS = (
     "state",
     "rate",
     "force",
+    "reaction",
+    "gap",
     "energy",
     "observable",
     "error",
