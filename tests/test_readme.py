@@ -15,7 +15,7 @@ import xdynamics as xd
 from problems import ROOT
 
 README = (ROOT / "README.md").read_text()
-BLOCKS = {kind: "".join(re.findall(rf"```{kind}\n(.*?)```", README, re.DOTALL)) for kind in ("python", "sh")}
+BLOCKS = {kind: "".join(re.findall(rf"```{kind}\n(.*?)```", README, re.DOTALL)) for kind in ("python", "sh", "toml")}
 RUN = next(line.strip() for line in README.splitlines() if "pip install -q . &&" in line)
 
 
@@ -55,6 +55,15 @@ def test_example_prints_what_it_says(
     exec(compile(BLOCKS["python"], "README", "exec"), {})
     said = re.findall(r"print\(.*\)  # (.*)", BLOCKS["python"])
     assert capsys.readouterr().out.splitlines() == said
+
+
+def test_the_whole_model_is_one() -> None:
+    """Assert that the README's model runs, breaks loose, and is stopped by its edge or rests."""
+    text = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)[0]
+    run = xd.simulate(xd.Model.from_text(text))
+    kinds = run.event_kind.attrs["flag_meanings"].split()
+    assert {"impact", "rest", "slip", "stick"} <= {kinds[one] for one in run.event_kind.values}
+    assert run.attrs["run_outcome"] in ("completed", "stopped_by_event")
 
 
 def test_methods_table_is_the_registry() -> None:
