@@ -50,6 +50,7 @@ def simulate(
     scales: Mapping[str, str] | None = None,
     jacobian: str | None = None,
     summation: str | None = None,
+    switches: str | None = None,
     nodes: Sequence[str | float] | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
@@ -94,6 +95,9 @@ def simulate(
         Whether what rounding takes from the state at each update is carried to the next, so that a long run's error does
         not grow with its steps (Hairer, Lubich, Wanner, section VIII.5); the first for symplectic methods but
         `implicit_midpoint`, which has no such updates, else the second.
+    switches : {"located", "stepped over"}
+        Whether the march lands where the argument of an `abs`, `sign`, `min`, `max` or `where` in a force passes through
+        zero, as events of the kind `regime_switch`; not in forces that are declared smooth, nor if there are over 40.
     nodes : array of str or float
         Times to land on, besides the breakpoints of measured drives: ``["1 s", "2.5 s"]``.
     progress : callable, optional
@@ -140,7 +144,7 @@ def simulate(
         "method": method, "step": step, "until": until, "rtol": rtol, "atol": atol, "estimator": estimator,
         "safety": safety, "growth_limits": growth_limits, "min_step": min_step, "max_step": max_step,
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
-        "jacobian": jacobian, "summation": summation, "nodes": nodes,
+        "jacobian": jacobian, "summation": summation, "nodes": nodes, "switches": switches,
     }  # fmt: skip
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):

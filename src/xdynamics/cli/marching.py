@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     help="Absolute tolerance: 1e-9 is in every variable's own unit, y='1 um' for one.",
 )
 @click.option("--estimator", help="embedded, step_doubling, step_doubling_extrapolated or none.")
+@click.option("--switches", help="located (default) or 'stepped over': kinks and jumps inside forces.")
 @click.option("--summation", help="compensated (default of symplectic methods) or plain.")
 @click.option("--jacobian", help="exact (default) or differences, of `radau_iia`.")
 @click.option("--min-step", help="Shortest step that control may take, like '1 ns'.")
@@ -67,6 +68,7 @@ def run(
     rtol: str | None,
     atols: tuple[str, ...],
     estimator: str | None,
+    switches: str | None,
     summation: str | None,
     jacobian: str | None,
     min_step: str | None,
@@ -94,7 +96,7 @@ def run(
     from xdynamics.simulation import simulate
 
     asked |= {"scales": _pairs(scales, "--scale") or None, "nodes": list(nodes) or None}
-    asked |= {"summation": summation, "jacobian": jacobian}
+    asked |= {"summation": summation, "jacobian": jacobian, "switches": switches}
     with progress() as told:
         finished = simulate(model, **asked, path=output, resume=resume, progress=told)
     _close(finished, output)

@@ -16,6 +16,7 @@ from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, 
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
+from xdynamics.model.switches import LOCATED
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, parse_time
 
 FORCE_SAMPLES = ("all", "none")
@@ -62,6 +63,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         jacobian,
         str(chosen.get("summation") or _summation(method)),
         _nodes(chosen.get("nodes")),
+        str(chosen.get("switches") or LOCATED),
     )
     settings.check(model)
     return settings

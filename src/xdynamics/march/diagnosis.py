@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
+from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.disputes import dispute, painleve
 from xdynamics.march.doubts import advice_on_stiffness, doubts
@@ -19,6 +20,7 @@ from xdynamics.march.outcomes import (
     OUTCOMES,
     OUTSIDE_TABLE,
     RUNNING,
+    SLIDING_MODE,
     STEP_LIMIT,
     STEP_TOO_SMALL,
     STOPPED,
@@ -29,6 +31,7 @@ from xdynamics.march.retrace import retraced, undefined_part
 from xdynamics.march.runner import March
 from xdynamics.march.worst import of_error, of_newton
 from xdynamics.model import Function
+from xdynamics.model.detectors import SWITCH
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.schema import (
     REASON_CONTACT,
@@ -91,6 +94,8 @@ def diagnose(march: March) -> Failure:
         named = zip(march.layout.watched, march.run.watches["ever"].tolist(), strict=True)
         cause = ", ".join(f"the function of event '{one.name}' is 0" for one, ever in named if not ever)
         return Failure(OUTCOMES[status], cause)
+    if status == SLIDING_MODE:
+        return Failure(OUTCOMES[status], _sliding(march))
     if status == NONFINITE_OBSERVABLE:
         return _in_row(march)
     if status in (REASON_CONTACT, CONTACT_PENETRATED):
@@ -103,6 +108,18 @@ def diagnose(march: March) -> Failure:
     if status == REASON_NEWTON:
         return Failure(OUTCOMES[status], _cause(march))
     return _in_state(march, dict(zip(march.layout.record, march.run.z.tolist(), strict=True)))
+
+
+def _sliding(march: March) -> str:
+    """Name the switch whose both sides drive the motion back to it."""
+    watched = zip(march.layout.watched, march.run.watches["hit"].tolist(), strict=True)
+    one = next(one for one, hit in watched if hit and one.role == SWITCH)
+    owner, function = one.name.split(":")
+    return (
+        f"'{owner}' switches where {text_of(one.function)} = 0, the argument of its {function}, and either side drives the"
+        " motion back: it slides along the switch (Filippov), which is no motion by this force; write dry friction as"
+        " [frictions], or a smooth force"
+    )
 
 
 def _cause(march: March) -> str:

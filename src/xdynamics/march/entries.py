@@ -18,7 +18,7 @@ from xdynamics.march.newton import newton_step
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.proposing import copy, propose_apart
 from xdynamics.march.radau import radau_step
-from xdynamics.march.run import BEGUN, INFORM, SETTLE, TOUCHED, Run
+from xdynamics.march.run import BEGUN, HAPPEN, INFORM, SETTLE, SIDES, TOUCHED, Run
 
 Floats = NDArray[np.float64]
 Records = NDArray[Any]
@@ -142,6 +142,9 @@ def enter(run: Run, t: float, states: Floats, k: int, behind: bool) -> None:
     run.at[REGIME] = run.now[0].regime
     for i in range(run.y.shape[0]):  # nothing is carried along
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
+    run.now[0].t = t
+    if run.plan[0].switches > 0:
+        entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
     if run.plan[0].reactions > 0:
         entered_by(run.functions[TOUCHED], run, t, INFORM)
     evaluate(run, t, run.y)

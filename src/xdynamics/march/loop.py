@@ -30,7 +30,7 @@ from xdynamics.march.outcomes import (
 )
 from xdynamics.march.proposing import copy, propose
 from xdynamics.march.run import BEGIN as TOUCHES
-from xdynamics.march.run import BEGUN, ENCLOSE, HAPPEN, TOUCHED, Run
+from xdynamics.march.run import BEGUN, ENCLOSE, HAPPEN, SIDES, TOUCHED, Run
 from xdynamics.schema import (
     INITIAL,
     NODE,
@@ -89,6 +89,8 @@ def start(run: Run) -> None:
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     if plan.reactions > 0:
         entered_by(run.functions[TOUCHED], run, now.t, TOUCHES)
+    if plan.switches > 0:
+        entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)
     run.at[T] = now.t

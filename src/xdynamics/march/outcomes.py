@@ -17,9 +17,17 @@ from xdynamics.schema import (
 SOUND, RUNNING = -1, -1
 BEGIN = -2  # in the place of a reason: the march begins
 # what ends a run without a trial that was rejected; the reasons of trials stand before them
-COMPLETED, STOPPED, STEP_TOO_SMALL, STEP_LIMIT, NONFINITE_OBSERVABLE, INTERRUPTED, EVENT_AT_ZERO, CONTACT_PENETRATED = (
-    range(len(TRIAL_REASONS), len(TRIAL_REASONS) + 8)
-)
+(
+    COMPLETED,
+    STOPPED,
+    STEP_TOO_SMALL,
+    STEP_LIMIT,
+    NONFINITE_OBSERVABLE,
+    INTERRUPTED,
+    EVENT_AT_ZERO,
+    CONTACT_PENETRATED,
+    SLIDING_MODE,
+) = range(len(TRIAL_REASONS), len(TRIAL_REASONS) + 9)
 
 
 @dataclass(frozen=True)
@@ -62,6 +70,7 @@ OUTCOMES: dict[int, Outcome] = {
     ),
     REASON_CONTACT: Outcome("contact_undetermined", _ACCEPTED),
     CONTACT_PENETRATED: Outcome("contact_penetrated", "at t = {t} s: {cause}"),
+    SLIDING_MODE: Outcome("sliding_mode", "at t = {t} s: {cause}"),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t} s; the rows up to there are kept"),
 }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -23,10 +23,11 @@ from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PIECE, PLAN, REA
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
 from xdynamics.model import Function, Model
-from xdynamics.model.detectors import detectors
+from xdynamics.model.detectors import KINK, SWITCH, Detector
 from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
 from xdynamics.model.reactions import DRY, NORMAL, modes, reactions
+from xdynamics.model.switches import Sided
 from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
@@ -41,6 +42,7 @@ _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArray[np.int64]) -> Run:
     """Return a run that has not begun."""
+    model = law.layout.model  # the one that is told its sides
     scales, plan = settings.scales, planned(model, settings, law)
     start, end = float(plan["start"][0]), float(plan["end"][0])
     tables, places = flattened(tables_of(model, scales))
@@ -155,6 +157,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "regime": first_regime(model),
         "evaluated": len(layout.evaluation),
         "reactions": len(layout.reactions),
+        "switches": sum(one.role in (SWITCH, KINK) for one in layout.watched),
         "pressed": len(layout.state) - len(layout.reactions),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
@@ -185,7 +188,8 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
 def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
     """Return what a law knows of the model; the modes of contacts are the end of it."""
     values = np.array(list(constants(model, scales).values()))
-    return {"p": values, "modes": values[len(values) - len(modes(model)) :]}
+    told = len(modes(model)) + (len(model.switches) if isinstance(model, Sided) else 0)
+    return {"p": values, "modes": values[len(values) - told :]}
 
 
 def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]:
@@ -198,7 +202,7 @@ def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]
         places
         | _touching(model, scales)
         | {
-            "detectors": _detectors(model, said, scales),
+            "detectors": _detectors(model, watched, said, scales),
             "watches": np.zeros(events, WATCH),
             "resets": np.zeros(len(law.layout.resets)),
             "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
@@ -250,17 +254,19 @@ def _targets(law: Law) -> list[tuple[int, int]]:
     return [(events.index(name), used.index(target)) for name, target in law.layout.resets]
 
 
-def _detectors(model: Model, said: Enclosing, scales: Scales) -> NDArray[np.void]:
-    watched = detectors(model)
+def _detectors(model: Model, watched: Sequence[Detector], said: Enclosing, scales: Scales) -> NDArray[np.void]:
     found = np.zeros(len(watched), DETECTOR)
     found["value"], found["slope"], found["of_time"] = said.functions, said.slopes, said.of_time
     found["bend"] = said.bends
+    place = len(modes(model))  # of sides, behind the modes of contacts
     for one, detector in zip(found, watched, strict=True):
         event = detector.event
         one.direction, one.action, one.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
         one.to = list(model.regimes).index(event.to) if event.to else 0
         one.tolerance = detector.time_tolerance.si / scales.of(TIME)
         one.role, one.reaction = detector.role, detector.reaction
+        if detector.role in (SWITCH, KINK):
+            one.to, one.at_zero, place = place, detector.at_zero, place + 1
     return found
 
 

@@ -12,7 +12,6 @@ from xdynamics.expressions.tree import children
 from xdynamics.methods import Evaluation, Solve, Statement
 from xdynamics.methods.walk import Walker
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated, tables_of
-from xdynamics.model.reactions import modes
 from xdynamics.schema import acceleration, rate, velocity
 
 if TYPE_CHECKING:
@@ -29,12 +28,13 @@ def retraced(march: March) -> Iterator[Values]:
     """
     state = dict(zip(march.layout.record, march.run.y.tolist(), strict=True))
     t, h, regime = float(march.now.t), float(march.now.h), float(march.now.regime)
-    known = constants(march.model, march.settings.scales)
-    known = {**known, **dict(zip(modes(march.model), march.run.modes.tolist(), strict=True))}
+    model = march.layout.model
+    known = dict(constants(model, march.settings.scales))
+    known |= dict(zip(list(known)[len(known) - march.run.modes.size :], march.run.modes.tolist(), strict=True))
     tables = tables_of(march.model, march.settings.scales)
 
     def forces(used: Values) -> Values:
-        return evaluated(march.model, used | {REGIME_NUMBER: regime}, known, tables)
+        return evaluated(model, used | {REGIME_NUMBER: regime}, known, tables)
 
     def step(t: float, h: float, state: Values) -> _Retrace:
         retrace = _Retrace(march, forces, t, h, state)

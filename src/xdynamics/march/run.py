@@ -24,7 +24,7 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 # a node by `snap` of its size is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
-    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state regime evaluated reactions pressed",
+    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state regime evaluated reactions pressed switches",
 )
 # Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried;
 # `node` counts the nodes landed on, `crossed` those behind which forces were evaluated.
@@ -36,7 +36,7 @@ NOW = _record(
 # where its state, and `unsound_events` where its event functions are finite, else nan.
 TRIAL = _record("t h unsound unsound_events", "landing iterations")
 # How to look for each event; `role` is one of `model.detectors`, of the reaction with that number.
-DETECTOR = _record("tolerance", "direction action to count value slope bend of_time role reaction")
+DETECTOR = _record("tolerance", "direction action to count value slope bend of_time role reaction at_zero")
 # What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `began` what
 # it was before the trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the trial at
 # hand: whether it may have a zero there (`alive`), its bounds and those of its slope on the piece looked at, since where it
@@ -73,6 +73,7 @@ TOUCH = _record(
 # Entries of the engine, behind the elementary functions in `functions`.
 ENCLOSE, SUBSTEP, HAPPEN, TOUCHED = (len(CALLED) + i for i in range(4))
 BEGIN, HOLD, SETTLE, RESOLVE, INFORM = range(5)  # what `contact.touch` is to do
+SIDES = -3  # in the place of a reason: look on which side of each switch the march is
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
 EVENT_ROW = _record(
@@ -167,7 +168,7 @@ class Run:
     slopes: Floats  # time derivatives of the event functions
     reactions: Reactions
     touches: Touches
-    modes: Floats  # the end of `p`: two numbers of each reaction, see `model.reactions`
+    modes: Floats  # the end of `p`: two numbers of each reaction, see `model.reactions`, then the side of each switch
     links: Floats  # what `touching` says of a state: tables one behind the other
     problem: Columns  # a complementarity problem; see `march.complementarity`
     basis: Whole  # of it

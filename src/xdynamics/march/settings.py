@@ -15,6 +15,7 @@ from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, ESTIMATORS, EXACT, J
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
+from xdynamics.model.switches import LOCATED, SWITCHES, sided
 from xdynamics.units import UNSCALED, Scales, Unit
 
 EPS = float(np.finfo(float).eps)
@@ -149,6 +150,8 @@ class Settings:
         Where `radau_iia` has the derivatives of the forces from: exact ones, or differences.
     summation : str
         Whether what rounding takes from the state is carried along.
+    switches : str
+        Whether switches hidden in forces are located, or stepped over.
     nodes : tuple of float
         Times to land on besides the breakpoints of drives, s, ascending.
     """
@@ -164,6 +167,7 @@ class Settings:
     jacobian: str = EXACT
     summation: str = PLAIN
     nodes: tuple[float, ...] = ()
+    switches: str = LOCATED
 
     @property
     def adaptive(self) -> bool:
@@ -177,7 +181,7 @@ class Settings:
 
     def layout(self, model: Model) -> Layout:
         """Return where each number of the march stands."""
-        return layout_of(model, self.scheme)
+        return layout_of(sided(model) if self.switches == LOCATED else model, self.scheme)
 
     def check(self, model: Model) -> None:
         """Refuse what no march could use.
@@ -193,6 +197,7 @@ class Settings:
             *self._estimator_faults(),
             *self._jacobian_faults(),
             *self._summation_faults(),
+            *self._switches_faults(),
             *self.pacing.faults(),
         ]
         if self.tolerances is not None:
@@ -260,6 +265,10 @@ class Settings:
                 f"summation = 'compensated' is for methods that add to the state, and '{self.method.name}' does not"
             ]
         return []
+
+    def _switches_faults(self) -> list[str]:
+        known = ", ".join(f"'{one}'" for one in SWITCHES)
+        return [] if self.switches in SWITCHES else [f"switches is {self.switches!r}; there are {known}"]
 
     def _estimator_faults(self) -> list[str]:
         if self.estimator not in ESTIMATORS:

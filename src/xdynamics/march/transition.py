@@ -16,19 +16,31 @@ from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.control import grow
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events import kind_of, locate
-from xdynamics.march.handle import called, entered_by, run_at
+from xdynamics.march.handle import called, enclosed_by, entered_by, run_at
 from xdynamics.march.intervals import EPS
-from xdynamics.march.isolation import NONE, arm, arrives, forget, isolate, quiet, sign, uncertainty
+from xdynamics.march.isolation import CROSSED, FORCED, NONE, arm, arrives, forget, isolate, quiet, sign, uncertainty
 from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.log import MOST_SUBSTEPS, note, note_sample, note_samples, note_trial
-from xdynamics.march.outcomes import BEGIN, NONFINITE_OBSERVABLE, SOUND, STOPPED
+from xdynamics.march.outcomes import (  # fmt: skip
+    BEGIN,
+    CONTACT_PENETRATED,
+    NONFINITE_OBSERVABLE,
+    RUNNING,
+    SLIDING_MODE,
+    SOUND,
+    STOPPED,
+)
 from xdynamics.march.proposing import keep, look, substep, take
-from xdynamics.march.run import BEGUN, RESOLVE, SETTLE, TOUCHED, Run
-from xdynamics.model.detectors import GRIP, OCCASION, PULL, SLIP
+from xdynamics.march.run import BEGUN, ENCLOSE, RESOLVE, SETTLE, SIDES, TOUCHED, Run
+from xdynamics.model.detectors import GRIP, KINK, OCCASION, PULL, SLIP
+from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS
 from xdynamics.schema import (  # fmt: skip
+    CROSSING,
     EVENT_AFTER,
     EVENT_BEFORE,
+    JUMP,
+    REASON_CONTACT,
     REASON_DOMAIN,
     REASON_EVENT,
     REASON_EVENT_FUNCTION,
@@ -39,6 +51,7 @@ from xdynamics.schema import (  # fmt: skip
 # no literals: of a function that is given one, numba makes a copy for each
 _BEFORE, _AFTER = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)
 _SWITCHED, _RESET = np.int64(REGIME_SWITCH), np.int64(RESET_KIND)
+_CROSSED, _JUMPED = np.int64(CROSSING), np.int64(JUMP)
 _, STOP, SWITCH, RESET = range(len(ACTIONS))
 note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
 
@@ -55,6 +68,9 @@ def happen(address: Any, _number: float, reason: int) -> None:
         SOUND for a trial that may be accepted, else why not.
     """
     run = run_at(address)
+    if reason == SIDES:
+        take_sides(run)
+        return
     if reason == BEGIN:
         begin(run)
         return
@@ -75,6 +91,72 @@ def begin(run: Run) -> None:
         watch.seen, watch.greatest = 0, 0.0  # of another run that was marched before in this place
         watch.ever = int(run.detectors[i].role != OCCASION)
         arm(run, i, run.g[i])
+
+
+@shared
+def take_sides(run: Run) -> None:
+    """Look on which side of each switch the march is; at one, on which it is going to be."""
+    zero = False
+    run.at[T] = run.now[0].t
+    called(run.law[DETECT], run, run.y, run.g, 0)
+    for i in range(run.detectors.shape[0]):
+        detector = run.detectors[i]
+        if detector.role in (SWITCH_ROLE, KINK):
+            zero = zero or run.g[i] == 0.0
+            choose_side(run, i, sign(run.g[i]) if run.g[i] != 0.0 else detector.at_zero)
+    if zero:
+        evaluate(run, run.now[0].t, run.y)
+        called(run.law[SLOPES], run, run.y, run.slopes, 0)
+        for i in range(run.detectors.shape[0]):
+            if run.detectors[i].role in (SWITCH_ROLE, KINK) and run.g[i] == 0.0 and run.slopes[i] != 0.0:
+                choose_side(run, i, sign(run.slopes[i]))
+    inform_constants(run)
+
+
+@shared
+def choose_side(run: Run, i: int, where: int) -> None:
+    """Have forces be those of one side of a switch, which is not left unseen."""
+    run.modes[run.detectors[i].to], run.watches[i].guard = float(where), where
+
+
+@shared
+def inform_constants(run: Run) -> None:
+    """Have enclosures know of modes and sides that have changed."""
+    enclosed_by(run.functions[ENCLOSE], run, run.y, run.y, 0, run.parts[0])
+
+
+@shared
+def keep_sides(run: Run) -> bool:
+    """Have the trial's state, behind an event, on its sides of all switches; whether one is another than before."""
+    changed = False
+    run.at[T] = run.trial[0].t
+    called(run.law[DETECT], run, run.z, run.slopes, 0)
+    for i in range(run.detectors.shape[0]):
+        detector, watch = run.detectors[i], run.watches[i]
+        if detector.role in (SWITCH_ROLE, KINK):
+            now = sign(run.slopes[i])
+            known = np.int64(run.modes[detector.to])
+            if watch.hit in (CROSSED, FORCED):
+                now = -watch.armed
+            if now != 0 and now != known:
+                choose_side(run, i, now)
+                changed = True
+    if changed:
+        inform_constants(run)
+    return changed
+
+
+@shared
+def slides(run: Run) -> bool:
+    """Whether the motion is driven back to a switch of a force that jumps there, as it was on the side before."""
+    found = False
+    run.at[T] = run.trial[0].t
+    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    for i in range(run.detectors.shape[0]):
+        detector, watch = run.detectors[i], run.watches[i]
+        if detector.role == SWITCH_ROLE and watch.hit in (CROSSED, FORCED):
+            found = found or run.slopes[i] * -watch.armed < 0.0
+    return found
 
 
 @shared
@@ -155,9 +237,16 @@ def hand_over(run: Run) -> int:
     if plan.reactions > 0:
         entered_by(run.functions[TOUCHED], run, trial.t, RESOLVE)
         changed = True
+    if now.status in (CONTACT_PENETRATED, REASON_CONTACT):
+        break_off(run, before)
+        return REASON_EVENT
+    if plan.switches > 0:
+        changed = keep_sides(run) or changed
     if changed:
         evaluate(run, trial.t, run.z)
         note_sample(run, trial.t, run.z, before + 1)
+    if plan.switches > 0 and slides(run):
+        now.status = SLIDING_MODE
     if not finite_state(run):
         end(run, nonfinite(run))
         return REASON_EVENT
@@ -167,7 +256,7 @@ def hand_over(run: Run) -> int:
     if reached:
         completed = now.status
         land_apart(run)
-        now.status = completed if completed == STOPPED else now.status
+        now.status = now.status if completed == RUNNING else completed
     else:
         now.on_grid = 0
     move_apart(run)
@@ -176,6 +265,16 @@ def hand_over(run: Run) -> int:
         entered_by(run.functions[TOUCHED], run, now.t, SETTLE)
     rearm(run)
     return REASON_EVENT
+
+
+@shared
+def break_off(run: Run, row: int) -> None:
+    """Stop before events that have no other side."""
+    now = run.now[0]
+    for k in range(now.events - run.base[0].events):
+        if run.log_events[k].row_before == row:
+            run.log_events[k].row_after = row
+    move_apart(run)
 
 
 @shared
@@ -224,6 +323,8 @@ def act(run: Run, row: int) -> bool:
     for k in range(first, now.events - run.base[0].events):
         one = run.log_events[k]
         detector = run.detectors[one.detector]
+        if detector.role in (SWITCH_ROLE, KINK) and one.kind in (_CROSSED, _JUMPED):
+            one.kind = _SWITCHED
         if run.watches[one.detector].seen < detector.count:
             continue
         if detector.action == STOP:

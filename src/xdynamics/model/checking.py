@@ -81,7 +81,7 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
                 ledger.note(f"{what}: '{name}' is a word of Python; choose another name, like '{name}_'")
             elif not _NAME.fullmatch(name):
                 ledger.note(f"{what}: a name is a letter, then letters, digits and underscores, 40 at most")
-            elif section == "coordinates" and name in ("description", "potential", "matrix", "t"):
+            elif section == "coordinates" and name in ("description", "potential", "matrix", "smooth", "t"):
                 ledger.note(f"{what}: '{name}' is a key of the model file; choose another name")
             elif name in RESERVED and section not in ("forces", "events", "contacts", "frictions", "regimes"):
                 ledger.note(f"{what}: the name '{name}' is a word of the expression language")

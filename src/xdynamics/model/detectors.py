@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -12,11 +13,12 @@ from xdynamics.model.model import Model
 from xdynamics.model.motion import motion
 from xdynamics.model.parts import Event, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
+from xdynamics.model.switches import Sided
 from xdynamics.units import TIME, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, one that has settled; a slip
-# that comes to rest, a grip that is lost
-OCCASION, GAP, PULL, LIMIT, SLIP, GRIP = range(6)
+# that comes to rest, a grip that is lost; a switch hidden in a force, which jumps there, or bends
+OCCASION, GAP, PULL, LIMIT, SLIP, GRIP, SWITCH, KINK = range(8)
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,8 @@ class Detector:
         What the model says, of an occasion.
     reaction : int
         The number of the reaction that it watches, else -1.
+    at_zero : int
+        Of a switch, the side that zero belongs to.
     time_tolerance : Quantity
     """
 
@@ -44,11 +48,12 @@ class Detector:
     direction: str = "either"
     event: Event = field(default_factory=lambda: Event(ZERO))
     reaction: int = -1
+    at_zero: int = 0
 
 
 @lru_cache(maxsize=64)
 def detectors(model: Model) -> tuple[Detector, ...]:
-    """Return what a model watches for: its events in their order, then contacts, then friction."""
+    """Return what a model watches for: its events in their order, contacts, friction, and the switches in its forces."""
     found = [
         Detector(name, model.expanded(one.function), OCCASION, one.time_tolerance, one.direction, one)
         for name, one in model.events.items()
@@ -63,12 +68,17 @@ def detectors(model: Model) -> tuple[Detector, ...]:
             grip = Binary("-", held, Call("abs", (Name(one.name),)))
             watched = [(SLIP, one.rate, "either"), (GRIP, grip, "falling")]
         found += [Detector(one.owner, tree, role, part.time_tolerance, to, reaction=k) for role, tree, to in watched]
+    tolerance = Event(ZERO).time_tolerance
+    for each in model.switches if isinstance(model, Sided) else ():
+        found.append(
+            Detector(each.name, each.function, SWITCH if each.jumps else KINK, tolerance, at_zero=each.at_zero)
+        )
     return tuple(found)
 
 
-def labels(model: Model) -> tuple[str, ...]:
-    """Return the names that stand in `event_detector`: of events, contacts, friction elements."""
-    return tuple(dict.fromkeys(one.name for one in detectors(model)))
+def labels(watched: Iterable[Detector]) -> tuple[str, ...]:
+    """Return the names that stand in `event_detector`: of events, contacts, friction elements, switches."""
+    return tuple(dict.fromkeys(one.name for one in watched))
 
 
 def function_dimension(model: Model, detector: Detector) -> Dimension:
@@ -108,4 +118,4 @@ def function_bend(model: Model, detector: Detector) -> Node:
     return derivative(function_rate(model, detector), model.rates)
 
 
-__all__ = ["GAP", "GRIP", "LIMIT", "OCCASION", "PULL", "SLIP", "Detector", "Reaction", "detectors", "followed", "function_bend", "function_dimension", "function_rate", "labels"]  # fmt: skip
+__all__ = ["GAP", "GRIP", "KINK", "LIMIT", "OCCASION", "PULL", "SLIP", "SWITCH", "Detector", "Reaction", "detectors", "followed", "function_bend", "function_dimension", "function_rate", "labels"]  # fmt: skip

@@ -42,11 +42,12 @@ class Parameter:
 
 @dataclass(frozen=True)
 class State:
-    """A first-order companion of the motion."""
+    """A first-order companion of the motion; `smooth` as in `Force`."""
 
     unit: Unit
     rate: Node
     description: str = ""
+    smooth: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,11 +94,15 @@ class Function:
 
 @dataclass(frozen=True)
 class Force:
-    """A force term: a potential, or a component per coordinate."""
+    """A force term: a potential, or a component per coordinate.
+
+    Of one that is declared smooth, zeros in the arguments of `abs`, `sign`, `min`, `max`, `where` are stepped over.
+    """
 
     potential: Node | None = None
     components: Mapping[str, Node | Function] = field(default_factory=dict)
     description: str = ""
+    smooth: bool = False
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,13 @@ from xdynamics.model.reach import Reach
 from xdynamics.model.statement import Statement
 from xdynamics.model.switching import event, regime
 from xdynamics.model.touching import contact, friction
-from xdynamics.model.words import choice, described, keys, near
+from xdynamics.model.words import choice, described, flag, keys, near
 from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
 SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
             "initial", "events", "contacts", "frictions", "regimes", "observables", "run")  # fmt: skip
 RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
-            "max_steps", "force_samples", "scales", "jacobian", "summation")  # fmt: skip
+            "max_steps", "force_samples", "scales", "jacobian", "summation", "switches")  # fmt: skip
 
 Functions = Mapping[str, Callable[..., float]]
 
@@ -117,20 +117,20 @@ def _parameter(given: Any) -> Parameter:
 
 
 def _state(given: Any) -> State:
-    keys(given, ("unit", "rate", "description"), needed=("unit", "rate"))
-    return State(parse_unit(given["unit"]), parse(given["rate"]), described(given))
+    keys(given, ("unit", "rate", "description", "smooth"), needed=("unit", "rate"))
+    return State(parse_unit(given["unit"]), parse(given["rate"]), described(given), flag(given, "smooth"))
 
 
 def _force(given: Any, functions: Functions) -> Force:
     if not isinstance(given, Mapping) or not given:
         raise InputError(f"{given!r} needs a potential or a component per coordinate")
-    components = {key: value for key, value in given.items() if key not in ("potential", "description")}
+    components = {key: value for key, value in given.items() if key not in ("potential", "description", "smooth")}
     if not components and "potential" not in given:
         raise InputError("needs a potential or a component per coordinate")
     if "potential" in given:
         if components:
             raise InputError(f"has a potential and the components {', '.join(components)}; write two forces")
-        return Force(parse(given["potential"]), {}, described(given))
+        return Force(parse(given["potential"]), {}, described(given), flag(given, "smooth"))
     read: dict[str, Node | Function] = {}
     for coordinate, value in components.items():
         if callable(value):
@@ -139,7 +139,7 @@ def _force(given: Any, functions: Functions) -> Force:
             read[coordinate] = _function(value, functions)
         else:
             read[coordinate] = parse(value)
-    return Force(None, read, described(given))
+    return Force(None, read, described(given), flag(given, "smooth"))
 
 
 def _function(given: Mapping[str, Any], functions: Functions) -> Function:
@@ -211,7 +211,7 @@ def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
             if key in given:
                 parse_time(given[key], key)
         Scales.parse(given.get("scales"))
-        for key in ("method", "estimator", "force_samples", "jacobian", "summation"):
+        for key in ("method", "estimator", "force_samples", "jacobian", "summation", "switches"):
             if not isinstance(given.get(key, ""), str):
                 raise InputError(f"{key} is {given[key]!r}, needs a word")
     return dict(given)

@@ -28,13 +28,15 @@ def write(statement: Statement) -> str:
     for name, force in statement.forces.items():
         body: dict[str, Any] = {} if force.potential is None else {"potential": text_of(force.potential)}
         body |= {key: _component(one) for key, one in force.components.items()}
+        body |= {"smooth": True} if force.smooth else {}
         _section(lines, f"forces.{name}", _described(body, force))
     for name, drive in statement.drives.items():
         body = {"table": drive.table.name, "argument": drive.argument, "interpolation": drive.interpolation}
         body |= {"outside": drive.outside, "csv": drive.table.text}
         _section(lines, f"drives.{name}", _described(body, drive))
     for name, state in statement.states.items():
-        _section(lines, f"states.{name}", _described({"unit": state.unit.text, "rate": text_of(state.rate)}, state))
+        body = {"unit": state.unit.text, "rate": text_of(state.rate)} | ({"smooth": True} if state.smooth else {})
+        _section(lines, f"states.{name}", _described(body, state))
     initial = {name: str(quantity) for name, quantity in statement.initial.items()}
     _section(lines, "initial", initial | ({"regime": statement.regime} if statement.regime else {}))
     for name, event in statement.events.items():

@@ -44,6 +44,14 @@ def described(given: Mapping[str, Any]) -> str:
     return text
 
 
+def flag(given: Mapping[str, Any], key: str) -> bool:
+    """Return a truth, false where it is not given."""
+    value = given.get(key, False)
+    if not isinstance(value, bool):
+        raise InputError(f"{key} is {value!r}, needs true or false")
+    return value
+
+
 def near(name: str, known: tuple[str, ...]) -> str:
     """Say which word may have been meant, or which there are."""
     alike = get_close_matches(name, known, n=1)

@@ -17,7 +17,7 @@ from xdynamics.kernels import Layout
 from xdynamics.march import Block, March, Tolerances
 from xdynamics.march.memory import numbers_at_end
 from xdynamics.model import Model
-from xdynamics.model.detectors import GAP, GRIP, LIMIT, OCCASION, PULL, SLIP, function_dimension, labels
+from xdynamics.model.detectors import GAP, GRIP, KINK, LIMIT, OCCASION, PULL, SLIP, SWITCH, function_dimension, labels
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reaction_dimensions, reactions
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
 from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, spell
@@ -275,7 +275,7 @@ def _events(about: _About) -> list[Column]:
     )
     found = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
     found += [Column(variable, take) for variable, take in zip(schema.EVENT_UNCERTAINTIES, parts, strict=True)]
-    names = labels(model)
+    names = labels(about.layout.watched)
     owners = np.array([names.index(one.name) for one in about.layout.watched] or [0], np.int8)
     more = schema.flags(dict(enumerate(names)) or {0: "none"}) | _detectors(about)
     detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", more)
@@ -362,6 +362,8 @@ _WATCHED = {
     PULL: " (normal force)",
     LIMIT: " (time to rest)",
     SLIP: " (slip)",
+    SWITCH: "",
+    KINK: "",
     GRIP: " (static friction less force)",
 }
 

@@ -22,6 +22,7 @@ from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOL
 from xdynamics.methods.method import HERMITE, printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, STEP_DOUBLING, Scheme
 from xdynamics.methods.summation import PLAIN
+from xdynamics.model.switches import STEPPED_OVER, watched_switches
 from xdynamics.record.kinds import left_out_atols
 from xdynamics.units import TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
 
@@ -55,6 +56,7 @@ def attributes(march: March) -> dict[str, Any]:
         "run_rejected_trials": int(march.now.trials),
         **_errors(march),
         "solver_summation": settings.summation,
+        **_switches(march),
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHOD,
         "solver_force_samples": "all" if settings.samples else "none",
@@ -96,6 +98,11 @@ def force_digest(march: March) -> str:
     return hashlib.sha256((march.law.source + functions).encode()).hexdigest()
 
 
+def _switches(march: March) -> dict[str, str]:
+    """Say what was done about switches hidden in forces, where there are any."""
+    return {"solver_switches": march.settings.switches} if watched_switches(march.model) else {}
+
+
 def scales_of(run: xr.Dataset) -> Scales:
     """Return the scales of the nondimensional variables that a run was marched in."""
     given = {name: run.attrs.get(f"solver_{name}_scale") for name in _SCALES}
@@ -120,6 +127,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "scales": scales or None,
         "jacobian": used.get("solver_jacobian"),
         "summation": used.get("solver_summation", PLAIN),  # version 0.1 had no other
+        "switches": used.get("solver_switches", STEPPED_OVER),  # before there were any, they were stepped over
         "nodes": np.atleast_1d(used["solver_nodes"]).tolist() if "solver_nodes" in used else None,
     }
     if schema.GIVEN_STEP.name in run:
