@@ -72,7 +72,11 @@ class Bench:
         self.p = np.repeat(np.array(list(constants(model).values()))[:, None], lanes, axis=1)
         self.tables, self.pieces = tables, np.repeat(places[:, None], lanes, axis=1)
         self.pieces[2::3] = 1
-        self.z, self.e = np.zeros((len(layout.record) + len(layout.row), lanes)), np.zeros((len(layout.used), lanes))
+        # more than any program fills: the table of contacts is the longest
+        self.z, self.e = (
+            np.zeros((len(layout.record) + len(layout.row) + 500, lanes)),
+            np.zeros((len(layout.used), lanes)),
+        )
         self.samples, self.w = np.zeros((2000, lanes)), np.zeros((1, lanes))
         assert len(TABLE) == len(self.arrays()) + 1
         assert WORDS == 3
