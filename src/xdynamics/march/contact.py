@@ -462,6 +462,7 @@ def another_row(run: Run, k: int, first: int) -> int:
     if e > first:
         one.left = run.log_events[first].left
     one.residual, one.slope, one.uncertainty, one.murk, one.substeps = 0.0, 0.0, 0.0, 0.0, 0
+    one.interpolation = 0.0
     one.row_before, one.row_after, one.direction = run.now[0].rows - 1, run.now[0].rows, -1
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].reaction == k:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from math import inf, nan
 
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.law import SLOPES
-from xdynamics.kernels.program import T
+from xdynamics.kernels.law import INSIDE, SLOPES
+from xdynamics.kernels.program import T1, H, S, T
+from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.handle import called
 from xdynamics.march.intervals import BREAKS, EPS, UNBOUNDED
 from xdynamics.march.isolation import ENDED, FORCED, NONE, STEEP, TOUCHED, resolution, sign
 from xdynamics.march.log import MOST_SUBSTEPS
-from xdynamics.march.proposing import copy, keep, substep, take
+from xdynamics.march.proposing import copy, keep, look, substep, take
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP
 from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
@@ -23,6 +24,8 @@ ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on
 def locate(run: Run) -> None:
     """Shrink the trial until it ends just behind its first event, ties with it; substeps on the way are rejected trials."""
     first = inf
+    for i in range(run.detectors.shape[0]):
+        run.watches[i].drift = 0.0
     for i in range(run.detectors.shape[0]):
         if run.watches[i].hit != NONE:
             first = min(first, run.watches[i].right)
@@ -117,7 +120,7 @@ def bracket(run: Run, i: int, left: float) -> None:
             s = min((low + high) / 2.0, low + tolerance)
         if not low < s < high:
             break
-        substep(run, s)
+        probe(run, i, s)
         if (
             run.trial[0].iterations < 0
         ):  # equations that were not solved tell nothing: the bracket stays as wide as it is
@@ -129,6 +132,8 @@ def bracket(run: Run, i: int, left: float) -> None:
         else:
             low, at_low, believed = s, value, True
     watch.left, watch.right, watch.before = low, high, at_low
+    if run.detectors[i].interpolant:
+        note_drift(run, i)
     if run.detectors[i].role == GAP:
         polish(run, i, at_high if believed else 0.0)
 
@@ -145,17 +150,42 @@ def polish(run: Run, i: int, at_high: float) -> None:
     s = root + 2.0 * EPS * max(abs(t), abs(t + high))
     if not low < s < high:
         return
-    substep(run, s)
+    probe(run, i, s)
     if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)):
         keep(run)
         watch.right = s
 
 
 @shared
+def probe(run: Run, i: int, s: float) -> None:
+    """Have the state after part of the trial: of a shortened step, or where the event asks for it of the interpolant."""
+    now, piece, used = run.now[0], run.piece[0], run.plan[0].used
+    if not run.detectors[i].interpolant or s >= piece.full:
+        substep(run, s)
+        return
+    run.at[T], run.at[T1], run.at[H], run.at[S] = now.t, now.t + piece.full, piece.full, s / piece.full
+    called(run.law[INSIDE], run, run.y, run.full, 0)
+    for k in range(used):
+        run.z[k], run.e[k] = run.e[k], run.full_e[k]
+    evaluate(run, now.t + s, run.z)
+    run.trial[0].t, run.trial[0].h, run.trial[0].iterations = now.t + s, s, 0
+    run.trial[0].unsound = 0.0 if finite_state(run) else nan
+    look(run)
+
+
+@shared
+def note_drift(run: Run, i: int) -> None:
+    """Note how far the event function on the interpolant is from that of the shortened step."""
+    s, value = run.located[0].h, run.located_g[i]
+    substep(run, s)
+    run.watches[i].drift = abs(run.g1[i] - value) if run.trial[0].iterations >= 0 else inf
+
+
+@shared
 def start_of(run: Run, i: int, s: float) -> float:
     """What changes its sign at an event, at the left end of its bracket."""
     if s > 0.0:
-        substep(run, s)
+        probe(run, i, s)
         return measured(run, i)
     if run.watches[i].hit != TOUCHED:
         return run.g[i]

@@ -113,6 +113,9 @@ def isolate(run: Run, final: bool) -> bool:
         watch.zone, watch.hit, watch.forced, watch.broken, watch.began = -1.0, NONE, 0, SMOOTH, watch.armed
         watch.greatest = max(abs(run.g[i]), abs(run.g1[i]))
     grow_branch(run, 0, run.trial[0].h)
+    copy(run.z, run.full)
+    copy(run.e, run.full_e)
+    run.piece[0].full = run.trial[0].h
     copy(run.y, run.near)
     copy(run.g, run.near_g)
     start, budget = 0.0, MOST_SUBSTEPS

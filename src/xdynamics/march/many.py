@@ -16,7 +16,7 @@ from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import OUTCOMES
-from xdynamics.march.posing import posed, widened
+from xdynamics.march.posing import addresses_of, posed, widened
 from xdynamics.march.run import EVENT_ROW, NOW, Run
 from xdynamics.march.settings import LEAST_RTOL, Settings
 from xdynamics.model import Model
@@ -125,7 +125,7 @@ def march_many(
     arrays = _checked(model, settings, given)
     n = len(next(iter(arrays.values())))
     law = law_of(settings.layout(model), sampled=False)
-    law.addresses  # noqa: B018 - compiled once, before threads ask for it
+    addresses_of(law)
     cuts = np.linspace(0, n, max(1, min(threads, n)) + 1).astype(int)
     parts = [slice(a, b) for a, b in pairwise(cuts.tolist())]
 
@@ -152,7 +152,7 @@ def _march(
     model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], *, logs: bool
 ) -> _Part:
     n, log = len(next(iter(arrays.values()))), allocate(law.layout, LOG_ROWS, sampled=0)
-    run = posed(model, settings, law, log, law.addresses)
+    run = posed(model, settings, law, log, addresses_of(law))
     inputs = _inputs(model, settings, law, run, arrays)
     part = _Part(np.zeros(n, NOW), np.zeros((n, len(law.layout.used))), [], [])
     first = 0

@@ -77,6 +77,12 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     )
 
 
+def addresses_of(law: Law) -> NDArray[np.int64]:
+    """Return where the programs of a march begin; of the interpolant too, where an event is located on it."""
+    inside = any(one.event.root_state == "interpolant" for one in law.layout.watched)
+    return law.addresses_inside if inside else law.addresses
+
+
 def _solver(law: Law) -> int:
     """Return the address of what solves the equations of a step."""
     return solvers().radau if law.scheme.method.simplified else solvers().newton
@@ -106,10 +112,10 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     sizes = {name: settings.scales.of(model.dimensions[name]) for name in layout.used}
     n, events = len(layout.used), len(layout.watched)
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
-    lengths |= dict.fromkeys(("e", "located_e", "largest"), n)
+    lengths |= dict.fromkeys(("e", "located_e", "full_e", "largest"), n)
     lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g"), events)
     lengths["slopes"] = events + len(layout.followed)
-    lengths |= dict.fromkeys(("near", "far"), len(layout.record) if events else 0)
+    lengths |= dict.fromkeys(("near", "far", "full"), len(layout.record) if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
@@ -265,6 +271,7 @@ def _detectors(model: Model, watched: Sequence[Detector], said: Enclosing, scale
         one.to = list(model.regimes).index(event.to) if event.to else 0
         one.tolerance = detector.time_tolerance.si / scales.of(TIME)
         one.role, one.reaction = detector.role, detector.reaction
+        one.interpolant = int(event.root_state == "interpolant")
         if detector.role in (SWITCH, KINK):
             one.to, one.at_zero, place = place, detector.at_zero, place + 1
     return found

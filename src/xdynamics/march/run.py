@@ -36,19 +36,19 @@ NOW = _record(
 # where its state, and `unsound_events` where its event functions are finite, else nan.
 TRIAL = _record("t h unsound unsound_events", "landing iterations")
 # How to look for each event; `role` is one of `model.detectors`, of the reaction with that number.
-DETECTOR = _record("tolerance", "direction action to count value slope bend of_time role reaction at_zero")
+DETECTOR = _record("tolerance", "direction action to count value slope bend of_time role reaction at_zero interpolant")
 # What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `began` what
 # it was before the trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the trial at
 # hand: whether it may have a zero there (`alive`), its bounds and those of its slope on the piece looked at, since where it
 # is too small to be told from zero (`zone`), and what was found between which steps. One that is `asleep` is not looked
 # for; `guard` is the side that it may not leave, a gap's, say, by more than `floor`.
 WATCH = _record(
-    "low high down up least_bend most_bend floor zone clear left right before greatest",
+    "low high down up least_bend most_bend floor zone clear left right before greatest drift",
     "armed began ever alive state flaw broken forced hit seen asleep guard",
 )
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
-# `rough` asks for less care, `part` says that it is not the whole trial, `cut` says that substeps were made in a trial that is accepted all the same.
-PIECE = _record("start end width wide", "cut rough part verdict")
+# `full` is the width of the trial. `rough` asks for less care, `part` says that it is not the whole trial, `cut` says that substeps were made in a trial that is accepted all the same.
+PIECE = _record("start end width wide full", "cut rough part verdict")
 # What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
 # What `march.radau` keeps from step to step. The factors are those of the step size `factored`, 0 if there are none;
@@ -77,7 +77,7 @@ SIDES = -3  # in the place of a reason: look on which side of each switch the ma
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
 EVENT_ROW = _record(
-    "time left residual slope uncertainty murk", "row_before row_after detector kind direction substeps"
+    "time left residual slope uncertainty murk interpolation", "row_before row_after detector kind direction substeps"
 )
 # The counts of `NOW` at the log's first row.
 BASE = _record("", "rows trials events samples")
@@ -155,6 +155,8 @@ class Run:
     targets: Lists  # event and place in the state of each
     piece: Pieces
     near: Floats  # states and event functions at the ends of a piece
+    full: Floats  # the state at the end of the trial in which events are looked for, `piece.full` long
+    full_e: Floats  # its error
     near_g: Floats
     far: Floats
     far_g: Floats

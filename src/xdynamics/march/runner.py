@@ -23,7 +23,7 @@ from xdynamics.march.engine import engine
 from xdynamics.march.log import Log, allocate, most_recycled
 from xdynamics.march.memory import arrays_of, put_back
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STOPPED, Outcome
-from xdynamics.march.posing import posed
+from xdynamics.march.posing import addresses_of, posed
 from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
@@ -222,7 +222,7 @@ class March:
         from numba.core.errors import NumbaError
 
         try:
-            return self.law.addresses
+            return addresses_of(self.law)
         except NumbaError as error:
             names = ", ".join(self.model.functions)
             raise InputError(

@@ -17,6 +17,7 @@ from xdynamics.units import TIME, Quantity, Unit
 DIRECTIONS = ("rising", "falling", "either")
 ACTIONS = ("record", "stop", "switch", "reset")
 LATER_ACTIONS = ("impact",)
+ROOT_STATES = ("reintegrate", "interpolant")
 TANGENTIALS = ("frictionless", "coulomb")
 IMPACT_LAWS = ("newton", "poisson", "sequential")
 APPROACH = "approach_speed"  # by which a coefficient of restitution may know how fast a gap closes
@@ -134,6 +135,8 @@ class Event:
         New values of coordinates, velocities or states, from those before.
     count : int
         The occurrence from which on to act.
+    root_state : {"reintegrate", "interpolant"}
+        Whether it is located on shortened steps of the method, or on the interpolant of the whole one.
     """
 
     function: Node
@@ -144,6 +147,7 @@ class Event:
     to: str = ""
     reset: Mapping[str, Node] = field(default_factory=dict)
     count: int = 1
+    root_state: str = "reintegrate"
 
 
 @dataclass(frozen=True)

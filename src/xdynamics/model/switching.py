@@ -7,10 +7,10 @@ from typing import Any
 
 from xdynamics.expressions import Node, parse
 from xdynamics.faults import InputError
-from xdynamics.model.parts import ACTIONS, DIRECTIONS, LATER_ACTIONS, Event, Regime
+from xdynamics.model.parts import ACTIONS, DIRECTIONS, LATER_ACTIONS, ROOT_STATES, Event, Regime
 from xdynamics.model.words import choice, described, keys, tolerance
 
-_KEYS = ("function", "direction", "action", "to", "set", "count", "time_tolerance", "description")
+_KEYS = ("function", "direction", "action", "to", "set", "count", "time_tolerance", "root_state", "description")
 _OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other knows
 
 
@@ -43,6 +43,7 @@ def event(given: Any) -> Event:
     return Event(
         parse(given["function"]), choice(given, "direction", DIRECTIONS, "either"), action, within, described(given),
         to=given.get("to", ""), reset=_reset(given.get("set", {})), count=count,
+        root_state=choice(given, "root_state", ROOT_STATES, "reintegrate"),
     )  # fmt: skip
 
 

@@ -257,7 +257,7 @@ def _events(about: _About) -> list[Column]:
         events = block.log.events[: block.events]
         return _times(np.stack([events["left"], events["time"]], axis=1), time)
 
-    parts = [_bracket(time), _left_over(about), _nothing]  # substeps are re-integrated, nothing is interpolated
+    parts = [_bracket(time), _left_over(about), _event("interpolation", "f8", time)]
 
     def uncertainty(block: Block) -> Array:
         # of a time between two floats nobody knows more than that
