@@ -10,7 +10,7 @@ from math import inf
 from typing import Any
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.kernels.program import UNSOUND
+from xdynamics.kernels.program import UNSOUND, T
 from xdynamics.march.handle import enclosed_by, run_at
 from xdynamics.march.holding import choose, hold
 from xdynamics.march.impact import NOISE, collide, noise
@@ -37,7 +37,8 @@ from xdynamics.march.linking import (
 )
 from xdynamics.march.outcomes import CONTACT_PENETRATED, RUNNING
 from xdynamics.march.proposing import copy
-from xdynamics.march.run import ENCLOSE, HOLD, INFORM, RESOLVE, SETTLE, Run
+from xdynamics.march.run import ENCLOSE, HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, Run
+from xdynamics.march.stepping import step_in_time
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, OCCASION, PULL, SLIP
 from xdynamics.model.reactions import MODES, NORMAL, TANGENT
 from xdynamics.schema import (
@@ -73,15 +74,18 @@ def touch(address: Any, t: float, what: int) -> None:
         `BEGIN`: find what touches at the start. `HOLD`: put the trial's state back on what is closed. `SETTLE`: do so
         with the state that the march stands at, behind an event after which bounces are skipped. `RESOLVE`: change the
         trial's state by impacts, and say what contacts do behind the events that it ends at. `INFORM`: tell the forces
-        what contacts do, which was put there.
+        what contacts do, which was put there. `STEP_IN_TIME`: add what contacts do over a step, for Moreau's method.
     """
     run = run_at(address)
-    if what == HOLD:
+    if what == STEP_IN_TIME:
+        step_in_time(run, t)
+    elif what == HOLD:
         hold(run, t, True)
     elif what == SETTLE:
         settle(run, t)
     elif what == RESOLVE:
-        resolve(run, t)
+        if not run.plan[0].stepping:
+            resolve(run, t)
     elif what == INFORM:
         copy(run.y, run.z)
         look_at_links(run, t)
@@ -103,6 +107,9 @@ def begin(run: Run, t: float) -> None:
         if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -width(run, k):
             run.now[0].status = CONTACT_PENETRATED
         one.held = OPEN
+    if run.plan[0].stepping:
+        inform(run)
+        return
     measure(run)
     if not derive(run) and run.now[0].status == RUNNING:
         run.now[0].status = REASON_CONTACT
@@ -171,17 +178,18 @@ def hear(run: Run) -> None:
 @shared
 def width(run: Run, k: int) -> float:
     """How wide a gap rounding alone may leave, and what it changes within the time tolerance."""
-    size = max(size_of_gap(run, k), run.touches[k].largest)
-    return max(NOISE * size, abs(number(run, k, RATE)) * run.reactions[k].tolerance)
+    return max(NOISE * size_of_gap(run, k), abs(number(run, k, RATE)) * run.reactions[k].tolerance)
 
 
 @shared
 def size_of_gap(run: Run, k: int) -> float:
     """How large the numbers are that a gap is the difference of."""
-    size = abs(number(run, k, GAP_OF))
-    for i in range(run.plan[0].coordinates):
+    size, n = abs(number(run, k, GAP_OF)), run.plan[0].coordinates
+    moved = number(run, k, RATE)  # by time alone
+    for i in range(n):
         size += abs(row(run, k, i) * run.z[i])
-    return size
+        moved -= row(run, k, i) * run.z[n + i]
+    return max(size + abs(moved * run.at[T]), run.touches[k].largest)
 
 
 @shared
@@ -197,8 +205,7 @@ def measure(run: Run) -> None:
         one.slack = max(NOISE * size, (abs(number(run, k, FREE)) + brake(run, k)) * run.reactions[k].tolerance)
         one.near = 0
         if run.reactions[k].role == NORMAL:
-            closed = one.state != OPEN or one.hit == GAP
-            one.near = int(closed or number(run, k, GAP_OF) <= width(run, k))
+            one.near = int(one.hit == GAP or number(run, k, GAP_OF) <= width(run, k))
 
 
 @shared
@@ -229,7 +236,7 @@ def derive(run: Run) -> bool:
     """Find what contacts and friction do from the state, and say so to the forces; whether there is an answer."""
     for k in range(run.touches.shape[0]):
         assign(run, k)
-    solved = run.at[UNSOUND] == 0.0 and solvable(run) and solve_reactions(run)
+    solved = run.at[UNSOUND] == 0.0 and sensible(run) and solvable(run) and solve_reactions(run)
     if solved:
         for k in range(run.touches.shape[0]):
             conclude(run, k)
@@ -245,9 +252,9 @@ def assign(run: Run, k: int) -> None:
     still = abs(rate) <= one.slack
     one.origin, one.known, one.part = number(run, k, FREE), 0.0, ABSENT
     if reaction.role == NORMAL:
-        settles = one.state == SETTLING and one.hit != PULL
+        settles = one.state == SETTLING and one.near and one.hit != PULL
         # a method of low order may close a gap that, by its velocities, opens
-        late = one.hit == GAP and one.total == 0.0 and rate <= abs(one.origin) * run.trial[0].h
+        late = one.hit == GAP and not struck(run) and rate <= abs(one.origin) * run.trial[0].h
         if settles or (one.near and (still or late) and one.hit != PULL):
             one.part = PRESSING
         return
@@ -270,6 +277,17 @@ def assign(run: Run, k: int) -> None:
 def number_of_force(run: Run, k: int) -> float:
     """The force of a reaction at the trial's state, as the last evaluation has it."""
     return run.z[run.plan[0].pressed + k]
+
+
+@shared
+def sensible(run: Run) -> bool:
+    """Whether no friction pushes on, and none sticks with less than it slips with."""
+    found = True
+    for k in range(run.touches.shape[0]):
+        if run.reactions[k].role != NORMAL:
+            size, most = number(run, k, SIZE), number(run, k, MOST)
+            found = found and size >= 0.0 and most >= size
+    return found
 
 
 @shared
@@ -319,7 +337,9 @@ def inform(run: Run) -> None:
     """Put what contacts do behind the parameters, and wake the detectors of what may come next."""
     for k in range(run.touches.shape[0]):
         one = run.touches[k]
-        if run.reactions[k].role == NORMAL:
+        if run.plan[0].stepping:
+            run.modes[MODES * k], run.modes[MODES * k + 1] = 0.0, 0.0
+        elif run.reactions[k].role == NORMAL:
             run.modes[MODES * k] = 0.0 if one.state == OPEN else 1.0
             run.modes[MODES * k + 1] = one.limit if one.state == SETTLING else 0.0
         else:
@@ -363,41 +383,69 @@ def wake(run: Run, i: int) -> None:
     watch.guard, watch.floor, awake = 1, 0.0, False
     if detector.role == GAP:
         awake = state == OPEN
-        watch.floor = 4.0 * EPS * max(size_of_gap(run, detector.reaction), run.touches[detector.reaction].largest)
+        watch.floor = 4.0 * EPS * size_of_gap(run, detector.reaction)
     elif detector.role == PULL:
         awake = state != OPEN
     elif detector.role == LIMIT:
-        watch.guard, awake = 0, state == SETTLING
+        watch.guard, awake = -1, state == SETTLING
     elif detector.role == GRIP:
         awake = state == STICKING
     else:
         watch.guard, awake = 1 if state == FORWARD else -1, state in (FORWARD, BACKWARD)
-    watch.asleep = 0 if awake else 1
+    if watch.asleep and awake:
+        watch.greatest = 0.0
+    watch.asleep = 0 if awake and not run.plan[0].stepping else 1
 
 
 # ------------------------------------------------------------------------------------------------------- bouncing
 
 
 @shared
+def struck(run: Run) -> bool:
+    """Whether there was an impact."""
+    found = False
+    for k in range(run.touches.shape[0]):
+        found = found or run.touches[k].total != 0.0
+    return found
+
+
+@shared
 def bounce(run: Run, t: float) -> bool:
     """Have contacts settle whose bounces shrink to nothing; whether there is an answer then."""
-    struck = False
+    impact = struck(run)
     for k in range(run.touches.shape[0]):
-        run.touches[k].way = 0 if run.reactions[k].role == NORMAL else run.touches[k].way  # 1 once it was asked
-        struck = struck or run.touches[k].total != 0.0
-    for _ in range(ROUNDS if struck else 0):
+        if run.reactions[k].role == NORMAL:
+            run.touches[k].way = 0  # 1 once it was asked
+    for _ in range(ROUNDS):
         found = False
         for k in range(run.touches.shape[0]):
             one = run.touches[k]
-            leaves = run.reactions[k].role == NORMAL and one.near == 1 and one.state == OPEN
-            if leaves and one.way == 0 and ends_soon(run, k, t):
-                one.state, found = CLOSED if one.limit - t <= run.reactions[k].tolerance else SETTLING, True
+            leaves = run.reactions[k].role == NORMAL and one.near == 1 and one.state == OPEN and one.hit != PULL
+            if leaves and one.way == 0 and (unseen(run, k, t) or (impact and ends_soon(run, k, t))):
+                one.state, found = SETTLING, True
                 one.lost = number(run, k, RATE) * number(run, k, RATE) / (2.0 * gram(run, k, k))
             one.way = 1 if leaves else one.way
         if not found:
-            return True
+            break
         if not derive(run):
             return False
+    for k in range(run.touches.shape[0]):
+        one = run.touches[k]
+        if run.reactions[k].role == NORMAL and one.state == SETTLING and one.limit - t <= run.reactions[k].tolerance:
+            one.state = CLOSED
+    inform(run)
+    return True
+
+
+@shared
+def unseen(run: Run, k: int, t: float) -> bool:
+    """Whether a contact would open by less, or for less long, than numbers can tell, and close again."""
+    one = run.touches[k]
+    rate, fall = number(run, k, RATE), -one.after
+    low = rate * rate <= 8.0 * NOISE * size_of_gap(run, k) * fall
+    if not (fall > 0.0 and (low or abs(rate) <= BLUR * abs(t) * fall)):
+        return False
+    one.limit, one.doubt = t, abs(rate) / fall
     return True
 
 
@@ -426,8 +474,7 @@ def ends_soon(run: Run, k: int, t: float) -> bool:
     # what rounding of the gap, and of t, leaves of a time that every bounce hands on to the next
     blur = BLUR * (size / rate + abs(t)) / (1.0 - q)
     low = reaction.rest_height if reaction.rest_height >= 0.0 else LOW * one.largest
-    unseen = rate / fall <= BLUR * abs(t) or height <= 4.0 * NOISE * size
-    return bool(unseen or (one.doubt <= max(reaction.tolerance, blur) and height <= low))
+    return bool(one.doubt <= max(reaction.tolerance, blur) and height <= low)
 
 
 # ---------------------------------------------------------------------------------------------------- what is noted

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from xdynamics.march.linking import GAP_OF, NUMBERS, SIZE, SLIDING
+from xdynamics.march.linking import GAP_OF, MOST, NUMBERS, SIZE, SLIDING
 from xdynamics.march.outcomes import CONTACT_PENETRATED
 from xdynamics.model.reactions import NORMAL, Reaction, rate_dimension, reactions
 from xdynamics.units import TIME
@@ -27,6 +27,11 @@ def dispute(march: March) -> str:
     for one, size in zip(found, numbers[:, SIZE].tolist(), strict=True):
         if one.sort == NORMAL and not 0.0 <= size <= 1.0:
             return f"the restitution of contact '{one.owner}' is {size:.6g}, and needs to be from 0 to 1"
+    for one, size, most in zip(found, numbers[:, SIZE].tolist(), numbers[:, MOST].tolist(), strict=True):
+        if one.sort != NORMAL and not size >= 0.0:
+            return f"the friction of '{one.owner}' is {size:.6g} while it slips, and needs to be non-negative"
+        if one.sort != NORMAL and not most >= size:
+            return f"the friction of '{one.owner}' sticks with {most:.6g} and slips with {size:.6g}: static is at least kinetic"
     for k, one in enumerate(found):
         if run.touches[k].part == SLIDING and not _pressed_apart(march, k):
             return painleve(one, float(run.touches[k].coefficient))

@@ -24,7 +24,7 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 # a node by `snap` of its size is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
-    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state regime evaluated reactions pressed switches",
+    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state regime evaluated reactions pressed switches stepping",
 )
 # Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried;
 # `node` counts the nodes landed on, `crossed` those behind which forces were evaluated.
@@ -72,7 +72,7 @@ TOUCH = _record(
 )
 # Entries of the engine, behind the elementary functions in `functions`.
 ENCLOSE, SUBSTEP, HAPPEN, TOUCHED = (len(CALLED) + i for i in range(4))
-BEGIN, HOLD, SETTLE, RESOLVE, INFORM = range(5)  # what `contact.touch` is to do
+BEGIN, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME = range(6)  # what `contact.touch` is to do
 SIDES = -3  # in the place of a reason: look on which side of each switch the march is
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")

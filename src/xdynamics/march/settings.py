@@ -275,6 +275,10 @@ class Settings:
             return [f"estimator is {self.estimator!r}; there are {', '.join(ESTIMATORS)}"]
         if self.estimator == EMBEDDED and not self.method.estimate:
             return [f"method '{self.method.name}' has no embedded formula; take estimator = 'step_doubling'"]
+        if self.method.stepping and self.estimator != NO_ESTIMATE:
+            return [
+                f"method '{self.method.name}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"
+            ]
         if self.adaptive and self.estimator == NO_ESTIMATE:
             return ["tolerances need an error estimate; take estimator = 'step_doubling'"]
         return []

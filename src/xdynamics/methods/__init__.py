@@ -1,9 +1,9 @@
 """Named methods: their update equations as data. A new family is one file and one line here."""
 
-from xdynamics.methods import composition, euler, implicit, midpoint, nystrom, runge_kutta, verlet
+from xdynamics.methods import composition, euler, implicit, midpoint, moreau, nystrom, runge_kutta, verlet
 from xdynamics.methods.method import Evaluation, Method, Solve, Statement, method_named
 
-FAMILIES = (euler, midpoint, verlet, composition, runge_kutta, nystrom, implicit)
+FAMILIES = (euler, midpoint, verlet, composition, moreau, runge_kutta, nystrom, implicit)
 METHODS: dict[str, Method] = {one.name: one for family in FAMILIES for one in family.METHODS}
 
 __all__ = ["METHODS", "Evaluation", "Method", "Solve", "Statement", "method_named"]

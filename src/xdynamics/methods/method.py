@@ -155,6 +155,8 @@ class Method:
         Order of the local error of the interpolant, less one.
     simplified : bool
         Whether its stages are found by the simplified Newton iterations of RADAU5 (`march.radau`), for the same solution.
+    stepping : bool
+        Whether contacts act by impulses over whole steps (`march.stepping`), and not as events.
     """
 
     name: str
@@ -172,6 +174,7 @@ class Method:
     interpolation: str = HERMITE_WORDS
     interpolation_order: int = 3
     simplified: bool = False
+    stepping: bool = False
 
     @cached_property
     def statements(self) -> tuple[Line, ...]:

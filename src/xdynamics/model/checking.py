@@ -79,7 +79,7 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
             what = f"{section.removesuffix('s')} '{name}'"
             if keyword.iskeyword(name):
                 ledger.note(f"{what}: '{name}' is a word of Python; choose another name, like '{name}_'")
-            elif not _NAME.fullmatch(name):
+            elif not _NAME.fullmatch(str(name)):
                 ledger.note(f"{what}: a name is a letter, then letters, digits and underscores, 40 at most")
             elif section == "coordinates" and name in ("description", "potential", "matrix", "smooth", "t"):
                 ledger.note(f"{what}: '{name}' is a key of the model file; choose another name")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from xdynamics.expressions import Node, derivative, dimension_of, expand, free_names
+from xdynamics.expressions import Call, Node, derivative, dimension_of, expand, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
+from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.parts import APPROACH, Contact, Function
 from xdynamics.model.statement import Statement
@@ -13,6 +14,8 @@ from xdynamics.schema import velocity
 from xdynamics.units import NONE, TIME, Dimension
 
 MOST_REACTIONS = 24  # forces of contacts and friction: their equations are written out, and grow as the cube
+
+KINKS = {"abs", "sign", "min", "max", "where"}
 
 Dimensions = Mapping[str, Dimension]
 
@@ -50,6 +53,8 @@ def _check_contact(contact: Contact, statement: Statement, known: Dimensions) ->
     for what, names in (("state", statement.states), ("drive", statement.drives), ("velocity", map(velocity, statement.coordinates))):  # fmt: skip
         for one in sorted(free_names(tree) & set(names)):
             raise InputError(f"gap reads the {what} '{one}', and may read coordinates, time and parameters")
+    if kinks := sorted({one.function for one in every(tree) if isinstance(one, Call)} & KINKS):
+        raise InputError(f"gap has a kink or a jump, {', '.join(kinks)}; write a contact for each of its smooth parts")
     if all(derivative(tree, {name: ONE}) == ZERO for name in statement.coordinates):
         raise InputError("gap depends on no coordinate: nothing could be pushed away")
     _needs("restitution", contact.restitution, statement, {**known, APPROACH: gap / TIME}, NONE)
@@ -73,6 +78,8 @@ def _check_slip(slip: Node, statement: Statement, known: Dimensions) -> Dimensio
         drive = statement.drives[one]
         if (drive.argument, drive.interpolation) != ("t", "linear"):
             raise InputError(f"slip reads the drive '{one}', {drive.interpolation} in {drive.argument}; it may be one of t that is linear")  # fmt: skip
+    if all(derivative(tree, {name: ONE}) == ZERO for name in velocities):
+        raise InputError("slip depends on no velocity: no factor of one is other than zero")
     for name in sorted(velocities):
         if free_names(derivative(tree, {name: ONE})) & velocities:
             raise InputError(f"slip is not linear in {name}; write the relative velocity itself")

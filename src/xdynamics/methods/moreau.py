@@ -1,0 +1,28 @@
+"""Moreau's time-stepping: contacts by impulses over whole steps, without events."""
+
+from xdynamics.methods.composition import REFUSES, update_of
+from xdynamics.methods.method import Method
+
+MOREAU_JEAN = Method(
+    name="moreau_jean",
+    synonyms=("Moreau's midpoint rule", "nonsmooth contact dynamics with explicit forces"),
+    order=2,
+    symplectic=True,
+    evaluations=2,
+    update=update_of("""
+        drift  1/2  1/2
+        kick    1
+    """),
+    words=(
+        "half a drift, a kick by the forces there and by the impulses of every contact whose gap is closed there, half a"
+        " drift with the new velocity; of first order where there are impacts, which are in no bracket"
+    ),
+    reference=(
+        "Moreau 1999, Comput. Methods Appl. Mech. Eng. 177, 329, doi:10.1016/S0045-7825(98)00387-9;"
+        " Jean 1999, ibid. 235, doi:10.1016/S0045-7825(98)00383-1"
+    ),
+    refuses=REFUSES,
+    stepping=True,
+)
+
+METHODS = (MOREAU_JEAN,)
