@@ -65,7 +65,7 @@ def test_blow_up_of_exponential() -> None:
 
 def test_force_that_becomes_nan() -> None:
     """Assert that a rate that is no number after t = 1 ends there, with its name and the domain as the reason."""
-    run = run_of(state("k*y*sqrt(1 - where(t > 1*second, 2, 0))"), 2.0)
+    run = run_of(state("k*y*sqrt(1 - where(t > 1*second, 2, 0))"), 2.0, switches="stepped over")
     assert run.attrs["run_outcome"] == "nonfinite_force"
     assert abs(float(run.time[-1]) - 1) < 1e-12
     assert "rate_y is nan" in run.attrs["run_outcome_text"]
@@ -75,7 +75,7 @@ def test_force_that_becomes_nan() -> None:
 
 def test_force_that_becomes_infinite() -> None:
     """Assert that a rate that is infinite after t = 1 ends there, with its name and reason."""
-    run = run_of(state("k*y/where(t > 1*second, 0, 1)"), 2.0)
+    run = run_of(state("k*y/where(t > 1*second, 0, 1)"), 2.0, switches="stepped over")
     assert run.attrs["run_outcome"] == "nonfinite_force"
     assert abs(float(run.time[-1]) - 1) < 1e-12
     assert set(reasons(run)) >= {"nonfinite_force"}
@@ -229,7 +229,9 @@ def test_norm_is_the_largest_scaled_component() -> None:
 
 def test_no_growth_right_after_a_rejection() -> None:
     """Assert that the step behind a rejected trial's repetition is no longer than it, where its small error would allow."""
-    run = run_of(state("k*y*sqrt(1 - where(t > 1*second, 2, 0))"), 2.0)  # quarters its steps before t = 1
+    run = run_of(
+        state("k*y*sqrt(1 - where(t > 1*second, 2, 0))"), 2.0, switches="stepped over"
+    )  # quarters its steps before t = 1
     h, norm = run.step_size.values[1:], run.error_norm.values[1:]
     rows = [row for row in np.unique(run.trial_step.values) if row + 1 < len(h)]
     assert min(norm[rows]) < 1e-3
@@ -384,7 +386,9 @@ def test_a_failure_inside_a_solve_or_a_half_step_is_named() -> None:
     run = xd.simulate(cart, method="implicit_midpoint", step="1 ms")
     assert run.attrs["run_outcome"] == "outside_drive_table"
     window = particle("F*sqrt(1 - where(t > 0.4*second, where(t < 0.6*second, 2, 0), 0))")
-    run = xd.simulate(window, method="velocity_verlet", step=1.0, until=2.0, estimator="step_doubling")
+    run = xd.simulate(
+        window, method="velocity_verlet", step=1.0, until=2.0, estimator="step_doubling", switches="stepped over"
+    )
     assert run.attrs["run_outcome"] == "nonfinite_force"
     assert "force_push_x is nan in the evaluation at t = 0.5 s" in run.attrs["run_outcome_text"]
 

@@ -248,7 +248,10 @@ def hand_over(run: Run) -> int:
     if plan.switches > 0 and slides(run):
         now.status = SLIDING_MODE
     if not finite_state(run):
-        end(run, nonfinite(run))
+        why = nonfinite(run)
+        break_off(run, before)
+        end(run, why)
+        now.h = 0.0  # no step failed, but what is behind the event
         return REASON_EVENT
     if not note_apart(run, _AFTER, trial.t, 0.0, run.z):
         end(run, NONFINITE_OBSERVABLE)
