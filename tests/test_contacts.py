@@ -269,6 +269,84 @@ def test_a_block_is_held_by_both_of_its_corners() -> None:
     assert moment == pytest.approx(G * math.sin(0.1) * 1.0)
 
 
+def wedge(e: float, law: str) -> xd.Model:
+    """A ball between two oblique walls."""
+    walls = {"right": "y*cos(0.6) - x*sin(0.6)", "left": "y*cos(0.4) + x*sin(0.4)"}
+    return xd.Model(
+        name="wedge", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg", "g": f"{G} m s-2"}, mass={"x": "m", "y": "m"},
+        forces={"gravity": {"potential": "m*g*y"}}, initial={"x": "0.3 m", "y": "1 m", "v_x": "0 m s-1", "v_y": "0 m s-1"},
+        contacts={name: {"gap": gap, "restitution": e, "law": law} for name, gap in walls.items()},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("law", ["newton", "poisson", "sequential"])
+@pytest.mark.parametrize("method", ["rk4", "dop853"])
+def test_bounces_end_in_a_corner(law: str, method: str) -> None:
+    """Assert that a ball comes to rest at the bottom of a wedge, held by both walls, after finitely many events."""
+    run = xd.simulate(wedge(0.5, law), until=4.0, **asked(method, step=0.05))
+    assert (run.attrs["run_outcome"], words(run)[-1][1]) == ("completed", "rest")
+    assert len(words(run)) < 400
+    assert float(run.event_time[-1]) == pytest.approx(2.85198, abs=2e-4)
+    assert abs(float(run.y[-1])) < 1e-9
+    lift = float(run.contact_force_right[-1]) * math.cos(0.6) + float(run.contact_force_left[-1]) * math.cos(0.4)
+    assert lift == pytest.approx(G, rel=1e-12)
+
+
+@pytest.mark.parametrize("start", [1e5, 1e6, -1e6])
+def test_rest_comes_at_any_time(start: float) -> None:
+    """Assert rest where t is so large that it tells the last bounces no longer."""
+    model = xd.Model(**table_of(ball(0.5)) | {"initial": {"t": f"{start} s", "y": "1 m", "v_y": "0 m s-1"}})
+    run = xd.simulate(model, method="dop853", rtol=1e-9, until=start + 3)
+    assert words(run)[-1] == ("floor", "rest")
+    assert float(run.event_time[-1]) - start == pytest.approx(3 * FIRST, abs=2e-6)
+
+
+def test_a_ball_of_a_picometre_rests_too() -> None:
+    """Assert impacts and rest in their own time."""
+    run = xd.simulate(ball(0.5, 1e-12), method="rk4", step=0.1, until=1.0)
+    assert float(run.event_time[-1]) == pytest.approx(3e-6 * FIRST, rel=1e-4)
+
+
+def test_the_same_floor_twice_is_one_floor() -> None:
+    """Assert that a contact that has no share in an impulse is not glued to it."""
+    model = xd.Model(**table_of(ball(1)) | {"contacts": {one: {"gap": "y", "restitution": 1} for one in ("a", "b")}})
+    run = xd.simulate(model, method="dop853", rtol=1e-9, until=4.0)
+    assert run.total_energy.values == pytest.approx(2 * G, rel=1e-9)
+    assert np.unique(run.event_time.values.round(9)) == pytest.approx(FIRST * np.array([1, 3, 5, 7]), abs=1e-9)
+
+
+def test_a_reset_lifts_a_body_off_its_floor() -> None:
+    """Assert that it falls from where it was put."""
+    lift = {"function": "t - 1*second", "direction": "rising", "action": "reset", "set": {"y": "0.5*metre"}}
+    model = xd.Model(**table_of(ball(0.5, 0.0)), events={"lift": lift})
+    run = xd.simulate(model, method="rk4", step=0.1, until=2.0)
+    assert float(run.y[int(run.event_row_after[0])]) == 0.5
+    assert float(run.event_time[[what == "impact" for _, what in words(run)].index(True)]) == pytest.approx(
+        1 + math.sqrt(1 / G), abs=1e-12
+    )
+
+
+def test_a_second_scheme_agrees_at_its_order() -> None:
+    """Assert that Moreau's steps come to the same motion as located events, to first order, and to the same rest."""
+    located = xd.simulate(ball(0.5, 4.0, 8.0), method="dop853", rtol=1e-9, until=2.4)
+    errors = []
+    for step in (4e-3, 1e-3, 2.5e-4):
+        run = xd.simulate(ball(0.5, 4.0, 8.0), method="moreau_jean", step=step, until=2.4)
+        errors.append(np.abs(run.y.values - xd.sample(located, run.time.values).y.values).max())
+        assert run.sizes["event"] == 0
+    assert errors[0] < 0.03
+    assert 2.5 < errors[0] / errors[1] < 6
+    assert 2.5 < errors[1] / errors[2] < 6
+    rest = xd.simulate(ball(0.5, 4.0, 8.0), method="moreau_jean", step=1e-3, until=4.0)
+    assert float(rest.contact_force_floor[-1]) == pytest.approx(16.0, rel=1e-12)
+    assert state_of(rest, "contact_state_floor") == "closed"
+    slid = xd.simulate(sliding(), method="moreau_jean", step=1e-3, until=2.0)
+    assert float(slid.x[-1]) == pytest.approx(9 / (0.6 * G), abs=1e-5)
+    assert state_of(slid, "friction_state_floor") == "sticking"
+    with pytest.raises(xd.InputError, match="no error estimate that knows of impacts"):
+        xd.simulate(ball(), method="moreau_jean", rtol=1e-6, until=1.0)
+
+
 # --------------------------------------------------------------------------------------- same bits, same evidence
 
 
@@ -315,6 +393,11 @@ def test_masses_and_bounces_of_many_runs_are_their_own() -> None:
     [
         ({"gap": "y"}, "key 'restitution' is missing"),
         ({"gap": "y", "restitution": 1.5}, "restitution is 1.5, needs a number from 0 to 1"),
+        ({"gap": "y", "restitution": "-1/2"}, "restitution is '-1/2', needs a number from 0 to 1"),
+        ({"gap": "abs(y)", "restitution": 1}, "gap has a kink or a jump, abs"),
+        ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "v_y", "friction": -0.3}, "friction is -0.3, needs to be non-negative"),
+        ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "0*v_y", "friction": 0.3}, "slip depends on no velocity"),
+        ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "v_y", "friction": 0.3, "static": 0.1}, "static is 0.1, needs to be at least friction"),
         ({"gap": "y", "restitution": "m"}, "restitution has units 'kg', needs '1'"),
         ({"gap": "y + v_y*second", "restitution": 1}, "gap reads the velocity 'v_y'"),
         ({"gap": "t*metre/second", "restitution": 1}, "gap depends on no coordinate"),

@@ -115,6 +115,16 @@ def test_friction_never_gives_energy() -> None:
     assert (np.diff(run.total_energy.values) < 1e-9).all()
 
 
+def test_friction_that_pushes_is_an_outcome() -> None:
+    """Assert that a negative friction that no reader could see ends the run, with its value."""
+    import tomllib
+
+    statement = tomllib.loads(dry().to_toml()) | {"frictions": {"plane": {"slip": "v_x", "kinetic": "-f"}}}
+    run = xd.simulate(xd.Model(**statement), method="rk4", step=0.1, until=1.0)
+    assert run.attrs["run_outcome"] == "contact_undetermined"
+    assert "the friction of 'plane' is -1 while it slips" in run.attrs["run_outcome_text"]
+
+
 @pytest.mark.parametrize(
     ("friction", "said"),
     [
