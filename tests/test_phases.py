@@ -327,10 +327,10 @@ def test_a_search_that_comes_to_nothing_ends(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_substep_that_was_not_solved_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that the bracket stays as wide as it is where equations were not solved."""
 
-    def unsolved(run: Run, _s: float) -> None:
+    def unsolved(run: Run, _i: int, _s: float) -> None:
         run.trial[0].iterations, run.g1[0] = -1, -1.0
 
-    run = bracketed(monkeypatch, 1.5, 1.0, 1e-9, substep=unsolved)
+    run = bracketed(monkeypatch, 1.5, 1.0, 1e-9, probe=unsolved)
     assert (run.watches[0].left, run.trial[0].h) == (0.0, 1.5)
 
 

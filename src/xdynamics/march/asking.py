@@ -16,7 +16,7 @@ from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, 
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
-from xdynamics.model.switches import LOCATED
+from xdynamics.model.switches import LOCATED, STEPPED_OVER, watched_switches
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, parse_time
 
 FORCE_SAMPLES = ("all", "none")
@@ -63,7 +63,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         jacobian,
         str(chosen.get("summation") or _summation(method)),
         _nodes(chosen.get("nodes")),
-        str(chosen.get("switches") or LOCATED),
+        _switches(model, str(chosen.get("switches") or LOCATED)),
     )
     settings.check(model)
     return settings
@@ -183,6 +183,11 @@ def _estimator(method: Method, tolerances: Tolerances | None) -> str:
     if method.estimate:
         return EMBEDDED
     return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
+
+
+def _switches(model: Model, asked: str) -> str:
+    """Return what is done about hidden switches; where there are none, nothing is said of them."""
+    return STEPPED_OVER if asked == LOCATED and not watched_switches(model) else asked
 
 
 def _summation(method: Method) -> str:

@@ -15,6 +15,7 @@ from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, ESTIMATORS, EXACT, J
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
+from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import LOCATED, SWITCHES, sided
 from xdynamics.units import UNSCALED, Scales, Unit
 
@@ -213,6 +214,10 @@ class Settings:
             for one in self.nodes
             if not start < one < self.until
         ]
+        if self.method.stepping and self.estimator != NO_ESTIMATE and reactions(model):
+            faults.append(
+                f"method '{self.method.name}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"
+            )
         if self.scales != UNSCALED and model.python_forces:
             faults.append("scales do not go with forces in Python, which are written in SI units")
         if len(faults) > 1:
@@ -275,10 +280,6 @@ class Settings:
             return [f"estimator is {self.estimator!r}; there are {', '.join(ESTIMATORS)}"]
         if self.estimator == EMBEDDED and not self.method.estimate:
             return [f"method '{self.method.name}' has no embedded formula; take estimator = 'step_doubling'"]
-        if self.method.stepping and self.estimator != NO_ESTIMATE:
-            return [
-                f"method '{self.method.name}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"
-            ]
         if self.adaptive and self.estimator == NO_ESTIMATE:
             return ["tolerances need an error estimate; take estimator = 'step_doubling'"]
         return []
