@@ -102,6 +102,20 @@ def test_a_start_at_a_switch_is_on_the_side_it_moves_to() -> None:
         assert float(run.a_x[0]) == -v
 
 
+def test_switches_and_contacts_keep_apart() -> None:
+    """Assert a ball under a relay that bounces on a floor: both kinds of event, each at its time."""
+    model = xd.Model(
+        name="both", coordinates={"y": "m"}, parameters={"m": "1 kg", "f": "2 N"}, mass={"y": "m"},
+        forces={"relay": {"y": "-f*sign(y - 0.5*metre)"}}, initial={"y": "1.5 m", "v_y": "0 m s-1"},
+        contacts={"floor": {"gap": "y", "restitution": 1}},
+    )  # fmt: skip
+    run = xd.simulate(model, method="rk4", step=0.3, until=2.0)
+    # down 1 m at 2 m s-2, half a metre at -2 m s-2 to the floor with sqrt(2) m s-1, and back the same way
+    crossed, hit = 1.0, 1.0 + (2 - math.sqrt(2)) / 2
+    assert words(run) == [("relay:sign", "regime_switch"), ("floor", "impact"), ("relay:sign", "regime_switch")]
+    assert run.event_time.values == pytest.approx([crossed, hit, 2 * hit - crossed], abs=1e-11)
+
+
 def test_sides_are_those_of_the_run_everywhere(tmp_path: Any) -> None:
     """Assert samples between steps, an extension, and the archive marched again."""
     model = xd.Model.from_toml(MODELS / "relay_oscillator.toml")

@@ -39,7 +39,7 @@ from xdynamics.march.outcomes import CONTACT_PENETRATED, RUNNING
 from xdynamics.march.proposing import copy
 from xdynamics.march.run import ENCLOSE, HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, Run
 from xdynamics.march.stepping import step_in_time
-from xdynamics.model.detectors import GAP, GRIP, LIMIT, OCCASION, PULL, SLIP
+from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import MODES, NORMAL, TANGENT
 from xdynamics.schema import (
     CLOSED,
@@ -171,7 +171,7 @@ def hear(run: Run) -> None:
             one.lost, one.doubt = 0.0, 0.0
     for i in range(run.detectors.shape[0]):
         detector = run.detectors[i]
-        if detector.role != OCCASION and run.watches[i].hit != NONE:
+        if detector.reaction >= 0 and run.watches[i].hit != NONE:
             run.touches[detector.reaction].hit = detector.role
 
 
@@ -377,7 +377,7 @@ def relieve(run: Run) -> None:
 def wake(run: Run, i: int) -> None:
     """Have a detector look, or sleep; a gap may not be negative, nor what presses or grips."""
     detector, watch = run.detectors[i], run.watches[i]
-    if detector.role == OCCASION:
+    if detector.reaction < 0:
         return
     state = run.touches[detector.reaction].state
     watch.guard, watch.floor, awake = 1, 0.0, False
