@@ -35,6 +35,7 @@ from xdynamics.march.linking import (
     slips,
     solve_reactions,
 )
+from xdynamics.march.log import first_of_group
 from xdynamics.march.outcomes import CONTACT_PENETRATED, RUNNING
 from xdynamics.march.proposing import copy
 from xdynamics.march.run import ENCLOSE, HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, Run
@@ -135,7 +136,7 @@ def resolve(run: Run, t: float) -> None:
     look_at_links(run, t)
     hear(run)
     measure(run)
-    first = first_of_group(run)
+    first = first_of_group(run, run.now[0].rows - 1)
     for k in range(run.touches.shape[0]):
         if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -(width(run, k) + run.touches[k].slack) and run.touches[k].hit == NONE:  # fmt: skip
             end(run, CONTACT_PENETRATED)
@@ -478,16 +479,6 @@ def ends_soon(run: Run, k: int, t: float) -> bool:
 
 
 # ---------------------------------------------------------------------------------------------------- what is noted
-
-
-@shared
-def first_of_group(run: Run) -> int:
-    """The first row of the events that the trial ends at."""
-    first = run.now[0].events - run.base[0].events
-    before = run.now[0].rows - 1
-    while first > 0 and run.log_events[first - 1].row_before == before:
-        first -= 1
-    return first
 
 
 @shared

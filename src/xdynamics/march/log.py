@@ -98,6 +98,15 @@ def note_trial(run: Run, h: float, norm: float, reason: int) -> None:
     now.trials += 1
 
 
+@shared
+def first_of_group(run: Run, row: int) -> int:
+    """The first of the newest events, those behind a row of states."""
+    first = run.now[0].events - run.base[0].events
+    while first > 0 and run.log_events[first - 1].row_before == row:
+        first -= 1
+    return first
+
+
 @compiled
 def note_samples(run: Run, row: int) -> None:
     """Keep the force evaluations of an accepted trial, which led to a row."""

@@ -20,7 +20,7 @@ from xdynamics.march.handle import called, enclosed_by, entered_by, run_at
 from xdynamics.march.intervals import EPS
 from xdynamics.march.isolation import CROSSED, FORCED, NONE, arm, arrives, forget, isolate, quiet, sign, uncertainty
 from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
-from xdynamics.march.log import MOST_SUBSTEPS, note, note_sample, note_samples, note_trial
+from xdynamics.march.log import MOST_SUBSTEPS, first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (  # fmt: skip
     BEGIN,
     CONTACT_PENETRATED,
@@ -321,10 +321,7 @@ def note_events(run: Run, row: int, substeps: int) -> None:
 def act(run: Run, row: int) -> bool:
     """Do what the events of a group say, in their declared order; whether forces have to be evaluated anew."""
     now, changed = run.now[0], False
-    first = now.events - run.base[0].events
-    while first > 0 and run.log_events[first - 1].row_before == row:
-        first -= 1
-    for k in range(first, now.events - run.base[0].events):
+    for k in range(first_of_group(run, row), now.events - run.base[0].events):
         one = run.log_events[k]
         detector = run.detectors[one.detector]
         if detector.role in (SWITCH_ROLE, KINK) and one.kind in (_CROSSED, _JUMPED):

@@ -1,6 +1,6 @@
 """Moreau's time-stepping: contacts by impulses over whole steps, without events."""
 
-from xdynamics.methods.composition import REFUSES, update_of
+from xdynamics.methods.composition import POSITION_VERLET, REFUSES
 from xdynamics.methods.method import Method
 
 MOREAU_JEAN = Method(
@@ -9,10 +9,7 @@ MOREAU_JEAN = Method(
     order=2,
     symplectic=True,
     evaluations=2,
-    update=update_of("""
-        drift  1/2  1/2
-        kick    1
-    """),
+    update=POSITION_VERLET.update,
     words=(
         "half a drift, a kick by the forces there and by the impulses of every contact whose gap is closed there, half a"
         " drift with the new velocity; of first order where there are impacts, which are in no bracket"
