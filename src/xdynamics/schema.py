@@ -35,6 +35,7 @@ ONLY_REGIME = "motion"
 CONTACT_STATES = ("open", "settling", "closed")
 OPEN, SETTLING, CLOSED = range(len(CONTACT_STATES))
 FRICTION_STATES = ("open", "sticking", "slipping_forward", "slipping_backward")
+LOOSE, STICKING, FORWARD, BACKWARD = range(len(FRICTION_STATES))
 
 ENERGIES = {
     "kinetic_energy": "kinetic energy v.M.v/2",

@@ -50,6 +50,12 @@ def arm(run: Run, i: int, value: float) -> None:
 
 
 @shared
+def renew_constants(run: Run) -> None:
+    """Have enclosures know numbers and parameters, of which modes and sides change behind events."""
+    enclosed_by(run.functions[ENCLOSE], run, run.y, run.y, 0, run.parts[0])
+
+
+@shared
 def forget(run: Run) -> None:
     """Have every event armed as it was before a trial that is rejected."""
     for i in range(run.watches.shape[0]):

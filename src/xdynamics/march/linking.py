@@ -166,7 +166,13 @@ def start(run: Run, k: int) -> float:
 def slips(run: Run, k: int) -> bool:
     """Whether a grip was not enough."""
     touch = run.touches[k]
-    size = abs(touch.origin)
+    return run.solution[touch.place + 2] > SMALL * touch.scale * terms(run, k)
+
+
+@shared
+def terms(run: Run, k: int) -> float:
+    """How large the terms are of the rate, or acceleration, that a reaction has with all that was found."""
+    size = abs(run.touches[k].origin)
     for j in range(run.touches.shape[0]):
         size += abs(gram(run, k, j) * run.touches[j].found)
-    return run.solution[touch.place + 2] > SMALL * touch.scale * size
+    return size

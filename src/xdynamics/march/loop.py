@@ -16,8 +16,8 @@ from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import STRETCH, first_step, grow, reduce, shortest
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.handle import called, enclosed_by, entered_by, run_at
-from xdynamics.march.isolation import quiet
+from xdynamics.march.handle import called, entered_by, run_at
+from xdynamics.march.isolation import quiet, renew_constants
 from xdynamics.march.landing import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
@@ -30,7 +30,7 @@ from xdynamics.march.outcomes import (
 )
 from xdynamics.march.proposing import copy, propose
 from xdynamics.march.run import BEGIN as TOUCHES
-from xdynamics.march.run import BEGUN, ENCLOSE, HAPPEN, SIDES, TOUCHED, Run
+from xdynamics.march.run import BEGUN, HAPPEN, SIDES, TOUCHED, Run
 from xdynamics.schema import (
     INITIAL,
     NODE,
@@ -57,8 +57,8 @@ def march(address: Any, rows: int) -> None:
     """
     run = run_at(address)
     now = run.now[0]
-    if run.detectors.shape[0] > 0:  # numbers and parameters of the event functions
-        enclosed_by(run.functions[ENCLOSE], run, run.y, run.y, 0, run.parts[0])
+    if run.detectors.shape[0] > 0:
+        renew_constants(run)
     if now.rows == 0 and now.status == RUNNING and has_room(run):
         start(run)
     pause = now.rows + rows

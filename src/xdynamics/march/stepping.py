@@ -26,9 +26,7 @@ from xdynamics.march.linking import (  # fmt: skip
 )
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import NORMAL, TANGENT
-from xdynamics.schema import CLOSED, OPEN
-
-STICKING, FORWARD, BACKWARD = 1, 2, 3  # as in `schema.FRICTION_STATES`
+from xdynamics.schema import BACKWARD, CLOSED, FORWARD, LOOSE, OPEN, STICKING
 
 
 @shared
@@ -92,7 +90,7 @@ def conclude_step(run: Run, k: int) -> None:
     if run.reactions[k].role == NORMAL:
         touch.state = CLOSED if touch.found > 0.0 else OPEN
     elif touch.part != GRIPPING:
-        touch.state = OPEN
+        touch.state = LOOSE
     elif slips(run, k):
         touch.state = FORWARD if touch.after > 0.0 else BACKWARD
     else:

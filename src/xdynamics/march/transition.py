@@ -16,9 +16,18 @@ from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.control import grow
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events import kind_of, locate
-from xdynamics.march.handle import called, enclosed_by, entered_by, run_at
+from xdynamics.march.handle import called, entered_by, run_at
 from xdynamics.march.intervals import EPS
-from xdynamics.march.isolation import CROSSED, FORCED, NONE, arm, arrives, forget, isolate, quiet, sign, uncertainty
+from xdynamics.march.isolation import (
+    NONE,
+    arm,
+    arrives,
+    forget,
+    isolate,
+    quiet,
+    sign,
+    uncertainty,
+)
 from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.log import MOST_SUBSTEPS, first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (  # fmt: skip
@@ -31,7 +40,8 @@ from xdynamics.march.outcomes import (  # fmt: skip
     STOPPED,
 )
 from xdynamics.march.proposing import keep, look, substep, take
-from xdynamics.march.run import BEGUN, ENCLOSE, RESOLVE, SETTLE, SIDES, TOUCHED, Run
+from xdynamics.march.run import BEGUN, RESOLVE, SETTLE, SIDES, TOUCHED, Run
+from xdynamics.march.sides import keep_sides, slides, take_sides
 from xdynamics.model.detectors import GRIP, KINK, OCCASION, PULL, SLIP
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS
@@ -94,72 +104,6 @@ def begin(run: Run) -> None:
 
 
 @shared
-def take_sides(run: Run) -> None:
-    """Look on which side of each switch the march is; at one, on which it is going to be."""
-    zero = False
-    run.at[T] = run.now[0].t
-    called(run.law[DETECT], run, run.y, run.g, 0)
-    for i in range(run.detectors.shape[0]):
-        detector = run.detectors[i]
-        if detector.role in (SWITCH_ROLE, KINK):
-            zero = zero or run.g[i] == 0.0
-            choose_side(run, i, sign(run.g[i]) if run.g[i] != 0.0 else detector.at_zero)
-    if zero:
-        evaluate(run, run.now[0].t, run.y)
-        called(run.law[SLOPES], run, run.y, run.slopes, 0)
-        for i in range(run.detectors.shape[0]):
-            if run.detectors[i].role in (SWITCH_ROLE, KINK) and run.g[i] == 0.0 and run.slopes[i] != 0.0:
-                choose_side(run, i, sign(run.slopes[i]))
-    inform_constants(run)
-
-
-@shared
-def choose_side(run: Run, i: int, where: int) -> None:
-    """Have forces be those of one side of a switch, which is not left unseen."""
-    run.modes[run.detectors[i].to], run.watches[i].guard = float(where), where
-
-
-@shared
-def inform_constants(run: Run) -> None:
-    """Have enclosures know of modes and sides that have changed."""
-    enclosed_by(run.functions[ENCLOSE], run, run.y, run.y, 0, run.parts[0])
-
-
-@shared
-def keep_sides(run: Run) -> bool:
-    """Have the trial's state, behind an event, on its sides of all switches; whether one is another than before."""
-    changed = False
-    run.at[T] = run.trial[0].t
-    called(run.law[DETECT], run, run.z, run.slopes, 0)
-    for i in range(run.detectors.shape[0]):
-        detector, watch = run.detectors[i], run.watches[i]
-        if detector.role in (SWITCH_ROLE, KINK):
-            now = sign(run.slopes[i])
-            known = np.int64(run.modes[detector.to])
-            if watch.hit in (CROSSED, FORCED):
-                now = -watch.armed
-            if now != 0 and now != known:
-                choose_side(run, i, now)
-                changed = True
-    if changed:
-        inform_constants(run)
-    return changed
-
-
-@shared
-def slides(run: Run) -> bool:
-    """Whether the motion is driven back to a switch of a force that jumps there, as it was on the side before."""
-    found = False
-    run.at[T] = run.trial[0].t
-    called(run.law[SLOPES], run, run.z, run.slopes, 0)
-    for i in range(run.detectors.shape[0]):
-        detector, watch = run.detectors[i], run.watches[i]
-        if detector.role == SWITCH_ROLE and watch.hit in (CROSSED, FORCED):
-            found = found or run.slopes[i] * -watch.armed < 0.0
-    return found
-
-
-@shared
 def meet(run: Run) -> int:
     """Look for events in the trial: REASON_EVENT where one is in it, SOUND where none is, and it stays as it is."""
     now, trial = run.now[0], run.trial[0]
@@ -212,34 +156,54 @@ def shrink(run: Run, reason: int) -> int:
 @shared
 def hand_over(run: Run) -> int:
     """Locate the first event of the trial, land on it, and note the state on either side; why it is rejected, if it is."""
-    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
-    whole, target, landing, trials = run.located[0].h, run.located[0].t, run.located[0].landing, now.trials
+    now, plan, trials, whole = run.now[0], run.plan[0], run.now[0].trials, run.located[0].h
     note_trial(run, whole, now.norm if plan.estimates else nan, REASON_EVENT)
     if plan.adaptive:
-        grow_apart(run, whole, landing != AT_GRID)
-    locate(run)
-    leave_out(run)
-    # two events closer than the spacing of t are two rows all the same
-    trial.t = max(trial.t, np.nextafter(now.t, np.inf))
-    reached = landing != AT_BORDER and (trial.h == whole or trial.t >= target)
-    trial.t = target if reached else trial.t
+        grow_apart(run, whole, run.located[0].landing != AT_GRID)
+    reached = shorten(run)
     reason = judge_apart(run)
     if reason != SOUND:
         forget(run)
         return reason
     before = now.rows
-    if not note_apart(run, _BEFORE, trial.t, trial.h, run.z):
+    if not note_apart(run, _BEFORE, run.trial[0].t, run.trial[0].h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return REASON_EVENT
     note_samples_apart(run, before)
     note_events(run, before, now.trials - trials)
+    if not cross(run, before):
+        return REASON_EVENT
+    if not note_apart(run, _AFTER, run.trial[0].t, 0.0, run.z):
+        end(run, NONFINITE_OBSERVABLE)
+        return REASON_EVENT
+    go_on(run, reached)
+    return REASON_EVENT
+
+
+@shared
+def shorten(run: Run) -> bool:
+    """Have the trial end just behind its first event; whether it is as long as it was."""
+    trial, whole, target, landing = run.trial[0], run.located[0].h, run.located[0].t, run.located[0].landing
+    locate(run)
+    leave_out(run)
+    # two events closer than the spacing of t are two rows all the same
+    trial.t = max(trial.t, np.nextafter(run.now[0].t, np.inf))
+    reached = landing != AT_BORDER and (trial.h == whole or trial.t >= target)
+    trial.t = target if reached else trial.t
+    return bool(reached)
+
+
+@shared
+def cross(run: Run, before: int) -> bool:
+    """Change the trial's state by what happens at its end; whether there is one behind it."""
+    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     changed = act(run, before)
     if plan.reactions > 0:
         entered_by(run.functions[TOUCHED], run, trial.t, RESOLVE)
         changed = True
     if now.status in (CONTACT_PENETRATED, REASON_CONTACT):
         break_off(run, before)
-        return REASON_EVENT
+        return False
     if plan.switches > 0:
         changed = keep_sides(run) or changed
     if changed:
@@ -252,22 +216,25 @@ def hand_over(run: Run) -> int:
         break_off(run, before)
         end(run, why)
         now.h = 0.0  # no step failed, but what is behind the event
-        return REASON_EVENT
-    if not note_apart(run, _AFTER, trial.t, 0.0, run.z):
-        end(run, NONFINITE_OBSERVABLE)
-        return REASON_EVENT
+        return False
+    return True
+
+
+@shared
+def go_on(run: Run, reached: bool) -> None:
+    """Stand at the state behind the events, and look from there."""
+    now = run.now[0]
     if reached:
-        completed = now.status
+        ended = now.status
         land_apart(run)
-        now.status = now.status if completed == RUNNING else completed
+        now.status = now.status if ended == RUNNING else ended
     else:
         now.on_grid = 0
     move_apart(run)
     run.kept[0].since = BEGUN
-    if plan.reactions > 0:
+    if run.plan[0].reactions > 0:
         entered_by(run.functions[TOUCHED], run, now.t, SETTLE)
     rearm(run)
-    return REASON_EVENT
 
 
 @shared
