@@ -150,7 +150,13 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"action": "stop", "count": 0}, "count is 0, needs a whole number from 1 on"),
     ({"action": "stop", "count": True}, "count is True, needs a whole number"),
     ({"action": "record", "count": 2}, "count is 2, and action 'record' does nothing that could wait for it"),
-    ({"action": "impact"}, "action 'impact' is not available in this version"),
+    ({"action": "impact"}, "event 'e': key 'restitution' is missing"),
+    (
+        {"action": "impact", "restitution": 0.5, "direction": "either"},
+        "direction 'either' is not known; there are rising, falling",
+    ),
+    ({"action": "impact", "restitution": 0.5, "count": 2}, "key 'count' is not known"),
+    ({"action": "bounce"}, "action 'bounce' is not known; there are record, stop, switch, reset, impact"),
 ]
 
 

@@ -420,6 +420,26 @@ def test_wrong_contacts_are_named(contact: dict[str, Any], said: str) -> None:
         xd.Model(**table_of(ball()) | {"contacts": {"floor": contact}})
 
 
+@pytest.mark.parametrize(("function", "direction"), [("y", "falling"), ("-y", "rising")])
+def test_an_impact_as_an_events_action_is_a_contact(function: str, direction: str) -> None:
+    """Assert that an event that acts by an impact is the contact of that name."""
+    contact = table_of(ball())
+    event = {"function": function, "direction": direction, "action": "impact"}
+    given = {key: value for key, value in contact["contacts"].pop("floor").items() if key != "gap"}
+    model = xd.Model(**contact | {"events": {"floor": event | given}})
+    run, same = (xd.simulate(one, method="dop853", rtol=1e-9, until="2 s") for one in (model, ball()))
+    assert np.array_equal(run.event_time, same.event_time)
+    assert np.array_equal(run.v_y, same.v_y)
+    assert xd.Model.from_text(run.model_toml.item()) == model
+
+
+def test_an_impact_is_no_contact_twice() -> None:
+    """Assert that a contact and an event that is one may not bear the same name."""
+    table = table_of(ball())
+    with pytest.raises(xd.ModelError, match="event 'floor' and contact 'floor' are both impacts; rename one"):
+        xd.Model(**table | {"events": {"floor": {"function": "y", "action": "impact", "restitution": 0.5}}})
+
+
 def test_faults_of_several_contacts_are_named_together() -> None:
     """Assert that laws are one, names are no events', and forces in Python are refused."""
     statement = table_of(ball())

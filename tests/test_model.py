@@ -45,7 +45,7 @@ def test_python_statement_equals_file() -> None:
         ('direction = "falling"\naction = "record"', 'direction = "down"', "direction 'down' is not known; there are rising, falling"),
         ('v_y = "20 m s-1"', "", "initial value of 'v_y' is missing, in 'm s-1'"),
         ('v_y = "20 m s-1"', 'v_y = "20 m"', "initial value 'v_y = 20.0 m' has units 'm', needs 'm s-1'"),
-        ('action = "stop"', 'action = "impact"', "action 'impact' is not available in this version"),
+        ('action = "stop"', 'action = "impact"', "event 'ground': key 'restitution' is missing"),
         ('[mass]\ny = "m"', "[mass]", "mass: of coordinate 'y' is missing"),
         ('time_tolerance = "1e-12 s"', 'time_tolerance = "-1 s"', "time_tolerance is '-1.0 s', needs a positive time"),
         ('[run]', '[contacts.floor]\ngap = "y"\n[run]', "contact 'floor': key 'restitution' is missing"),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import Compute, Load, Operand, Place
-from xdynamics.model.detectors import GAP, followed, function_bend, function_rate
+from xdynamics.model.detectors import GAP, followed, function_bend, function_rate, python_values
 from xdynamics.model.motion import REGIME_NUMBER, constants, slope
 from xdynamics.schema import acceleration, rate, velocity
 
@@ -27,7 +27,7 @@ ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "sqrt", "abs"
 COMPARED = ("less", "at_most", "more", "at_least", "equal", "unequal")
 OPERATIONS = (*ARITHMETIC, "choose", *COMPARED, "hypot", "atan2", "power", "positive", *CALLED)
 OPERATION = {name: i for i, name in enumerate(OPERATIONS)}
-NUMBER, CONSTANT, TIME, PHASE, COORDINATE, STATE, VALUE, SLOPE = range(len(OPERATIONS), len(OPERATIONS) + 8)
+NUMBER, CONSTANT, TIME, PHASE, COORDINATE, STATE, VALUE, SLOPE, UNKNOWN = range(len(OPERATIONS), len(OPERATIONS) + 9)
 UNUSED = -1
 WIDTH = 5
 
@@ -78,6 +78,7 @@ class _Printer:
         self._first: list[tuple[int, ...]] = []  # numbers and parameters, which a march does not change
         self._rows: list[tuple[int, ...]] = []
         self._constants = {name: i for i, name in enumerate(constants(layout.model))}
+        self._python = python_values(layout.model)
         self._moving = self._variables()
         self._inner = {one.name: one.value for one in followed(layout.model)}
 
@@ -96,7 +97,7 @@ class _Printer:
         count, first = len(self._places), len(self._first)
         rows = np.array([*self._first, *self._rows], np.int64).reshape(-1, WIDTH)
         moving = {*self._layout.used, *self._layout.reactions}
-        of_time = tuple(not model.reads(one.function) & moving for one in watched)
+        of_time = tuple(not (one.sampled or model.reads(one.function) & moving) for one in watched)
         return Enclosing(rows, np.array(self._numbers), (first, first + middle, first + wide, len(rows)), count, tuple(functions), tuple(slopes), tuple(bends), of_time)  # fmt: skip
 
     def _variables(self) -> Mapping[str, Callable[[int], tuple[int, ...]]]:
@@ -110,6 +111,8 @@ class _Printer:
         for i, name in enumerate(layout.states):
             for order, one in enumerate((name, rate(name))):
                 found[one] = lambda at, i=i, order=order: (STATE, at, i, order, 0)  # type: ignore[misc]
+        for name in self._python:
+            found[name] = lambda at: (UNKNOWN, at, 0, 0, 0)
         return found
 
     def _found(self, lines: Assignments, name: str) -> Operand:

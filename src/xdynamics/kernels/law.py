@@ -141,7 +141,7 @@ class Law:
 
     def text(self, lanes: int = 1, without: Sequence[Program] = ()) -> str:
         """Return the law as LLVM text, some programs left out."""
-        functions = [(one.name, len(one.arguments)) for one in self.layout.model.python_forces]
+        functions = [(one.name, len(one.arguments)) for one in self.layout.model.python_functions]
         return llvm_of([one for one in self.programs if one not in without], lanes, functions)
 
     def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:

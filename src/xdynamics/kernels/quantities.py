@@ -10,7 +10,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import AT, Compute, Each, Instruction, Load, Operand, Place, Program, Store
 from xdynamics.model import Function
-from xdynamics.model.detectors import followed, function_rate
+from xdynamics.model.detectors import followed, function_rate, python_values
 from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, jacobian, motion, slope, slopes
 from xdynamics.model.reactions import table
@@ -41,7 +41,8 @@ def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
 
 def events(layout: Layout) -> Program:
     """Write the event functions."""
-    return _returning("detect", "The function of every event.", layout, [one.function for one in layout.watched])
+    trees = [one.function for one in layout.watched]
+    return _returning("detect", "The function of every event.", layout, trees, python_values(layout.model))
 
 
 def event_rates(layout: Layout) -> Program:
@@ -109,11 +110,15 @@ def _moved(layout: Layout, assignments: Iterable[Assignment]) -> Assignments:
     lines = Assignments(_Names(layout, layout.used))
     for one in assignments:
         if isinstance(one.value, Function):
-            given = (lines.named(argument) for argument in one.value.arguments)
-            lines.name(one.name, lines.compute(PYTHON + one.value.name, *given))
+            lines.name(one.name, _called(lines, one.value))
         else:
             lines.assign(one.name, one.value)
     return lines
+
+
+def _called(lines: Assignments, function: Function) -> Operand:
+    """Call a function that was handed over."""
+    return lines.compute(PYTHON + function.name, *(lines.named(one) for one in function.arguments))
 
 
 class _Names:
@@ -137,7 +142,8 @@ class _Names:
         if name in self._places:
             return lines.load(self._places[name], name)
         if name in self._inner:
-            return lines.value(self._inner[name])
+            inner = self._inner[name]
+            return _called(lines, inner) if isinstance(inner, Function) else lines.value(inner)
         drive = name.removeprefix(slope(""))
         number, argument = self._drives[drive], self._layout.model.drives[drive].argument
         at = lines.named(argument)

@@ -22,6 +22,7 @@ from xdynamics.kernels.enclosing import (  # fmt: skip
     SLOPE,
     STATE,
     TIME,
+    UNKNOWN,
     VALUE,
 )
 from xdynamics.kernels.program import REGIME
@@ -76,6 +77,8 @@ def enclose(run: Run, y: State, z: State, first: int, last: int) -> None:
             put(run, target, run.piece[0].start, run.piece[0].end, SMOOTH)
         elif row == PHASE:
             put(run, target, run.at[REGIME], run.at[REGIME], SMOOTH)
+        elif row == UNKNOWN:
+            put(run, target, -inf, inf, SMOOTH)
         elif row == NUMBER:
             put(run, target, run.numbers[a], run.numbers[a], SMOOTH)
         elif row == CONSTANT:

@@ -200,6 +200,9 @@ def kind_of(run: Run, i: int) -> int:
     watch, after = run.watches[i], run.g1[i]
     if watch.hit in (TOUCHED, ENDED):
         return TOUCH
+    if run.detectors[i].sampled:
+        explained = watch.up * (watch.right - watch.left) + EPS * watch.greatest
+        return JUMP if abs(after - watch.before) > STEEP * explained else CROSSING
     if watch.broken >= BREAKS:
         if watch.broken == UNBOUNDED and min(abs(watch.before), abs(after)) > STEEP * watch.greatest:
             return POLE

@@ -28,6 +28,8 @@ CLEAR, MONOTONE, MURKY, OPEN = range(4)  # what is known of an event function on
 NONE, CROSSED, TOUCHED, FORCED, ENDED = range(5)
 NEAR = 1e-9  # of the largest value of an event function: near enough to zero to look twice
 STEEP = 100.0  # times what a slope explains: no more of the same function
+LOOKS = 8  # pieces of a step on which a function is looked at of which nothing is known between them
+ROUGHLY = 8.0 * EPS  # of such a function: what rounding may have made of it
 MURK = 4.0  # uncertainties of an event function that count as zero
 
 
@@ -78,6 +80,8 @@ def uncertainty(run: Run, i: int, state: State) -> float:
     )
     enclosed_by(run.functions[ENCLOSE], run, state, state, run.parts[0], run.parts[1])
     piece.start, piece.end, piece.width, piece.wide = start, end, width, 0.0
+    if run.detectors[i].sampled:
+        return ROUGHLY * run.watches[i].greatest
     if run.flaws[place] != SMOOTH:  # where it jumps, both sides are in the interval
         return 0.0
     return (run.over[place] - run.under[place]) / 2.0
@@ -255,6 +259,8 @@ def turns(run: Run, i: int) -> bool:
 def known(run: Run, i: int) -> int:
     """Say what the enclosures of an event function and its derivative on a piece tell."""
     watch, w = run.watches[i], run.piece[0].width
+    if run.detectors[i].sampled:
+        return known_by_samples(run, i)
     if watch.low > 0.0 or watch.high < 0.0:
         return CLEAR
     if watch.flaw == SMOOTH:
@@ -264,6 +270,19 @@ def known(run: Run, i: int) -> int:
         if clears(run.near_g[i], run.far_g[i], watch.down, watch.up, w):
             return CLEAR
     return OPEN
+
+
+@shared
+def known_by_samples(run: Run, i: int) -> int:
+    """Say what values at the ends of a piece tell of a function of which nothing else is known; `up` is its mean slope."""
+    watch, w, before, after = run.watches[i], run.piece[0].width, run.near_g[i], run.far_g[i]
+    watch.down = watch.up = abs(after - before) / w
+    if w * LOOKS > run.located[0].h * (1.0 + EPS):
+        return OPEN
+    if sign(before) != sign(after):
+        return MONOTONE
+    # a line through both would come to zero within as much again: it may turn in between
+    return OPEN if min(abs(before), abs(after)) < abs(after - before) else CLEAR
 
 
 @shared

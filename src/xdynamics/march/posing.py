@@ -272,6 +272,7 @@ def _detectors(model: Model, watched: Sequence[Detector], said: Enclosing, scale
         one.to = list(model.regimes).index(event.to) if event.to else 0
         one.tolerance = detector.time_tolerance.si / scales.of(TIME)
         one.role, one.reaction = detector.role, detector.reaction
+        one.sampled = int(detector.sampled)
         one.interpolant = int(event.root_state == "interpolant")
         if detector.role in (SWITCH, KINK):
             one.to, one.at_zero, place = place, detector.at_zero, place + 1

@@ -36,7 +36,9 @@ NOW = _record(
 # where its state, and `unsound_events` where its event functions are finite, else nan.
 TRIAL = _record("t h unsound unsound_events", "landing iterations")
 # How to look for each event; `role` is one of `model.detectors`, of the reaction with that number.
-DETECTOR = _record("tolerance", "direction action to count value slope bend of_time role reaction at_zero interpolant")
+DETECTOR = _record(
+    "tolerance", "direction action to count value slope bend of_time role reaction at_zero interpolant sampled"
+)
 # What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `began` what
 # it was before the trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the trial at
 # hand: whether it may have a zero there (`alive`), its bounds and those of its slope on the piece looked at, since where it

@@ -218,8 +218,8 @@ class Settings:
             faults.append(
                 f"method '{self.method.name}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"
             )
-        if self.scales != UNSCALED and model.python_forces:
-            faults.append("scales do not go with forces in Python, which are written in SI units")
+        if self.scales != UNSCALED and model.python_functions:
+            faults.append("scales do not go with functions in Python, which are written in SI units")
         if len(faults) > 1:
             raise InputError(f"the run of '{model.name}' cannot be set up:{numbered(faults)}", tuple(faults))
         if faults:

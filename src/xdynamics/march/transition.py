@@ -271,6 +271,8 @@ def note_events(run: Run, row: int, substeps: int) -> None:
             continue
         one = run.log_events[now.events - run.base[0].events]
         one.time, one.left, one.residual, one.slope = trial.t, now.t + watch.left, run.g1[i], run.slopes[i]
+        if run.detectors[i].sampled:
+            one.slope = -watch.armed * watch.up
         one.uncertainty, one.substeps = uncertainty(run, i, run.z), substeps
         one.interpolation = watch.drift / abs(one.slope) if watch.drift > 0.0 else 0.0
         one.murk = watch.clear - watch.zone if watch.zone >= 0.0 else 0.0

@@ -46,8 +46,11 @@ def check(statement: Statement) -> dict[str, Dimension]:
     for name, drive in statement.drives.items():
         _check_drive(name, drive, statement, known, ledger)
     for name, event in statement.events.items():
-        with ledger.entry(f"event '{name}'"):
-            dimension_of(event.function, known)
+        if isinstance(event.function, Function):
+            _check_function(f"event '{name}'", event.function, statement, known, ledger)
+        else:
+            with ledger.entry(f"event '{name}'"):
+                dimension_of(event.function, known)
         _check_action(name, event, statement, known, ledger)
     _check_regimes(statement, ledger)
     accelerations = {acceleration(name): known[name] / TIME**2 for name in statement.coordinates}
@@ -66,10 +69,8 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
         ledger.note("has neither coordinates nor states: there is nothing to march")
     if len(statement.events) > MOST_EVENTS:
         ledger.note(f"has {len(statement.events)} events, {MOST_EVENTS} at most")
-    functions = [
-        one for force in statement.forces.values() for one in force.components.values() if isinstance(one, Function)
-    ]
-    for name in {one.name for one in functions}:
+    functions = statement.functions
+    for name in sorted({one.name for one in functions}):
         if len({one.digest for one in functions if one.name == name}) > 1:
             ledger.note(f"two different functions are named '{name}'; rename one")
     used: dict[str, str] = {}
@@ -191,7 +192,7 @@ def _check_motion(statement: Statement, known: Mapping[str, Dimension], ledger: 
                     f"force '{term}' acts on '{name}', which is no coordinate; there are {', '.join(coordinates)}"
                 )
             elif isinstance(node, Function):
-                _check_function(term, node, statement, known, ledger)
+                _check_function(f"force '{term}'", node, statement, known, ledger)
             else:
                 _needs(ledger, f"force '{term}' of '{name}'", node, known, needed[name])
 
@@ -226,15 +227,15 @@ def _check_potential(
 
 
 def _check_function(
-    term: str, function: Function, statement: Statement, known: Mapping[str, Dimension], ledger: Ledger
+    what: str, function: Function, statement: Statement, known: Mapping[str, Dimension], ledger: Ledger
 ) -> None:
     for name in function.arguments:
         if name in statement.definitions:
             ledger.note(
-                f"force '{term}': function '{function.name}' asks for the definition '{name}'; let it ask for what that is made of"
+                f"{what}: function '{function.name}' asks for the definition '{name}'; let it ask for what that is made of"
             )
         elif name not in known:
-            ledger.note(f"force '{term}': function '{function.name}' asks for '{name}', which is not declared")
+            ledger.note(f"{what}: function '{function.name}' asks for '{name}', which is not declared")
 
 
 def _check_drive(name: str, drive: Any, statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:

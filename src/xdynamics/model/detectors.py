@@ -14,7 +14,7 @@ from xdynamics.model.motion import motion
 from xdynamics.model.parts import Event, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
 from xdynamics.model.switches import Sided
-from xdynamics.units import TIME, Dimension, Quantity
+from xdynamics.units import NONE, TIME, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, one that has settled; a slip
 # that comes to rest, a grip that is lost; a switch hidden in a force, which jumps there, or bends
@@ -38,6 +38,8 @@ class Detector:
         The number of the reaction that it watches, else -1.
     at_zero : int
         Of a switch, the side that zero belongs to.
+    sampled : bool
+        Whether nothing is known of the function between the places where it is looked at: one in Python.
     time_tolerance : Quantity
     """
 
@@ -49,15 +51,17 @@ class Detector:
     event: Event = field(default_factory=lambda: Event(ZERO))
     reaction: int = -1
     at_zero: int = 0
+    sampled: bool = False
 
 
 @lru_cache(maxsize=64)
 def detectors(model: Model) -> tuple[Detector, ...]:
     """Return what a model watches for: its events in their order, contacts, friction, and the switches in its forces."""
-    found = [
-        Detector(name, model.expanded(one.function), OCCASION, one.time_tolerance, one.direction, one)
-        for name, one in model.events.items()
-    ]
+    found = []
+    for name, event in model.events.items():
+        sampled = isinstance(event.function, Function)
+        tree = Name(python_value(name)) if isinstance(event.function, Function) else model.expanded(event.function)
+        found.append(Detector(name, tree, OCCASION, event.time_tolerance, event.direction, event, sampled=sampled))
     for k, one in enumerate(reactions(model)):
         part = model.frictions[one.owner] if one.owner in model.frictions else model.contacts[one.owner]
         if one.sort == NORMAL:
@@ -76,6 +80,17 @@ def detectors(model: Model) -> tuple[Detector, ...]:
     return tuple(found)
 
 
+def python_value(event: str) -> str:
+    """Name the value of an event function that is written in Python."""
+    return f"_python_{event}"
+
+
+def python_values(model: Model) -> dict[str, Function]:
+    """Return the event functions that are written in Python, by the names of their values."""
+    found = {python_value(name): one.function for name, one in model.events.items()}
+    return {name: one for name, one in found.items() if isinstance(one, Function)}
+
+
 def labels(watched: Iterable[Detector]) -> tuple[str, ...]:
     """Return the names that stand in `event_detector`: of events, contacts, friction elements, switches."""
     return tuple(dict.fromkeys(one.name for one in watched))
@@ -85,6 +100,8 @@ def function_dimension(model: Model, detector: Detector) -> Dimension:
     """Return the dimension of a detector's function."""
     if detector.role == LIMIT:
         return TIME
+    if detector.sampled:
+        return detector.event.unit.dimension if detector.event.unit else NONE
     return dimension_of(detector.function, model.dimensions | reaction_dimensions(model))
 
 
@@ -118,4 +135,4 @@ def function_bend(model: Model, detector: Detector) -> Node:
     return derivative(function_rate(model, detector), model.rates)
 
 
-__all__ = ["GAP", "GRIP", "KINK", "LIMIT", "OCCASION", "PULL", "SLIP", "SWITCH", "Detector", "Reaction", "detectors", "followed", "function_bend", "function_dimension", "function_rate", "labels"]  # fmt: skip
+__all__ = ["GAP", "GRIP", "KINK", "LIMIT", "OCCASION", "PULL", "SLIP", "SWITCH", "Detector", "Reaction", "detectors", "followed", "function_bend", "function_dimension", "function_rate", "labels", "python_values"]  # fmt: skip

@@ -158,21 +158,26 @@ class Model:
     @property
     def functions(self) -> dict[str, Callable[..., float]]:
         """The Python functions that are at hand, by name."""
-        return {one.name: one.callable for one in self.python_forces if one.callable is not None}
+        return {one.name: one.callable for one in self.python_functions if one.callable is not None}
 
     def require_functions(self) -> None:
-        """Refuse to march without the Python functions that the forces call.
+        """Refuse to march without the Python functions that forces and events call.
 
         Raises
         ------
         ModelError
             Naming those that are not at hand.
         """
-        missing = [one.name for one in self.python_forces if one.callable is None]
+        missing = [one.name for one in self.python_functions if one.callable is None]
         if missing:
             raise ModelError(
-                f"the forces call the Python functions {', '.join(missing)}; hand them over as functions={{name: function}}"
+                f"the model calls the Python functions {', '.join(missing)}; hand them over as functions={{name: function}}"
             )
+
+    @property
+    def python_functions(self) -> list[Function]:
+        """Everything that is written in Python: force components and event functions."""
+        return list({one.name: one for one in self.statement.functions}.values())
 
     @property
     def python_forces(self) -> list[Function]:

@@ -16,7 +16,7 @@ from xdynamics.units import TIME, Quantity, Unit
 
 DIRECTIONS = ("rising", "falling", "either")
 ACTIONS = ("record", "stop", "switch", "reset")
-LATER_ACTIONS = ("impact",)
+STRIKE = "impact"  # the action of an event that is a contact, and is read as one
 ROOT_STATES = ("reintegrate", "interpolant")
 TANGENTIALS = ("frictionless", "coulomb")
 IMPACT_LAWS = ("newton", "poisson", "sequential")
@@ -53,7 +53,7 @@ class State:
 
 @dataclass(frozen=True)
 class Function:
-    """A force component written in Python: a numba-compilable function of declared names, SI in and out.
+    """A force component or an event function written in Python: a numba-compilable function of declared names, SI in and out.
 
     The source is evidence. It is never run: to march a model that was read from a file, the function itself
     is handed over, and its digest is compared first.
@@ -123,7 +123,8 @@ class Event:
 
     Attributes
     ----------
-    function : Node
+    function : Node or Function
+        One in Python has no derivative and no bounds: it is looked at in places, and slopes are differences.
     direction : {"rising", "falling", "either"}
         A touch counts where the function comes from the side that this asks for.
     action : {"record", "stop", "switch", "reset"}
@@ -137,9 +138,11 @@ class Event:
         The occurrence from which on to act.
     root_state : {"reintegrate", "interpolant"}
         Whether it is located on shortened steps of the method, or on the interpolant of the whole one.
+    unit : Unit, optional
+        What a function in Python gives, in SI; without it a number.
     """
 
-    function: Node
+    function: Node | Function
     direction: str = "either"
     action: str = "record"
     time_tolerance: Quantity = field(default_factory=lambda: Quantity(1e-12, Unit("s", TIME)))
@@ -148,6 +151,7 @@ class Event:
     reset: Mapping[str, Node] = field(default_factory=dict)
     count: int = 1
     root_state: str = "reintegrate"
+    unit: Unit | None = None
 
 
 @dataclass(frozen=True)

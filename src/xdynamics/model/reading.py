@@ -11,6 +11,7 @@ from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.drives import INTERPOLATIONS, OUTSIDE, Table
 from xdynamics.model.parts import (
+    STRIKE,
     Coordinate,
     Drive,
     Force,
@@ -18,10 +19,11 @@ from xdynamics.model.parts import (
     Parameter,
     State,
 )
+from xdynamics.model.python import Functions, expression_or_function
 from xdynamics.model.reach import Reach
 from xdynamics.model.statement import Statement
 from xdynamics.model.switching import event, regime
-from xdynamics.model.touching import contact, friction
+from xdynamics.model.touching import contact, friction, impact
 from xdynamics.model.words import choice, described, flag, keys, near
 from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
@@ -29,8 +31,6 @@ SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definit
             "initial", "events", "contacts", "frictions", "regimes", "observables", "run")  # fmt: skip
 RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
             "max_steps", "force_samples", "scales", "jacobian", "summation", "switches")  # fmt: skip
-
-Functions = Mapping[str, Callable[..., float]]
 
 
 def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: Reach) -> Statement:
@@ -49,6 +49,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
         if key not in SECTIONS:
             ledger.note(f"[{key}] is no section{near(key, SECTIONS)}")
     sections = {key: _table(statement, key, ledger) for key in SECTIONS[2:]}
+    sections["events"], sections["strikes"] = _told_apart(sections["events"], sections["contacts"], ledger)
     parts: dict[str, Any] = {"name": name, "description": ""}
     with ledger.entry("description"):
         parts["description"] = described(statement)
@@ -69,8 +70,8 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["drives"] = entries("drives", "drive", lambda given: _drive(given, reach))
     parts["states"] = entries("states", "state", _state)
     parts["forces"] = entries("forces", "force", lambda given: _force(given, functions))
-    parts["events"] = entries("events", "event", event)
-    parts["contacts"] = entries("contacts", "contact", contact)
+    parts["events"] = entries("events", "event", lambda given: event(given, functions))
+    parts["contacts"] = entries("contacts", "contact", contact) | entries("strikes", "event", impact)
     parts["frictions"] = entries("frictions", "friction", friction)
     parts["regimes"] = entries("regimes", "regime", regime)
     parts["observables"] = entries("observables", "observable", parse)
@@ -90,6 +91,17 @@ def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[st
         return section
     ledger.note(f"[{key}] must be a table of names, got {section!r}")
     return {}
+
+
+def _told_apart(
+    events: Mapping[str, Any], contacts: Mapping[str, Any], ledger: Ledger
+) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Return the events, and apart from them those that are contacts."""
+    strikes = {name: one for name, one in events.items() if isinstance(one, Mapping) and one.get("action") == STRIKE}
+    for name in strikes:
+        if name in contacts:
+            ledger.note(f"event '{name}' and contact '{name}' are both impacts; rename one, or leave it out")
+    return {name: one for name, one in events.items() if name not in strikes}, strikes
 
 
 def _coordinate(given: Any) -> Coordinate:
@@ -133,30 +145,8 @@ def _force(given: Any, functions: Functions) -> Force:
         return Force(parse(given["potential"]), {}, described(given), flag(given, "smooth"))
     read: dict[str, Node | Function] = {}
     for coordinate, value in components.items():
-        if callable(value):
-            read[coordinate] = Function.of(value)
-        elif isinstance(value, Mapping):
-            read[coordinate] = _function(value, functions)
-        else:
-            read[coordinate] = parse(value)
+        read[coordinate] = expression_or_function(value, functions)
     return Force(None, read, described(given), flag(given, "smooth"))
-
-
-def _function(given: Mapping[str, Any], functions: Functions) -> Function:
-    keys(given, ("function", "arguments", "digest", "source"), needed=("function", "digest"))
-    name, arguments = given["function"], given.get("arguments", [])
-    listed = [name, given["digest"], given.get("source", ""), *(arguments if isinstance(arguments, list) else [None])]
-    if not all(isinstance(one, str) for one in listed):
-        raise InputError(f"function {name!r} needs texts: its name, digest, source and a list of arguments")
-    kept = Function(name, tuple(arguments), given.get("source", ""), given["digest"])
-    if name not in functions:
-        return kept
-    handed = Function.of(functions[name])
-    if handed.digest != kept.digest:
-        raise InputError(
-            f"function '{name}' handed over has digest {handed.digest[:12]}…, the model was made with {kept.digest[:12]}…"
-        )
-    return handed
 
 
 def _drive(given: Any, reach: Reach) -> Drive:

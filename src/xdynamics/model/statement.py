@@ -8,7 +8,7 @@ from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
-from xdynamics.model.parts import Contact, Coordinate, Drive, Event, Force, Friction, Parameter, Regime, State
+from xdynamics.model.parts import Contact, Coordinate, Drive, Event, Force, Friction, Function, Parameter, Regime, State
 from xdynamics.units import Quantity
 
 
@@ -43,6 +43,13 @@ class Statement:
             for j, entry in enumerate(row)
             if entry is not ZERO and entry != ZERO
         }
+
+    @cached_property
+    def functions(self) -> tuple[Function, ...]:
+        """Everything that is written in Python, in the order written: force components, then event functions."""
+        parts = [part for one in self.forces.values() for part in one.components.values()]
+        parts += [one.function for one in self.events.values()]
+        return tuple(one for one in parts if isinstance(one, Function))
 
     @cached_property
     def mass_is_full(self) -> bool:

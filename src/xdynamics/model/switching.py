@@ -7,15 +7,18 @@ from typing import Any
 
 from xdynamics.expressions import Node, parse
 from xdynamics.faults import InputError
-from xdynamics.model.parts import ACTIONS, DIRECTIONS, LATER_ACTIONS, ROOT_STATES, Event, Regime
+from xdynamics.model.parts import ACTIONS, DIRECTIONS, ROOT_STATES, STRIKE, Event, Function, Regime
+from xdynamics.model.python import Functions, expression_or_function
 from xdynamics.model.words import choice, described, keys, tolerance
+from xdynamics.units import parse_unit
 
-_KEYS = ("function", "direction", "action", "to", "set", "count", "time_tolerance", "root_state", "description")
+_KEYS = ("function", "direction", "action", "to", "set", "count", "time_tolerance", "root_state", "unit",
+         "description")  # fmt: skip
 _OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other knows
 
 
-def event(given: Any) -> Event:
-    """Read an event.
+def event(given: Any, functions: Functions) -> Event:
+    """Read an event; its function may be written in Python.
 
     Raises
     ------
@@ -23,16 +26,16 @@ def event(given: Any) -> Event:
         Naming the key that is wrong.
     """
     keys(given, _KEYS, needed=("function",))
-    action = given.get("action", "record")
-    if action in LATER_ACTIONS:
-        raise InputError(f"action '{action}' is not available in this version; there are {', '.join(ACTIONS)}")
-    action = choice(given, "action", ACTIONS, "record")
+    action = choice(given, "action", (*ACTIONS, STRIKE), "record")
     for key, needed in _OF_ACTIONS.items():
         if action == needed and key not in given:
             raise InputError(f"action '{action}' needs the key '{key}'")
         if action != needed and key in given:
             raise InputError(f"key '{key}' is for action '{needed}': '{action}' does not take it")
     within = tolerance(given)
+    function = expression_or_function(given["function"], functions)
+    if "unit" in given and not isinstance(function, Function):
+        raise InputError("key 'unit' is for a function written in Python: an expression has its own")
     count = given.get("count", 1)
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count < 1 << 31:
         raise InputError(f"count is {count!r}, needs a whole number from 1 on: the time at which to act")
@@ -41,9 +44,10 @@ def event(given: Any) -> Event:
     if not isinstance(given.get("to", ""), str):
         raise InputError(f"to is {given['to']!r}, needs the name of a regime")
     return Event(
-        parse(given["function"]), choice(given, "direction", DIRECTIONS, "either"), action, within, described(given),
+        function, choice(given, "direction", DIRECTIONS, "either"), action, within, described(given),
         to=given.get("to", ""), reset=_reset(given.get("set", {})), count=count,
         root_state=choice(given, "root_state", ROOT_STATES, "reintegrate"),
+        unit=parse_unit(given["unit"]) if "unit" in given else None,
     )  # fmt: skip
 
 

@@ -40,9 +40,10 @@ def write(statement: Statement) -> str:
     initial = {name: str(quantity) for name, quantity in statement.initial.items()}
     _section(lines, "initial", initial | ({"regime": statement.regime} if statement.regime else {}))
     for name, event in statement.events.items():
-        body = {"function": text_of(event.function), "direction": event.direction, "action": event.action}
+        body = {"function": _component(event.function), "direction": event.direction, "action": event.action}
         body |= ({"to": event.to} if event.to else {}) | ({"count": event.count} if event.count > 1 else {})
         body |= {"root_state": event.root_state} if event.root_state != "reintegrate" else {}
+        body |= {} if event.unit is None else {"unit": event.unit.text}
         body |= {"set": {key: text_of(one) for key, one in event.reset.items()}} if event.reset else {}
         _section(lines, f"events.{name}", _described(body | {"time_tolerance": str(event.time_tolerance)}, event))
     for name, contact in statement.contacts.items():

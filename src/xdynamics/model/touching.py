@@ -9,7 +9,7 @@ from typing import Any
 from xdynamics.expressions import Node, free_names, parse
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
-from xdynamics.model.parts import IMPACT_LAWS, TANGENTIALS, Contact, Friction
+from xdynamics.model.parts import DIRECTIONS, IMPACT_LAWS, TANGENTIALS, Contact, Friction
 from xdynamics.model.words import choice, described, keys, tolerance
 from xdynamics.units import Quantity, parse_quantity
 
@@ -47,6 +47,20 @@ def contact(given: Any) -> Contact:
         parse(given["gap"]), restitution, tangential, time_tolerance=tolerance(given), rest_height=_height(given),
         law=choice(given, "law", IMPACT_LAWS, "newton"), description=described(given), **own,
     )  # fmt: skip
+
+
+def impact(given: Any) -> Contact:
+    """Read an event with the action ``impact``: a contact, and the event's function its gap.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    keys(given, ("function", "direction", "action", *_OF_CONTACTS[1:]), needed=("function", "restitution"))
+    direction = choice(given, "direction", DIRECTIONS[:2], "falling")
+    gap = given["function"] if direction == "falling" else f"-({given['function']})"
+    return contact({"gap": gap} | {key: value for key, value in given.items() if key in _OF_CONTACTS})
 
 
 def friction(given: Any) -> Friction:

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.expressions import dimension_of, text_of
+from xdynamics.expressions import Node, dimension_of, text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
 from xdynamics.march import Block, March, Tolerances
+from xdynamics.march.isolation import LOOKS
 from xdynamics.march.memory import numbers_at_end
-from xdynamics.model import Model
+from xdynamics.model import Function, Model
 from xdynamics.model.detectors import GAP, GRIP, KINK, LIMIT, OCCASION, PULL, SLIP, SWITCH, function_dimension, labels
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reaction_dimensions, reactions
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, Variable
@@ -77,7 +78,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     names, numbers = numbers_at_end(march.run)
     found.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
     functions = "".join(
-        f"\n\n# Python force {one.name}, sha256 {one.digest}\n{one.source}" for one in march.model.python_forces
+        f"\n\n# Python function {one.name}, sha256 {one.digest}\n{one.source}" for one in march.model.python_functions
     )
     texts = {"model_toml": march.model.to_toml(), "force_source": march.law.source + functions}
     return found + [(variable, texts[variable.name]) for variable in schema.TEXTS]
@@ -345,7 +346,7 @@ def _detectors(about: _About) -> dict[str, str]:
     events = about.model.events.items()
     return (
         {
-            "functions": "; ".join(f"{name}: {text_of(one.function)}" for name, one in events),
+            "functions": "; ".join(f"{name}: {_text(one.function)}" for name, one in events),
             "directions": "; ".join(f"{name}: {one.direction}" for name, one in events),
             "actions": "; ".join(f"{name}: {one.action}" for name, one in events),
             "time_tolerances": "; ".join(f"{name}: {one.time_tolerance}" for name, one in events),
@@ -353,6 +354,12 @@ def _detectors(about: _About) -> dict[str, str]:
         if events
         else {}
     )
+
+
+def _text(function: Node | Function) -> str:
+    if isinstance(function, Function):
+        return f"{function.name}({', '.join(function.arguments)}) in Python, looked at {LOOKS} times a step, slopes by differences"
+    return text_of(function)
 
 
 # what is watched of a contact or friction element

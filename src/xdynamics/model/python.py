@@ -1,0 +1,43 @@
+"""Functions written in Python, as a model is given them: the function itself, or what an archive keeps of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from xdynamics.expressions import Node, parse
+from xdynamics.faults import InputError
+from xdynamics.model.parts import Function
+from xdynamics.model.words import keys
+
+Functions = Mapping[str, Callable[..., float]]
+
+
+def expression_or_function(value: Any, functions: Functions) -> Node | Function:
+    """Read an expression, a Python function, or a table that tells which function it was.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or the function handed over is another one.
+    """
+    if callable(value):
+        return Function.of(value)
+    return _function(value, functions) if isinstance(value, Mapping) else parse(value)
+
+
+def _function(given: Mapping[str, Any], functions: Functions) -> Function:
+    keys(given, ("function", "arguments", "digest", "source"), needed=("function", "digest"))
+    name, arguments = given["function"], given.get("arguments", [])
+    listed = [name, given["digest"], given.get("source", ""), *(arguments if isinstance(arguments, list) else [None])]
+    if not all(isinstance(one, str) for one in listed):
+        raise InputError(f"function {name!r} needs texts: its name, digest, source and a list of arguments")
+    kept = Function(name, tuple(arguments), given.get("source", ""), given["digest"])
+    if name not in functions:
+        return kept
+    handed = Function.of(functions[name])
+    if handed.digest != kept.digest:
+        raise InputError(
+            f"function '{name}' handed over has digest {handed.digest[:12]}…, the model was made with {kept.digest[:12]}…"
+        )
+    return handed
