@@ -22,6 +22,7 @@ from xdynamics.methods.scheme import EXACT, REINTEGRATE, RULES
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
+from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.columns import state_name
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import STEPS
@@ -147,9 +148,10 @@ class _Inside:
         # the same force samples as the run had: so its law is compiled already
         sampled = used.get("solver_force_samples") == "all"
         jacobian, summation = str(used.get("solver_jacobian", EXACT)), str(used.get("solver_summation", PLAIN))
+        switches = str(used.get("solver_switches", STEPPED_OVER))
         return Settings(
             method, start, estimator=estimator, samples=sampled, scales=scales_of(self.run), jacobian=jacobian,
-            summation=summation,
+            summation=summation, switches=switches,
         )  # fmt: skip
 
     @cached_property

@@ -14,6 +14,7 @@ from xdynamics.model.detectors import followed, function_rate, python_values
 from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, jacobian, motion, slope, slopes
 from xdynamics.model.reactions import table
+from xdynamics.model.switches import watched_by
 
 PYTHON = "python_"  # in front of the names of functions handed over
 
@@ -130,6 +131,7 @@ class _Names:
     def __init__(self, layout: Layout, known: Iterable[str], inner: Mapping[str, Any] | None = None) -> None:
         self._layout = layout
         self._inner = inner or {}
+        self._kept = {one.drive for one in watched_by(layout.model)}
         self._drives = {name: i for i, name in enumerate(layout.drives)}
         self._places: Mapping[str, Place] = {
             **{name: Place("p", i) for i, name in enumerate(constants(layout.model))},
@@ -147,6 +149,13 @@ class _Names:
         drive = name.removeprefix(slope(""))
         number, argument = self._drives[drive], self._layout.model.drives[drive].argument
         at = lines.named(argument)
-        # of time there is one piece throughout a step, so that a jump falls between steps
-        piece = lines.compute("piece_of", number) if argument == "t" else lines.compute("find_piece", at, number)
-        return lines.compute("value_at" if drive == name else "slope_at", at, piece, number)
+        operation = "value_at" if drive == name else "slope_at"
+        # there is one piece throughout a step where the march lands on its ends, so that a jump falls between steps
+        if argument == "t" or (drive in self._kept and self._layout.model.drives[drive].outside != "error"):
+            return lines.compute(operation, at, lines.compute("piece_of", number), number)
+        found = lines.compute(operation, at, lines.compute("find_piece", at, number), number)
+        if drive not in self._kept:
+            return found
+        # beyond the table there is none: nan, which no 0 takes away
+        value = lines.compute(operation, at, lines.compute("piece_of", number), number)
+        return lines.compute("add", value, lines.compute("multiply", 0.0, found))

@@ -115,10 +115,14 @@ def _sliding(march: March) -> str:
     watched = zip(march.layout.watched, march.run.watches["hit"].tolist(), strict=True)
     one = next(one for one, hit in watched if hit and one.role == SWITCH)
     owner, function = one.name.split(":")
+    where = f"switches where {text_of(one.function)} = 0, the argument of its {function}"
+    if one.drive:
+        drive = march.model.drives[one.drive]
+        at = _asked(march, one.drive) * march.settings.scales.of(march.model.dimensions[drive.argument])
+        where = f"jumps at {drive.argument} = {at:.15g} (SI units), a point of the table '{drive.table.name}'"
     return (
-        f"'{owner}' switches where {text_of(one.function)} = 0, the argument of its {function}, and either side drives the"
-        " motion back: it slides along the switch (Filippov), which is no motion by this force; write dry friction as"
-        " [frictions], or a smooth force"
+        f"'{owner}' {where}, and either side drives the motion back: it slides along the switch (Filippov), which is no"
+        " motion by this force; write dry friction as [frictions], or a smooth force"
     )
 
 

@@ -82,4 +82,5 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
 
 def _at_end(run: Run) -> list[str]:
     """Return the arrays that a record keeps the end of; those of contacts and switches where there are any."""
-    return [name for name in AT_END if name not in _OF_CONTACTS or getattr(run, name).size]
+    found = [name for name in AT_END if name not in _OF_CONTACTS or getattr(run, name).size]
+    return [*found, "places"] if (run.detectors["drive"] >= 0).any() else found

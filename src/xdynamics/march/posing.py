@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.expressions import limits_domain
-from xdynamics.kernels import Law
+from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.enclosing import Enclosing, enclosing
 from xdynamics.kernels.law import called_with_intervals
 from xdynamics.kernels.program import AT
@@ -23,11 +23,12 @@ from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PIECE, PLAN, REA
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
 from xdynamics.model import Function, Model
-from xdynamics.model.detectors import KINK, SWITCH, Detector
+from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
 from xdynamics.model.reactions import DRY, NORMAL, modes, reactions
-from xdynamics.model.switches import Sided
+from xdynamics.model.switches import borders, told
+from xdynamics.schema import acceleration, velocity
 from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
@@ -195,8 +196,8 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
 def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
     """Return what a law knows of the model; the modes of contacts are the end of it."""
     values = np.array(list(constants(model, scales).values()))
-    told = len(modes(model)) + (len(model.switches) if isinstance(model, Sided) else 0)
-    return {"p": values, "modes": values[len(values) - told :]}
+    changing = len(modes(model)) + len(told(model))
+    return {"p": values, "modes": values[len(values) - changing :]}
 
 
 def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]:
@@ -209,7 +210,7 @@ def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]
         places
         | _touching(model, scales)
         | {
-            "detectors": _detectors(model, watched, said, scales),
+            "detectors": _detectors(law.layout, said, scales),
             "watches": np.zeros(events, WATCH),
             "resets": np.zeros(len(law.layout.resets)),
             "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
@@ -261,7 +262,16 @@ def _targets(law: Law) -> list[tuple[int, int]]:
     return [(events.index(name), used.index(target)) for name, target in law.layout.resets]
 
 
-def _detectors(model: Model, watched: Sequence[Detector], said: Enclosing, scales: Scales) -> NDArray[np.void]:
+def _followed_by(layout: Layout, drive: str) -> tuple[int, int, int, int]:
+    """Return the number of a drive, and where its argument, that one's rate and its acceleration stand in a state."""
+    argument, places = layout.model.drives[drive].argument, {name: i for i, name in enumerate(layout.record)}
+    owner = argument if argument in layout.coordinates else argument.removeprefix(velocity(""))
+    turn = places[acceleration(owner)]
+    return layout.drives.index(drive), places[argument], places[velocity(owner)] if owner == argument else turn, turn
+
+
+def _detectors(layout: Layout, said: Enclosing, scales: Scales) -> NDArray[np.void]:
+    model, watched = layout.model, layout.watched
     found = np.zeros(len(watched), DETECTOR)
     found["value"], found["slope"], found["of_time"] = said.functions, said.slopes, said.of_time
     found["bend"] = said.bends
@@ -274,8 +284,12 @@ def _detectors(model: Model, watched: Sequence[Detector], said: Enclosing, scale
         one.role, one.reaction = detector.role, detector.reaction
         one.sampled = int(detector.sampled)
         one.interpolant = int(event.root_state == "interpolant")
+        one.drive = -1
         if detector.role in (SWITCH, KINK):
-            one.to, one.at_zero, place = place, detector.at_zero, place + 1
+            one.to, one.at_zero = place, detector.at_zero
+            place += len(borders(detector.drive)) if detector.drive else 1
+        if detector.drive:
+            one.drive, one.argument, one.rate, one.turn = _followed_by(layout, detector.drive)
     return found
 
 

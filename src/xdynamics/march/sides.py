@@ -2,34 +2,48 @@
 
 from __future__ import annotations
 
+from math import isnan
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
+from xdynamics.kernels.tables import find_piece
 from xdynamics.march.evaluating import evaluate
 from xdynamics.march.handle import called
-from xdynamics.march.isolation import CROSSED, FORCED, renew_constants, sign
+from xdynamics.march.intervals import EPS
+from xdynamics.march.isolation import CROSSED, FORCED, NONE, renew_constants, sign
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import KINK, SWITCH
+
+State = NDArray[Any]
 
 
 @shared
 def take_sides(run: Run) -> None:
     """Look on which side of each switch the march is; at one, on which it is going to be."""
     zero = False
+    for i in range(run.detectors.shape[0]):
+        if run.detectors[i].drive >= 0:
+            enter_piece(run, i, find(run, i, run.y, 0.0))
     run.at[T] = run.now[0].t
     called(run.law[DETECT], run, run.y, run.g, 0)
     for i in range(run.detectors.shape[0]):
         detector = run.detectors[i]
         if detector.role in (SWITCH, KINK):
             zero = zero or run.g[i] == 0.0
+        if detector.role in (SWITCH, KINK) and detector.drive < 0:
             choose_side(run, i, sign(run.g[i]) if run.g[i] != 0.0 else detector.at_zero)
     if zero:
         evaluate(run, run.now[0].t, run.y)
         called(run.law[SLOPES], run, run.y, run.slopes, 0)
         for i in range(run.detectors.shape[0]):
-            if run.detectors[i].role in (SWITCH, KINK) and run.g[i] == 0.0 and run.slopes[i] != 0.0:
+            if run.detectors[i].drive >= 0 and run.g[i] == 0.0:
+                enter_piece(run, i, find(run, i, run.y, moving(run, i, run.y)))
+            elif run.detectors[i].role in (SWITCH, KINK) and run.g[i] == 0.0 and run.slopes[i] != 0.0:
                 choose_side(run, i, sign(run.slopes[i]))
     renew_constants(run)
 
@@ -48,7 +62,11 @@ def keep_sides(run: Run) -> bool:
     called(run.law[DETECT], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         detector, watch = run.detectors[i], run.watches[i]
-        if detector.role in (SWITCH, KINK):
+        if detector.drive >= 0:
+            if watch.hit != NONE:
+                enter_piece(run, i, passed_into(run, i))
+                changed = True
+        elif detector.role in (SWITCH, KINK):
             now = sign(run.slopes[i])
             known = np.int64(run.modes[detector.to])
             if watch.hit in (CROSSED, FORCED):
@@ -63,12 +81,68 @@ def keep_sides(run: Run) -> bool:
 
 @shared
 def slides(run: Run) -> bool:
-    """Whether the motion is driven back to a switch of a force that jumps there, as it was on the side before."""
+    """Whether the motion is driven back to a switch of a force that jumps there, as it was on the side before.
+
+    Of a table the side behind it is inside the next piece, where its function is positive again.
+    """
     found = False
     run.at[T] = run.trial[0].t
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         detector, watch = run.detectors[i], run.watches[i]
         if detector.role == SWITCH and watch.hit in (CROSSED, FORCED):
-            found = found or run.slopes[i] * -watch.armed < 0.0
+            found = found or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
     return found
+
+
+@shared
+def find(run: Run, i: int, state: State, rate: float) -> int:
+    """Return the piece of a table that a state is in; at a point between two, that into which it moves."""
+    detector = run.detectors[i]
+    first, count = run.places[3 * detector.drive], run.places[3 * detector.drive + 1]
+    x = state[detector.argument]
+    piece = find_piece(x, run.tables, first, count)
+    if x >= run.tables[first + count - 1] and (rate > 0.0 or x > run.tables[first + count - 1]):
+        piece = count - 1
+    return piece - 1 if rate < 0.0 and piece > 0 and x == run.tables[first + piece] else piece
+
+
+@shared
+def moving(run: Run, i: int, state: State) -> float:
+    """Return how fast a table's argument moves, or is about to."""
+    detector = run.detectors[i]
+    return state[detector.rate] if state[detector.rate] != 0.0 else state[detector.turn]
+
+
+@shared
+def passed_into(run: Run, i: int) -> int:
+    """Return the piece behind the point that the trial has passed, or a later one."""
+    detector = run.detectors[i]
+    x, place = run.z[detector.argument], detector.to
+    before, now = run.places[3 * detector.drive + 2], find(run, i, run.z, moving(run, i, run.z))
+    upwards = run.modes[place + 3] - run.modes[place + 2] * x < run.modes[place] * x + run.modes[place + 1]
+    return max(now, before + 1) if upwards else min(now, before - 1)
+
+
+@shared
+def enter_piece(run: Run, i: int, piece: int) -> None:
+    """Have forces go by one piece of a table, whose ends are not passed unseen.
+
+    Where the model ends with its table there is no end to pass: what lies beyond is no number.
+    """
+    drive, place = run.detectors[i].drive, run.detectors[i].to
+    first, count = run.places[3 * drive], run.places[3 * drive + 1]
+    run.places[3 * drive + 2] = piece
+    run.watches[i].guard = 1
+    low, high = run.tables[first + piece], run.tables[first + min(piece + 1, count - 1)]
+    inverse = 1.0 / (high - low) if high > low else 1.0 / (run.tables[first + count - 1] - run.tables[first])
+    constant = first + 4 * count + piece  # where the value of a piece stands, at its beginning
+    left = piece > 0 and not isnan(run.tables[constant - 1])
+    right = piece < count - 1 and not isnan(run.tables[constant + 1])
+    if piece == count - 3 and isnan(run.tables[first + 5 * count - 1]):  # a last value that holds at a point alone
+        last = run.tables[first + count - 1]
+        right = last - run.tables[first + count - 2] > 4.0 * EPS * abs(last)
+    run.modes[place] = inverse if left else 0.0
+    run.modes[place + 1] = -(inverse * low) if left else 1.0
+    run.modes[place + 2] = inverse if right else 0.0
+    run.modes[place + 3] = inverse * high if right else 1.0

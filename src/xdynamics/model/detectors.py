@@ -13,7 +13,7 @@ from xdynamics.model.model import Model
 from xdynamics.model.motion import motion
 from xdynamics.model.parts import Event, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
-from xdynamics.model.switches import Sided
+from xdynamics.model.switches import watched_by
 from xdynamics.units import NONE, TIME, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, one that has settled; a slip
@@ -40,6 +40,8 @@ class Detector:
         Of a switch, the side that zero belongs to.
     sampled : bool
         Whether nothing is known of the function between the places where it is looked at: one in Python.
+    drive : str
+        Of a switch that is a table's next point, the drive.
     time_tolerance : Quantity
     """
 
@@ -52,6 +54,7 @@ class Detector:
     reaction: int = -1
     at_zero: int = 0
     sampled: bool = False
+    drive: str = ""
 
 
 @lru_cache(maxsize=64)
@@ -73,10 +76,9 @@ def detectors(model: Model) -> tuple[Detector, ...]:
             watched = [(SLIP, one.rate, "either"), (GRIP, grip, "falling")]
         found += [Detector(one.owner, tree, role, part.time_tolerance, to, reaction=k) for role, tree, to in watched]
     tolerance = Event(ZERO).time_tolerance
-    for each in model.switches if isinstance(model, Sided) else ():
-        found.append(
-            Detector(each.name, each.function, SWITCH if each.jumps else KINK, tolerance, at_zero=each.at_zero)
-        )
+    for each in watched_by(model):
+        role = SWITCH if each.jumps else KINK
+        found.append(Detector(each.name, each.function, role, tolerance, at_zero=each.at_zero, drive=each.drive))
     return tuple(found)
 
 
@@ -100,6 +102,8 @@ def function_dimension(model: Model, detector: Detector) -> Dimension:
     """Return the dimension of a detector's function."""
     if detector.role == LIMIT:
         return TIME
+    if detector.drive:
+        return NONE
     if detector.sampled:
         return detector.event.unit.dimension if detector.event.unit else NONE
     return dimension_of(detector.function, model.dimensions | reaction_dimensions(model))

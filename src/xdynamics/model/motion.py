@@ -22,7 +22,7 @@ from xdynamics.model.mass import Assignment, factors, less, solved
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
 from xdynamics.model.reactions import free, modes, reacting, reactions
-from xdynamics.model.switches import Sided, side
+from xdynamics.model.switches import told
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.units import CONSTANTS, UNSCALED, Scales, constant
 
@@ -223,8 +223,7 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     sizes = {name: scales.of(dimension) for name, dimension in model.dimensions.items()}
     values = {name: one.quantity.si / sizes[name] for name, one in model.parameters.items()}
     values |= {name: float(constant(name).factor) / sizes[name] for name in CONSTANTS} | {"pi": math.pi}
-    sides = [side(i) for i in range(len(model.switches))] if isinstance(model, Sided) else []
-    return values | dict.fromkeys([*modes(model), *sides], 0.0)
+    return values | dict.fromkeys([*modes(model), *told(model)], 0.0)
 
 
 @lru_cache(maxsize=16)

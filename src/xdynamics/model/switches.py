@@ -1,6 +1,7 @@
 """Switches hidden in forces: where the argument of `abs`, `sign`, `min`, `max` or `where` passes through zero.
 
-On either side a force is smooth, across it is not: no method keeps its order over a step that passes one.
+On either side a force is smooth, across it is not: no method keeps its order over a step that passes one. So it is with
+a measured table of a coordinate or velocity whose points are joined by straight lines, or by none.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
-from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, chain
+from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, chain, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import children
 from xdynamics.model.model import Model
@@ -19,6 +20,10 @@ from xdynamics.schema import velocity
 MOST_SWITCHES = 40  # that are watched for: a search for more costs more than it is worth
 LOCATED, STEPPED_OVER = "located", "stepped over"
 SWITCHES = (LOCATED, STEPPED_OVER)
+BENT = (
+    "previous",
+    "linear",
+)  # interpolations that jump or bend at every point; the others are smooth enough to step over
 
 
 @dataclass(frozen=True)
@@ -37,13 +42,16 @@ class Switch:
         Whether the force itself jumps there, and not a derivative.
     at_zero : int
         The side that zero belongs to.
+    drive : str
+        The table, where that is the switch: the function is positive between two of its points.
     """
 
     owner: str
     name: str
     function: Node
     jumps: bool
-    at_zero: int
+    at_zero: int = 1
+    drive: str = ""
 
 
 @lru_cache(maxsize=64)
@@ -51,6 +59,8 @@ def switches(model: Model) -> tuple[Switch, ...]:
     """Return the hidden switches of forces and rates that are not declared smooth, in the order written."""
     found: list[Switch] = []
     for owner, trees in _trees(model):
+        told = {one.drive for one in found}
+        found += [_between(model, owner, name) for name in _bent(model, trees) if name not in told]
         known: dict[str, list[Node]] = {}
         for tree in trees:
             for name, function, jumps, at_zero in _kinks(tree):
@@ -60,6 +70,24 @@ def switches(model: Model) -> tuple[Switch, ...]:
                     number = f"_{len(met)}" if len(met) > 1 else ""
                     found.append(Switch(owner, f"{owner}:{name}{number}", function, jumps, at_zero))
     return tuple(found)
+
+
+def _bent(model: Model, trees: list[Node]) -> list[str]:
+    """Return the drives in some trees that bend or jump at points of their tables which the motion passes."""
+    read = {name for tree in trees for name in free_names(tree)}
+    return [
+        name for name, one in model.drives.items() if name in read and one.argument != "t" and one.interpolation in BENT
+    ]
+
+
+def _between(model: Model, owner: str, name: str) -> Switch:
+    """Return the switch at the next points of a table on either side."""
+    argument = Name(model.drives[name].argument)
+    left, left_far, right, right_far = map(Name, borders(name))
+    below = Binary("+", Binary("*", left, argument), left_far)
+    above = Binary("-", right_far, Binary("*", right, argument))
+    jumps = model.drives[name].interpolation == "previous"
+    return Switch(owner, f"{owner}:{name}", Binary("*", below, above), jumps, drive=name)
 
 
 def watched_switches(model: Model) -> tuple[Switch, ...]:
@@ -93,7 +121,7 @@ class Sided(Model):
         }
 
     def _told(self, owner: str, tree: Node) -> Node:
-        sides = {one.function: side(i) for i, one in enumerate(self.switches) if one.owner == owner}
+        sides = {one.function: side(i) for i, one in enumerate(self.switches) if one.owner == owner and not one.drive}
         return _told(self.plain.expanded(tree), sides) if sides else tree
 
 
@@ -110,6 +138,22 @@ def sided(model: Model) -> Model:
     told.switches, told.plain = found, model
     told.states = {name: replace(one, rate=told._told(name, one.rate)) for name, one in model.states.items()}
     return told
+
+
+def told(model: Model) -> tuple[str, ...]:
+    """Name the numbers that forces are told: of each switch its side, or how far the next points of its table are."""
+    found = [borders(one.drive) if one.drive else (side(i),) for i, one in enumerate(watched_by(model))]
+    return tuple(name for names in found for name in names)
+
+
+def watched_by(model: Model) -> tuple[Switch, ...]:
+    """Return the switches that the forces of a model are told of; none but those of a sided one are."""
+    return model.switches if isinstance(model, Sided) else ()
+
+
+def borders(drive: str) -> tuple[str, str, str, str]:
+    """Name the numbers p, q, r, s by which p*x + q and s - r*x are positive between two points of a table."""
+    return f"_left_{drive}", f"_left_far_{drive}", f"_right_{drive}", f"_right_far_{drive}"
 
 
 def side(i: int) -> str:
