@@ -101,6 +101,40 @@ def test_a_ball_leaves_a_table(method: str) -> None:
     assert 55 <= len(words(run)) <= 66  # the last bounce before rest is rounding's choice
 
 
+def shaken(amplitude: str, **balls: tuple[float, float]) -> xd.Model:
+    """Balls side by side on a table that is shaken 200 radians a second: restitution and speed of each."""
+    table = "a*sin(200*t/second)"
+    return xd.Model(
+        name="shaken", coordinates=dict.fromkeys(balls, "m"), parameters={"m": "1 kg", "g": f"{G} m s-2", "a": amplitude},
+        mass=dict.fromkeys(balls, "m"), forces={f"weight_{one}": {one: "-m*g"} for one in balls},
+        initial={key: value for one, (_, v) in balls.items() for key, value in ((one, "0 m"), (f"v_{one}", f"{v!r} m s-1"))},
+        contacts={f"on_{one}": {"gap": f"{one} - {table}", "restitution": e} for one, (e, _) in balls.items()},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("two", [{"y": (0.0, 0.2), "z": (0.3, 0.5)}, {"y": (0.0, 0.2), "z": (0.2, 0.66)}])
+def test_what_a_ball_does_is_not_the_business_of_another_one(two: dict[str, tuple[float, float]]) -> None:
+    """Assert impacts, rests and take-offs of two balls: those that each of them has alone, none stepped over."""
+    both = xd.simulate(shaken("1 mm", **two), method="dop853", rtol=1e-9, until=0.6)
+    assert both.attrs["run_outcome"] == "completed"
+    for name, one in two.items():
+        alone = xd.simulate(shaken("1 mm", **{name: one}), method="dop853", rtol=1e-9, until=0.6)
+        mine = both.event_detector.values == both.event_detector.attrs["flag_meanings"].split().index(f"on_{name}")
+        assert [two for two in words(both) if two[0] == f"on_{name}"] == words(alone)
+        assert both.event_time.values[mine] == pytest.approx(alone.event_time.values, abs=1e-10)
+
+
+def test_rest_is_as_certain_as_it_says() -> None:
+    """Assert the rests of a ball on a table after seconds, against what bounces that are left out would take until there."""
+    run = xd.simulate(shaken("1 mm", y=(0.2, 0.2)), method="dop853", rtol=1e-9, until=4.0)
+    fine = xd.simulate(shaken("1 mm", y=(0.2, 0.2)), method="rk4", step=1e-4, until=4.0)
+    times, sure = ([one.event_time.values[[kind == "rest" for _, kind in words(one)]] for one in (run, fine)], run.event_time_uncertainty)  # fmt: skip
+    rests = [kind == "rest" for _, kind in words(run)]
+    assert times[0].size == times[1].size > 20
+    assert (np.abs(times[0] - times[1]) <= 4 * sure.values[rests] + 1e-10).all()
+    assert (run.contact_gap_on_y.values > -1e-12).all()
+
+
 @pytest.mark.parametrize("step", [0.3, 5.0])
 def test_a_ball_in_a_box(step: float) -> None:
     """Assert a hundred seconds between four walls, however many of them one step would pass."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from plain import entries, kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
-from xdynamics.march import control, events, isolation, landing, loop, proposing, transition
+from xdynamics.march import certainty, control, events, landing, loop, proposing, transition
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, WATCH, Run
@@ -206,7 +206,7 @@ def found(run: Run, h: float, t: float = 0.0) -> None:
     plain(proposing.propose)(run, t + h, h)
     plain(proposing.look)(run)
     plain(proposing.keep)(run)
-    run.watches["hit"], run.watches["left"], run.watches["right"] = isolation.CROSSED, 0.0, h
+    run.watches["hit"], run.watches["left"], run.watches["right"] = certainty.CROSSED, 0.0, h
 
 
 def test_propose_leaves_the_state() -> None:

@@ -130,17 +130,18 @@ def test_sides_are_those_of_the_run_everywhere(tmp_path: Any) -> None:
     assert xd.reproduce(tmp_path / "relay.nc").attrs["identical"] == 1
 
 
-def test_too_many_are_stepped_over() -> None:
-    """Assert that a model with more than forty marches without them, and its record does not say that they were located."""
-    force = " + ".join(f"min(k*(x - {i}*metre/10), 0*newton)" for i in range(41))
-    run = xd.simulate(pushed(f"-({force})/100"), method="rk4", step=0.1, until=0.5)
-    assert run.sizes["event"] == 0
-    assert "solver_switches" not in run.attrs
-
-
 def test_wrong_settings_are_named() -> None:
     """Assert errors for what is neither a truth nor a word."""
     with pytest.raises(xd.ModelError, match="force 'relay': smooth is 'yes', needs true or false"):
         pushed("-f*sign(x)", smooth="yes")
     with pytest.raises(xd.InputError, match="switches is 'some'; there are 'located', 'stepped over'"):
         xd.simulate(pushed("-f*sign(x)"), method="rk4", step=0.1, until=1.0, switches="some")
+
+
+def test_too_many_are_stepped_over() -> None:
+    """Assert that a model with more than forty marches without them, and says so with the force and how many."""
+    force = " - ".join(f"k*abs(x - {i}*metre)" for i in range(41))
+    with pytest.warns(xd.AccuracyWarning, match=r"41 switches are hidden in 'relay' \(abs"):
+        run = xd.simulate(pushed(f"-({force})"), method="rk4", step=0.1, until=1.0)
+    assert "40 at most are located: all were stepped over" in run.attrs["run_outcome_text"]
+    assert "solver_switches" not in run.attrs

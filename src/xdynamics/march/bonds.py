@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
+from xdynamics.march.certainty import renew_constants
 from xdynamics.march.gaps import size_of_gap, struck
 from xdynamics.march.holding import choose
 from xdynamics.march.impact import NOISE
 from xdynamics.march.intervals import EPS
-from xdynamics.march.isolation import renew_constants
 from xdynamics.march.linking import (
     ABSENT,
     FREE,
+    GAP_OF,
     GRIPPING,
     KNOWN,
     MOST,
@@ -186,6 +187,8 @@ def wake(run: Run, i: int) -> None:
     if detector.role == GAP:
         awake = state == OPEN
         watch.floor = 4.0 * EPS * size_of_gap(run, detector.reaction)
+        if run.touches[detector.reaction].near:  # it opens from what is left of it, and that is its zero
+            watch.floor = max(watch.floor, 2.0 * abs(number(run, detector.reaction, GAP_OF)))
     elif detector.role == PULL:
         awake = state != OPEN
     elif detector.role == LIMIT:

@@ -9,7 +9,7 @@ from xdynamics.march.bonds import derive, inform
 from xdynamics.march.gaps import size_of_gap, struck
 from xdynamics.march.impact import NOISE
 from xdynamics.march.intervals import EPS
-from xdynamics.march.linking import RATE, gram, number
+from xdynamics.march.linking import RATE, SIZE, gram, number
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, PULL
 from xdynamics.model.reactions import NORMAL
@@ -32,7 +32,7 @@ def bounce(run: Run, t: float) -> bool:
         for k in range(run.touches.shape[0]):
             one = run.touches[k]
             leaves = run.reactions[k].role == NORMAL and one.near == 1 and one.state == OPEN and one.hit != PULL
-            if leaves and one.way == 0 and (unseen(run, k, t) or (impact and ends_soon(run, k, t))):
+            if leaves and one.way == 0 and ((impact and ends_soon(run, k, t)) or unseen(run, k, t)):
                 one.state, found = SETTLING, True
                 one.lost = number(run, k, RATE) * number(run, k, RATE) / (2.0 * gram(run, k, k))
             one.way = 1 if leaves else one.way
@@ -56,7 +56,8 @@ def unseen(run: Run, k: int, t: float) -> bool:
     low = rate * rate <= 8.0 * NOISE * size_of_gap(run, k) * fall
     if not (fall > 0.0 and (low or abs(rate) <= BLUR * abs(t) * fall)):
         return False
-    one.limit, one.doubt = t, abs(rate) / fall
+    share = 1.0 - number(run, k, SIZE)  # of all bounces that are left each is shorter than the last by as much
+    one.limit, one.doubt = t, 2.0 * abs(rate) / fall / share if share > 0.0 else inf
     return True
 
 

@@ -12,11 +12,11 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.bonds import derive, inform
 from xdynamics.march.bouncing import bounce
+from xdynamics.march.certainty import NONE
 from xdynamics.march.gaps import approaching, hear, measure, width
 from xdynamics.march.handle import run_at
 from xdynamics.march.holding import choose, hold
 from xdynamics.march.impact import collide, noise
-from xdynamics.march.isolation import NONE
 from xdynamics.march.landing import end
 from xdynamics.march.linking import GAP_OF, look_at_links, number
 from xdynamics.march.log import first_of_group

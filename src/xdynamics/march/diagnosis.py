@@ -136,9 +136,11 @@ def _cause(march: March) -> str:
                 " tolerance or the minimum step does not suit the model"
             )
         case status if status == STEP_LIMIT:
+            events = int(march.now.events)
+            search = f", with those that located {events} events" if events else ""
             return (
-                f"{plan.most_steps:.0f} accepted steps and rejected trials are used up, where {of_error(march)} has the"
-                " largest error; raise max_steps or the tolerances"
+                f"{plan.most_steps:.0f} accepted steps and rejected trials are used up{search}, where {of_error(march)} has"
+                f" the largest error; raise max_steps{'' if events else ' or the tolerances'}"
             )
         case status if status == REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.march.runner import March
 from xdynamics.march.settings import EPS
 from xdynamics.model.linearisation import mass_matrices
+from xdynamics.model.switches import LOCATED, MOST_SWITCHES, switches
 from xdynamics.stability import stiffness
 from xdynamics.units import TIME
 
@@ -24,7 +25,7 @@ WELL_CONDITIONED = 1e10  # leaves six digits of the accelerations
 
 def doubts(march: March) -> list[str]:
     """Return, each in a sentence, why the numbers of a march that is over may be worth less than they look."""
-    return [*_of_tolerances(march), *_of_mass(march)]
+    return [*_of_tolerances(march), *_of_mass(march), *_of_switches(march)]
 
 
 def _of_tolerances(march: March) -> Iterator[str]:
@@ -63,6 +64,17 @@ def _of_mass(march: March) -> Iterator[str]:
         yield (
             f"the mass matrix is nearly singular, of condition {conditions[worst]:.2g} at t = {states[worst]['t']:.6g} s:"
             f" of the 16 digits of accelerations about {left:.0f} are right; choose other coordinates"
+        )
+
+
+def _of_switches(march: March) -> Iterator[str]:
+    """Say so where a model hides more switches than are located."""
+    found = switches(march.model)
+    if len(found) > MOST_SWITCHES and march.settings.switches != LOCATED:
+        owners = ", ".join(f"'{one}'" for one in dict.fromkeys(one.owner for one in found))
+        yield (
+            f"{len(found)} switches are hidden in {owners} (abs, sign, min, max, where, tables), and {MOST_SWITCHES} at most"
+            " are located: all were stepped over, which costs the order; declare those smooth that need not be located"
         )
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import T
+from xdynamics.march.certainty import NONE
 from xdynamics.march.impact import NOISE
-from xdynamics.march.isolation import NONE
 from xdynamics.march.linking import FREE, GAP_OF, RATE, SIZE, gram, number, row
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.isolation import NONE
+from xdynamics.march.certainty import NONE
 from xdynamics.march.linking import row
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP

@@ -12,10 +12,10 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.kernels.tables import find_piece
+from xdynamics.march.certainty import CROSSED, FORCED, NONE, renew_constants, sign
 from xdynamics.march.evaluating import evaluate
 from xdynamics.march.handle import called
 from xdynamics.march.intervals import EPS
-from xdynamics.march.isolation import CROSSED, FORCED, NONE, renew_constants, sign
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import KINK, SWITCH
 
@@ -97,14 +97,18 @@ def slides(run: Run) -> bool:
 
 @shared
 def find(run: Run, i: int, state: State, rate: float) -> int:
-    """Return the piece of a table that a state is in; at a point between two, that into which it moves."""
+    """Return the piece of a table that a state is in; at a point between two, that into which it moves.
+
+    The table's own ends are left by what moves, not by what is about to: there the force may be another one at once.
+    """
     detector = run.detectors[i]
     first, count = run.places[3 * detector.drive], run.places[3 * detector.drive + 1]
-    x = state[detector.argument]
+    x, speed = state[detector.argument], state[detector.rate]
     piece = find_piece(x, run.tables, first, count)
-    if x >= run.tables[first + count - 1] and (rate > 0.0 or x > run.tables[first + count - 1]):
-        piece = count - 1
-    return piece - 1 if rate < 0.0 and piece > 0 and x == run.tables[first + piece] else piece
+    if x == run.tables[first + count - 1] and rate != 0.0 and speed > 0.0:
+        return count - 1
+    back = rate < 0.0 if piece > 1 else rate != 0.0 and speed < 0.0
+    return piece - 1 if back and piece > 0 and x == run.tables[first + piece] else piece
 
 
 @shared

@@ -13,21 +13,13 @@ import numpy as np
 from xdynamics.kernels.compiling import apart, shared
 from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import REGIME, T
+from xdynamics.march.certainty import NONE, sign, uncertainty
 from xdynamics.march.control import grow
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events import kind_of, locate
 from xdynamics.march.handle import called, entered_by, run_at
 from xdynamics.march.intervals import EPS
-from xdynamics.march.isolation import (
-    NONE,
-    arm,
-    arrives,
-    forget,
-    isolate,
-    quiet,
-    sign,
-    uncertainty,
-)
+from xdynamics.march.isolation import arm, arrives, forget, isolate, quiet
 from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.log import MOST_SUBSTEPS, first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (  # fmt: skip

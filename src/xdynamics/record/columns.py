@@ -15,7 +15,7 @@ from xdynamics.expressions import Node, dimension_of, text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
 from xdynamics.march import Block, March, Tolerances
-from xdynamics.march.isolation import LOOKS
+from xdynamics.march.certainty import LOOKS
 from xdynamics.march.memory import numbers_at_end
 from xdynamics.model import Function, Model
 from xdynamics.model.detectors import GAP, GRIP, KINK, LIMIT, OCCASION, PULL, SLIP, SWITCH, function_dimension, labels
