@@ -1,7 +1,8 @@
 """The run record: a march's log as one Dataset that says what every number is and how it came about."""
 
 from xdynamics.attributes import own_attributes, plain
-from xdynamics.record.columns import Column, columns, constants, factors
+from xdynamics.record.column import Column
+from xdynamics.record.columns import columns, constants, factors
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.dataset import check, check_kind, dataset
 from xdynamics.record.identity import apart, identity, is_of, same_settings

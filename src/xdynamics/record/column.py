@@ -1,0 +1,115 @@
+"""A variable of the record, and how its values are taken from a block of the log, in the record's unit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.expressions import dimension_of
+from xdynamics.kernels import Layout
+from xdynamics.march import Block, Tolerances
+from xdynamics.model import Model
+from xdynamics.model.reactions import reaction_dimensions
+from xdynamics.schema import Variable
+from xdynamics.units import NONE, TIME, Scales, Unit, spell
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A variable of the record and how its values are taken from a block of the log."""
+
+    variable: Variable
+    take: Callable[[Block], Array]
+
+
+@dataclass(frozen=True)
+class About:
+    """What the columns of a march depend on."""
+
+    layout: Layout
+    scales: Scales
+    tolerances: Tolerances | None
+    samples: bool
+
+    @property
+    def model(self) -> Model:
+        """The model that was marched."""
+        return self.layout.model
+
+    @cached_property
+    def units(self) -> Units:
+        """The unit of everything in it."""
+        return Units(self)
+
+
+class Units:
+    """The unit that each quantity of a model is reported in, and the factor from internal numbers to it."""
+
+    def __init__(self, about: About) -> None:
+        self.about = about
+        self.scales = about.scales
+        self.time = self.scales.of(TIME)
+        self.known = dict(about.model.units)
+        model = about.model
+        known = model.dimensions
+        for i, (name, one) in enumerate(model.coordinates.items()):
+            self.known[schema.acceleration(name)] = one.unit.per_second(2)
+            mass = dimension_of(model.mass[i][i], known)
+            needed = spell(mass * known[name] / TIME**2, angle=known[name] == NONE)
+            for term, parts in model.force_components.items():
+                if name in parts:
+                    self.known[schema.force(term, name)] = needed
+        self.known |= {name: spell(one) for name, one in reaction_dimensions(model).items()}
+        for name, state in model.states.items():
+            self.known[schema.rate(name)] = state.unit.per_second()
+        self.known |= {name: drive.table.value_unit for name, drive in model.drives.items()}
+
+    def factor(self, unit: Unit) -> float:
+        """Return the factor from internal numbers to a unit."""
+        return self.scales.of(unit.dimension) / float(unit.factor)
+
+    def derived(self, name: str) -> Unit:
+        """Return the unit of an energy, an observable or a gap."""
+        layout = self.about.layout
+        if name in schema.ENERGIES:
+            return spell(layout.energy_dimension or NONE)
+        if name in layout.gaps:
+            return spell(dimension_of(layout.gaps[name], self.about.model.dimensions))
+        known = self.about.model.dimensions
+        accelerations = {schema.acceleration(one): known[one] / TIME**2 for one in layout.coordinates}
+        return spell(dimension_of(self.about.model.observables[name], known | accelerations))
+
+
+def row_of(index: int, factor: float) -> Callable[[Block], Array]:
+    """Take a column of the logged rows."""
+    return lambda block: times(block.log.rows[index, : block.rows], factor)
+
+
+def sample_of(index: int, factor: float) -> Callable[[Block], Array]:
+    """Take a column of the force samples."""
+    return lambda block: times(block.log.samples[index, : block.samples], factor)
+
+
+def trial_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:
+    """Take a field of the rejected trials."""
+    return lambda block: times(block.log.trials[name][: block.trials], factor).astype(dtype)
+
+
+def event_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:
+    """Take a field of the events."""
+    return lambda block: times(block.log.events[name][: block.events], factor).astype(dtype)
+
+
+def times(values: Array, factor: float) -> Array:
+    """Multiply, where that changes anything."""
+    if factor == 1.0:
+        return values
+    scaled: Array = values * factor
+    return scaled
