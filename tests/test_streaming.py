@@ -27,7 +27,7 @@ MODEL = oscillator().model
 )
 def test_a_block_is_bounded(columns: int, expected: int, rows: int) -> None:
     """Assert that a block has no more rows than its march, than a chunk, and than 256 MB of numbers."""
-    layout = SimpleNamespace(row=range(columns))
+    layout = SimpleNamespace(row=range(columns), watched=())
     march: Any = SimpleNamespace(layout=layout, expected_rows=expected)
     assert streaming._rows(march) == rows
 
@@ -43,6 +43,12 @@ def test_a_run_of_one_block_is_as_long_as_it_is(tmp_path: Path) -> None:
         assert [file[name].chunking() for name in ("theta", "event_time")] == [[run.sizes[STEPS]], [1]]
         assert file["theta"].coordinates == "time"
         assert "coordinates" not in [*file["time"].ncattrs(), *file["event_time"].ncattrs(), *file["g"].ncattrs()]
+
+
+def test_rows_at_events_leave_a_short_run_short(tmp_path: Path) -> None:
+    """Assert that rows at events, which nobody knows beforehand, make no large file of a short run."""
+    xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), path=tmp_path / "run.nc").close()
+    assert (tmp_path / "run.nc").stat().st_size < 1_000_000
 
 
 def test_a_run_of_blocks_may_grow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,6 +24,7 @@ Array = NDArray[Any]
 Part = tuple[str, Array]
 
 BLOCK_ROWS = 131_072
+ROWS_AT_EVENTS = 4096  # a short run has no more of them
 BLOCK_NUMBERS = 32_000_000  # of a block, which has fewer rows where there are many columns
 
 
@@ -98,7 +99,9 @@ def _define(writer: Writer, spec: Iterable[record.Column], sizes: Mapping[str, i
 
 
 def _rows(march: March) -> int:
-    return min(BLOCK_ROWS, BLOCK_NUMBERS // len(march.layout.row), march.expected_rows or BLOCK_ROWS)
+    """Return the rows of a block: a short run fits into one, so that its chunks are no larger than it is."""
+    expected = march.expected_rows or BLOCK_ROWS
+    return min(BLOCK_ROWS, BLOCK_NUMBERS // len(march.layout.row), expected + ROWS_AT_EVENTS * bool(march.layout.watched))
 
 
 def _sizes(block: Block) -> dict[str, int]:
