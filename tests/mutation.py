@@ -49,7 +49,7 @@ TOUCHED = {
         "test_march.py -k drive",
         "test_model.py -k not (python_force or cannot_be_marched)",
     ),
-    "march/events.py": ("test_phases.py", f"test_march.py -k {EVENTS}"),
+    "march/events/locating.py": ("test_phases.py", f"test_march.py -k {EVENTS}"),
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
     "evidence/sampling.py": ("test_sampling.py -k not (radau or archive)",),
     "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py"),

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from plain import made_by_hand, plain
-from xdynamics.march import complementarity
+from xdynamics.march.contacts import complementarity
 from xdynamics.march.run import Run
 
 Floats = NDArray[np.float64]

@@ -23,7 +23,7 @@ from xdynamics.elementary import FUNCTIONS
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.enclosing import CALLED, COORDINATE, STATE
 from xdynamics.kernels.tables import _found, _slope, _value
-from xdynamics.march.enclosures import BREAKS, SMOOTH, UNBOUNDED, companion, coordinate, enclose, put
+from xdynamics.march.events.enclosures import BREAKS, SMOOTH, UNBOUNDED, companion, coordinate, enclose, put
 from xdynamics.march.run import Run
 from xdynamics.march.runner import March
 from xdynamics.march.settings import Settings
@@ -302,7 +302,8 @@ import sys
 import numpy as np
 import xdynamics as xd
 from problems import MODELS, coupled_springs
-from xdynamics.march import enclosures, loop, proposing
+from xdynamics.march.events import enclosures
+from xdynamics.march import loop, proposing
 from xdynamics.march.run import ARRAYS
 
 KEPT = [name for name in ARRAYS if not name.startswith("log_") and name not in ("law", "functions", "base")]

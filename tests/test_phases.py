@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from plain import entries, kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
-from xdynamics.march import certainty, control, events, landing, loop, proposing, transition
+from xdynamics.march import control, landing, loop, proposing
+from xdynamics.march.events import certainty, locating, transition
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, WATCH, Run
@@ -225,7 +226,7 @@ def test_locate_ends_the_trial_behind_the_event() -> None:
     """Assert that the located trial brackets the root within the tolerance and is the one that is kept."""
     run = dropped()
     found(run, 1.5)
-    plain(events.locate)(run)
+    plain(locating.locate)(run)
     h = run.trial[0].h
     assert 0 <= h - 1.0 <= 1e-12
     assert run.watches[0].left < 1.0 <= h
@@ -261,7 +262,7 @@ def test_substeps_are_those_of_the_paper(seen: Callable[[float], float], toleran
     """Assert the points at which ITP looks, one after the other, for event functions of several shapes."""
     run = dropped(seen=seen, tolerance=tolerance)
     found(run, 1.5)
-    plain(events.locate)(run)
+    plain(locating.locate)(run)
     wanted = list(itp(lambda h: seen(1 - h * h), 1.5, tolerance))
     assert run.log_trials["step_size"][: run.now[0].trials] == pytest.approx(wanted, rel=1e-12)
 
@@ -274,7 +275,7 @@ def test_no_bracket_is_narrower_than_t_can_be_told(t: float, tolerance: float) -
     run = dropped(seen=lambda x: math.copysign(1.0, x), tolerance=tolerance)
     run.now[0].t = t
     found(run, 1.5, t)
-    plain(events.locate)(run)
+    plain(locating.locate)(run)
     floor = 2 * np.finfo(float).eps * max(abs(t), abs(t + 1.5))
     assert run.now[0].trials == math.ceil(math.log2(1.5 / max(tolerance, floor)))
 
@@ -284,7 +285,7 @@ def test_a_point_on_an_end_of_the_bracket_is_moved_inside(side: int) -> None:
     """Assert that a bracket closes where one end is so near to zero that interpolation comes back to it."""
     run = dropped(seen=lambda x: x * 1e-30 if x * side > 0 else x)
     found(run, 1.5)
-    plain(events.locate)(run)
+    plain(locating.locate)(run)
     assert 0 < run.trial[0].h - run.watches[0].left <= 1e-12
     assert run.now[0].trials <= 41 + 1 + 1  # halvings, what the method adds, the point that was moved
 
@@ -294,8 +295,8 @@ def bracketed(monkeypatch: pytest.MonkeyPatch, h: float, root: float, tolerance:
     run = dropped(seen=lambda x: x - (1 - root * root), tolerance=tolerance)
     found(run, h)
     for name, function in instead.items():
-        monkeypatch.setitem(plain(events.bracket).__globals__, name, function)
-    plain(events.bracket)(run, 0, 0.0)
+        monkeypatch.setitem(plain(locating.bracket).__globals__, name, function)
+    plain(locating.bracket)(run, 0, 0.0)
     plain(proposing.take)(run)
     return run
 
@@ -349,7 +350,7 @@ def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
             watches=np.zeros(2, WATCH), **arrays)  # fmt: skip
     run.watches["armed"] = 1
     found(run, 1.5)
-    plain(events.locate)(run)
+    plain(locating.locate)(run)
     assert run.trial[0].h == pytest.approx(0.5, abs=1e-9)
     assert run.watches[0].left == 0.0
     assert 0.0 < run.trial[0].h - run.watches[1].left <= 1e-9

@@ -12,8 +12,8 @@ import xdynamics as xd
 from problems import oscillator
 from test_columns import swing
 from xdynamics.march.control import FIRST_STEP
-from xdynamics.march.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
-from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE
+from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
+from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE
 from xdynamics.record.provenance import _machine, asked_of, scales_of, xdynamics_version
 
 FIXED = {"rtol": None, "atol": None, "step": 0.1}

@@ -101,7 +101,9 @@ def _define(writer: Writer, spec: Iterable[record.Column], sizes: Mapping[str, i
 def _rows(march: March) -> int:
     """Return the rows of a block: a short run fits into one, so that its chunks are no larger than it is."""
     expected = march.expected_rows or BLOCK_ROWS
-    return min(BLOCK_ROWS, BLOCK_NUMBERS // len(march.layout.row), expected + ROWS_AT_EVENTS * bool(march.layout.watched))
+    return min(
+        BLOCK_ROWS, BLOCK_NUMBERS // len(march.layout.row), expected + ROWS_AT_EVENTS * bool(march.layout.watched)
+    )
 
 
 def _sizes(block: Block) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""The event functions and their time derivatives as rows of numbers, which `march.enclosures` bounds.
+"""The event functions and their time derivatives as rows of numbers, which `march.events.enclosures` bounds.
 
 The third printing of one meaning: single assignments in the order written, as in Python and in LLVM, but of values that
 are known to lie between two numbers each. Nothing is compiled for it, so that a new model's first run does not wait.

@@ -29,7 +29,7 @@ from xdynamics.methods.scheme import EXACT, Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
 EXP, LOG, FORCES, DETECT, SLOPES, RESETS, TOUCHING, ROW, INSIDE, PROPOSE = range(10)
-LINEARISED = PROPOSE  # of a method whose step `march.radau` makes
+LINEARISED = PROPOSE  # of a method whose step `march.implicit.radau` makes
 CONTROL = ("exp", "log")  # what step control calls
 HEADER = (
     '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
@@ -62,7 +62,7 @@ class Law:
 
     @cached_property
     def steps(self) -> Steps:
-        """The programs of one step; of the derivatives alone, where `march.radau` makes the step."""
+        """The programs of one step; of the derivatives alone, where `march.implicit.radau` makes the step."""
         if self.scheme.method.simplified:
             first = 3 * len(self.layout.used)
             exact = self.scheme.jacobian == EXACT

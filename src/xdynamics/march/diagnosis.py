@@ -9,7 +9,8 @@ from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.disputes import dispute, painleve
 from xdynamics.march.doubts import advice_on_stiffness, doubts
-from xdynamics.march.newton import MOST_ITERATIONS
+from xdynamics.march.implicit.newton import MOST_ITERATIONS
+from xdynamics.march.implicit.radau import MOST_TURNS
 from xdynamics.march.outcomes import (
     COMPLETED,
     CONTACT_PENETRATED,
@@ -26,7 +27,6 @@ from xdynamics.march.outcomes import (
     STOPPED,
     Outcome,
 )
-from xdynamics.march.radau import MOST_TURNS
 from xdynamics.march.retrace import retraced, undefined_part
 from xdynamics.march.runner import March
 from xdynamics.march.worst import of_error, of_newton

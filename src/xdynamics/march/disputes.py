@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from xdynamics.march.linking import GAP_OF, MOST, NUMBERS, SIZE, SLIDING
+from xdynamics.march.contacts.linking import GAP_OF, MOST, NUMBERS, SIZE, SLIDING
 from xdynamics.march.outcomes import CONTACT_PENETRATED
 from xdynamics.model.reactions import NORMAL, Reaction, rate_dimension, reactions
 from xdynamics.units import TIME

@@ -14,7 +14,9 @@ from numba import config, from_dtype, types
 
 from xdynamics.kernels import cache
 from xdynamics.kernels.compiling import PLAIN
-from xdynamics.march import contact, enclosures, entries, loop, proposing, transition
+from xdynamics.march import entries, loop, proposing
+from xdynamics.march.contacts import touch
+from xdynamics.march.events import enclosures, transition
 from xdynamics.march.kept import Kept
 from xdynamics.march.run import NOW, PLAN
 
@@ -163,13 +165,13 @@ def _watchers(kept: Kept) -> Watchers:
 
 
 def _plain_contacts() -> int:
-    PLAIN[TOUCHING] = contact.touch
+    PLAIN[TOUCHING] = touch.touch
     return TOUCHING
 
 
 def _contacts(kept: Kept) -> int:
     """The same for contacts."""
-    found: Any = kept.callback(contact.touch, types.void(types.int64, types.float64, types.int64))
+    found: Any = kept.callback(touch.touch, types.void(types.int64, types.float64, types.int64))
     _KEPT.append(found)
     return int(found.address)
 
@@ -189,7 +191,7 @@ def _key() -> str:
     from llvmlite import binding
 
     package = Path(__file__).parents[1]
-    rooms = [*(package / "kernels").glob("*.py"), *(package / "march").glob("*.py")]
+    rooms = [*(package / "kernels").rglob("*.py"), *(package / "march").rglob("*.py")]
     constants = [
         package / "methods" / "radau.py",
         *(package / "model" / f"{one}.py" for one in ("parts", "detectors", "reactions")),

@@ -12,12 +12,12 @@ from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.evaluating import evaluate
+from xdynamics.march.events.intervals import EPS
 from xdynamics.march.handle import called, entered_by, floats_at, march_by, run_at
-from xdynamics.march.intervals import EPS
-from xdynamics.march.newton import newton_step
+from xdynamics.march.implicit.newton import newton_step
+from xdynamics.march.implicit.radau import radau_step
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.proposing import copy, propose_apart
-from xdynamics.march.radau import radau_step
 from xdynamics.march.run import BEGUN, HAPPEN, INFORM, SETTLE, SIDES, TOUCHED, Run
 
 Floats = NDArray[np.float64]
@@ -180,7 +180,7 @@ def judge_inside(run: Run, s: float, states: Floats, ends: Floats, found: Floats
 
 
 def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: Any, sample: int) -> None:
-    """Make a step by `march.newton`, for a loop that calls it by its address: no caller compiles it again.
+    """Make a step by `march.implicit.newton`, for a loop that calls it by its address: no caller compiles it again.
 
     Parameters
     ----------
@@ -197,5 +197,5 @@ def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: An
 
 
 def step_by_radau(address: Any, t: float, t1: float, h: float, y: Any, z: Any, sample: int) -> None:
-    """Make a step by `march.radau`, in the same way."""
+    """Make a step by `march.implicit.radau`, in the same way."""
     radau_step(run_at(address), t, t1, h, floats_at(y), floats_at(z), sample)

@@ -1,4 +1,4 @@
-"""The time loop: aim, propose, judge, accept or reject; where there may be an event, `march.transition` goes on.
+"""The time loop: aim, propose, judge, accept or reject; where there may be an event, `march.events.transition` goes on.
 
 Each phase is a procedure on a run and says only what changes. Compiled once for all models: what a model and a method
 compute stands behind the addresses of `run.law`.
@@ -14,11 +14,11 @@ from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.kernels.tables import enter_pieces
-from xdynamics.march.certainty import renew_constants
 from xdynamics.march.control import STRETCH, first_step, grow, reduce, shortest
 from xdynamics.march.evaluating import evaluate, finite_state
+from xdynamics.march.events.certainty import renew_constants
+from xdynamics.march.events.isolation import quiet
 from xdynamics.march.handle import called, entered_by, run_at
-from xdynamics.march.isolation import quiet
 from xdynamics.march.landing import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (

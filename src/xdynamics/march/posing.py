@@ -15,8 +15,8 @@ from xdynamics.kernels.enclosing import Enclosing, enclosing
 from xdynamics.kernels.law import called_with_intervals
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.tables import flattened
+from xdynamics.march.contacts.linking import NUMBERS
 from xdynamics.march.engine import contacts, solvers, watchers
-from xdynamics.march.linking import NUMBERS
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PIECE, PLAN, REACTION, TOUCH, TRIAL, WATCH, Run

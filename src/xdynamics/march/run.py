@@ -56,7 +56,7 @@ WATCH = _record(
 PIECE = _record("start end width wide full", "cut rough part verdict")
 # What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
-# What `march.radau` keeps from step to step. The factors are those of the step size `factored`, 0 if there are none;
+# What `march.implicit.radau` keeps from step to step. The factors are those of the step size `factored`, 0 if there are none;
 # change and ratio are of Newton's last correction, theta and eta how it converged; step and norm, 0 behind a start, those
 # of the accepted step before; growth is what the trial means for the next step. `linearised` says whether the derivatives
 # may be used, `fresh` whether they are those at the state itself, `since` what has become of the march since the last trial.
@@ -140,7 +140,7 @@ class Run:
     z: Floats  # the state that the trial led to
     e: Floats  # its error
     samples: Floats  # force evaluations of the trial, one behind the other
-    w: Floats  # vectors of an implicit method; of `march.radau` the states of its stages and the derivatives
+    w: Floats  # vectors of an implicit method; of `march.implicit.radau` the states of its stages and the derivatives
     log_rows: Columns  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
     # what the march has besides
     plan: Plans
@@ -177,7 +177,7 @@ class Run:
     touches: Touches
     modes: Floats  # the end of `p`: two numbers of each reaction, see `model.reactions`, then the side of each switch
     links: Floats  # what `touching` says of a state: tables one behind the other
-    problem: Columns  # a complementarity problem; see `march.complementarity`
+    problem: Columns  # a complementarity problem; see `march.contacts.complementarity`
     basis: Whole  # of it
     solution: Floats
     effects: Columns  # what each unknown adds to each reaction

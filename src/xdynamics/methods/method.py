@@ -154,9 +154,9 @@ class Method:
     interpolation_order : int
         Order of the local error of the interpolant, less one.
     simplified : bool
-        Whether its stages are found by the simplified Newton iterations of RADAU5 (`march.radau`), for the same solution.
+        Whether its stages are found by the simplified Newton iterations of RADAU5 (`march.implicit.radau`), for the same solution.
     stepping : bool
-        Whether contacts act by impulses over whole steps (`march.stepping`), and not as events.
+        Whether contacts act by impulses over whole steps (`march.contacts.stepping`), and not as events.
     """
 
     name: str

@@ -182,7 +182,7 @@ def pressing(model: Model) -> Iterator[Assignment]:
 
 
 def table(model: Model) -> tuple[list[Node], ...]:
-    """Return what `march.contact` is told of a state: by reaction its numbers, then the matrices, row by row.
+    """Return what `march.contacts.linking` is told of a state: by reaction its numbers, then the matrices, row by row.
 
     Returns
     -------

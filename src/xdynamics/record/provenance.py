@@ -15,10 +15,10 @@ from xdynamics.kernels import Layout
 from xdynamics.march import March
 from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, PREDICTIVE, SPACINGS
 from xdynamics.march.diagnosis import ending
-from xdynamics.march.events import ROOT_METHOD
-from xdynamics.march.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
+from xdynamics.march.events.locating import ROOT_METHOD
+from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
+from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.march.outcomes import COMPLETED
-from xdynamics.march.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.methods.method import HERMITE, printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, STEP_DOUBLING, Scheme
 from xdynamics.methods.summation import PLAIN

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.certainty import renew_constants
-from xdynamics.march.gaps import size_of_gap, struck
-from xdynamics.march.holding import choose
-from xdynamics.march.impact import NOISE
-from xdynamics.march.intervals import EPS
-from xdynamics.march.linking import (
+from xdynamics.march.contacts.gaps import size_of_gap, struck
+from xdynamics.march.contacts.holding import choose
+from xdynamics.march.contacts.impact import NOISE
+from xdynamics.march.contacts.linking import (
     ABSENT,
     FREE,
     GAP_OF,
@@ -30,6 +28,8 @@ from xdynamics.march.linking import (
     solve_reactions,
     terms,
 )
+from xdynamics.march.events.certainty import renew_constants
+from xdynamics.march.events.intervals import EPS
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import MODES, NORMAL, TANGENT

@@ -2,7 +2,7 @@
 
 A step is cut in halves until on every piece each event function is known to have no zero, or to be monotone, or is
 smaller than what is known of it. The states at the cuts are those of shortened steps of the method itself, so that no
-interpolant has to be trusted: what lies between two of them is enclosed by `march.enclosures`.
+interpolant has to be trusted: what lies between two of them is enclosed by `march.events.enclosures`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.certainty import (
+from xdynamics.march.events.certainty import (
     CLEAR,
     CROSSED,
     ENDED,
@@ -33,8 +33,8 @@ from xdynamics.march.certainty import (
     trespasses,
     turns,
 )
+from xdynamics.march.events.intervals import BREAKS, SMOOTH
 from xdynamics.march.handle import called, enclosed_by
-from xdynamics.march.intervals import BREAKS, SMOOTH
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, substep
 from xdynamics.march.run import ENCLOSE, Run

@@ -10,8 +10,7 @@ from math import nan
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.linking import (  # fmt: skip
+from xdynamics.march.contacts.linking import (  # fmt: skip
     ABSENT,
     GAP_OF,
     GRIPPING,
@@ -24,6 +23,7 @@ from xdynamics.march.linking import (  # fmt: skip
     slips,
     solve_reactions,
 )
+from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import NORMAL, TANGENT
 from xdynamics.schema import BACKWARD, CLOSED, FORWARD, LOOSE, OPEN, STICKING

@@ -11,8 +11,8 @@ from math import inf, nan
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.linear import solve_linear
 from xdynamics.kernels.program import UNSOUND
+from xdynamics.march.contacts.linking import GAP_OF, RATE, gram, look_at_links, number, reach
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.linking import GAP_OF, RATE, gram, look_at_links, number, reach
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import MODES, NORMAL
 from xdynamics.schema import SETTLING

@@ -1,7 +1,7 @@
 """A step by Radau IIA as RADAU5 makes it: simplified Newton iterations, with derivatives and factors kept while they do.
 
 Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. The unknowns are the increments Z of three stages; transformed,
-W = T**-1 Z, they are those of the two linear systems of `march.transformed`.
+W = T**-1 Z, they are those of the two linear systems of `march.implicit.transformed`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm, larger
 from xdynamics.march.evaluating import State, evaluate, keep_sample
+from xdynamics.march.implicit.transformed import EPS, factorise_both, linearise, slope_apart, solve_complex, solve_real
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
-from xdynamics.march.transformed import EPS, factorise_both, linearise, slope_apart, solve_complex, solve_real
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
 from xdynamics.methods.radau import T as T_MATRIX
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.certainty import NONE
-from xdynamics.march.linking import row
+from xdynamics.march.contacts.linking import row
+from xdynamics.march.events.certainty import NONE
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import NORMAL, TANGENT

@@ -1,6 +1,6 @@
 """What contacts ask of a march: at its start, behind every step, at every event.
 
-Behind an event all that they do is derived again from the state; see `march.bonds`.
+Behind an event all that they do is derived again from the state; see `march.contacts.bonds`.
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ from typing import Any
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.bonds import derive, inform
-from xdynamics.march.bouncing import bounce
-from xdynamics.march.certainty import NONE
-from xdynamics.march.gaps import approaching, hear, measure, width
+from xdynamics.march.contacts.bonds import derive, inform
+from xdynamics.march.contacts.bouncing import bounce
+from xdynamics.march.contacts.gaps import approaching, hear, measure, width
+from xdynamics.march.contacts.holding import choose, hold
+from xdynamics.march.contacts.impact import collide, noise
+from xdynamics.march.contacts.linking import GAP_OF, look_at_links, number
+from xdynamics.march.contacts.noting import note_changes, note_impacts
+from xdynamics.march.contacts.stepping import step_in_time
+from xdynamics.march.events.certainty import NONE
 from xdynamics.march.handle import run_at
-from xdynamics.march.holding import choose, hold
-from xdynamics.march.impact import collide, noise
 from xdynamics.march.landing import end
-from xdynamics.march.linking import GAP_OF, look_at_links, number
 from xdynamics.march.log import first_of_group
-from xdynamics.march.noting import note_changes, note_impacts
 from xdynamics.march.outcomes import CONTACT_PENETRATED, RUNNING
 from xdynamics.march.proposing import copy
 from xdynamics.march.run import HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, Run
-from xdynamics.march.stepping import step_in_time
 from xdynamics.model.reactions import NORMAL
 from xdynamics.schema import OPEN, REASON_CONTACT, SETTLING
 

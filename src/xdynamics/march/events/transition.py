@@ -13,13 +13,14 @@ import numpy as np
 from xdynamics.kernels.compiling import apart, shared
 from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import REGIME, T
-from xdynamics.march.certainty import NONE, sign, uncertainty
 from xdynamics.march.control import grow
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.events import kind_of, locate
+from xdynamics.march.events.certainty import NONE, sign, uncertainty
+from xdynamics.march.events.intervals import EPS
+from xdynamics.march.events.isolation import arm, arrives, forget, isolate, quiet
+from xdynamics.march.events.locating import kind_of, locate
+from xdynamics.march.events.sides import keep_sides, slides, take_sides
 from xdynamics.march.handle import called, entered_by, run_at
-from xdynamics.march.intervals import EPS
-from xdynamics.march.isolation import arm, arrives, forget, isolate, quiet
 from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.log import MOST_SUBSTEPS, first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (  # fmt: skip
@@ -33,7 +34,6 @@ from xdynamics.march.outcomes import (  # fmt: skip
 )
 from xdynamics.march.proposing import keep, look, substep, take
 from xdynamics.march.run import BEGUN, RESOLVE, SETTLE, SIDES, TOUCHED, Run
-from xdynamics.march.sides import keep_sides, slides, take_sides
 from xdynamics.model.detectors import GRIP, KINK, OCCASION, PULL, SLIP
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS

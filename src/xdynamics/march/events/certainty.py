@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
+from xdynamics.march.events.intervals import EPS, SMOOTH, UNBOUNDED, above, below
 from xdynamics.march.handle import called, enclosed_by
-from xdynamics.march.intervals import EPS, SMOOTH, UNBOUNDED, above, below
 from xdynamics.march.run import ENCLOSE, Run
 from xdynamics.model.detectors import GAP
 

@@ -10,8 +10,7 @@ after the other in declared order, until none approaches.
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.intervals import EPS
-from xdynamics.march.linking import (  # fmt: skip
+from xdynamics.march.contacts.linking import (  # fmt: skip
     ABSENT,
     GRIPPING,
     PRESSING,
@@ -23,6 +22,7 @@ from xdynamics.march.linking import (  # fmt: skip
     reach,
     solve_reactions,
 )
+from xdynamics.march.events.intervals import EPS
 from xdynamics.march.run import Run
 from xdynamics.model.parts import IMPACT_LAWS
 from xdynamics.model.reactions import NORMAL, TANGENT

@@ -27,8 +27,7 @@ from xdynamics.kernels.enclosing import (  # fmt: skip
 )
 from xdynamics.kernels.program import REGIME
 from xdynamics.kernels.tables import find_piece
-from xdynamics.march.handle import floats_at, run_at
-from xdynamics.march.intervals import (
+from xdynamics.march.events.intervals import (
     BREAKS,
     DIVIDE,
     EPS,
@@ -43,6 +42,7 @@ from xdynamics.march.intervals import (
     most_of,
     put,
 )
+from xdynamics.march.handle import floats_at, run_at
 from xdynamics.march.run import Run
 
 State = NDArray[Any]

@@ -1,0 +1,1 @@
+"""Events: whether a trial holds one, where it is, and how the march goes on behind it."""
