@@ -335,6 +335,27 @@ def test_rest_comes_at_any_time(start: float) -> None:
     assert float(run.event_time[-1]) - start == pytest.approx(3 * FIRST, abs=2e-6)
 
 
+@pytest.mark.parametrize("asked", [{"method": "rk4", "step": 0.01}, {"method": "dop853", "rtol": 1e-9}])
+def test_nanoseconds_are_as_good_as_seconds(asked: dict[str, Any]) -> None:
+    """Assert the same events of a block that is thrown, bounces and slides, in m and s and in nm and ns, by what is default."""
+
+    def thrown(length: str, time: str) -> xd.Model:
+        return xd.Model(
+            name="block", coordinates={"x": length, "y": length}, parameters={"m": "2 kg", "g": f"9.81 {length} {time}-2"}, mass={"x": "m", "y": "m"},
+            forces={"gravity": {"potential": "m*g*y"}}, initial={"x": f"0 {length}", "v_x": f"3 {length} {time}-1", "y": f"0.5 {length}", "v_y": f"0 {length} {time}-1"},
+            contacts={"floor": {"gap": "y", "restitution": 0.4, "tangential": "coulomb", "slip": "v_x", "friction": 0.3}},
+        )  # fmt: skip
+
+    whole = xd.simulate(thrown("m", "s"), until="6 s", **asked)
+    if "step" in asked:
+        asked = asked | {"step": "0.01 ns"}
+    small = xd.simulate(thrown("nm", "ns"), until="6 ns", **asked)
+    assert words(small) == words(whole)
+    assert 1e9 * small.event_time.values == pytest.approx(whole.event_time.values, rel=1e-12)
+    assert float(small.x[-1]) == pytest.approx(float(whole.x[-1]), rel=1e-11)
+    assert small.attrs["solver_time_tolerance"] == pytest.approx(6e-21)
+
+
 def test_a_ball_of_a_picometre_rests_too() -> None:
     """Assert impacts and rest in their own time."""
     run = xd.simulate(ball(0.5, 1e-12), method="rk4", step=0.1, until=1.0)

@@ -403,3 +403,24 @@ def test_rows_that_no_step_led_to_have_no_error() -> None:
     for name in ("error_norm", "error_theta", "error_v_theta"):
         assert not run[name].values[stands].any()
         assert run[name].values[~stands].all()
+
+
+@pytest.mark.parametrize(("given", "said"), [("0 s", "time_tolerance is 0.0 s, needs a positive time"), ("-1 ps", "needs a positive time"), ("1 m", "time_tolerance"), (float("nan"), "time_tolerance: quantity nan is not finite")])  # fmt: skip
+def test_wrong_time_tolerances(given: str | float, said: str) -> None:
+    """Assert that each is refused with its value."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"), time_tolerance=given)
+
+
+def test_the_time_tolerance_is_that_of_events_without_one() -> None:
+    """Assert the width of brackets, what the record says, and that an event's own tolerance goes first."""
+    table = {"name": "fall", "coordinates": {"y": "m"}, "parameters": {"m": "1 kg", "g": "9.81 m s-2"}, "mass": {"y": "m"},
+             "forces": {"gravity": {"potential": "m*g*y"}}, "initial": {"y": "1 m", "v_y": "0 m s-1"}}  # fmt: skip
+    events = {"loose": {"function": "y - 0.5*metre"}, "sharp": {"function": "y - 0.2*metre", "time_tolerance": "1 ps"}}
+    run = xd.simulate(xd.Model(**table, events=events), method="rk4", step=0.01, until=2.0, time_tolerance="1 us")
+    width = (run.event_time_bounds[:, 1] - run.event_time_bounds[:, 0]).values
+    assert 1e-9 < width[0] <= 1e-6
+    assert width[1] <= 1e-12
+    assert run.attrs["solver_time_tolerance"] == 1e-6
+    assert run.event_detector.attrs["time_tolerances"] == "loose: solver_time_tolerance; sharp: 1.0 ps"
+    assert "solver_time_tolerance" not in xd.simulate(xd.Model(**table), method="rk4", step=0.1, until=1.0).attrs

@@ -43,7 +43,8 @@ def extend(
 
     Nothing is marched twice: a record keeps what its march goes on from. The result is that of one march with the same
     settings up to the new end that also lands on the old one, ``simulate(model, …, nodes=[old end], until=…)``, to the
-    bit; it is reproduced and extended like any other.
+    bit (`time_tolerance` among them, which goes by the span where that is below a second); it is reproduced and extended
+    like any other.
 
     Parameters
     ----------

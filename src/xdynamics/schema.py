@@ -66,7 +66,7 @@ BY_STEP_CONTROL = {
 NUMBERS = (
     "solver_order", "solver_until", "solver_step", "solver_rtol", "solver_first_step", "solver_safety",
     "solver_min_step", "solver_max_step", "solver_max_steps", "solver_length_scale", "solver_time_scale",
-    "solver_mass_scale", "solver_interpolation_order", *COUNTS,
+    "solver_mass_scale", "solver_interpolation_order", "solver_time_tolerance", *COUNTS,
 )  # fmt: skip
 PAIRS = ("solver_growth_limits",)
 DIGEST, ROOT_DIGEST, VOLATILE_DIGEST = "sha256", "content_digest", "volatile_digest"

@@ -52,6 +52,7 @@ def simulate(
     summation: str | None = None,
     switches: str | None = None,
     nodes: Sequence[str | float] | None = None,
+    time_tolerance: str | float | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """March a model and return its run record.
@@ -98,6 +99,9 @@ def simulate(
     switches : {"located", "stepped over"}
         Whether the march lands where the argument of an `abs`, `sign`, `min`, `max` or `where` in a force passes through
         zero, as events of the kind `regime_switch`; not in forces that are declared smooth, nor if there are over 40.
+    time_tolerance : str or float
+        How well events, impacts and switches are located that do not say so themselves: a picosecond, or of a run below
+        a second 1e-12 of its span; never better than t is spaced.
     nodes : array of str or float
         Times to land on, besides the breakpoints of measured drives: ``["1 s", "2.5 s"]``.
     progress : callable, optional
@@ -145,6 +149,7 @@ def simulate(
         "safety": safety, "growth_limits": growth_limits, "min_step": min_step, "max_step": max_step,
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
         "jacobian": jacobian, "summation": summation, "nodes": nodes, "switches": switches,
+        "time_tolerance": time_tolerance,
     }  # fmt: skip
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 )
 @click.option("--estimator", help="embedded, step_doubling, step_doubling_extrapolated or none.")
 @click.option("--switches", help="located (default) or 'stepped over': kinks and jumps inside forces.")
+@click.option("--time-tolerance", help="How well events are located that do not say so, like '1 ps'.")
 @click.option("--summation", help="compensated (default of symplectic methods) or plain.")
 @click.option("--jacobian", help="exact (default) or differences, of `radau_iia`.")
 @click.option("--min-step", help="Shortest step that control may take, like '1 ns'.")
@@ -69,6 +70,7 @@ def run(
     atols: tuple[str, ...],
     estimator: str | None,
     switches: str | None,
+    time_tolerance: str | None,
     summation: str | None,
     jacobian: str | None,
     min_step: str | None,
@@ -96,7 +98,7 @@ def run(
     from xdynamics.simulation import simulate
 
     asked |= {"scales": _pairs(scales, "--scale") or None, "nodes": list(nodes) or None}
-    asked |= {"summation": summation, "jacobian": jacobian, "switches": switches}
+    asked |= {"summation": summation, "jacobian": jacobian, "switches": switches, "time_tolerance": time_tolerance}
     with progress() as told:
         finished = simulate(model, **asked, path=output, resume=resume, progress=told)
     _close(finished, output)

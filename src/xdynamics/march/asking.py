@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from xdynamics.faults import InputError
-from xdynamics.march.settings import Pacing, Settings, Tolerances
+from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
 from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
@@ -64,6 +64,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         str(chosen.get("summation") or _summation(method)),
         _nodes(chosen.get("nodes")),
         _switches(model, str(chosen.get("switches") or LOCATED)),
+        _time_tolerance(model, chosen),
     )
     settings.check(model)
     return settings
@@ -183,6 +184,14 @@ def _estimator(method: Method, tolerances: Tolerances | None) -> str:
     if method.estimate:
         return EMBEDDED
     return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
+
+
+def _time_tolerance(model: Model, chosen: Mapping[str, Any]) -> float:
+    """Return how well events are located that do not say so: to a picosecond, or of a run below a second to 1e-12 of it."""
+    if chosen.get("time_tolerance") is not None:
+        return parse_time(chosen["time_tolerance"], "time_tolerance")
+    span = parse_time(chosen["until"], "until") - model.initial["t"].si
+    return TIME_TOLERANCE * (min(1.0, span) if span > 0.0 else 1.0)
 
 
 def _switches(model: Model, asked: str) -> str:

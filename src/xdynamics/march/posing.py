@@ -69,7 +69,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
         grid=grid,
         steps=steps,
-        **_watching(model, law, scales),
+        **_watching(model, law, settings),
         w=np.zeros(law.steps.memory),
         kept=np.zeros(1, KEPT),
         **_solving(law),
@@ -200,7 +200,7 @@ def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
     return {"p": values, "modes": values[len(values) - changing :]}
 
 
-def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]:
+def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return how events are looked for, and what that takes."""
     watched = law.layout.watched
     said, deep, events = enclosing(law.layout), DEEPEST if watched else 0, len(watched)
@@ -208,9 +208,9 @@ def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]
     functions = [*called_with_intervals(), *watchers()] if watched else []
     return (
         places
-        | _touching(model, scales)
+        | _touching(model, settings)
         | {
-            "detectors": _detectors(law.layout, said, scales),
+            "detectors": _detectors(law.layout, said, settings),
             "watches": np.zeros(events, WATCH),
             "resets": np.zeros(len(law.layout.resets)),
             "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
@@ -224,9 +224,9 @@ def _watching(model: Model, law: Law, scales: Scales) -> dict[str, NDArray[Any]]
     )
 
 
-def _touching(model: Model, scales: Scales) -> dict[str, NDArray[Any]]:
+def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return what contacts and friction elements are, and room for the problems that they pose."""
-    found = reactions(model)
+    found, scales = reactions(model), settings.scales
     m, n = len(found), len(model.coordinates)
     most = sum(1 if one.sort == NORMAL else 3 for one in found)
     fixed = np.zeros(m, REACTION)
@@ -235,7 +235,7 @@ def _touching(model: Model, scales: Scales) -> dict[str, NDArray[Any]]:
         to.role, to.normal, to.tolerance, to.rest_height = (
             one.sort,
             one.normal,
-            part.time_tolerance.si / scales.of(TIME),
+            settings.located_within(part.time_tolerance) / scales.of(TIME),
             -1.0,
         )
         if one.sort == NORMAL:
@@ -270,7 +270,7 @@ def _followed_by(layout: Layout, drive: str) -> tuple[int, int, int, int]:
     return layout.drives.index(drive), places[argument], places[velocity(owner)] if owner == argument else turn, turn
 
 
-def _detectors(layout: Layout, said: Enclosing, scales: Scales) -> NDArray[np.void]:
+def _detectors(layout: Layout, said: Enclosing, settings: Settings) -> NDArray[np.void]:
     model, watched = layout.model, layout.watched
     found = np.zeros(len(watched), DETECTOR)
     found["value"], found["slope"], found["of_time"] = said.functions, said.slopes, said.of_time
@@ -280,7 +280,7 @@ def _detectors(layout: Layout, said: Enclosing, scales: Scales) -> NDArray[np.vo
         event = detector.event
         one.direction, one.action, one.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
         one.to = list(model.regimes).index(event.to) if event.to else 0
-        one.tolerance = detector.time_tolerance.si / scales.of(TIME)
+        one.tolerance = settings.located_within(detector.time_tolerance) / settings.scales.of(TIME)
         one.role, one.reaction = detector.role, detector.reaction
         one.sampled = int(detector.sampled)
         one.interpolant = int(event.root_state == "interpolant")

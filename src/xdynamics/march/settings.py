@@ -17,10 +17,11 @@ from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import LOCATED, SWITCHES, sided
-from xdynamics.units import UNSCALED, Scales, Unit
+from xdynamics.units import UNSCALED, Quantity, Scales, Unit
 
 EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
+TIME_TOLERANCE = 1e-12  # s
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
 
 
@@ -155,6 +156,8 @@ class Settings:
         Whether switches hidden in forces are located, or stepped over.
     nodes : tuple of float
         Times to land on besides the breakpoints of drives, s, ascending.
+    time_tolerance : float
+        How well events, impacts and switches are located that do not say so themselves, s.
     """
 
     method: Method
@@ -169,6 +172,11 @@ class Settings:
     summation: str = PLAIN
     nodes: tuple[float, ...] = ()
     switches: str = LOCATED
+    time_tolerance: float = TIME_TOLERANCE
+
+    def located_within(self, asked: Quantity | None) -> float:
+        """Return how well a time is located, s: as well as is asked for, or as well as all others."""
+        return self.time_tolerance if asked is None else asked.si
 
     @property
     def adaptive(self) -> bool:
@@ -203,6 +211,8 @@ class Settings:
         ]
         if self.tolerances is not None:
             faults += self.tolerances.faults(model) or self._inner_faults(self.tolerances.rtol)
+        if not (isfinite(self.time_tolerance) and self.time_tolerance > 0):
+            faults.append(f"time_tolerance is {self.time_tolerance!r} s, needs a positive time")
         if self.pacing.min_step > self.until - start > 0:
             faults.append(
                 f"min_step is {self.pacing.min_step!r} s, needs to be at most the span of {self.until - start!r} s"

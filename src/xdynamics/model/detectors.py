@@ -42,13 +42,13 @@ class Detector:
         Whether nothing is known of the function between the places where it is looked at: one in Python.
     drive : str
         Of a switch that is a table's next point, the drive.
-    time_tolerance : Quantity
+    time_tolerance : Quantity, optional
     """
 
     name: str
     function: Node
     role: int
-    time_tolerance: Quantity
+    time_tolerance: Quantity | None = None
     direction: str = "either"
     event: Event = field(default_factory=lambda: Event(ZERO))
     reaction: int = -1
@@ -75,10 +75,9 @@ def detectors(model: Model) -> tuple[Detector, ...]:
             grip = Binary("-", held, Call("abs", (Name(one.name),)))
             watched = [(SLIP, one.rate, "either"), (GRIP, grip, "falling")]
         found += [Detector(one.owner, tree, role, part.time_tolerance, to, reaction=k) for role, tree, to in watched]
-    tolerance = Event(ZERO).time_tolerance
     for each in watched_by(model):
         role = SWITCH if each.jumps else KINK
-        found.append(Detector(each.name, each.function, role, tolerance, at_zero=each.at_zero, drive=each.drive))
+        found.append(Detector(each.name, each.function, role, at_zero=each.at_zero, drive=each.drive))
     return tuple(found)
 
 

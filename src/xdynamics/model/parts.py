@@ -12,7 +12,7 @@ from typing import Any
 from xdynamics.expressions import Node
 from xdynamics.faults import InputError
 from xdynamics.model.drives import Table
-from xdynamics.units import TIME, Quantity, Unit
+from xdynamics.units import Quantity, Unit
 
 DIRECTIONS = ("rising", "falling", "either")
 ACTIONS = ("record", "stop", "switch", "reset")
@@ -128,7 +128,8 @@ class Event:
     direction : {"rising", "falling", "either"}
         A touch counts where the function comes from the side that this asks for.
     action : {"record", "stop", "switch", "reset"}
-    time_tolerance : Quantity
+    time_tolerance : Quantity, optional
+        How well it is located; without it as the run's settings say.
     description : str
     to : str
         The regime to go on in, of a switch.
@@ -145,7 +146,7 @@ class Event:
     function: Node | Function
     direction: str = "either"
     action: str = "record"
-    time_tolerance: Quantity = field(default_factory=lambda: Quantity(1e-12, Unit("s", TIME)))
+    time_tolerance: Quantity | None = None
     description: str = ""
     to: str = ""
     reset: Mapping[str, Node] = field(default_factory=dict)
@@ -169,8 +170,8 @@ class Contact:
         Velocity along the surface, of a contact with friction.
     friction, static : Node, optional
         Coefficients while it slips, and up to which it sticks.
-    time_tolerance : Quantity
-        Of impacts, rest and take-off.
+    time_tolerance : Quantity, optional
+        Of impacts, rest and take-off; without it as the run's settings say.
     rest_height : Quantity, optional
         Bounces lower than this may be skipped into rest; without it 1e-9 of the largest gap so far.
     law : {"newton", "poisson", "sequential"}
@@ -184,7 +185,7 @@ class Contact:
     slip: Node | None = None
     friction: Node | None = None
     static: Node | None = None
-    time_tolerance: Quantity = field(default_factory=lambda: Quantity(1e-12, Unit("s", TIME)))
+    time_tolerance: Quantity | None = None
     rest_height: Quantity | None = None
     law: str = "newton"
     description: str = ""
@@ -200,15 +201,15 @@ class Friction:
         Relative velocity, linear in velocities.
     kinetic, static : Node
         How large the force is while it slips, and the most that sticking holds.
-    time_tolerance : Quantity
-        Of stick and slip.
+    time_tolerance : Quantity, optional
+        Of stick and slip; without it as the run's settings say.
     description : str
     """
 
     slip: Node
     kinetic: Node
     static: Node
-    time_tolerance: Quantity = field(default_factory=lambda: Quantity(1e-12, Unit("s", TIME)))
+    time_tolerance: Quantity | None = None
     description: str = ""
 
 

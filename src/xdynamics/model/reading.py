@@ -30,7 +30,8 @@ from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_
 SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
             "initial", "events", "contacts", "frictions", "regimes", "observables", "run")  # fmt: skip
 RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
-            "max_steps", "force_samples", "scales", "jacobian", "summation", "switches")  # fmt: skip
+            "max_steps", "force_samples", "scales", "jacobian", "summation", "switches",
+            "time_tolerance")  # fmt: skip
 
 
 def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: Reach) -> Statement:
@@ -197,7 +198,7 @@ def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
         if key not in RUN_KEYS:
             ledger.note(f"[run] has no setting '{key}'{near(key, RUN_KEYS)}")
     with ledger.entry("[run]"):
-        for key in ("step", "until", "min_step", "max_step"):
+        for key in ("step", "until", "min_step", "max_step", "time_tolerance"):
             if key in given:
                 parse_time(given[key], key)
         Scales.parse(given.get("scales"))

@@ -7,7 +7,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from xdynamics.expressions import text_of
-from xdynamics.model.parts import Contact, Function
+from xdynamics.model.parts import Contact, Event, Friction, Function
 from xdynamics.model.statement import Statement
 from xdynamics.units import Quantity
 
@@ -45,14 +45,12 @@ def write(statement: Statement) -> str:
         body |= {"root_state": event.root_state} if event.root_state != "reintegrate" else {}
         body |= {} if event.unit is None else {"unit": event.unit.text}
         body |= {"set": {key: text_of(one) for key, one in event.reset.items()}} if event.reset else {}
-        _section(lines, f"events.{name}", _described(body | {"time_tolerance": str(event.time_tolerance)}, event))
+        _section(lines, f"events.{name}", _described(body | _tolerance(event), event))
     for name, contact in statement.contacts.items():
         _section(lines, f"contacts.{name}", _described(_contact(contact), contact))
     for name, friction in statement.frictions.items():
         body = {key: text_of(getattr(friction, key)) for key in ("slip", "kinetic", "static")}
-        _section(
-            lines, f"frictions.{name}", _described(body | {"time_tolerance": str(friction.time_tolerance)}, friction)
-        )
+        _section(lines, f"frictions.{name}", _described(body | _tolerance(friction), friction))
     for name, regime in statement.regimes.items():
         _section(lines, f"regimes.{name}", _described({"forces": list(regime.forces)}, regime))
     _section(lines, "observables", {name: text_of(node) for name, node in statement.observables.items()})
@@ -88,8 +86,12 @@ def _mass(statement: Statement) -> dict[str, Any]:
 def _contact(part: Contact) -> dict[str, Any]:
     trees = {key: getattr(part, key) for key in ("gap", "restitution", "slip", "friction", "static")}
     body = {key: text_of(tree) for key, tree in trees.items() if tree is not None}
-    body |= {"tangential": part.tangential, "law": part.law, "time_tolerance": str(part.time_tolerance)}
+    body |= {"tangential": part.tangential, "law": part.law, **_tolerance(part)}
     return body | ({} if part.rest_height is None else {"rest_height": str(part.rest_height)})
+
+
+def _tolerance(part: Event | Contact | Friction) -> dict[str, str]:
+    return {} if part.time_tolerance is None else {"time_tolerance": str(part.time_tolerance)}
 
 
 def _component(component: Any) -> Any:

@@ -28,9 +28,11 @@ def choice(given: Mapping[str, Any], key: str, known: tuple[str, ...], default: 
     return str(value)
 
 
-def tolerance(given: Mapping[str, Any]) -> Quantity:
-    """Return how well a time is to be located."""
-    found = parse_quantity(given.get("time_tolerance", "1e-12 s"))
+def tolerance(given: Mapping[str, Any]) -> Quantity | None:
+    """Return how well a time is to be located, where that is said."""
+    if "time_tolerance" not in given:
+        return None
+    found = parse_quantity(given["time_tolerance"])
     if found.unit.dimension != TIME or found.value <= 0:
         raise InputError(f"time_tolerance is '{found}', needs a positive time")
     return found

@@ -122,7 +122,9 @@ def _detectors(about: About) -> dict[str, str]:
             "functions": "; ".join(f"{name}: {_text(one.function)}" for name, one in events),
             "directions": "; ".join(f"{name}: {one.direction}" for name, one in events),
             "actions": "; ".join(f"{name}: {one.action}" for name, one in events),
-            "time_tolerances": "; ".join(f"{name}: {one.time_tolerance}" for name, one in events),
+            "time_tolerances": "; ".join(
+                f"{name}: {one.time_tolerance or 'solver_time_tolerance'}" for name, one in events
+            ),
         }
         if events
         else {}

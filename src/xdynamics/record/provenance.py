@@ -57,6 +57,7 @@ def attributes(march: March) -> dict[str, Any]:
         **_errors(march),
         "solver_summation": settings.summation,
         **_switches(march),
+        **_located(march),
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHOD,
         "solver_force_samples": "all" if settings.samples else "none",
@@ -103,6 +104,13 @@ def _switches(march: March) -> dict[str, str]:
     return {"solver_switches": march.settings.switches} if watched_switches(march.model) else {}
 
 
+def _located(march: March) -> dict[str, Any]:
+    """Say how well events are located that do not say so, where there are any."""
+    if not march.layout.watched:
+        return {}
+    return {"solver_time_tolerance": march.settings.time_tolerance, "solver_time_tolerance_units": "s"}
+
+
 def scales_of(run: xr.Dataset) -> Scales:
     """Return the scales of the nondimensional variables that a run was marched in."""
     given = {name: run.attrs.get(f"solver_{name}_scale") for name in _SCALES}
@@ -128,6 +136,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "jacobian": used.get("solver_jacobian"),
         "summation": used.get("solver_summation", PLAIN),  # version 0.1 had no other
         "switches": used.get("solver_switches", STEPPED_OVER),  # before there were any, they were stepped over
+        "time_tolerance": used.get("solver_time_tolerance"),
         "nodes": np.atleast_1d(used["solver_nodes"]).tolist() if "solver_nodes" in used else None,
     }
     if schema.GIVEN_STEP.name in run:
