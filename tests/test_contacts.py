@@ -30,6 +30,13 @@ BLOCK: dict[str, Any] = {
 }  # fmt: skip
 
 
+def table_of(model: xd.Model) -> dict[str, Any]:
+    """A model as a table, to change something in it."""
+    import tomllib
+
+    return tomllib.loads(model.to_toml())
+
+
 @pytest.mark.parametrize("method", FITTING)
 def test_a_bouncing_ball_comes_to_rest(method: str) -> None:
     """Assert impacts, the limit that they run to, and the weight behind it, with every method."""
@@ -235,13 +242,6 @@ def test_an_event_at_the_floor_does_not_wait_for_rest() -> None:
     assert found[-1] == ("floor", "rest")
 
 
-def table_of(model: xd.Model) -> dict[str, Any]:
-    """The sections of a model."""
-    import tomllib
-
-    return tomllib.loads(model.to_toml())
-
-
 def test_it_stops_at_rest_height() -> None:
     """Assert that no bounce that is skipped would have risen above the height that the model allows."""
     run = xd.simulate(ball(0.5, 4.0, 8.0, rest_height="1 mm"), method="rk4", step=0.1, until=5.0)
@@ -253,7 +253,18 @@ def test_it_stops_at_rest_height() -> None:
 @pytest.mark.parametrize(
     ("model", "outcome", "said"),
     [
-        (ball(0.5, -0.1), "contact_penetrated", r"the gap of contact 'floor' is -0.1 m"),
+        (
+            xd.Model(**table_of(ball()) | {"events": {"push": {"function": "t - 0.2*second", "action": "reset", "set": {"y": "-0.1*metre"}}}}),
+            "contact_penetrated", r"the gap of contact 'floor' is -0.1 m",
+        ),
+        (
+            xd.Model(**table_of(ball()) | {"contacts": {"floor": {"gap": "y**2/metre", "restitution": 0.5}}}),
+            "contact_undetermined", r"the gap of contact 'floor' closes where its gradient vanishes",
+        ),
+        (
+            xd.Model(**table_of(ball()) | {"contacts": {"floor": {"gap": "y + metre/cosh(1000*(y + metre)/metre)", "restitution": 0.5}}}),
+            "contact_undetermined", r"the gap of contact 'floor', or a derivative of it, is not finite there",
+        ),
         (ball("2 - 0*approach_speed*second/metre"), "contact_undetermined", r"restitution of contact 'floor' is 2"),
         (
             xd.Model(**BLOCK | {
@@ -447,8 +458,8 @@ def test_masses_and_bounces_of_many_runs_are_their_own() -> None:
     ("contact", "said"),
     [
         ({"gap": "y"}, "key 'restitution' is missing"),
-        ({"gap": "y", "restitution": 1.5}, "restitution is 1.5, needs a number from 0 to 1"),
-        ({"gap": "y", "restitution": "-1/2"}, "restitution is '-1/2', needs a number from 0 to 1"),
+        ({"gap": "y", "restitution": 1.5}, "restitution is 1.5, needs to be from 0 to 1"),
+        ({"gap": "y", "restitution": "-1/2"}, "restitution is -0.5, needs to be from 0 to 1"),
         ({"gap": "abs(y)", "restitution": 1}, "gap has a kink or a jump, abs"),
         ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "v_y", "friction": -0.3}, "friction is -0.3, needs to be non-negative"),
         ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "0*v_y", "friction": 0.3}, "slip depends on no velocity"),
@@ -486,6 +497,46 @@ def test_an_impact_as_an_events_action_is_a_contact(function: str, direction: st
     assert np.array_equal(run.event_time, same.event_time)
     assert np.array_equal(run.v_y, same.v_y)
     assert xd.Model.from_text(run.model_toml.item()) == model
+
+
+def test_what_parameters_decide_is_known_before_the_start() -> None:
+    """Assert that restitution, friction and gaps are refused by their values, and nothing is marched."""
+    table = table_of(sliding())
+    floor = table["contacts"]["floor"]
+    for changed, said in (
+        ({"restitution": "2*e"}, r"contact 'floor': restitution, 2\*e, is 1.5 \(SI units\), needs to be from 0 to 1"),
+        ({"friction": "-e"}, r"contact 'floor': friction, -e, is -0.75 \(SI units\), needs to be non-negative"),
+        (
+            {"friction": "e", "static": 0.5},
+            r"contact 'floor': static is 0.5, needs to be at least friction, e, is 0.75",
+        ),
+        ({"gap": "y - metre"}, r"contact 'floor': gap is -1 \(SI units\) at the start: one body is inside the other"),
+    ):
+        with pytest.raises(xd.ModelError, match=said):
+            xd.Model(
+                **table | {"parameters": table["parameters"] | {"e": "0.75"}, "contacts": {"floor": floor | changed}}
+            )
+    with pytest.raises(xd.ModelError, match="gap is -0.1"):
+        ball(0.5, -0.1)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"gap": "2*y"}, "the gap of contact 'floor' grows 2 times as fast as a distance"),
+        ({"slip": "v_x + v_y"}, "the slip of contact 'floor' is not along its surface"),
+        ({"gap": "2*y", "slip": "2*v_x"}, ""),
+    ],
+)
+def test_a_gap_that_is_no_distance_is_doubted(changed: dict[str, str], said: str) -> None:
+    """Assert what is said of friction by a gap, or a slip, that does not measure lengths."""
+    table = table_of(sliding())
+    model = xd.Model(**table | {"contacts": {"floor": table["contacts"]["floor"] | changed}})
+    if not said:
+        assert "distance" not in xd.simulate(model, method="rk4", step=0.01, until=0.1).attrs["run_outcome_text"]
+        return
+    with pytest.warns(xd.AccuracyWarning, match=said):
+        xd.simulate(model, method="rk4", step=0.01, until=0.1)
 
 
 def test_an_impact_is_no_contact_twice() -> None:

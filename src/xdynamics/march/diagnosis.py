@@ -7,7 +7,7 @@ from math import isfinite
 
 from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.march.disputes import dispute, painleve
+from xdynamics.march.disputes import dispute, painleve, undefined
 from xdynamics.march.doubts import advice_on_stiffness, doubts
 from xdynamics.march.implicit.newton import MOST_ITERATIONS
 from xdynamics.march.implicit.radau import MOST_TURNS
@@ -236,6 +236,8 @@ def _in_state(march: March, state: dict[str, float]) -> Failure:
     for name in layout.rates:
         if not isfinite(state[name]):
             return Failure(NONFINITE_FORCE, f"{name} is {state[name]}")
+    if why := undefined(march):
+        return Failure(OUTCOMES[REASON_CONTACT], why)
     bad = [name for name in layout.accelerations if not isfinite(state[name])]
     return Failure(
         NONFINITE_FORCE, f"{', '.join(bad)} is not finite with finite forces: the mass is not positive definite"

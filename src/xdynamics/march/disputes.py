@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from math import isfinite
+from typing import TYPE_CHECKING, Any
 
+from numpy.typing import NDArray
+
+from xdynamics.expressions import free_names
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.march.contacts.bonds import FLAT
 from xdynamics.march.contacts.linking import GAP_OF, MOST, NUMBERS, SIZE, SLIDING
 from xdynamics.march.outcomes import CONTACT_PENETRATED
+from xdynamics.model.motion import constants
 from xdynamics.model.reactions import NORMAL, Reaction, rate_dimension, reactions
 from xdynamics.units import TIME
 
@@ -24,6 +31,12 @@ def dispute(march: March) -> str:
     numbers = run.links[: NUMBERS * len(found)].reshape(-1, NUMBERS)
     if int(march.now.status) == CONTACT_PENETRATED:
         return _penetrated(march, numbers[:, GAP_OF].tolist())
+    if why := undefined(march):
+        return why
+    for k, one in enumerate(found):
+        touch = run.touches[k]
+        if touch.near and not _grams(march)[k, k] > FLAT * touch.steepest:
+            return f"the gap of contact '{one.owner}' closes where its gradient vanishes, which is its normal; write a gap that passes zero with a slope"
     for one, size in zip(found, numbers[:, SIZE].tolist(), strict=True):
         if one.sort == NORMAL and not 0.0 <= size <= 1.0:
             return f"the restitution of contact '{one.owner}' is {size:.6g}, and needs to be from 0 to 1"
@@ -39,6 +52,25 @@ def dispute(march: March) -> str:
     return f"the forces of {held} together are not determined: they hold the same motion twice, or cannot hold it"
 
 
+def undefined(march: March) -> str:
+    """Name the contact or friction element of which something is not finite in the state that was proposed, or nothing."""
+    layout, values = march.layout, dict(constants(march.model, march.settings.scales))
+    values |= dict(zip(layout.record, march.run.z.tolist(), strict=True)) | {"t": float(march.now.t)}
+    for one in reactions(march.model):
+        trees = [one.gap, one.rate, one.bias, one.size, one.most, *one.row.values()]
+        known = [tree for tree in trees if not free_names(tree) - set(values)]
+        if not all(isfinite(evaluate(tree, values)) for tree in known):
+            what = "gap of contact" if one.sort == NORMAL else "slip or friction of"
+            return f"the {what} '{one.owner}', or a derivative of it, is not finite there"
+    return ""
+
+
+def _grams(march: March) -> NDArray[Any]:
+    m = len(march.run.touches)
+    found: NDArray[Any] = march.run.links[NUMBERS * m : NUMBERS * m + m * m].reshape(m, m)
+    return found
+
+
 def painleve(one: Reaction, coefficient: float) -> str:
     """Say that friction is too large for one answer."""
     return f"friction of contact '{one.owner}', with the coefficient {coefficient:.6g}: {PAINLEVE}{_REMEDY}"
@@ -46,8 +78,7 @@ def painleve(one: Reaction, coefficient: float) -> str:
 
 def _pressed_apart(march: March, k: int) -> bool:
     """Whether the normal force of a sliding contact pushes apart, its friction included."""
-    m, touch = len(march.run.touches), march.run.touches[k]
-    grams = march.run.links[NUMBERS * m : NUMBERS * m + m * m].reshape(m, m)
+    touch, grams = march.run.touches[k], _grams(march)
     normal = int(march.run.reactions[k].normal)
     return bool(grams[normal, normal] - touch.way * touch.coefficient * grams[normal, k] > 0.0)
 

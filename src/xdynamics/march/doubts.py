@@ -8,24 +8,31 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.expressions import free_names
+from xdynamics.expressions.calculus import ZERO
+from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.runner import March
 from xdynamics.march.settings import EPS
-from xdynamics.model.linearisation import mass_matrices
+from xdynamics.model import Model
+from xdynamics.model.linearisation import initial_state, mass_matrices
+from xdynamics.model.motion import constants
+from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import LOCATED, MOST_SWITCHES, switches
 from xdynamics.stability import stiffness
-from xdynamics.units import TIME
+from xdynamics.units import TIME, parse_unit
 
 CONTROLLED = 300.0  # absolute tolerances that the largest value of a variable has at least, where they control it
 COMPARABLE = 10.0  # ratio of absolute to relative tolerance of a value up to which the relative one was meant so
 MOST_NAMED = 3
 FEW_ROWS = 100  # of a run, from which on stiffness is looked for
+ALIKE = 1e-6  # of a length: what is left to numbers that were written down
 FEW_LOOKS = 12  # at a mass matrix, 50 microseconds each
 WELL_CONDITIONED = 1e10  # leaves six digits of the accelerations
 
 
 def doubts(march: March) -> list[str]:
     """Return, each in a sentence, why the numbers of a march that is over may be worth less than they look."""
-    return [*_of_tolerances(march), *_of_mass(march), *_of_switches(march)]
+    return [*_of_tolerances(march), *_of_mass(march), *_of_switches(march), *_of_contacts(march.model)]
 
 
 def _of_tolerances(march: March) -> Iterator[str]:
@@ -76,6 +83,29 @@ def _of_switches(march: March) -> Iterator[str]:
             f"{len(found)} switches are hidden in {owners} (abs, sign, min, max, where, tables), and {MOST_SWITCHES} at most"
             " are located: all were stepped over, which costs the order; declare those smooth that need not be located"
         )
+
+
+def _of_contacts(model: Model) -> Iterator[str]:
+    """Say so where friction goes by a gap that is no distance, or slips into the surface, by its directions at the start."""
+    values = dict(constants(model)) | initial_state(model)
+    metre = parse_unit("m").dimension
+    lengths = [name for name, one in model.coordinates.items() if one.unit.dimension == metre]
+    found = reactions(model)
+    for one in found:
+        rows = [each.row.get(name, ZERO) for each in (found[one.normal], one) for name in lengths]
+        if one.sort != TANGENT or any(free_names(tree) - set(values) for tree in rows):
+            continue
+        normal, along = np.array([evaluate(tree, values) for tree in rows]).reshape(2, -1)
+        size, slip = float(np.linalg.norm(normal)), float(np.linalg.norm(along))
+        if size == 0.0 or slip == 0.0:
+            continue
+        if abs(float(normal @ along)) > ALIKE * size * slip:
+            yield f"the slip of contact '{one.owner}' is not along its surface: its direction at the start is not at right angles to the gap's gradient"
+        elif abs(size / slip - 1.0) > ALIKE:
+            yield (
+                f"the gap of contact '{one.owner}' grows {size / slip:.6g} times as fast as a distance, going by its slip:"
+                " contact_force and friction are in that measure; divide the gap by it"
+            )
 
 
 def _condition(mass: NDArray[np.float64]) -> float:

@@ -65,14 +65,14 @@ BEGUN, STAYED, MOVED = range(3)
 # What is known of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how low bounces are
 # that may be skipped; relative to the largest gap so far where `rest_height` is negative.
 REACTION = _record("tolerance rest_height", "role normal law")
-# What a reaction does. `largest` is the largest gap so far, `fastest` the largest rate, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how fast it opened last, and `since` when, `lost` the
+# What a reaction does. `largest` is the largest gap so far, `fastest` the largest rate, `steepest` the largest that a unit of it did to its own rate, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how fast it opened last, and `since` when, `lost` the
 # energy that an impact takes, or bounces that are skipped, `bounce` its coefficient of restitution in the last impact. The rest is of the
 # problem at hand: its part there (`contact.ABSENT`, …), the rate or acceleration it starts from, what of it is known,
 # coefficient and bound of friction, scale, place among the unknowns, its force or impulse and what the rate or acceleration
 # is then, all impulses of an impact and the rate behind them; `near` tells that a contact touches, `hit` which detector
 # has met it, `held` what it did before the event, `slack` what a rate is uncertain by.
 TOUCH = _record(
-    "largest fastest limit doubt speed since lost bounce origin known coefficient bound scale found after slack rate total",
+    "largest fastest steepest limit doubt speed since lost bounce origin known coefficient bound scale found after slack rate total",
     "state part place way hit near held",
 )
 # Entries of the engine, behind the elementary functions in `functions`.

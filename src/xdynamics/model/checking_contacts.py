@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
-from xdynamics.expressions import Call, Node, derivative, dimension_of, expand, free_names
+from xdynamics.expressions import Call, Node, derivative, dimension_of, expand, free_names, text_of
 from xdynamics.expressions.calculus import ONE, ZERO
+from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.parts import APPROACH, Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
-from xdynamics.units import NONE, TIME, Dimension
+from xdynamics.units import CONSTANTS, NONE, TIME, Dimension, constant
 
 MOST_REACTIONS = 24  # forces of contacts and friction: their equations are written out, and grow as the cube
 
+ROUNDING = 64 * 2.0**-52  # of the terms of a gap
 KINKS = {"abs", "sign", "min", "max", "where"}
 
 Dimensions = Mapping[str, Dimension]
@@ -45,6 +48,7 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
             slip = _check_slip(friction.slip, statement, known)
             for key in ("kinetic", "static"):
                 _needs(key, getattr(friction, key), statement, known, power / slip)
+            _check_strengths("kinetic", friction.kinetic, friction.static, statement)
 
 
 def _check_contact(contact: Contact, statement: Statement, known: Dimensions) -> None:
@@ -54,16 +58,60 @@ def _check_contact(contact: Contact, statement: Statement, known: Dimensions) ->
         for one in sorted(free_names(tree) & set(names)):
             raise InputError(f"gap reads the {what} '{one}', and may read coordinates, time and parameters")
     if kinks := sorted({one.function for one in every(tree) if isinstance(one, Call)} & KINKS):
-        raise InputError(f"gap has a kink or a jump, {', '.join(kinks)}; write a contact for each of its smooth parts")
+        raise InputError(
+            f"gap has a kink or a jump, {', '.join(kinks)}; write a contact for each of its smooth parts, where all of them hold at once"
+        )
     if all(derivative(tree, {name: ONE}) == ZERO for name in statement.coordinates):
         raise InputError("gap depends on no coordinate: nothing could be pushed away")
     _needs("restitution", contact.restitution, statement, {**known, APPROACH: gap / TIME}, NONE)
+    size = _number(contact.restitution, statement)
+    if size is not None and not 0.0 <= size <= 1.0:
+        raise InputError(f"{_said('restitution', contact.restitution, size)}, needs to be from 0 to 1")
+    _check_start(tree, statement)
     if contact.rest_height is not None and contact.rest_height.unit.dimension != gap:
         raise InputError(f"rest_height is '{contact.rest_height}', needs the unit of the gap, '{gap}'")
     if contact.slip is not None and contact.friction is not None and contact.static is not None:
         slip = _check_slip(contact.slip, statement, known)
         for key, node in (("friction", contact.friction), ("static", contact.static)):
             _needs(key, node, statement, known, gap / TIME / slip)
+        _check_strengths("friction", contact.friction, contact.static, statement)
+
+
+def _check_start(gap: Node, statement: Statement) -> None:
+    """Refuse a motion that begins with one body inside another, by more than rounding."""
+    values = _values(statement) | {name: one.si for name, one in statement.initial.items()}
+    if free_names(gap) - set(values):
+        return  # of a value that is missing it was said
+    found = evaluate(gap, values)
+    terms = (evaluate(derivative(gap, {name: ONE}), values) * values[name] for name in statement.coordinates)
+    if found < -ROUNDING * sum(map(abs, terms)):
+        raise InputError(f"gap is {found:.6g} (SI units) at the start: one body is inside the other; begin where gaps are not negative")  # fmt: skip
+
+
+def _check_strengths(key: str, slipping: Node, sticking: Node, statement: Statement) -> None:
+    """Refuse numbers that are no friction, where they are known before the start."""
+    size, most = _number(slipping, statement), _number(sticking, statement)
+    if size is not None and not size >= 0.0:
+        raise InputError(f"{_said(key, slipping, size)}, needs to be non-negative")
+    if size is not None and most is not None and not most >= size:
+        raise InputError(f"{_said('static', sticking, most)}, needs to be at least {_said(key, slipping, size)}")
+
+
+def _said(key: str, node: Node, size: float) -> str:
+    """Say what a number is, and where it comes from."""
+    return f"{key} is {size:.6g}" if not free_names(node) else f"{key}, {text_of(node)}, is {size:.6g} (SI units)"
+
+
+def _number(node: Node, statement: Statement) -> float | None:
+    """Return what an expression is worth that parameters alone decide."""
+    tree, values = expand(node, statement.definitions), _values(statement)
+    return None if free_names(tree) - set(values) else evaluate(tree, values)
+
+
+def _values(statement: Statement) -> dict[str, float]:
+    """Return parameters and constants in SI units."""
+    found = {name: float(constant(name).factor) for name in CONSTANTS} | {"pi": math.pi}
+    return found | {name: one.quantity.si for name, one in statement.parameters.items()}
 
 
 def _check_slip(slip: Node, statement: Statement, known: Dimensions) -> Dimension:

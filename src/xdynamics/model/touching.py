@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import inf
 from typing import Any
 
-from xdynamics.expressions import Node, free_names, parse
-from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions import Node, parse
 from xdynamics.faults import InputError
 from xdynamics.model.parts import DIRECTIONS, IMPACT_LAWS, TANGENTIALS, Contact, Friction
 from xdynamics.model.words import choice, described, keys, tolerance
@@ -38,13 +36,8 @@ def contact(given: Any) -> Contact:
         if unused := [key for key in _OF_COULOMB if key in given]:
             raise InputError(f"{', '.join(unused)} is for tangential = 'coulomb', and this contact is frictionless")
         own = {}
-    restitution = _expression(given, "restitution")
-    if not 0 <= _constant(restitution, 0.0) <= 1:
-        raise InputError(f"restitution is {given['restitution']!r}, needs a number from 0 to 1")
-    if own:
-        _check_strengths(own["friction"], own["static"], "friction")
     return Contact(
-        parse(given["gap"]), restitution, tangential, time_tolerance=tolerance(given), rest_height=_height(given),
+        parse(given["gap"]), _expression(given, "restitution"), tangential, time_tolerance=tolerance(given), rest_height=_height(given),
         law=choice(given, "law", IMPACT_LAWS, "newton"), description=described(given), **own,
     )  # fmt: skip
 
@@ -74,7 +67,6 @@ def friction(given: Any) -> Friction:
     keys(given, _OF_FRICTIONS, needed=("slip", "kinetic"))
     kinetic = _expression(given, "kinetic")
     static = _expression(given, "static") if "static" in given else kinetic
-    _check_strengths(kinetic, static, "kinetic")
     return Friction(parse(given["slip"]), kinetic, static, tolerance(given), described(given))
 
 
@@ -86,20 +78,6 @@ def _expression(given: Mapping[str, Any], key: str) -> Node:
         return parse(repr(value) if plain else value)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
-
-
-def _constant(node: Node, otherwise: float) -> float:
-    """Return the value of an expression of numbers alone."""
-    return otherwise if free_names(node) else evaluate(node, {})
-
-
-def _check_strengths(slipping: Node, sticking: Node, key: str) -> None:
-    """Refuse numbers that are no friction."""
-    size = _constant(slipping, 0.0)
-    if not size >= 0:
-        raise InputError(f"{key} is {size!r}, needs to be non-negative")
-    if not _constant(sticking, inf) >= size:
-        raise InputError(f"static is {_constant(sticking, inf)!r}, needs to be at least {key}, {size!r}")
 
 
 def _height(given: Mapping[str, Any]) -> Quantity | None:

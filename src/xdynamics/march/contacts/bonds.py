@@ -35,6 +35,7 @@ from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import MODES, NORMAL, TANGENT
 from xdynamics.schema import BACKWARD, CLOSED, FORWARD, LOOSE, OPEN, SETTLING, STICKING
 
+FLAT = 1e-9  # of the largest that a reaction did to its own row: a gap has no gradient there
 ALIKE = 1e-10  # of what a reaction does to its own row: what is left where others do the same
 
 
@@ -88,9 +89,11 @@ def number_of_force(run: Run, k: int) -> float:
 
 @shared
 def sensible(run: Run) -> bool:
-    """Whether no friction pushes on, and none sticks with less than it slips with."""
+    """Whether no friction pushes on, none sticks with less than it slips with, and no gap closes without a normal."""
     found = True
     for k in range(run.touches.shape[0]):
+        if run.touches[k].near:
+            found = found and gram(run, k, k) > FLAT * run.touches[k].steepest
         if run.reactions[k].role != NORMAL:
             size, most = number(run, k, SIZE), number(run, k, MOST)
             found = found and size >= 0.0 and most >= size

@@ -53,6 +53,7 @@ def measure(run: Run) -> None:
         for i in range(n):
             size += abs(row(run, k, i) * run.z[n + i])
         one.fastest = max(one.fastest, abs(number(run, k, RATE)))
+        one.steepest = max(one.steepest, gram(run, k, k))
         size = max(size, one.fastest)
         one.slack = max(NOISE * size, (abs(number(run, k, FREE)) + brake(run, k)) * run.reactions[k].tolerance)
         one.near = 0

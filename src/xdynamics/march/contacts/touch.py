@@ -15,7 +15,7 @@ from xdynamics.march.contacts.bouncing import bounce
 from xdynamics.march.contacts.gaps import approaching, hear, measure, width
 from xdynamics.march.contacts.holding import choose, hold
 from xdynamics.march.contacts.impact import collide, noise
-from xdynamics.march.contacts.linking import GAP_OF, look_at_links, number
+from xdynamics.march.contacts.linking import GAP_OF, gram, look_at_links, number
 from xdynamics.march.contacts.noting import note_changes, note_impacts
 from xdynamics.march.contacts.stepping import step_in_time
 from xdynamics.march.events.certainty import NONE
@@ -71,6 +71,7 @@ def begin(run: Run, t: float) -> None:
         one = run.touches[k]
         one.state, one.limit, one.lost, one.hit, one.known = OPEN, -inf, 0.0, NONE, 0.0
         one.speed, one.since, one.doubt, one.total, one.fastest = 0.0, t, 0.0, 0.0, 0.0
+        one.steepest = gram(run, k, k)
         one.largest = max(0.0, number(run, k, GAP_OF))
         if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -width(run, k):
             run.now[0].status = CONTACT_PENETRATED
