@@ -539,6 +539,17 @@ def test_a_gap_that_is_no_distance_is_doubted(changed: dict[str, str], said: str
         xd.simulate(model, method="rk4", step=0.01, until=0.1)
 
 
+def test_the_record_tells_what_a_contact_is() -> None:
+    """Assert that gap, slip, coefficients and tolerances stand at the forces, with the sense in which they are positive."""
+    run = xd.simulate(sliding(), method="rk4", step=0.01, until=0.1)
+    normal, friction = run.contact_force_floor.attrs, run.friction_force_floor.attrs
+    assert normal["long_name"] == "normal force of contact floor, positive where it pushes; 0 where it is open"
+    assert (normal["gap"], normal["restitution"]) == ("y", "0.0")
+    assert (friction["slip"], friction["friction"], friction["static"]) == ("v_x", "mu", "mu")
+    assert "along positive slip" in friction["long_name"]
+    assert (run.friction_force_floor.values[run.v_x.values > 0] < 0.0).all()
+
+
 def test_an_impact_is_no_contact_twice() -> None:
     """Assert that a contact and an event that is one may not bear the same name."""
     table = table_of(ball())

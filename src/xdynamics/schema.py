@@ -30,6 +30,12 @@ REASON_ERROR, REASON_NONFINITE, REASON_DOMAIN, REASON_CONTACT, REASON_EVENT, REA
 )
 EVENT_KINDS = ("crossing", "touch", "jump", "impact", "regime_switch", "pole", "cluster", "rest", "takeoff", "stick", "slip", "reset")  # fmt: skip
 CROSSING, TOUCH, JUMP, IMPACT, REGIME_SWITCH, POLE, CLUSTER, REST, TAKEOFF, STICK, SLIP, RESET_KIND = range(len(EVENT_KINDS))  # fmt: skip
+KINDS_IN_WORDS = (
+    "crossing: changes sign; touch: reaches zero and turns; jump: changes sign at a jump; pole: at infinity;"
+    " cluster: several that could not be told apart; impact: velocities change by an impulse; rest: a contact closes"
+    " and stays; takeoff: it opens; stick, slip: friction comes to hold, or begins to slip or reverses;"
+    " regime_switch: other forces act, or another side of one; reset: the state was set"
+)
 EVENT_DIRECTIONS = {-1: "falling", 1: "rising"}
 ONLY_REGIME = "motion"
 CONTACT_STATES = ("open", "settling", "closed")
@@ -193,7 +199,7 @@ FIXED_EVENTS = (
     Variable("event_time_uncertainty", (EVENTS,), "f8", "s", "uncertainty of locating the event: the sum of its parts, at least half a spacing of t; the error of the integration is not in it", "event"),
     Variable("event_row_before", (EVENTS,), "i8", "1", "row of `step` with the state before the event", "event"),
     Variable("event_row_after", (EVENTS,), "i8", "1", "row of `step` with the state after the event", "event"),
-    Variable("event_kind", (EVENTS,), "i1", "1", "kind of the event", "flag", flags(dict(enumerate(EVENT_KINDS)))),
+    Variable("event_kind", (EVENTS,), "i1", "1", "kind of the event", "flag", flags(dict(enumerate(EVENT_KINDS))) | {"kinds": KINDS_IN_WORDS}),
     Variable("event_direction", (EVENTS,), "i1", "1", "direction in which the event function passed zero", "flag", flags(EVENT_DIRECTIONS)),
 )  # fmt: skip
 EVENT_UNCERTAINTIES = (

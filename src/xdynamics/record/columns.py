@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.expressions import text_of
 from xdynamics.march import Block, March
 from xdynamics.march.memory import numbers_at_end
 from xdynamics.model import Model
+from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.event_columns import event_columns
@@ -76,9 +78,9 @@ def _steps(about: About) -> list[Column]:
     )
     found.append(Column(regime, lambda block: block.log.flags[1, : block.rows]))
 
-    def add(name: str, long_name: str, role: str, unit: Unit) -> None:
+    def add(name: str, long_name: str, role: str, unit: Unit, more: Mapping[str, Any] | None = None) -> None:
         tolerance = _tolerance(about, name, unit) if name in layout.used else {}
-        variable = Variable(name, (STEPS,), "f8", unit.text, long_name, role, tolerance)
+        variable = Variable(name, (STEPS,), "f8", unit.text, long_name, role, {**tolerance, **(more or {})})
         found.append(Column(variable, row_of(order[name], units.factor(unit))))
 
     for name, coordinate in model.coordinates.items():
@@ -101,8 +103,7 @@ def _steps(about: About) -> list[Column]:
         owner = name.removeprefix(schema.contact_gap("")) if role == "gap" else name
         add(name, schema.ENERGIES.get(name, f"{said} {owner}"), role, units.derived(name))
     for k, one in enumerate(reactions(model)):
-        what = "normal force of contact" if one.sort == NORMAL else "friction force of"
-        add(one.name, f"{what} {one.owner}; 0 where it is open", "reaction", units.known[one.name])
+        add(one.name, _said_of(one), "reaction", units.known[one.name], _declared(model, one))
         found.append(Column(_state_of(one), _flag(2 + k)))
     if layout.estimates and about.tolerances is not None:
         found.append(Column(schema.ERROR_NORM, row_of(order["error_norm"], 1.0)))
@@ -114,6 +115,32 @@ def _steps(about: About) -> list[Column]:
         index = order["newton_iterations"]
         found.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
     return found
+
+
+def _said_of(one: Reaction) -> str:
+    """Say what a reaction is, which way it is positive, and where it is 0."""
+    if one.sort == NORMAL:
+        return f"normal force of contact {one.owner}, positive where it pushes; 0 where it is open"
+    where = "" if one.sort == DRY else "; 0 where it is open"
+    return f"friction force of {one.owner} along positive slip, against which it acts while it slips{where}"
+
+
+def _declared(model: Model, one: Reaction) -> dict[str, str]:
+    """Say what the model says of a contact or friction element; the force acts along the gradient of its gap, or slip."""
+    part: Contact | Friction = model.frictions[one.owner] if one.sort == DRY else model.contacts[one.owner]
+    keys = (
+        ("gap", "restitution")
+        if one.sort == NORMAL
+        else ("slip", "kinetic" if one.sort == DRY else "friction", "static")
+    )
+    found = {key: text_of(getattr(part, key)) for key in keys}
+    found["acts_along"] = (
+        "gradient of the gap, in which it is measured"
+        if one.sort == NORMAL
+        else "derivative of the slip by the velocities"
+    )
+    said = {"time_tolerance": part.time_tolerance, "rest_height": getattr(part, "rest_height", None)}
+    return found | {key: str(value) for key, value in said.items() if value is not None}
 
 
 def state_name(one: Reaction) -> str:

@@ -60,14 +60,14 @@ def event_columns(about: About) -> list[Column]:
         impulse = _impulse_unit(model, i, name)
         found += [
             Column(Variable(f"event_impulse_{name}", (EVENTS,), "f8", impulse.text, f"contact impulse along {name}", "event", _laws(model)), _impulse(about, i, impulse)),
-            Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"offset put on {name} at the event", "event"), _nothing),
+            Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"shift of {name} that was asked for at the event; 0 where none was", "event"), _nothing),
         ]  # fmt: skip
     if about.layout.reactions:
         energy = spell(
             _impulse_unit(model, 0, name := next(iter(model.coordinates))).dimension
             * model.dimensions[schema.velocity(name)]
         )
-        said = "energy that an impact took, or the bounces that were skipped; seen from what is struck"
+        said = "energy that the motion lost in the impact, or in bounces that were skipped, relative to a surface that moves"
         lost = Variable("event_energy_lost", (EVENTS,), "f8", energy.text, said, "event")
         found.append(Column(lost, _impulse(about, len(model.coordinates), energy)))
     return found
@@ -172,7 +172,7 @@ def _values(about: About) -> list[Column]:
 
         return take
 
-    said = "uncertainty of the event function at the accepted state: rounding, and the estimated error of the step"
+    said = "uncertainty of the event function at the accepted state: rounding, and of a model's own events the estimated error of the step"
     return [
         Column(Variable("event_residual", (EVENTS,), "f8", unit, "event function at the accepted state", "event", more), taken("residual")),
         Column(Variable("event_function_uncertainty", (EVENTS,), "f8", unit, said, "event", more), taken("uncertainty")),
