@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 import xdynamics as xd
 from problems import MODELS, oscillator
-from xdynamics.figures.run import thinned
+from xdynamics.figures.curves import between, thinned
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
@@ -86,3 +86,48 @@ def test_events_of_rows_that_are_left_out_are_not_marked() -> None:
     assert not xd.plot(run.isel(step=slice(3))).axes[0].texts
     with pytest.raises(xd.InputError, match="variable 'event_detector' has the value 99"):
         xd.plot(run.assign(event_detector=run.event_detector * 0 + 99))
+
+
+def test_lines_between_few_states_bend_as_the_motion_does() -> None:
+    """Assert that what is drawn between long steps is the motion: of states, velocities and accelerations as recorded."""
+    run = xd.simulate(oscillator().model, method="dop853", rtol=1e-9, until=5.0)
+    times, values = between(run, "x") or (np.zeros(0), np.zeros(0))
+    assert run.sizes["step"] < 60
+    assert len(times) > 1000
+    true = xd.sample(run, times).x.values
+    assert np.abs(values - true).max() < 2e-5
+    _, speeds = between(run, "v_x") or (np.zeros(0), np.zeros(0))
+    assert np.abs(speeds - xd.sample(run, times).v_x.values).max() < 2e-3
+
+
+def test_nothing_is_drawn_between_rows_that_are_left_out() -> None:
+    """Assert straight lines where the step from row to row is not the one recorded, and where rows are many."""
+    run = xd.simulate(oscillator().model, method="dop853", rtol=1e-9, until=5.0)
+    assert between(run.isel(step=slice(None, None, 3)), "x") is None
+    assert between(run.drop_vars("a_x"), "x") is None
+    assert between(xd.simulate(oscillator().model, step=0.001, until=5.0), "x") is None
+
+
+def test_contacts_are_marked_on_their_own_lines() -> None:
+    """Assert names with what happens, on the coordinate that a gap reads, and a panel of the impulses."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "ball_in_box.toml"), until=3.0)
+    axes = {one.get_title(loc="left"): one for one in reversed(xd.plot(run).axes)}
+    assert {text.get_text() for text in axes["trajectory"].texts} == {
+        "ceiling impact",
+        "right impact, floor impact",
+        "left impact",
+    }
+    marked = [line for line in axes["trajectory"].lines if line.get_marker() == "v"]
+    walls = {round(float(one), 6) for line in marked for one in line.get_ydata()}
+    assert walls == {0.0, 1.0}
+    assert len(axes["impulses of impacts"].collections) == 2
+    assert "contact and friction" not in axes  # nothing ever stays
+
+
+def test_long_outcomes_are_whole_or_end_in_dots() -> None:
+    """Assert that the text below is broken into lines, not cut."""
+    run = xd.simulate(oscillator().model, step=0.01, until=1.0)
+    figure = xd.plot(run.assign_attrs(run_outcome_text="word " * 400))
+    told = figure._supxlabel.get_text()
+    assert told.count("\n") == 2
+    assert told.endswith("…")

@@ -97,7 +97,7 @@ def _end(run: xr.Dataset) -> Iterator[str]:
 
 
 def _events(run: xr.Dataset) -> Iterator[str]:
-    names, kinds = event_names(run), _words(run["event_kind"])
+    names, kinds = event_names(run), event_kinds(run)
     rows = np.asarray(run["event_row_before"])
     coordinates = [
         str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in ("coordinate", "velocity")
@@ -114,6 +114,11 @@ def _events(run: xr.Dataset) -> Iterator[str]:
 def event_names(run: xr.Dataset) -> list[str]:
     """Return the name of the detector of every event."""
     return _words(run["event_detector"])
+
+
+def event_kinds(run: xr.Dataset) -> list[str]:
+    """Return the kind of every event."""
+    return _words(run["event_kind"])
 
 
 def _words(flag: xr.DataArray) -> list[str]:

@@ -1,0 +1,121 @@
+"""What is marked on the lines of a run: events by name and kind, regimes as bands."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.faults import escaped
+from xdynamics.record.kinds import is_whole
+from xdynamics.schema import contact_force, friction_force
+from xdynamics.summary import event_kinds, event_names
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_LABELLED = 12
+MOST_BANDS = 400  # of regimes; what changes more often is not told apart
+SHORTEST_NAMED = 0.08  # of the span, for a regime to be named in its band
+CROWDED = 0.2  # of the span: names nearer than this to the one before stand above it, or below it near the top
+TOP = 0.75  # of a panel, from where on names stand below
+MARKERS = {
+    "impact": "v",
+    "rest": "s",
+    "takeoff": "^",
+    "stick": "s",
+    "slip": "D",
+    "regime_switch": "X",
+    "reset": "P",
+    "touch": "d",
+}
+PLAIN = ("crossing", "regime_switch", "reset")  # kinds that an event's own name is enough for
+COLOURS = ("#1f5a96", "#c8501e", "#3a8f5c", "#7a4fa0", "#8c6d1f", "#4c4c4c")
+
+
+def words(text: Any) -> str:
+    """Return a record's text as it is to be read in a figure: no formula, nothing unseen."""
+    return escaped(str(text)).replace("$", r"\$")
+
+
+def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
+    """Shade the time that each regime lasts, and name it, where there are several."""
+    if "regime" not in run or len(named := run["regime"].attrs["flag_meanings"].split()) < 2:
+        return
+    time, regime = run["time"].values, run["regime"].values
+    flags = np.atleast_1d(run["regime"].attrs["flag_values"]).tolist()
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(regime)) + 1, [len(regime)]])
+    for first, last in list(pairwise(edges))[:MOST_BANDS]:
+        place = flags.index(int(regime[first]))
+        end = time[min(last, len(time) - 1)]
+        axes.axvspan(time[first], end, color=COLOURS[place % len(COLOURS)], alpha=0.07, linewidth=0)
+        if len(edges) <= MOST_LABELLED and end - time[first] > SHORTEST_NAMED * (time[-1] - time[0]):
+            axes.annotate(
+                words(named[place]), ((time[first] + end) / 2, 1.0), xycoords=("data", "axes fraction"), xytext=(0, -9),
+                textcoords="offset points", ha="center", fontsize=7, color="#555555",
+            )  # fmt: skip
+
+
+def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
+    """Mark every event on the line that it is about, a marker for each kind, and name what happens where it first does."""
+    if not run.sizes.get("event", 0) or not is_whole(run.attrs):
+        return  # of a selection, the rows that events name are those of the run
+    if not {"event_detector", "event_kind", "event_row_before", "event_time"} <= set(run.variables):
+        return
+    rows, every = run["event_row_before"].values, run["time"].values
+    if not np.array_equal(every[np.clip(rows, 0, every.size - 1)], run["event_time"].values):
+        return  # rows were left out since
+    detectors, kinds = event_names(run), event_kinds(run)
+    happened = [one if kind in PLAIN else f"{one} {kind}" for one, kind in zip(detectors, kinds, strict=True)]
+    labels: dict[
+        int, list[str]
+    ] = {}  # by the row at which something happens first: what happens at once is named at once
+    for n, what in enumerate(dict.fromkeys(happened)):
+        chosen = np.array([one == what for one in happened])
+        first = int(np.flatnonzero(chosen)[0])
+        line = run[_told_by(run, detectors[first], names)].values
+        marker = MARKERS.get(kinds[first], "ovsD^P*X"[n % 8])
+        axes.plot(
+            every[rows[chosen]],
+            line[rows[chosen]],
+            marker,
+            color="black",
+            markersize=4.5,
+            markerfacecolor="white",
+            zorder=3,
+        )
+        if n < MOST_LABELLED:
+            labels.setdefault(int(rows[first]), []).append(what)
+    _name(run, labels, names, axes)
+
+
+def _name(run: xr.Dataset, labels: dict[int, list[str]], names: list[str], axes: Axes) -> None:
+    """Write names beside markers, above one another where they would lie on one another."""
+    time = run["time"].values
+    span, before, level = float(time[-1] - time[0]), -np.inf, 0
+    for row, named in sorted(labels.items()):
+        level = level + 1 if time[row] - before < CROWDED * span else 0
+        before = time[row]
+        value = float(run[_told_by(run, named[0].split()[0], names)][row])
+        low, high = axes.get_ylim()
+        shift = -13 - 9 * level if value > low + TOP * (high - low) else 5 + 9 * level
+        axes.annotate(
+            words(", ".join(named)), (time[row], value), textcoords="offset points", xytext=(5, shift), fontsize=7.5
+        )
+
+
+def _told_by(run: xr.Dataset, detector: str, names: list[str]) -> str:
+    """Return the line that an event is about: its contact's own force, or the first that its function, gap or slip names."""
+    about, forces = run.variables, (contact_force(detector), friction_force(detector))
+    if own := [name for name in names if name in forces]:
+        return own[0]
+    texts = [about[one].attrs.get(key, "") for one, key in zip(forces, ("gap", "slip"), strict=True) if one in about]
+    functions = str(about["event_detector"].attrs.get("functions", ""))
+    texts += [one.partition(": ")[2] for one in functions.split("; ") if one.startswith(f"{detector}: ")]
+    read = re.findall(r"[A-Za-z_]\w*", " ".join(map(str, texts)))
+    # of what a gap reads the velocity is the line too, and of a slip's velocity the coordinate
+    found = [name for name in names if {name, name.removeprefix("v_"), f"v_{name}"} & set(read)]
+    return found[0] if found else names[0]
