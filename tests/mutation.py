@@ -38,6 +38,11 @@ PATIENCE = 5.0  # times what the tests take on the source as it is
 # the tests that touch a file, the quickest first; each may be followed by a choice, as for -k
 EVENTS = "event and not outside or root or stop_at or bracket"
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
+CONTACTS = (
+    "test_contacts.py -k exact_where or plastic or speed_of_approach or law_tells or impulses or corner or rest_height or"
+    " painleve or both_of_its or same_floor or lifts or no_answer or leaves_a_table or before_the_start"
+)
+FRICTION = "test_friction.py"
 ARCHIVE = "opened_equals or damage or changed or unsealed or flipped or foreign or is_no"
 SEGMENTS = (
     "resumed_is or missing or without_room or follows or sealed or another_model or (damaged_segment and sample_)"
@@ -50,6 +55,22 @@ TOUCHED = {
         "test_model.py -k not (python_force or cannot_be_marched)",
     ),
     "march/events/locating.py": ("test_phases.py", f"test_march.py -k {EVENTS}"),
+    "march/events/certainty.py": ("test_phases.py", "test_isolation.py", "test_python_detectors.py"),
+    "march/events/isolation.py": ("test_phases.py", "test_isolation.py"),
+    "march/events/sides.py": (
+        "test_switches.py -k relay or stop or starts",
+        "test_table_switches.py -k relay or starts or leaves or outside or slides",
+    ),
+    "march/contacts/complementarity.py": ("test_complementarity.py", CONTACTS),
+    "march/contacts/bonds.py": (CONTACTS, FRICTION),
+    "march/contacts/bouncing.py": (CONTACTS, FRICTION),
+    "march/contacts/gaps.py": (CONTACTS, FRICTION),
+    "march/contacts/holding.py": (CONTACTS, FRICTION),
+    "march/contacts/impact.py": (CONTACTS, FRICTION),
+    "march/contacts/linking.py": ("test_complementarity.py", CONTACTS, FRICTION),
+    "march/contacts/noting.py": (CONTACTS, FRICTION),
+    "march/contacts/stepping.py": ("test_contacts.py -k second_scheme",),
+    "march/contacts/touch.py": (CONTACTS, FRICTION),
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
     "evidence/sampling.py": ("test_sampling.py -k not (radau or archive)",),
     "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py"),
