@@ -39,10 +39,10 @@ PATIENCE = 5.0  # times what the tests take on the source as it is
 EVENTS = "event and not outside or root or stop_at or bracket"
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
 CONTACTS = (
-    "test_contacts.py -k exact_where or plastic or speed_of_approach or law_tells or impulses or corner or rest_height or"
-    " painleve or both_of_its or same_floor or lifts or no_answer or leaves_a_table or before_the_start"
+    "test_contacts.py -k not finite and (exact_where or plastic or speed_of_approach or law_tells or impulses or corner or rest_height or"
+    " painleve or both_of_its or same_floor or lifts or no_answer or leaves_a_table or before_the_start)"
 )
-FRICTION = "test_friction.py"
+FRICTION = "test_friction.py -k not (turns_and or belt)"
 ARCHIVE = "opened_equals or damage or changed or unsealed or flipped or foreign or is_no"
 SEGMENTS = (
     "resumed_is or missing or without_room or follows or sealed or another_model or (damaged_segment and sample_)"
