@@ -1,0 +1,191 @@
+"""Convergence of values with a step, or another small number: observed orders, limits, and how uncertain the finest is.
+
+Plain numbers, levels along the last axis from coarse to fine. The grid convergence index is that of Celik and others (2008,
+Journal of Fluids Engineering 130, 078001, doi:10.1115/1.2960953), the fits are those of Eca and Hoekstra (2014, Journal of
+Computational Physics 262, 104-130, doi:10.1016/j.jcp.2014.01.006) with the formal order of the method in the place of
+the two of their finite volumes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+SAFETY, CAUTION = 1.25, 3.0  # factors of an error estimate that is trusted, and of one that is not
+STEEPEST = 64.0  # orders that are told apart
+BISECTIONS = 60
+BEYOND = 0.1  # of orders over the formal one that a fit may have
+LEAST_SHARE = 0.25  # of the formal order, under which an observed one is not trusted
+GRID = 96  # orders at which a fit is tried first
+
+
+def observed_orders(values: Floats, steps: Floats) -> Floats:
+    """Return the order of each level with the one before and the one behind it.
+
+    Where the differences of neighbours are h1**p - h2**p times a constant, p is found whatever the ratios are. It is
+    signed: below zero, differences grow. Where they change their sign it is that of Celik's equation for oscillations.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., n)
+    steps : ndarray, shape (n,)
+        Decreasing.
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+        nan at both ends, and where two values are the same.
+
+    Examples
+    --------
+    >>> observed_orders(10 - 3 * np.array([0.4, 0.2, 0.1]) ** 2, np.array([0.4, 0.2, 0.1])).round(6).tolist()
+    [nan, 2.0, nan]
+    """
+    orders = np.full(values.shape, np.nan)
+    change, ratio = np.diff(values, axis=-1), steps[:-1] / steps[1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        grown = change[..., :-1] / change[..., 1:]
+    known = np.isfinite(grown) & (grown != 0.0)
+    coarse, fine = (np.broadcast_to(one, grown.shape)[known] for one in (ratio[:-1], ratio[1:]))
+    inner = np.full(grown.shape, np.nan)
+    inner[known] = _solved(grown[known], coarse, fine)
+    orders[..., 1:-1] = inner
+    return orders
+
+
+def _solved(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
+    """Solve Celik's equation ``abs(grown) = fine**p (coarse**p - s)/(fine**p - s)`` for p, which it grows with."""
+    size, sign = np.abs(grown), np.sign(grown)
+    low, high = np.full(size.shape, -STEEPEST), np.full(size.shape, STEEPEST)
+    for _ in range(BISECTIONS):
+        p = (low + high) / 2.0
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            # by powers of logarithms, so that order 0 is no division of zeros
+            upper = np.where(sign > 0, np.expm1(p * np.log(coarse)), coarse**p + 1.0)
+            lower = np.where(sign > 0, -np.expm1(-p * np.log(fine)), 1.0 + fine**-p)
+            value = np.where(p == 0.0, np.where(sign > 0, np.log(coarse) / np.log(fine), 1.0), upper / lower)
+        above = value > size
+        low, high = np.where(above, low, p), np.where(above, p, high)
+    found: Floats = (low + high) / 2.0
+    return found
+
+
+def extrapolated(coarse: Floats, fine: Floats, ratio: float, order: Floats | float) -> Floats:
+    """Return Richardson's limit of two values whose steps have a ratio above 1."""
+    found: Floats = fine + (fine - coarse) / np.expm1(order * np.log(ratio))
+    return found
+
+
+def convergence_index(coarse: Floats, fine: Floats, ratio: float, order: Floats | float) -> Floats:
+    """Return the grid convergence index of the finer value, absolute: 1.25 times what Richardson's limit is away."""
+    found: Floats = SAFETY * np.abs((fine - coarse) / np.expm1(order * np.log(ratio)))
+    return found
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One fit of ``limit + sum(slopes * steps**orders)``.
+
+    Attributes
+    ----------
+    limit : float
+    slopes, orders : tuple of float
+    spread : float
+        Standard deviation of the values from the fit.
+    residual : float
+        How far the finest value is from the fit.
+    error : float
+        How far it is from the limit.
+    """
+
+    limit: float
+    slopes: tuple[float, ...]
+    orders: tuple[float, ...]
+    spread: float
+    residual: float
+    error: float
+
+
+def fitted(values: Sequence[float], steps: Sequence[float], formal: float) -> Fit:
+    """Fit values to a power of their steps by least squares, as Eca and Hoekstra do.
+
+    The order is free first, with all values of one weight and with weights by 1/step; the fit with the smaller spread is
+    taken. An order above the formal one is set to it; one that is far below, or none, gives way to the better of fits
+    with the formal order, half of it, and both.
+
+    Parameters
+    ----------
+    values, steps : sequence of float, at least 4
+    formal : float
+        The order that the method has.
+
+    Examples
+    --------
+    >>> h = np.array([0.4, 0.3, 0.2, 0.1])
+    >>> one = fitted(10 - 3 * h**2, h, 2.0)
+    >>> round(one.limit, 9), round(one.slopes[0], 7), round(one.orders[0], 7)
+    (10.0, -3.0, 2.0)
+    """
+    found, h = np.asarray(values, float), np.asarray(steps, float)
+    free = _best(_free(found, h, formal, weights) for weights in _weightings(h))
+    order = free.orders[0]
+    if LEAST_SHARE * formal <= order <= formal + BEYOND:
+        return free
+    if order > formal:
+        return _best(_fixed(found, h, (formal,), weights) for weights in _weightings(h))
+    trials = ((formal,), (formal / 2.0,), (formal / 2.0, formal))
+    return _best(_fixed(found, h, orders, weights) for orders in trials for weights in _weightings(h))
+
+
+def fitted_uncertainty(values: Sequence[float], steps: Sequence[float], formal: float) -> tuple[float, Fit]:
+    """Return the uncertainty of the finest value at 95 %, and the fit that it is from (Eca and Hoekstra, section 4)."""
+    fit = fitted(values, steps, formal)
+    scale = (max(values) - min(values)) / (len(values) - 1)
+    trusted = LEAST_SHARE * formal <= fit.orders[0] <= formal + BEYOND and len(fit.orders) == 1
+    left = fit.spread + abs(fit.residual)
+    if fit.spread < scale:
+        return (SAFETY if trusted else CAUTION) * abs(fit.error) + left, fit
+    return (CAUTION * fit.spread / scale * (abs(fit.error) + left) if scale > 0.0 else left), fit
+
+
+def _weightings(h: Floats) -> tuple[Floats, Floats]:
+    """Return equal weights and such by 1/step, each with a mean of 1."""
+    return np.ones(len(h)), len(h) * (1.0 / h) / np.sum(1.0 / h)
+
+
+def _best(fits: Iterable[Fit]) -> Fit:
+    return min(fits, key=lambda one: one.spread)
+
+
+def _free(values: Floats, h: Floats, formal: float, weights: Floats) -> Fit:
+    """Fit with an order that is free: for each order the rest is linear, so that one number is searched for."""
+    from scipy.optimize import minimize_scalar
+
+    def spread(order: float) -> float:
+        return _fixed(values, h, (order,), weights, free=True).spread
+
+    tried = np.linspace(LEAST_SHARE * formal / 8.0, 4.0 * formal, GRID)
+    best = int(np.argmin([spread(one) for one in tried]))
+    low, high = tried[max(best - 1, 0)], tried[min(best + 1, GRID - 1)]
+    order = float(minimize_scalar(spread, bounds=(low, high), method="bounded", options={"xatol": 1e-12}).x)
+    return _fixed(values, h, (order,), weights, free=True)
+
+
+def _fixed(values: Floats, h: Floats, orders: tuple[float, ...], weights: Floats, *, free: bool = False) -> Fit:
+    """Fit with given orders; one that was searched for counts as a parameter too."""
+    # steps over the coarsest: powers of small numbers would leave nothing of each other
+    scaled = np.stack([np.ones(len(h)), *((h / h[0]) ** one for one in orders)], axis=1)
+    root = np.sqrt(weights)
+    solution = np.linalg.lstsq(root[:, None] * scaled, root * values, rcond=None)[0]
+    away = values - scaled @ solution
+    left = len(values) - 1 - len(orders) - int(free)
+    spread = float(np.sqrt(np.sum(weights * away**2) / left)) if left > 0 else inf
+    slopes = tuple(float(one / h[0] ** p) for one, p in zip(solution[1:], orders, strict=True))
+    limit = float(solution[0])
+    return Fit(limit, slopes, orders, spread, float(away[-1]), float(values[-1]) - limit)

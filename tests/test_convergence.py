@@ -1,0 +1,108 @@
+"""Observed orders, limits and uncertainties of values that converge: against published digits and cases that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from xdynamics.evidence.convergence import (
+    convergence_index,
+    extrapolated,
+    fitted,
+    fitted_uncertainty,
+    observed_orders,
+)
+
+# Celik and others 2008, table 1: a reattachment length on 4500, 8000 and 18000 cells in two dimensions
+CELIK = np.array([5.863, 5.972, 6.063])
+CELLS = 1.0 / np.sqrt([4500.0, 8000.0, 18000.0])
+
+
+def test_the_digits_of_celik() -> None:
+    """Assert order, limit and both indices of the paper's example, whose step ratios are 4/3 and 3/2."""
+    order = float(observed_orders(CELIK, CELLS)[1])
+    assert order == pytest.approx(1.5339690, abs=5e-8)
+    assert float(extrapolated(CELIK[1], CELIK[2], 1.5, order)) == pytest.approx(6.1684956, abs=5e-8)
+    fine, coarse = (
+        convergence_index(CELIK[i - 1], CELIK[i], CELLS[i - 1] / CELLS[i], order) / CELIK[i] for i in (2, 1)
+    )
+    assert float(fine) == pytest.approx(0.0217, abs=5e-5)
+    assert float(coarse) == pytest.approx(0.0411, abs=5e-5)
+
+
+@given(
+    st.floats(0.3, 12.0),
+    st.lists(st.floats(1.1, 4.0), min_size=2, max_size=6),
+    st.floats(0.5, 100.0),
+    st.sampled_from([1, -1]),
+)
+def test_the_order_of_a_power_is_its_exponent(order: float, ratios: list[float], slope: float, sign: int) -> None:
+    """Assert it for all ratios of steps, growing or falling, and that what diverges has an order below zero."""
+    steps = np.cumprod([1.0, *(1.0 / one for one in ratios)])
+    found = observed_orders(sign * slope * steps**order, steps)
+    assert np.isnan(found[[0, -1]]).all()
+    assert found[1:-1] == pytest.approx(order, rel=1e-6)
+    growing = observed_orders(sign * slope * steps**-order, steps)
+    assert growing[1:-1] == pytest.approx(-order, rel=1e-6)
+
+
+def test_values_that_swing_round_their_limit_have_an_order_too() -> None:
+    """Assert Celik's equation for differences that change their sign: halving steps that make a half of each difference."""
+    swinging = np.array([1.0, 0.0, 0.25, 0.1875])
+    assert observed_orders(swinging, np.array([1.0, 0.5, 0.25, 0.125]))[1:-1] == pytest.approx([2.0, 2.0], rel=1e-12)
+
+
+def test_equal_values_have_no_order() -> None:
+    """Assert nan where a difference is zero, and that other axes are taken one by one."""
+    values = np.array([[1.0, 1.0, 2.0], [3.0, 2.0, 1.5]])
+    found = observed_orders(values, np.array([4.0, 2.0, 1.0]))
+    assert np.isnan(found[0]).all()
+    assert found[1, 1] == pytest.approx(1.0, rel=1e-12)
+
+
+def test_the_parabola_of_eca_and_hoekstra() -> None:
+    """Assert that 10 - 3 h**2 is fitted by itself."""
+    h = np.array([0.4, 0.3, 0.2, 0.1])
+    one = fitted(10.0 - 3.0 * h**2, h, 2.0)
+    assert (one.limit, one.slopes[0], one.orders[0]) == pytest.approx((10.0, -3.0, 2.0), rel=1e-8)
+    assert one.error == pytest.approx(-0.03, rel=1e-7)
+    assert one.spread < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("exponents", "formal", "orders"),
+    [((2.0,), 2.0, (2.0,)), ((3.5,), 2.0, (2.0,)), ((0.2,), 2.0, None), ((4.0,), 4.0, (4.0,)), ((1.0, 2.0), 2.0, None)],
+)
+def test_a_fit_has_no_order_that_the_method_has_not(exponents: tuple[float, ...], formal: float, orders: tuple[float, ...] | None) -> None:  # fmt: skip
+    """Assert that an order above the formal one is set to it, and a low one gives way to fixed ones."""
+    h = 0.5 * 0.7 ** np.arange(6)
+    one = fitted(1.0 + sum(h**p for p in exponents), h, formal)
+    if orders is not None:
+        assert one.orders == pytest.approx(orders, abs=0.11)
+    assert max(one.orders) <= formal + 0.11
+
+
+def test_values_that_scatter_are_uncertain_by_their_scatter() -> None:
+    """Assert that noise larger than what a finer step changes is in the uncertainty, threefold."""
+    rng = np.random.default_rng(3)
+    h = 0.5 * 0.8 ** np.arange(8)
+    noise = 1e-3 * rng.normal(size=8)
+    uncertainty, one = fitted_uncertainty(1.0 + noise, h, 2.0)
+    assert uncertainty > abs(1.0 + noise[-1] - 1.0)
+    assert uncertainty >= one.spread
+    still, _ = fitted_uncertainty(np.ones(5), h[:5], 2.0)
+    assert still < 1e-14
+
+
+def test_the_uncertainty_holds_the_error_of_smooth_cases() -> None:
+    """Assert for 1,000 random errors with three terms that the fit's bound holds all but 5 in 100 of them."""
+    rng, held = np.random.default_rng(1), 0
+    for _ in range(1000):
+        formal, terms = int(rng.integers(1, 9)), rng.normal(size=3)
+        h = 0.5 * 2.0 ** -np.arange(5) * rng.uniform(0.5, 1.0)
+        error = terms[0] * h**formal * (1 + terms[1] * h / 2 + terms[2] * h**2 / 2)
+        uncertainty, _ = fitted_uncertainty(0.3 + error, h, formal)
+        held += abs(error[-1]) <= uncertainty
+    assert held >= 950
