@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from xdynamics.archive.signatures import sign, verify_signature
     from xdynamics.evidence.comparison import compare
     from xdynamics.evidence.modes import modes
+    from xdynamics.evidence.refinement import refine
     from xdynamics.evidence.sampling import sample
     from xdynamics.extension import extend
     from xdynamics.faults import (
@@ -41,13 +42,13 @@ _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
     "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "discard": "archive", "extend": "extension", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
-    "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "verify": "archive",
+    "refine": "evidence.refinement", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "verify": "archive",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 
 __all__ = [
     "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "extend", "modes", "open_run",
-    "plot", "reproduce", "sample", "save", "sign", "simulate", "verify", "verify_signature",
+    "plot", "refine", "reproduce", "sample", "save", "sign", "simulate", "verify", "verify_signature",
 ]  # fmt: skip
 
 

@@ -23,6 +23,11 @@ BISECTIONS = 60
 BEYOND = 0.1  # of orders over the formal one that a fit may have
 LEAST_SHARE = 0.25  # of the formal order, under which an observed one is not trusted
 GRID = 96  # orders at which a fit is tried first
+VERDICTS = ("asymptotic", "pre_asymptotic", "roundoff", "event_limited", "interpolation_limited", "not_converging")
+ASYMPTOTIC, PRE_ASYMPTOTIC, ROUNDOFF, EVENT_LIMITED, INTERPOLATION_LIMITED, NOT_CONVERGING = range(len(VERDICTS))
+CLOSE = 0.05  # of an observed order to that of the method, or to a whole one above it
+STEADY = 0.25  # of it to the one before, where there are four levels
+SHARE = 0.3  # of the last difference that what is known of events may have
 
 
 def observed_orders(values: Floats, steps: Floats) -> Floats:
@@ -189,3 +194,65 @@ def _fixed(values: Floats, h: Floats, orders: tuple[float, ...], weights: Floats
     slopes = tuple(float(one / h[0] ** p) for one, p in zip(solution[1:], orders, strict=True))
     limit = float(solution[0])
     return Fit(limit, slopes, orders, spread, float(away[-1]), float(values[-1]) - limit)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What levels tell of one number.
+
+    Attributes
+    ----------
+    verdict : int
+        Of `VERDICTS`.
+    limit : float
+        What values with ever smaller steps come to, or nan where nothing says so.
+    uncertainty : float
+        Of the finest value, at about 95 %.
+    rule : str
+        Where the uncertainty is from.
+    """
+
+    verdict: int
+    limit: float
+    uncertainty: float
+    rule: str
+
+
+def judge(values: Floats, steps: Floats, formal: float, rounding: float, interpolation: float, events: float) -> Judged:
+    """Say what the values of levels, from coarse to fine, are worth.
+
+    Parameters
+    ----------
+    values, steps : ndarray, shape (n,)
+    formal : float
+        The order of the method in the steps.
+    rounding, interpolation, events : float
+        How far rounding, interpolation and the location of events may have the finest two values off.
+    """
+    last = float(abs(values[-1] - values[-2]))
+    left = rounding + interpolation + events
+    if not np.isfinite(values[-2:]).all():
+        return Judged(NOT_CONVERGING, np.nan, np.nan, "none: a value is missing")
+    if last <= rounding:
+        return Judged(ROUNDOFF, np.nan, left + last, "rounding")
+    ratio, orders = float(steps[-2] / steps[-1]), observed_orders(values, steps)
+    order = float(orders[-2]) if len(values) > 2 else np.nan
+    if interpolation >= last:
+        return Judged(INTERPOLATION_LIMITED, np.nan, CAUTION * last + left, "three times the last difference")
+    if events >= SHARE * last:
+        return Judged(EVENT_LIMITED, np.nan, CAUTION * last + left, "three times the last difference")
+    steady = len(values) < 4 or not np.isfinite(orders[-3]) or abs(order - float(orders[-3])) <= STEADY
+    whole = max(formal, float(np.round(order))) if np.isfinite(order) else formal
+    if steady and abs(order - whole) <= CLOSE:
+        limit = float(extrapolated(values[-2], values[-1], ratio, order))
+        index = float(convergence_index(values[-2], values[-1], ratio, min(order, whole)))
+        return Judged(ASYMPTOTIC, limit, index + left, "grid convergence index")
+    before = np.abs(np.diff(values))[:-1]
+    falls = not before.size or last < np.nanmax(before) / 2.0
+    verdict = PRE_ASYMPTOTIC if falls else NOT_CONVERGING
+    if len(values) >= 4 and np.isfinite(values).all():
+        uncertainty, fit = fitted_uncertainty(values.tolist(), steps.tolist(), formal)
+        return Judged(verdict, fit.limit if falls else np.nan, uncertainty + left, "least squares")
+    slowest = min(max(order, LEAST_SHARE * formal), formal) if np.isfinite(order) else LEAST_SHARE * formal
+    index = float(convergence_index(values[-2], values[-1], ratio, slowest)) * CAUTION / SAFETY
+    return Judged(verdict, np.nan, index + left, "three times Richardson's error")
