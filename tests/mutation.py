@@ -2,7 +2,7 @@
 
     python tests/mutation.py                                      all that is listed in TOUCHED
     python tests/mutation.py model/drives.py --most 50 --seed 1   a sample of one file
-    python tests/mutation.py march/events.py --lines 38 40        all mutants of some lines
+    python tests/mutation.py march/events/locating.py --lines 38 40        all mutants of some lines
 
 A mutant is compiled in memory and takes the place of its module in a forked process: no file is ever changed, and the
 libraries are imported once. Tests that start processes of their own do not see it. What is compiled by numba runs as
