@@ -145,11 +145,3 @@ def test_too_many_are_stepped_over() -> None:
         run = xd.simulate(pushed(f"-({force})"), method="rk4", step=0.1, until=1.0)
     assert "40 at most are located: all were stepped over" in run.attrs["run_outcome_text"]
     assert "solver_switches" not in run.attrs
-
-
-@pytest.mark.parametrize(("v", "first"), [("-1 m s-1", 1.0), ("1 m s-1", -1.0)])
-def test_a_start_on_a_switch_is_on_the_side_that_it_moves_to(v: str, first: float) -> None:
-    """Assert force and next switch of x'' = -sign(x) from x = 0: no event at the start, and one after two seconds."""
-    run = xd.simulate(pushed("-f*sign(x)", x="0 m", v=v), method="rk4", step=0.3, until=3.0)
-    assert float(run.a_x[0]) == first
-    assert run.event_time.values == pytest.approx([2.0], abs=1e-11)
