@@ -130,3 +130,12 @@ def test_no_number_is_an_end() -> None:
     assert run.attrs["run_outcome"] == "nonfinite_event"
     assert "'e'" in run.attrs["run_outcome_text"]
     assert float(run.x[-1]) > 0.5
+
+
+@pytest.mark.parametrize("root_state", ["reintegrate", "interpolant"])
+def test_implicit_methods_cross_too(root_state: str) -> None:
+    """Assert kinds and times by radau_iia, whose equations leave more than rounding, and whose interpolant has stages."""
+    run = xd.simulate(oscillator(level, root_state=root_state), method="radau_iia", rtol=1e-9, until=7.0)
+    assert words(run) == [("e", "crossing")] * 5
+    true = [(n * math.pi + sign * math.acos(0.97) / 2) for n in range(3) for sign in (-1, 1)][1:6]
+    assert np.abs(run.event_time.values - true).max() < (2e-8 if root_state == "reintegrate" else 1e-5)

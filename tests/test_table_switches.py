@@ -131,6 +131,71 @@ def test_the_state_between_steps_is_that_of_its_piece(tmp_path: Path) -> None:
     assert float(xd.sample(over, times).error_x.max()) < 1e-3
 
 
+WILD = [(-3, 1), (-1, 1), (0, 0), (1, -3), (2, 4), (3, -1)]
+
+
+@pytest.mark.parametrize(("x", "v"), [("2.5*metre", "-1 m s-1"), ("-2*metre", "0.3 m s-1"), ("9*metre", "-1 m s-1")])
+def test_a_reset_beyond_several_points_enters_the_piece_there(x: str, v: str, tmp_path: Path) -> None:
+    """Assert force and motion behind a jump of the state over points of the table."""
+    table = measured(tmp_path, WILD, x="-0.5 m", v="0.2 m s-1", outside="hold").to_toml()
+    speed = v.replace(" m s-1", "*metre/second")
+    text = f'{table}\n[events.lift]\nfunction = "t - 0.5*second"\naction = "reset"\nset = {{ x = "{x}", v_x = "{speed}" }}\n'
+    run = xd.simulate(xd.Model.from_text(text), method="rk4", step=0.01, until=0.9)
+    over = xd.simulate(xd.Model.from_text(text), method="rk4", step=1e-4, until=0.9, switches="stepped over")
+    row = int(run.event_row_after[words(run).index(("lift", "reset"))])
+    force = np.interp(float(run.x[row]), *np.array(WILD, float).T)
+    assert float(run.force_spring_x[row]) == pytest.approx(force, rel=1e-12)
+    assert float(run.x[-1]) == pytest.approx(float(over.x[-1]), abs=1e-6)
+
+
+def test_an_impact_beyond_points_of_a_table_of_the_velocity(tmp_path: Path) -> None:
+    """Assert the drag behind a bounce that turns the velocity through several points."""
+    table = measured(
+        tmp_path, [(-9, 20), (-1, 3), (0, 0), (1, -6), (9, -8)], x="1 m", argument="v_x", force="force - 9.81*newton"
+    ).to_toml()
+    text = table + '\n[contacts.floor]\ngap = "x"\nrestitution = 0.8\n'
+    run = xd.simulate(xd.Model.from_text(text), method="rk4", step=0.005, until=1.0)
+    over = xd.simulate(xd.Model.from_text(text), method="rk4", step=1e-4, until=1.0, switches="stepped over")
+    assert float(run.x[-1]) == pytest.approx(float(over.x[-1]), abs=1e-5)
+
+
+@pytest.mark.parametrize(("x", "v"), [("0.49 m", "0.7 m s-1"), ("0.5 m", "0.7 m s-1"), ("-2 m", "-0.5 m s-1")])
+def test_fixed_steps_end_with_their_table(x: str, v: str, tmp_path: Path) -> None:
+    """Assert that a run which leaves a table that is an error beyond its end is over there, in few rows."""
+    model = measured(tmp_path, [(-2, 1.84), (0.5, -0.22)], x=x, v=v)
+    run = xd.simulate(model, method="rk4", step=0.05, until=3.0)
+    assert run.attrs["run_outcome"] == "outside_drive_table"
+    assert run.sizes["step"] < 100
+
+
+@pytest.mark.parametrize(("rows", "x", "v"), [([(-2, -1), (1, 1), (3, 1)], "0 m", "2 m s-1"), ([(-2, -1), (1, 1), (3, 1)], "1 m", "-2 m s-1"), ([(-1, 1), (0, -1)], "-0.5 m", "1 m s-1")])  # fmt: skip
+def test_sides_are_told_of_the_piece_behind_a_jump(
+    rows: list[tuple[float, float]], x: str, v: str, tmp_path: Path
+) -> None:
+    """Assert abs of a table that jumps through zero, and a table whose last point is 0, against tiny steps over all of it."""
+    model = measured(tmp_path, rows, x=x, v=v, interpolation="previous", outside="hold", force="abs(force)")
+    run = xd.simulate(model, method="rk4", step=0.05, until=0.8)
+    over = xd.simulate(model, method="rk4", step=1e-4, until=0.8, switches="stepped over")
+    assert run.attrs["run_outcome"] == "completed"
+    assert (run.force_spring_x.values >= 0.0).all()
+    assert float(run.x[-1]) == pytest.approx(float(over.x[-1]), abs=1e-3)
+
+
+def test_a_table_that_is_nothing_beyond_its_end_jumps_there(tmp_path: Path) -> None:
+    """Assert that a motion which is driven back to that end is a sliding mode, and no endless run."""
+    model = measured(
+        tmp_path,
+        [(-1.5, -0.99), (2, -1.15)],
+        x="-1.5 m",
+        v="0.3 m s-1",
+        argument="v_x",
+        outside="zero",
+        force="force - 2.5*newton/metre*x",
+    )
+    run = xd.simulate(model, method="dop853", rtol=1e-8, until=6.0)
+    assert run.attrs["run_outcome"] == "sliding_mode"
+
+
 def test_any_units_give_the_same_bits(tmp_path: Path) -> None:
     """Assert that scales of powers of two change nothing."""
     runs = [xd.simulate(measured(tmp_path), method="rk4", step=0.125, until=4.0, scales=scales) for scales in (None, {"length": "0.0078125 m", "time": "1024 s"})]  # fmt: skip

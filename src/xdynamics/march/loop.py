@@ -88,9 +88,11 @@ def start(run: Run) -> None:
     run.at[REGIME] = now.regime  # until an event changes it
     run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
-    if plan.reactions > 0:
-        entered_by(run.functions[TOUCHED], run, now.t, TOUCHES)
     if plan.switches > 0:
+        entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
+    if plan.reactions > 0:  # what closes and sticks goes by forces that know their sides
+        entered_by(run.functions[TOUCHED], run, now.t, TOUCHES)
+    if plan.reactions > 0 and plan.switches > 0:  # and where those are to decide at a zero, by what closed
         entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)

@@ -91,7 +91,9 @@ def coefficients(
         Coefficients of (x - origin[k])**3 … **0.
     """
     if interpolation == "previous" and not of_time:  # the last value holds at the last point alone
-        argument, value = np.append(argument, np.nextafter(argument[-1], np.inf)), np.append(value, value[-1])
+        # next to it; of 0 the next number is too small to divide by
+        beyond = max(np.nextafter(argument[-1], np.inf), argument[-1] + 2.0**-52 * (argument[-1] - argument[0]))
+        argument, value = np.append(argument, beyond), np.append(value, value[-1])
     pieces = _pieces(argument, value, interpolation)
     inner = np.vstack([np.zeros((4 - len(pieces), pieces.shape[1])), pieces])
     ends = {"error": (np.nan, np.nan), "zero": (0.0, 0.0), "hold": (value[0], value[-1])}[outside]

@@ -86,7 +86,7 @@ def _between(model: Model, owner: str, name: str) -> Switch:
     left, left_far, right, right_far = map(Name, borders(name))
     below = Binary("+", Binary("*", left, argument), left_far)
     above = Binary("-", right_far, Binary("*", right, argument))
-    jumps = model.drives[name].interpolation == "previous"
+    jumps = model.drives[name].interpolation == "previous" or model.drives[name].outside == "zero"
     return Switch(owner, f"{owner}:{name}", Binary("*", below, above), jumps, drive=name)
 
 

@@ -8,7 +8,7 @@ from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import INSIDE, SLOPES
 from xdynamics.kernels.program import T1, H, S, T
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.events.certainty import ENDED, FORCED, NONE, STEEP, TOUCHED, resolution, sign
+from xdynamics.march.events.certainty import ENDED, FORCED, LOOKS, NONE, STEEP, TOUCHED, resolution, sign
 from xdynamics.march.events.intervals import BREAKS, EPS, UNBOUNDED
 from xdynamics.march.handle import called
 from xdynamics.march.log import MOST_SUBSTEPS
@@ -17,6 +17,7 @@ from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP
 from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
 
+FAIR = 1e-3  # of what a sampled function changes by from look to look: less is no jump
 ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
 
 
@@ -103,7 +104,12 @@ def bracket(run: Run, i: int, left: float) -> None:
     t, watch = run.now[0].t, run.watches[i]
     low, high = left, run.located[0].h
     at_high = measured(run, i)
+    if run.detectors[i].interpolant:
+        substep(run, run.piece[0].full)  # the interpolant is that of the whole step's stages
     at_low = start_of(run, i, low)
+    if run.detectors[i].interpolant and low > 0.0 and sign(at_low) != watch.armed:
+        low = 0.0  # by the interpolant it is earlier than by the shortened step
+        at_low = start_of(run, i, low)
     tolerance = max(run.detectors[i].tolerance, 2.0 * EPS * max(abs(t), abs(t + high)))
     slack, scale = reach(high - low, tolerance), 0.2 / (high - low)
     believed = sign(at_low) == watch.armed
@@ -201,8 +207,9 @@ def kind_of(run: Run, i: int) -> int:
     if watch.hit in (TOUCHED, ENDED):
         return TOUCH
     if run.detectors[i].sampled:
-        explained = watch.up * (watch.right - watch.left) + EPS * watch.greatest
-        return JUMP if abs(after - watch.before) > STEEP * explained else CROSSING
+        explained = STEEP * (watch.up * (watch.right - watch.left) + EPS * watch.greatest)
+        over_a_look = watch.up * (run.piece[0].full / LOOKS)  # equations that are solved leave more than rounding does
+        return JUMP if abs(after - watch.before) > max(explained, FAIR * over_a_look) else CROSSING
     if watch.broken >= BREAKS:
         if watch.broken == UNBOUNDED and min(abs(watch.before), abs(after)) > STEEP * watch.greatest:
             return POLE

@@ -35,17 +35,29 @@ def take_sides(run: Run) -> None:
         detector = run.detectors[i]
         if detector.role in (SWITCH, KINK):
             zero = zero or run.g[i] == 0.0
-        if detector.role in (SWITCH, KINK) and detector.drive < 0:
-            choose_side(run, i, sign(run.g[i]) if run.g[i] != 0.0 else detector.at_zero)
+            if detector.drive < 0:
+                choose_side(run, i, sign(run.g[i]) if run.g[i] != 0.0 else detector.at_zero)
     if zero:
-        evaluate(run, run.now[0].t, run.y)
-        called(run.law[SLOPES], run, run.y, run.slopes, 0)
-        for i in range(run.detectors.shape[0]):
-            if run.detectors[i].drive >= 0 and run.g[i] == 0.0:
-                enter_piece(run, i, find(run, i, run.y, moving(run, i, run.y)))
-            elif run.detectors[i].role in (SWITCH, KINK) and run.g[i] == 0.0 and run.slopes[i] != 0.0:
-                choose_side(run, i, sign(run.slopes[i]))
+        leave_zeros(run)
     renew_constants(run)
+
+
+@shared
+def leave_zeros(run: Run) -> None:
+    """Take the side that the motion goes to, where it starts on a switch; first the piece of a table, which others may read."""
+    evaluate(run, run.now[0].t, run.y)
+    called(run.law[SLOPES], run, run.y, run.slopes, 0)
+    for i in range(run.detectors.shape[0]):
+        if run.detectors[i].drive >= 0 and run.g[i] == 0.0:
+            enter_piece(run, i, find(run, i, run.y, moving(run, i, run.y)))
+    called(run.law[DETECT], run, run.y, run.g, 0)
+    for i in range(run.detectors.shape[0]):
+        detector = run.detectors[i]
+        if detector.role in (SWITCH, KINK) and detector.drive < 0:
+            if run.g[i] != 0.0:
+                choose_side(run, i, sign(run.g[i]))
+            elif run.slopes[i] != 0.0:
+                choose_side(run, i, sign(run.slopes[i]))
 
 
 @shared
@@ -55,18 +67,19 @@ def choose_side(run: Run, i: int, where: int) -> None:
 
 
 @shared
-def keep_sides(run: Run) -> bool:
-    """Have the trial's state, behind an event, on its sides of all switches; whether one is another than before."""
-    changed = False
+def keep_sides(run: Run, moved: bool) -> bool:
+    """Have the trial's state, behind an event, on its sides of all switches; whether one is another than before.
+
+    `moved` says that the event may have set the state elsewhere, beyond several points of a table, say.
+    """
     run.at[T] = run.trial[0].t
     called(run.law[DETECT], run, run.z, run.slopes, 0)
+    changed = keep_pieces(run, moved)
+    if changed:  # what is decided by a table's value is looked at with the piece behind the point
+        called(run.law[DETECT], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         detector, watch = run.detectors[i], run.watches[i]
-        if detector.drive >= 0:
-            if watch.hit != NONE:
-                enter_piece(run, i, passed_into(run, i))
-                changed = True
-        elif detector.role in (SWITCH, KINK):
+        if detector.drive < 0 and detector.role in (SWITCH, KINK):
             now = sign(run.slopes[i])
             known = np.int64(run.modes[detector.to])
             if watch.hit in (CROSSED, FORCED):
@@ -76,6 +89,22 @@ def keep_sides(run: Run) -> bool:
                 changed = True
     if changed:
         renew_constants(run)
+    return changed
+
+
+@shared
+def keep_pieces(run: Run, moved: bool) -> bool:
+    """Enter the pieces of tables that the trial's state is in now; whether one is another than before."""
+    changed = False
+    for i in range(run.detectors.shape[0]):
+        detector, hit = run.detectors[i], run.watches[i].hit != NONE
+        if detector.drive < 0 or not (hit or (moved and not run.slopes[i] > 0.0)):
+            continue
+        piece, held = find(run, i, run.z, moving(run, i, run.z)), run.places[3 * detector.drive + 2]
+        if hit and (piece == held or not moved):
+            piece = passed_into(run, i)
+        enter_piece(run, i, piece)
+        changed = True
     return changed
 
 
@@ -145,7 +174,7 @@ def enter_piece(run: Run, i: int, piece: int) -> None:
     right = piece < count - 1 and not isnan(run.tables[constant + 1])
     if piece == count - 3 and isnan(run.tables[first + 5 * count - 1]):  # a last value that holds at a point alone
         last = run.tables[first + count - 1]
-        right = last - run.tables[first + count - 2] > 4.0 * EPS * abs(last)
+        right = last - run.tables[first + count - 2] > 4.0 * EPS * max(abs(last), last - run.tables[first])
     run.modes[place] = inverse if left else 0.0
     run.modes[place + 1] = -(inverse * low) if left else 1.0
     run.modes[place + 2] = inverse if right else 0.0

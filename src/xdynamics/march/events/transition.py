@@ -15,7 +15,7 @@ from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.control import grow
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.events.certainty import NONE, sign, uncertainty
+from xdynamics.march.events.certainty import NONE, resolution, sign, uncertainty
 from xdynamics.march.events.intervals import EPS
 from xdynamics.march.events.isolation import arm, arrives, forget, isolate, quiet
 from xdynamics.march.events.locating import kind_of, locate
@@ -135,7 +135,7 @@ def shrink(run: Run, reason: int) -> int:
         quiet(run)
         if isolate(run, True) or arrives(run):
             return REASON_EVENT
-        if not run.plan[0].adaptive and low > tolerance:
+        if not run.plan[0].adaptive and low > max(tolerance, resolution(run, 0, low)):
             take(run)
             run.piece[0].cut = 1
             return SOUND
@@ -197,7 +197,7 @@ def cross(run: Run, before: int) -> bool:
         break_off(run, before)
         return False
     if plan.switches > 0:
-        changed = keep_sides(run) or changed
+        changed = keep_sides(run, changed) or changed
     if changed:
         evaluate(run, trial.t, run.z)
         note_sample(run, trial.t, run.z, before + 1)
