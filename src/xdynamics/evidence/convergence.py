@@ -134,7 +134,7 @@ def fitted(values: Sequence[float], steps: Sequence[float], formal: float) -> Fi
     --------
     >>> h = np.array([0.4, 0.3, 0.2, 0.1])
     >>> one = fitted(10 - 3 * h**2, h, 2.0)
-    >>> round(one.limit, 9), round(one.slopes[0], 7), round(one.orders[0], 7)
+    >>> round(one.limit, 7), round(one.slopes[0], 6), round(one.orders[0], 6)
     (10.0, -3.0, 2.0)
     """
     found, h = np.asarray(values, float), np.asarray(steps, float)
