@@ -10,6 +10,7 @@ import xarray as xr
 
 from xdynamics.faults import escaped
 from xdynamics.record.kinds import is_selection, is_whole, said_of
+from xdynamics.record.words import words_of
 from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, SAMPLES, STEPS, TRIALS
 
 MOST_EVENTS = 20
@@ -97,7 +98,7 @@ def _end(run: xr.Dataset) -> Iterator[str]:
 
 
 def _events(run: xr.Dataset) -> Iterator[str]:
-    names, kinds = event_names(run), event_kinds(run)
+    names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
     rows = np.asarray(run["event_row_before"])
     coordinates = [
         str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in ("coordinate", "velocity")
@@ -109,20 +110,3 @@ def _events(run: xr.Dataset) -> Iterator[str]:
         yield f"event     {names[i]}{kind} at t = {time:.15g} s, located within {doubt:.2g} s: {state}"
     if len(rows) > MOST_EVENTS:
         yield f"event     … and {len(rows) - MOST_EVENTS} more"
-
-
-def event_names(run: xr.Dataset) -> list[str]:
-    """Return the name of the detector of every event."""
-    return _words(run["event_detector"])
-
-
-def event_kinds(run: xr.Dataset) -> list[str]:
-    """Return the kind of every event."""
-    return _words(run["event_kind"])
-
-
-def _words(flag: xr.DataArray) -> list[str]:
-    """Return the words of a flag's values."""
-    words = str(flag.attrs["flag_meanings"]).split()
-    names = dict(zip(np.atleast_1d(flag.attrs["flag_values"]).tolist(), words, strict=True))
-    return [names[int(one)] for one in np.asarray(flag)]

@@ -16,6 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
+from xdynamics.record.words import words_of
 from xdynamics.schema import flags
 from xdynamics.units import parse_time
 
@@ -155,8 +156,9 @@ class _Study:
             rounding = _rounding(runs[-1], values)
             limited = np.array([self._moved_by_events(runs, one, time) for time in times])
             variables |= self._judged(one, units, values, errors, rounding, limited, AT)
-        for detector in _detectors(runs):
-            variables |= self._of_events(runs, detector)
+        met = [words_of(run["event_detector"]) for run in runs]
+        for detector in dict.fromkeys(name for names in met for name in names):
+            variables |= self._of_events(runs, met, detector)
         dataset = xr.Dataset(variables).set_coords("at_time")
         digests = " ".join(map(str, variables["run_digest"][1]))
         return dataset.assign_attrs({
@@ -165,11 +167,11 @@ class _Study:
             "norm": "absolute differences of neighbouring levels",
         })  # fmt: skip
 
-    def _of_events(self, runs: list[xr.Dataset], detector: str) -> dict[str, Any]:
+    def _of_events(self, runs: list[xr.Dataset], met: list[list[str]], detector: str) -> dict[str, Any]:
         """Compare the times at which one event function was met, occurrence by occurrence."""
         times, errors = [], []
-        for run in runs:
-            mine = np.flatnonzero(np.array(_words(run["event_detector"])) == detector)
+        for run, names in zip(runs, met, strict=True):
+            mine = np.flatnonzero(np.array(names) == detector)
             times.append(run["event_time"].values[mine])
             errors.append(run["event_time_uncertainty"].values[mine])
         most = max(map(len, times))
@@ -213,14 +215,9 @@ class _Study:
         if len(set(counts)) > 1:
             return np.inf
         run = runs[-1]
-        if not counts[-1] or name not in run:
+        if not counts[-1]:
             return 0.0
-        rows, values = run["event_row_before"].values[: counts[-1]], run[name].values
-        rates = (
-            np.gradient(values, run["time"].values)
-            if len(np.unique(run["time"])) == run.sizes["step"]
-            else _rates(run, name)
-        )
+        rows, rates = run["event_row_before"].values[: counts[-1]], _rates(run, name)
         return float(np.sum(np.abs(rates[rows]) * run["event_time_uncertainty"].values[: counts[-1]]))
 
 
@@ -237,18 +234,6 @@ def _rounding(run: xr.Dataset, values: Floats) -> Floats:
     """Return what rounding may have added up to in the finest run: of the largest value, growing as the root of steps."""
     found: Floats = 4.0 * EPS * np.nanmax(np.abs(values), axis=-1) * np.sqrt(run.sizes["step"])
     return found
-
-
-def _detectors(runs: list[xr.Dataset]) -> list[str]:
-    """Name the event functions that were met in any run."""
-    return list(dict.fromkeys(name for run in runs for name in _words(run["event_detector"])))
-
-
-def _words(flag: xr.DataArray) -> list[str]:
-    named = dict(
-        zip(np.atleast_1d(flag.attrs["flag_values"]).tolist(), str(flag.attrs["flag_meanings"]).split(), strict=True)
-    )
-    return [named[int(one)] for one in flag.values]
 
 
 def _filled(values: Floats, size: int) -> Floats:

@@ -11,8 +11,8 @@ import xarray as xr
 
 from xdynamics.faults import escaped
 from xdynamics.record.kinds import is_whole
+from xdynamics.record.words import words_of
 from xdynamics.schema import contact_force, friction_force
-from xdynamics.summary import event_kinds, event_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +68,7 @@ def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     rows, every = run["event_row_before"].values, run["time"].values
     if not np.array_equal(every[np.clip(rows, 0, every.size - 1)], run["event_time"].values):
         return  # rows were left out since
-    detectors, kinds = event_names(run), event_kinds(run)
+    detectors, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
     happened = [one if kind in PLAIN else f"{one} {kind}" for one, kind in zip(detectors, kinds, strict=True)]
     labels: dict[
         int, list[str]
