@@ -142,6 +142,20 @@ def test_rest_is_as_certain_as_it_says() -> None:
     assert (run.contact_gap_on_y.values > -1e-12).all()
 
 
+def test_bounces_that_nobody_sees_are_in_the_uncertainty() -> None:
+    """Assert that a rest at an impact itself is uncertain by all the flights that are left, a geometric series of them."""
+    run = xd.simulate(shaken("2 mm", y=(0.2, 0.4)), method="dop853", rtol=1e-9, until=4.0)
+    kinds, times = [kind for _, kind in words(run)], run.event_time.values
+    unseen = [i for i, kind in enumerate(kinds) if kind == "rest" and i and times[i - 1] == times[i]]
+    assert len(unseen) > 5
+    for i in unseen:
+        t, row = times[i], int(run.event_row_before[i])
+        approach = 0.4 * math.cos(200 * t) - float(run.v_y[row])
+        fall = G - 0.002 * 200**2 * math.sin(200 * t)
+        left = 2 * 0.2 * approach / fall / 0.8
+        assert left * 0.99 <= float(run.event_time_uncertainty[i]) <= left * 1.5 + 1e-11
+
+
 @pytest.mark.parametrize("step", [0.3, 5.0])
 def test_a_ball_in_a_box(step: float) -> None:
     """Assert a hundred seconds between four walls, however many of them one step would pass."""

@@ -112,6 +112,14 @@ def test_it_leaves_the_table(interpolation: str, outside: str, outcome: str, tmp
     assert set(words(run)) == {("spring:force", "regime_switch")}
 
 
+@pytest.mark.parametrize("outside", ["hold", "zero"])
+def test_it_starts_on_the_end_and_moves_out(outside: str, tmp_path: Path) -> None:
+    """Assert the force beyond a table from its very last point on, and no event but that of coming back."""
+    run = xd.simulate(measured(tmp_path, x="2 m", v="1 m s-1", outside=outside), method="rk4", step=0.1, until=0.6)
+    assert float(run.force_spring_x[0]) == (-4.0 if outside == "hold" else 0.0)
+    assert run.event_time.values == pytest.approx([0.5] if outside == "hold" else [], abs=1e-12)
+
+
 def test_it_comes_in_from_outside(tmp_path: Path) -> None:
     """Assert the first point that a motion from beyond the table meets, with a held force until there."""
     run = xd.simulate(measured(tmp_path, x="3 m", v="-1 m s-1", outside="hold"), method="rk4", step=0.1, until=1.0)
