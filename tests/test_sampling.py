@@ -44,7 +44,7 @@ def test_error_estimate_covers_the_error() -> None:
 def test_result_carries_rule_order_units_and_route() -> None:
     """Assert that every variable says how it came about."""
     found = xd.sample(run_of(), "1.5 s")
-    assert found.sizes == {"instant": 1}
+    assert found.sizes == {"at": 1}
     assert found.x.attrs["units"] == "m"
     assert found.x.attrs["interpolation_order"] == 5
     assert "re-integration" in found.x.attrs["interpolation"]
@@ -115,10 +115,10 @@ def test_error_is_that_of_the_solution_through_the_row(problem: str, method: str
     times, rows = run.time.values, random.integers(0, run.sizes["step"] - 1, 600)
     found = xd.sample(run, times[rows] + parts * (times[rows + 1] - times[rows]), rule=rule)
     rows = found.row.values
-    true = solution_through(problem, times[rows], np.array([run[one].values[rows] for one in names]), found.time.values)
+    true = solution_through(problem, times[rows], np.array([run[one].values[rows] for one in names]), found.at_time.values)
     off = np.abs(np.array([found[one] for one in names]) - true)
     told = np.array([found[f"error_{one}"] for one in names])
-    inside = found.time.values > times[rows]
+    inside = found.at_time.values > times[rows]
     assert (told[:, inside] > 0).all()
     for part in (inside, inside & (parts < 0.05), inside & (parts > 0.95)):
         told_here, off_here = told[:, part], off[:, part]
@@ -133,7 +133,7 @@ def test_error_is_extrapolated_by_the_order_of_what_goes_on(estimator: str) -> N
     rows = np.arange(0, 500, 7)
     found = xd.sample(run, run.time.values[rows] + 0.0015)
     states = np.array([run[one].values[rows] for one in ("theta", "v_theta")])
-    true = solution_through("pendulum", run.time.values[rows], states, found.time.values)
+    true = solution_through("pendulum", run.time.values[rows], states, found.at_time.values)
     told = found.error_v_theta.values / np.abs(found.v_theta.values - true[1])
     assert np.median(told) == pytest.approx(1, abs=0.05)
 
@@ -302,7 +302,7 @@ def test_other_faults_are_named() -> None:
     with pytest.raises(xd.InputError, match="functions are 'x{40}', need a mapping of names to functions"):
         xd.sample(run_of(), 1.0, functions="x" * 50)
     with pytest.raises(xd.InputError, match="this is no run record: it has no time, row_kind, step_size, model_toml"):
-        xd.sample(xd.sample(run_of(), 1.0).drop_vars("time"), 1.0)
+        xd.sample(xd.sample(run_of(), 1.0).drop_vars("at_time"), 1.0)
 
 
 @pytest.mark.parametrize("side", ["after", "before"])

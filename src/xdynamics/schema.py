@@ -10,6 +10,9 @@ SCHEMA_VERSION = "1"
 CONVENTIONS = "CF-1.11 ACDD-1.3 xdynamics-1"
 
 STEPS, TRIALS, EVENTS, SAMPLES, BOUNDS = "step", "trial", "event", "sample", "bound"
+# of evidence: wanted times, levels of a refinement, which of the events of one name, periods, cases of a ledger
+AT, LEVEL, OCCURRENCE, CYCLE, CASE = "at", "level", "occurrence", "cycle", "case"
+AT_TIME = "at_time"
 DIMENSIONS = {
     STEPS: "accepted states, the initial one first",
     TRIALS: "rejected trials",

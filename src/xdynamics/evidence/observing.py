@@ -65,7 +65,7 @@ def _derived(run: xr.Dataset, model: Model, name: str, states: xr.Dataset) -> tu
     for k in range(rows.size):
         at = {one: float(states[one].values[k]) * factors[one] for one in layout.used}
         off = {one: float(states[schema.error(one)].values[k]) * factors[one] for one in layout.used}
-        fixed = {"t": float(states["time"].values[k]), REGIME_NUMBER: float(regimes[k])}
+        fixed = {"t": float(states[schema.AT_TIME].values[k]), REGIME_NUMBER: float(regimes[k])}
         values[k] = _value(model, tree, at | fixed)
         moved = [abs(_value(model, tree, at | {one: at[one] + off[one]} | fixed) - values[k]) for one in at if off[one]]
         errors[k] = sum(moved)

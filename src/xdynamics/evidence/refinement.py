@@ -17,7 +17,7 @@ from xdynamics.march import March
 from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
 from xdynamics.record.words import words_of
-from xdynamics.schema import flags
+from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE, flags
 from xdynamics.units import parse_time
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LEVEL, AT, OCCURRENCE = "level", "at", "occurrence"
 GATES = ("failed", "passed")
 FEWEST = 2  # levels
 EPS = float(np.finfo(float).eps)
@@ -148,7 +147,7 @@ class _Study:
             name: ((LEVEL,), self.numbers, _about(units, said)),
             "run_digest": ((LEVEL,), np.array([archive.content_digest(run) for run in runs], object), {"long_name": "content digest of the level's run", "role": "digest"}),
             "run_outcome": ((LEVEL,), np.array([run.attrs["run_outcome"] for run in runs], object), {"long_name": "outcome of the level's run", "role": "outcome"}),
-            "at_time": ((AT,), times, _about("s", "time of comparison")),
+            AT_TIME: ((AT,), times, _about("s", "time of comparison")),
         }  # fmt: skip
         for one in names:
             values, errors = (np.stack([level[one][i] for level in found], axis=-1) for i in (0, 1))
@@ -159,7 +158,7 @@ class _Study:
         met = [words_of(run["event_detector"]) for run in runs]
         for detector in dict.fromkeys(name for names in met for name in names):
             variables |= self._of_events(runs, met, detector)
-        dataset = xr.Dataset(variables).set_coords("at_time")
+        dataset = xr.Dataset(variables).set_coords(AT_TIME)
         digests = " ".join(map(str, variables["run_digest"][1]))
         return dataset.assign_attrs({
             "title": f"refinement of {self.model.name}, by {runs[0].attrs['solver_method']}", "role": "refinement", "runs": digests,

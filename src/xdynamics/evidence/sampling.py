@@ -25,17 +25,16 @@ from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.columns import state_name
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
-from xdynamics.schema import STEPS
+from xdynamics.schema import AT, AT_TIME, STEPS
 from xdynamics.units import TIME, parse_time
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
-INSTANTS = "instant"
 EPS = float(np.finfo(float).eps)
 SIDES = ("before", "after")
-ROUTE = "its distance from two steps of the run's method from the archived state before to the instant, extrapolated with one: how far it is from the solution through that state"
+ROUTE = "its distance from two steps of the run's method from the archived state before to the wanted time, extrapolated with one: how far it is from the solution through that state"
 
 
 def sample(
@@ -54,7 +53,7 @@ def sample(
         A run record, in memory or opened from an archive. On dask arrays the result is lazy: `time` is searched by
         bisection over its chunks, and of the states those chunks are read that hold a wanted step.
     times : array_like of float, shape (n,), s; or a time like ``"1.5 s"``
-        In any order; one time makes one instant. At an accepted time the accepted state is returned as it is.
+        In any order; one time makes one row. At an accepted time the accepted state is returned as it is.
     side : {"after", "before"}
         Which of the two states of an event to return at its very time. A step never reaches over an event.
     rule : {"reintegrate", "interpolant"}
@@ -67,7 +66,7 @@ def sample(
     Returns
     -------
     xarray.Dataset
-        Along `instant`: `time`, `row` (of `step`, from which the step goes), and for every coordinate, velocity and
+        Along `at`: `at_time`, `row` (of `step`, from which the step goes), and for every coordinate, velocity and
         state its value and `error_…`: how far it is from the solution that goes through the accepted state before. The
         error of that state itself is not in it; at an accepted time it is zero. Where a step's equations could not be
         solved again, both are nan.
@@ -90,7 +89,7 @@ def sample(
     >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
     >>> run = xd.simulate(model, method="dormand_prince", rtol=1e-8, until="2 s")
     >>> found = sample(run, [0.5, 1.0])
-    >>> abs(found.x - np.cos(2 * found.time)).max().item() < 1e-6
+    >>> abs(found.x - np.cos(2 * found.at_time)).max().item() < 1e-6
     True
     """
     if rule not in RULES:
@@ -180,18 +179,16 @@ class _Inside:
                 "ancillary_variables": error,
             }
             kept = {key: about[key] for key in ("units", "long_name", "role")}
-            variables[name] = xr.Variable((INSTANTS,), found[i], kept | rule)
+            variables[name] = xr.Variable((AT,), found[i], kept | rule)
             said = {"units": about["units"], "long_name": f"error of {name}: {ROUTE}", "role": "error"}
-            variables[error] = xr.Variable((INSTANTS,), found[len(layout.used) + i], said)
-        variables["time"] = xr.Variable(
-            (INSTANTS,), times, {"units": "s", "long_name": "time of the instant", "role": "time"}
-        )
+            variables[error] = xr.Variable((AT,), found[len(layout.used) + i], said)
+        variables[AT_TIME] = xr.Variable((AT,), times, {"units": "s", "long_name": "wanted time", "role": "time"})
         variables["row"] = xr.Variable(
-            (INSTANTS,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
+            (AT,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
         )
         attributes = {key: run.attrs[key] for key in _KEPT if key in run.attrs}
         attributes |= interpolation(scheme, self.rule) | {"error_estimate": ROUTE}
-        return xr.Dataset(variables, attrs=attributes).set_coords("time")
+        return xr.Dataset(variables, attrs=attributes).set_coords(AT_TIME)
 
     def _columns(self, rows: NDArray[np.int64]) -> list[Any]:
         """Gather size, regime and contacts of every step and the state that it starts from; where it needs that too, the one it led to."""
@@ -207,7 +204,7 @@ class _Inside:
     def _evaluated(self, where: Floats, columns: Floats) -> Floats:
         """Evaluate states and their errors.
 
-        Of `where` the rows are instant, start and end, of `columns` step, regime, the state at its start and perhaps at its end.
+        Of `where` the rows are wanted time, start and end, of `columns` step, regime, the state at its start and perhaps at its end.
         """
         scales, n, reintegrated = self.settings.scales, len(self.layout.used), self.rule == REINTEGRATE
         scale, factors = scales.of(TIME), self._factors
