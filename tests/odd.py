@@ -24,8 +24,7 @@ def changed(source: Path, target: Path, change: Callable[[xr.Dataset], xr.Datase
         writer = Writer(file)
         for name, one in run.variables.items():
             sizes = {str(dim): size for dim, size in zip(one.dims, one.shape, strict=True) if size}
-            coordinates = "time" if "step" in one.dims and name != "time" else None
-            writer.define(str(name), tuple(map(str, one.dims)), one.dtype, dict(one.attrs), coordinates, sizes)
+            writer.define(str(name), tuple(map(str, one.dims)), one.dtype, dict(one.attrs), sizes)
         for name, one in run.variables.items():
             writer.append(str(name), one.values)
         writer.finish(dict(run.attrs))

@@ -153,7 +153,7 @@ def inner_errors(run: object, exact: object, name: str, rule: str) -> float:
     """The largest scaled error of one component within steps."""
     time = run.time.values
     inner = xd.sample(run, np.concatenate([time[:-1] + part * np.diff(time) for part in (0.3, 0.55, 0.8)]), rule=rule)
-    one = exact(inner.time.values)[name]
+    one = exact(inner.at_time.values)[name]
     return float(np.abs(inner[name] - one).max() / np.abs(one).max())
 
 

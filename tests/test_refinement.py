@@ -157,7 +157,7 @@ def test_the_uncertainty_is_near_the_error() -> None:
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ({}, "refine needs steps=… or rtols=…".replace("…", r"\[…\]")),
+        ({}, r"refine needs steps=\[…\], rtols=\[…\], time_tolerances=\[…\] or rules=\[…\], one of them"),
         ({"steps": [0.1, 0.05], "rtols": [1e-3, 1e-4]}, "one of them"),
         ({"steps": "10 ms"}, "steps is '10 ms', needs a row of them"),
         ({"steps": [0.1]}, "need 2 or more that get smaller"),
@@ -167,9 +167,94 @@ def test_the_uncertainty_is_near_the_error() -> None:
         ({"steps": [0.1, 0.05], "observables": ["q"]}, "observable 'q' is none of the model's; there are x, v_x"),
         ({"steps": [0.1, 0.05], "method": "rk5"}, "rk5"),
         ({"steps": ["1 m", "0.5 m"]}, "step"),
+        ({"rules": ["interpolant"]}, "rules are .*, need both of reintegrate, interpolant"),
+        ({"rules": ["interpolant", "reintegrate"], "step": 0.1, "until_change": {"x": 1}}, "rules have none"),
+        ({"time_tolerances": ["1 m"], "step": 0.1}, "time_tolerances '1 m' has units 'm', needs 's'"),
+        ({"rtols": ["fine", 1e-3]}, "rtols has 'fine', needs numbers"),
+        ({"steps": [0.1, 0.05], "until_change": {"z": 1}}, "until_change names 'z'; there are x, v_x"),
+        ({"steps": [0.1, 0.05], "until_change": {"x": "1 s"}}, "until_change of 'x' is '1 s', needs the unit 'm'"),
+        ({"steps": [0.1, 0.05], "until_change": {"x": -1.0}}, "needs a positive one"),
+        ({"steps": [0.1, 0.05], "observables": ["period_q"]}, "there are x, v_x, .*period_x, phase_x"),
     ],
 )
 def test_wrong_studies(asked: dict[str, Any], said: str) -> None:
     """Assert what is said of each."""
     with pytest.raises(xd.InputError, match=said):
         xd.refine(OSCILLATOR, **{"method": "rk4", "until": 2.0} | asked)
+
+
+def test_the_period_is_the_numeric_one() -> None:
+    """Assert the located period against Verlet's own, 2 pi h/arccos(1 - (wh)**2/2), and the phase against turns."""
+    study = xd.refine(
+        OSCILLATOR, method="velocity_verlet", steps=[0.2, 0.1, 0.05], until=40, at=[20.0],
+        observables=["period_x", "phase_x", "energy_range"], defects=True,
+    )  # fmt: skip
+    h = study.step_size.values
+    own = 2 * np.pi * h / np.arccos(1 - (2 * h) ** 2 / 2)
+    # a crossing inside a step is off by what a shortened step is: some h**3 w**2/12 over all of the cycles
+    assert np.abs(study.period_x.values - own).max() < 0.2**3 * 4 / 12 / 12
+    begin = 0.75 * own  # cos rises through 0 there
+    assert study.phase_x.values[:, 0] == pytest.approx(2 * np.pi * (20.0 - begin) / own, abs=2 * 2 * 0.2**3 * 4 / 12)
+    assert verdict(study, "phase_x") == "asymptotic"
+    assert VERDICTS[int(study.verdict_energy_range)] == "asymptotic"
+    assert study.period_x.dims == study.energy_range.dims == ("level",)
+
+
+def test_local_errors_are_an_order_above() -> None:
+    """Assert step defects beside errors that came together: of order p + 1, and for Euler h**2/2 times the acceleration's largest."""
+    study = xd.refine(OSCILLATOR, method="rk4", steps=[0.1, 0.05], until=3.0, defects=True)
+    assert np.log2(study.step_defect_x[0] / study.step_defect_x[1]) == pytest.approx(5.0, abs=0.1)
+    study = xd.refine(OSCILLATOR, method="forward_euler", steps=[0.01, 0.005], until=1.0, defects=True)
+    assert study.step_defect_x.values == pytest.approx(study.step_size.values**2 / 2 * 4 * 15 / 16, rel=0.01)
+    assert study.step_defect_v_x.attrs["units"] == "m s-1"
+
+
+def test_location_is_refined_alone() -> None:
+    """Assert that looser root tolerances move events by less than they say, and that rules are compared without an order."""
+    model = ball(0.8, 1.0)
+    loose = xd.refine(model, method="dop853", time_tolerances=["1 ms", "1 us", "1 ns"], until=0.9, rtol=1e-9)
+    assert loose.time_tolerance.attrs["units"] == "s"
+    moved = np.abs(loose.event_time_floor[:-1].values - loose.event_time_floor[-1].values).max(axis=1)
+    assert (moved <= loose.time_tolerance[:-1].values).all()
+    rules = xd.refine(OSCILLATOR, method="rk4", rules=["interpolant", "reintegrate"], step=0.1, at=[1.04], until=2.0)
+    assert 1e-7 < abs(float(rules.difference_x[0, 0])) < 1e-4
+    assert "order_x" not in rules
+    assert rules.rule.values.tolist() == ["interpolant", "reintegrate"]
+
+
+def test_levels_are_added_until_nothing_changes() -> None:
+    """Assert that steps are halved until the apex is known to a micrometre, and that a wish that cannot be met ends."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    study = xd.refine(
+        model, method="midpoint", steps=["0.1 s"], until_change={"after_apex_y": "1 um", "event_time_apex": 1e-6}
+    )
+    assert abs(float(study.difference_after_apex_y[-2, 0])) <= 1e-6 < abs(float(study.difference_after_apex_y[-3, 0]))
+    assert study.step_size.values == pytest.approx(0.1 / 2.0 ** np.arange(study.sizes["level"]))
+    assert study.attrs["stopped"].startswith("every change under its tolerance from level")
+    never = xd.refine(OSCILLATOR, method="rk4", rtols=[1e-3], until=1.0, until_change={"x": 1e-30})
+    assert "with x still changing by more than its tolerance: no finer level, rtol is" in never.attrs["stopped"]
+
+
+def test_saved_and_opened_again(tmp_path: Any) -> None:
+    """Assert that a refinement is an archive like any other: verified, its texts too, and no run."""
+    study = xd.refine(OSCILLATOR, method="rk4", steps=[0.2, 0.1], until=1.0)
+    path = xd.save(study, tmp_path / "r.nc")
+    xd.verify(path)
+    again = xd.open_run(path)
+    assert list(again.run_digest.values) == list(study.run_digest.values)
+    assert xd.content_digest(again) == xd.content_digest(study) == again.attrs["content_digest"]
+    assert list(again.coords) == ["at_time"]
+    with pytest.raises(
+        xd.InputError, match="this is not the refinement as it was made.*\n.*2 of 2 rows|1 of 2 rows of 'level'"
+    ):
+        xd.save(study.isel(level=[0]), tmp_path / "part.nc")
+    with pytest.raises(xd.InputError, match="variable 'x' is"):
+        xd.save(study.assign(x=2 * study.x), tmp_path / "edited.nc")
+    with pytest.raises(xd.InputError, match="is evidence, no run: a refinement from 2 runs"):
+        xd.reproduce(path)
+    broken = bytearray(path.read_bytes())
+    at = broken.find(str(study.run_digest.values[1]).encode())
+    broken[at] ^= 1
+    (tmp_path / "broken.nc").write_bytes(broken)
+    with pytest.raises(xd.ArchiveError, match="'run_digest' differs from its digest"):
+        xd.open_run(tmp_path / "broken.nc")

@@ -115,7 +115,9 @@ def test_error_is_that_of_the_solution_through_the_row(problem: str, method: str
     times, rows = run.time.values, random.integers(0, run.sizes["step"] - 1, 600)
     found = xd.sample(run, times[rows] + parts * (times[rows + 1] - times[rows]), rule=rule)
     rows = found.row.values
-    true = solution_through(problem, times[rows], np.array([run[one].values[rows] for one in names]), found.at_time.values)
+    true = solution_through(
+        problem, times[rows], np.array([run[one].values[rows] for one in names]), found.at_time.values
+    )
     off = np.abs(np.array([found[one] for one in names]) - true)
     told = np.array([found[f"error_{one}"] for one in names])
     inside = found.at_time.values > times[rows]

@@ -27,10 +27,10 @@ def file(tmp_path: Path) -> Iterator[netCDF4.Dataset]:
 def filled(file: netCDF4.Dataset, rows: int) -> Writer:
     """Fill a file with a variable of steps, one of pairs, a number and a text."""
     made = Writer(file)
-    made.define("x", (STEPS,), FLOAT, {"units": "m", "coordinates": "no"}, "time", {})
-    made.define("pairs", (EVENTS, BOUNDS), FLOAT, {}, None, {EVENTS: 3})
-    made.define("g", (), FLOAT, {}, None, {})
-    made.define("text", (), np.dtype(object), {}, None, {})
+    made.define("x", (STEPS,), FLOAT, {"units": "m", "coordinates": "no"}, {})
+    made.define("pairs", (EVENTS, BOUNDS), FLOAT, {}, {EVENTS: 3})
+    made.define("g", (), FLOAT, {}, {})
+    made.define("text", (), np.dtype(object), {}, {})
     for name, values in (("x", np.arange(rows, dtype=float)), ("pairs", np.ones((3, 2))), ("g", np.array(9.8))):
         made.append(name, values)
     made.append("text", np.array("größer", dtype=object))
@@ -45,7 +45,7 @@ def test_what_may_grow_and_what_not(file: netCDF4.Dataset) -> None:
     ]  # fmt: skip
     assert [file[name].chunking() for name in ("x", "pairs", "g")] == [[CHUNKS[STEPS]], [3, 2], "contiguous"]
     made = Writer(file)
-    made.define("empty", ("none", "other"), FLOAT, {}, None, {"none": 0, "other": 2 * OTHER_CHUNK})
+    made.define("empty", ("none", "other"), FLOAT, {}, {"none": 0, "other": 2 * OTHER_CHUNK})
     assert file["empty"].chunking() == [1, OTHER_CHUNK]
 
 

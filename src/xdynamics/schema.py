@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -85,6 +85,8 @@ ORIGIN = "origin"
 DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL = (
     "derived", "derived_from", "selection", "selection_of", "selection_atol_si",
 )  # fmt: skip
+# of what was made from runs to judge them by: a word for what it is, and the content digests of the runs, coarse to fine
+EVIDENCE, RUNS = "evidence", "runs"
 SEALED = "archive_seal"  # of files only: that the seal must be there
 SEAL_WORDS = "the file ends with a seal, a sha256 of every byte before it"
 
@@ -127,6 +129,12 @@ def flags(words: Mapping[int, str]) -> dict[str, Any]:
     import numpy as np
 
     return {"flag_values": np.array(list(words), np.int8), "flag_meanings": " ".join(words.values())}
+
+
+def coordinates_of(name: str, dims: Sequence[str]) -> str | None:
+    """Return what a file says of a variable's coordinates: the times along its first dimension that has some."""
+    times = {STEPS: "time", AT: AT_TIME}
+    return next((times[dim] for dim in dims if dim in times and name != times[dim]), None)
 
 
 def velocity(name: str) -> str:

@@ -16,7 +16,7 @@ from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.model.motion import variables
-from xdynamics.record.kinds import is_derived, said_of
+from xdynamics.record.kinds import is_run, said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
 from xdynamics.units import Quantity
@@ -255,7 +255,7 @@ def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]]
     """
     kept = archive.open_run(path)
     with kept:
-        if is_derived(kept.attrs):
+        if not is_run(kept.attrs):
             raise InputError(f"'{path}' is {said_of(kept.attrs)}; reproduce the archive of that run")
         return reproduced(kept, archive.selected_like(kept, _again(kept, functions)))
 

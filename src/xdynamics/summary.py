@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from xdynamics.faults import escaped
-from xdynamics.record.kinds import is_selection, is_whole, said_of
+from xdynamics.record.kinds import is_evidence, is_selection, is_whole, said_of
 from xdynamics.record.words import words_of
-from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, SAMPLES, STEPS, TRIALS
+from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, TRIALS
 
 MOST_EVENTS = 20
+TOLD = {"refinement": "refinement"}  # kind of evidence -> the room that says what it tells
 LONGEST = 400  # characters of a setting that are shown
 
 
@@ -23,6 +25,8 @@ def summary(run: xr.Dataset) -> list[str]:
     Of a selection the rows that events name are not there; what its run came to is said of the run.
     """
     used = run.attrs
+    if is_evidence(used):
+        return [escaped(line) for line in _evidence(run)]
     if not is_whole(used):
         return [escaped(line) for line in _partly(run)]
     lines = [
@@ -39,6 +43,15 @@ def summary(run: xr.Dataset) -> list[str]:
             f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}, end minus start {change:.3g} {units}"
         )
     return [escaped(line) for line in (*lines, *_events(run))]
+
+
+def _evidence(found: xr.Dataset) -> Iterator[str]:
+    """Say what evidence tells."""
+    kind = str(found.attrs[EVIDENCE])
+    yield str(found.attrs.get("title", kind))
+    yield f"kind      {said_of(found.attrs)}"
+    if kind in TOLD:
+        yield from import_module(f"xdynamics.evidence.{TOLD[kind]}").lines_of(found)
 
 
 def _partly(run: xr.Dataset) -> Iterator[str]:

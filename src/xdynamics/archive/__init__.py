@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from xdynamics.entrance import entrance
 
 if TYPE_CHECKING:
-    from xdynamics.archive.origin import marched
+    from xdynamics.archive.origin import digest_of_run, marched
     from xdynamics.archive.reading import open_run, verify
     from xdynamics.archive.seals import content_digest
     from xdynamics.archive.segments import discard, has_segments
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # name -> its room, entered when the name is first used: who only reads, like the examining process, loads no engine
 _ROOMS = {
-    "check_source": "source", "check_target": "target", "check_unchanged": "standing", "content_digest": "seals", "discard": "segments", "has_segments": "segments",
+    "check_source": "source", "check_target": "target", "check_unchanged": "standing", "content_digest": "seals", "digest_of_run": "origin", "discard": "segments", "has_segments": "segments",
     "marched": "origin", "open_run": "reading", "save": "writing",
     "selected_like": "standing", "stream": "streaming", "verify": "reading",
 }  # fmt: skip
@@ -29,6 +29,7 @@ __all__ = [
     "check_target",
     "check_unchanged",
     "content_digest",
+    "digest_of_run",
     "discard",
     "has_segments",
     "marched",

@@ -9,10 +9,10 @@ from typing import Any
 from xdynamics.archive.bounds import foreign, oversize
 from xdynamics.archive.library import DAMAGE, alone, opened, read, words_of
 from xdynamics.archive.library import attributes as attributes_of
-from xdynamics.archive.seals import Tail, root_digest, stored_digest, volatile_digest
+from xdynamics.archive.seals import Tail, letters_of, root_digest, stored_digest, volatile_digest
 from xdynamics.attributes import own_attributes
 from xdynamics.faults import ArchiveError, numbered
-from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST
+from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST, coordinates_of
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,9 @@ def _fault_of(name: str, variable: Any, digests: dict[str, str], own: dict[str, 
     own[name] = own_attributes(attributes)
     if attributes.get(DIGEST) != digests[name]:
         return "differs from its digest"
-    as_written = {"coordinates": "time", "_Encoding": "utf-8"} if is_text else {"coordinates": "time"}
+    own_dims = dims[:-1] if is_text else dims
+    as_written = {"coordinates": coordinates_of(name, own_dims)} | ({"_Encoding": "utf-8"} if is_text else {})
     added = any(attributes.get(key, value) != value for key, value in as_written.items())
-    if added or "_FillValue" in attributes or (is_text and dims != (f"{name}_characters",)):
+    if added or "_FillValue" in attributes or (is_text and dims != (*own_dims, letters_of(name))):
         return "is not stored as it was written"
     return ""

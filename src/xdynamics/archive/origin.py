@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.archive.seals import Seal, root_digest, slabs
+import numpy as np
+
+from xdynamics.archive.seals import Seal, content_digest, root_digest, slabs
 from xdynamics.record import own_attributes
 from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 
@@ -70,7 +72,7 @@ class Origin(str):
         """Every variable by name."""
         return self._parts()
 
-    @property
+    @cached_property
     def content_digest(self) -> str:
         """The content digest of the whole record."""
         digests = {name: part.digest for name, part in self.parts.items()}
@@ -103,7 +105,8 @@ def marched(run: xr.Dataset) -> xr.Dataset:
     """Close the arrays of a record to writing, and let it remember them: nothing is copied or hashed for it."""
     arrays = {str(name): (one.dims, one.data, dict(one.attrs)) for name, one in run.variables.items()}
     for _, data, _ in arrays.values():
-        data.flags.writeable = False
+        if isinstance(data, np.ndarray):  # what is not computed yet is closed as it is
+            data.flags.writeable = False
     run.attrs[ORIGIN] = Origin.of(partial(_of_arrays, arrays), run.attrs, None)
     return run
 
@@ -115,6 +118,14 @@ def _of_arrays(arrays: Mapping[str, tuple[Any, Any, dict[str, Any]]]) -> dict[st
         name: Part(name, dims, data.shape, about, xr.Variable(dims, data, about, fastpath=True))
         for name, (dims, data, about) in arrays.items()
     }
+
+
+def digest_of_run(run: xr.Dataset) -> str:
+    """Return the content digest of what a record came from, as its archive bears it or would."""
+    origin = run.attrs.get(ORIGIN)
+    if ROOT_DIGEST in run.attrs:
+        return str(run.attrs[ROOT_DIGEST])
+    return origin.content_digest if isinstance(origin, Origin) else content_digest(run)
 
 
 def read(run: xr.Dataset, source: Source) -> xr.Dataset:

@@ -16,7 +16,7 @@ from xdynamics.archive.seals import Tail, tail_of
 from xdynamics.archive.source import check_source
 from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, warn
 from xdynamics.record import faults_of
-from xdynamics.record.kinds import said_of
+from xdynamics.record.kinds import is_evidence, said_of
 from xdynamics.schema import ROOT_DIGEST, SEALED
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def verify(path: str | Path) -> str:
     """
     digest = verified(Path(path))
     with open_run(path, check=False) as run:
-        said = said_of(run.attrs)
+        said = "" if is_evidence(run.attrs) else said_of(run.attrs)
     if said:
         warn(f"'{path}' is as it was written, and is {said}", KindWarning)
     return digest

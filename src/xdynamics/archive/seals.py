@@ -124,6 +124,7 @@ class Seal:
     """The digest of one variable: name, dims, type, bytes in order, shape."""
 
     def __init__(self, name: str, dims: tuple[str, ...], dtype: np.dtype[Any]) -> None:
+        self.dims = dims
         self.is_text = dtype.kind in "UOT"
         self.dtype = dtype if self.is_text else np.dtype(dtype).newbyteorder("<")
         label = "text" if self.is_text else self.dtype.str.replace("|", "<")
@@ -139,12 +140,11 @@ class Seal:
     def update(self, values: Array) -> None:
         """Add the next values."""
         if self.is_text:
-            self._sha.update(letters(values).tobytes())
-            return
-        if values.ndim:
+            values = letters(values)
+        if self.dims:
             self._rows += values.shape[0]
             self._inner = values.shape[1:]
-        self._sha.update(np.ascontiguousarray(values, dtype=self.dtype).data)
+        self._sha.update(np.ascontiguousarray(values, dtype="S1" if self.is_text else self.dtype).data)
 
     def hexdigest(self) -> str:
         """Return the digest of everything added so far."""
@@ -154,8 +154,11 @@ class Seal:
 
 
 def slabs(variable: Any) -> Iterator[Array]:
-    """Yield a variable's values along its first dimension, a chunk at a time; one is computed at a time."""
-    if not variable.dims:
+    """Yield a variable's values along its first dimension, a chunk at a time; one is computed at a time.
+
+    Texts come at once: as long as the longest of them each.
+    """
+    if not variable.dims or variable.dtype.kind in "UOT":
         yield np.asarray(variable.values)
         return
     rows = CHUNKS.get(variable.dims[0], OTHER_CHUNK) * 8
@@ -164,10 +167,18 @@ def slabs(variable: Any) -> Iterator[Array]:
 
 
 def letters(text: Array) -> Array:
-    """Return a text, as it is in memory or in a file, as single bytes of UTF-8."""
-    if text.dtype == "S1" and text.ndim == 1:
+    """Return texts, as they are in memory or in a file, as single bytes of UTF-8 along a further dimension."""
+    if text.dtype.kind == "S":
         return text
-    return np.frombuffer(str(text[()]).encode(), dtype="S1")
+    if not text.ndim:
+        return np.frombuffer(str(text[()]).encode(), dtype="S1")
+    encoded = np.char.encode(text.astype(str), "utf-8")
+    return np.ascontiguousarray(encoded).view("S1").reshape(*text.shape, encoded.dtype.itemsize)
+
+
+def letters_of(name: str) -> str:
+    """Name the dimension of a text's letters in a file."""
+    return f"{name}_characters"
 
 
 def stored_digest(variable: Any) -> str:
@@ -176,7 +187,7 @@ def stored_digest(variable: Any) -> str:
     if dtype is str:
         raise ValueError("it holds texts of any length, which no record does")
     is_text = dtype == "S1"
-    seal = Seal(name, () if is_text else dims, np.dtype(object) if is_text else dtype)
+    seal = Seal(name, dims[:-1] if is_text else dims, np.dtype(object) if is_text else dtype)
     if is_text or not dims:
         seal.update(np.asarray(read(variable, ...)))
         return seal.hexdigest()

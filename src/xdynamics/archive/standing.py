@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.origin import OUTSIDE, Origin, Part, digest_of
-from xdynamics.archive.seals import content_digest, slabs
+from xdynamics.archive.seals import content_digest, letters, slabs
 from xdynamics.faults import InputError, numbered
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.kinds import is_selection
@@ -126,7 +126,7 @@ def _attributes(whose: str, then: Mapping[str, Any], now: Mapping[Any, Any]) -> 
 def _values(part: Part, now: xr.Variable, origin: Origin) -> Iterator[str]:
     """Compare a variable of the same shape, and name the first value that differs."""
     if part.variable is not None and now.data is part.variable.data:
-        if now.data.flags.writeable:  # closed when it was marched
+        if isinstance(now.data, np.ndarray) and now.data.flags.writeable:  # closed when it was marched
             yield f"variable '{part.name}' was opened to writing, and what was marched is no longer known"
         return
     if digest_of(part.name, now) == part.digest:
@@ -213,7 +213,7 @@ def _joined(variables: list[xr.Variable]) -> NDArray[Any]:
 
 def _bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
     """Return the bytes of every row."""
-    rows = np.ascontiguousarray(values)
+    rows = np.ascontiguousarray(letters(values) if values.dtype.kind in "UOT" else values)
     return rows.view(np.uint8).reshape(len(rows), rows.dtype.itemsize * math.prod(rows.shape[1:]))
 
 

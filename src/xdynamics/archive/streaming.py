@@ -57,7 +57,7 @@ def stream(march: March, path: str | Path, *, before: Iterable[Part] = (), resum
             for one, value in record.constants(march):
                 dtype = np.dtype(object) if one.dtype == "U" else np.dtype(one.dtype)
                 sizes = dict(zip(one.dims, np.shape(value), strict=True))
-                writer.define(one.name, one.dims, dtype, one.attributes, None, sizes)
+                writer.define(one.name, one.dims, dtype, one.attributes, sizes)
                 writer.append(one.name, np.asarray(value, dtype=dtype))
             writer.finish(provenance.attributes(march))
         if not march.unfinished:
@@ -94,8 +94,7 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
 def _define(writer: Writer, spec: Iterable[record.Column], sizes: Mapping[str, int]) -> None:
     for column in spec:
         one = column.variable
-        coordinates = "time" if STEPS in one.dims and one.name != "time" else None
-        writer.define(one.name, one.dims, np.dtype(one.dtype), one.attributes, coordinates, sizes)
+        writer.define(one.name, one.dims, np.dtype(one.dtype), one.attributes, sizes)
 
 
 def _rows(march: March) -> int:

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.library import alone
-from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, root_digest, volatile_digest
+from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, letters_of, root_digest, volatile_digest
 from xdynamics.attributes import own_attributes
 from xdynamics.march.outcomes import GOOD
-from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, SEAL_WORDS, SEALED, VOLATILE_DIGEST
+from xdynamics.record.kinds import is_evidence
+from xdynamics.schema import BOUNDS, DIGEST, ROOT_DIGEST, SEAL_WORDS, SEALED, VOLATILE_DIGEST, coordinates_of
 
 if TYPE_CHECKING:
     import netCDF4
@@ -42,7 +43,6 @@ class Writer:
         self._file = file
         self._seals: dict[str, Seal] = {}
         self._attributes: dict[str, dict[str, Any]] = {}
-        self._coordinates: dict[str, str] = {}
         self._filled: dict[str, int] = {}
 
     @alone
@@ -52,7 +52,6 @@ class Writer:
         dims: tuple[str, ...],
         dtype: np.dtype[Any],
         attributes: Mapping[str, Any],
-        coordinates: str | None,
         sizes: Mapping[str, int],
     ) -> None:
         """Create a variable; a dimension without a size may grow."""
@@ -63,8 +62,6 @@ class Writer:
         self._seals[name] = seal
         self._attributes[name] = own_attributes(attributes)
         self._filled[name] = 0
-        if coordinates:
-            self._coordinates[name] = coordinates
         if seal.is_text:
             return  # created when its length is known
         chunks = (
@@ -129,12 +126,12 @@ class Writer:
             self._filled[name] = start + values.shape[0]
 
     def _write_text(self, name: str, letters: Array) -> None:
-        """Write a text as characters: variable-length strings crash the library when a file is open twice."""
-        dim = f"{name}_characters"
-        self._file.createDimension(dim, len(letters))
-        variable = self._file.createVariable(name, "S1", (dim,), fill_value=False)
+        """Write texts as characters: variable-length strings crash the library when a file is open twice."""
+        dim = letters_of(name)
+        self._file.createDimension(dim, letters.shape[-1])
+        variable = self._file.createVariable(name, "S1", (*self._seals[name].dims, dim), fill_value=False)
         variable.set_auto_chartostring(False)
-        variable[:] = letters
+        variable[...] = letters
         variable.setncattr("_Encoding", "utf-8")
 
     def hash(self, parts: list[tuple[str, Array]]) -> None:
@@ -145,12 +142,13 @@ class Writer:
     @alone
     def finish(self, attributes: Mapping[str, Any]) -> None:
         """Write every attribute and digest, and keep in mind whether the run ended well."""
-        self.complete = attributes.get("run_outcome") in GOOD
+        self.complete = is_evidence(attributes) or attributes.get("run_outcome") in GOOD
         kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST)}
         kept[SEALED] = SEAL_WORDS
         digests = self.digests()
         for name, own in self._attributes.items():
-            kept_as = {"coordinates": self._coordinates[name]} if name in self._coordinates else {}
+            coordinates = coordinates_of(name, self._seals[name].dims)
+            kept_as = {"coordinates": coordinates} if coordinates else {}
             self._file.variables[name].setncatts(own | kept_as | {DIGEST: digests[name]})
         self._file.setncatts(kept)
         self._file.setncattr(ROOT_DIGEST, root_digest(digests, self._attributes, kept))

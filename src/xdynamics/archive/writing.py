@@ -23,8 +23,8 @@ from xdynamics.archive.target import check_no_table, taking_name
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
 from xdynamics.march.outcomes import GOOD
-from xdynamics.record.kinds import left_out_atols
-from xdynamics.schema import DERIVED, DERIVED_FROM, LEFT_OUT_ATOL, ORIGIN, SELECTION, SELECTION_OF, STEPS
+from xdynamics.record.kinds import is_evidence, left_out_atols
+from xdynamics.schema import DERIVED, DERIVED_FROM, EVIDENCE, LEFT_OUT_ATOL, ORIGIN, SELECTION, SELECTION_OF
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -71,10 +71,7 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None) -> Pa
     with new_file(Path(path)) as writer:
         for name, variable in run.variables.items():
             sizes = {str(dim): n for dim, n in zip(variable.dims, variable.shape, strict=True) if n}
-            coordinates = "time" if STEPS in variable.dims and name != "time" else None
-            writer.define(
-                str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), coordinates, sizes
-            )
+            writer.define(str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), sizes)
         for name, variable in run.variables.items():
             for part in slabs(variable):
                 writer.append(str(name), part)
@@ -103,6 +100,12 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
             )
         before = f"{said[DERIVED]}; " if DERIVED in said else ""
         said |= {DERIVED: before + derived.strip(), DERIVED_FROM: said.get(DERIVED_FROM, found.of or "unknown")}
+    elif is_evidence(said) and (found.faults or found.selected):
+        raise InputError(
+            f"this is not the {said[EVIDENCE]} as it was made; save it before it is edited, or as data of its own with"
+            f" derived='how it was made':{numbered(found.faults or (found.selected,))}",
+            found.faults or (found.selected,),
+        )
     elif found.faults:
         raise InputError(
             "this is not the record that was marched, and is not saved as a run; save it before it is edited, or as data"

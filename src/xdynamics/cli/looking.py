@@ -1,14 +1,13 @@
-"""Verbs that look: at archives, at two of them, at the methods there are."""
+"""Verbs that look: at archives, at the methods there are."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import click
 
-from xdynamics.cli.command import BADLY, DONE, main, say
+from xdynamics.cli.command import main, say
 
 if TYPE_CHECKING:
     from xdynamics.methods import Method
@@ -61,20 +60,6 @@ def methods() -> None:
         click.echo(f"    refuses   {'; '.join(one.refuses) or 'nothing'}")
         click.echo(f"    also      {', '.join(one.synonyms)}")
         click.echo(f"    source    {one.reference}")
-
-
-@main.command()
-@click.argument("first", metavar="FIRST.nc")
-@click.argument("second", metavar="SECOND.nc")
-def compare(first: str, second: str) -> None:
-    """Compare two runs: settings, bits, states at common times."""
-    from xdynamics.archive import open_run
-    from xdynamics.evidence.comparison import compare as compared
-    from xdynamics.evidence.comparison import lines_of
-
-    table = compared(open_run(first), open_run(second))
-    say(lines_of(table))
-    sys.exit(DONE if table.attrs["identical"] else BADLY)
 
 
 def _limits(method: Method) -> Iterable[str]:

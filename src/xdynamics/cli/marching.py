@@ -13,6 +13,8 @@ from xdynamics.cli.command import BADLY, DONE, main, progress, say
 if TYPE_CHECKING:
     import xarray as xr
 
+    from xdynamics.model import Model
+
 
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
@@ -88,16 +90,12 @@ def run(
 
     What a long run has done is kept in segments beside the archive, until it is whole: --resume goes on from there.
     """
-    from xdynamics.model import Model
-
-    model = Model.from_toml(model_file, tables=tables)
-    if changes:
-        model = model.replace(**_changed(model, _pairs(changes, "--set")))
+    model = changed_model(model_file, changes, tables)
     asked: dict[str, Any] = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": _absolute(atols), "estimator": estimator,
              "min_step": min_step, "max_step": max_step, "max_steps": max_steps, "force_samples": force_samples}  # fmt: skip
     from xdynamics.simulation import simulate
 
-    asked |= {"scales": _pairs(scales, "--scale") or None, "nodes": list(nodes) or None}
+    asked |= {"scales": pairs(scales, "--scale") or None, "nodes": list(nodes) or None}
     asked |= {"summation": summation, "jacobian": jacobian, "switches": switches, "time_tolerance": time_tolerance}
     with progress() as told:
         finished = simulate(model, **asked, path=output, resume=resume, progress=told)
@@ -140,18 +138,27 @@ def _close(finished: xr.Dataset, output: str) -> None:
     sys.exit(DONE if finished.attrs["run_outcome"] in GOOD else BADLY)
 
 
-def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
+def changed_model(model_file: str, changes: tuple[str, ...], tables: str = "below") -> Model:
+    """Read a model file, and change what `--set` says."""
+    from xdynamics.model import Model
+
+    model = Model.from_toml(model_file, tables=tables)
+    return model.replace(**_changed(model, pairs(changes, "--set"))) if changes else model
+
+
+def pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
+    """Read what an option says of several names."""
     from xdynamics.faults import InputError
 
-    pairs: dict[str, str] = {}
+    found: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals or not name.strip() or not value.strip():
             raise InputError(f"{option} {text!r} needs NAME=VALUE")
-        if name.strip() in pairs:
+        if name.strip() in found:
             raise InputError(f"{option} sets {name.strip()!r} twice")
-        pairs[name.strip()] = value.strip()
-    return pairs
+        found[name.strip()] = value.strip()
+    return found
 
 
 def _absolute(texts: tuple[str, ...]) -> dict[str, Any] | None:
@@ -161,7 +168,7 @@ def _absolute(texts: tuple[str, ...]) -> dict[str, Any] | None:
     bare = [one for one in texts if "=" not in one]
     if len(bare) > 1:
         raise InputError(f"--atol is given {len(bare)} times without a name: {', '.join(bare)}")
-    named: dict[str, Any] = dict(_pairs(tuple(one for one in texts if "=" in one), "--atol"))
+    named: dict[str, Any] = dict(pairs(tuple(one for one in texts if "=" in one), "--atol"))
     for text in bare:
         try:
             named[""] = float(text)
@@ -170,12 +177,12 @@ def _absolute(texts: tuple[str, ...]) -> dict[str, Any] | None:
     return named or None
 
 
-def _changed(model: Any, pairs: dict[str, str]) -> dict[str, dict[str, Any]]:
+def _changed(model: Any, given: dict[str, str]) -> dict[str, dict[str, Any]]:
     """Sort changes into sections; a bare number goes as a number, so that it keeps the unit there."""
     from xdynamics.faults import InputError
 
     sections: dict[str, dict[str, Any]] = {}
-    for name, text in pairs.items():
+    for name, text in given.items():
         section = "parameters" if name in model.parameters else "initial" if name in model.initial else None
         if section is None:
             raise InputError(

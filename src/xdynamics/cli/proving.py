@@ -18,7 +18,7 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
     from xdynamics.archive import open_run, signatures
     from xdynamics.archive import verify as digest_of
     from xdynamics.faults import ArchiveError
-    from xdynamics.record.kinds import said_of
+    from xdynamics.record.kinds import is_derived, is_selection, said_of
 
     damaged = False
     for archive in archives:
@@ -27,7 +27,8 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
             shown = f"signed, by '{key}'" if key else signatures.protection(Path(archive))
             with open_run(archive, check=False) as run:
                 kind = said_of(run.attrs)
-            line = f"as written  {archive}  {digest}: {kind}" if kind else f"verified  {archive}  {digest}"
+                edited = is_derived(run.attrs) or is_selection(run.attrs)
+            line = f"{'as written' if edited else 'verified'}  {archive}  {digest}{f': {kind}' if kind else ''}"
             say([f"{line}  ({shown})"])
         except ArchiveError as error:
             complain(error)

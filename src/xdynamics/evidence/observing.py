@@ -14,6 +14,7 @@ from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
+from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated, tables_of
 from xdynamics.model.reactions import reactions
@@ -31,7 +32,9 @@ def observables_of(model: Model) -> tuple[str, ...]:
     return (*layout.used, *(name for name in layout.derived if name not in layout.gaps))
 
 
-def observe(run: xr.Dataset, model: Model, names: Sequence[str], times: Floats) -> dict[str, tuple[Floats, Floats]]:
+def observe(
+    run: xr.Dataset, model: Model, names: Sequence[str], times: Floats, rule: str = REINTEGRATE
+) -> dict[str, tuple[Floats, Floats]]:
     """Return values of observables at times, and what the interpolation of the state is uncertain by, in recorded units.
 
     Raises
@@ -43,7 +46,7 @@ def observe(run: xr.Dataset, model: Model, names: Sequence[str], times: Floats) 
     for name in names:
         if name not in known:
             raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(known)}")
-    states = sample(run, times, functions=model.functions)
+    states = sample(run, times, rule=rule, functions=model.functions)
     found = {}
     for name in names:
         if name in states:

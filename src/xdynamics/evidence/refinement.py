@@ -1,33 +1,31 @@
-"""One model over a sequence of steps or tolerances: what each number comes to, at which order, and how sure it is."""
+"""One model over steps, tolerances or rules: what its numbers come to, at which order, and how sure they are."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import archive, record
-from xdynamics.evidence.convergence import VERDICTS, judge, observed_orders
-from xdynamics.evidence.observing import observe
+from xdynamics import archive
+from xdynamics.evidence.defects import step_defects
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.family import ROLE, family
+from xdynamics.evidence.levels import FEWEST, Levels
+from xdynamics.evidence.observing import observables_of
+from xdynamics.evidence.study import ENERGY_RANGE, PERIOD, PHASE, Study
 from xdynamics.faults import InputError
-from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.record.words import words_of
-from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE, flags
-from xdynamics.units import parse_time
+from xdynamics.schema import AT, AT_TIME, LEVEL
+from xdynamics.units import Quantity, parse_quantity, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
-
-GATES = ("failed", "passed")
-FEWEST = 2  # levels
-EPS = float(np.finfo(float).eps)
 
 
 def refine(
@@ -36,36 +34,51 @@ def refine(
     method: str | None = None,
     steps: Sequence[str | float] | None = None,
     rtols: Sequence[float] | None = None,
+    time_tolerances: Sequence[str | float] | None = None,
+    rules: Sequence[str] | None = None,
     at: Sequence[str | float] | str | float | None = None,
     observables: Sequence[str] | None = None,
+    until_change: Mapping[str, str | float] | None = None,
+    defects: bool = False,
     **asked: Any,
 ) -> xr.Dataset:
-    """March a model with one step or tolerance after the other, and compare at common physical times.
+    """March a model with one step, tolerance or rule after the other, and compare at common physical times.
 
     Parameters
     ----------
     model : Model
     method : str, optional
         As for `simulate`, like everything in `asked`; the same for all levels.
-    steps, rtols : sequence
-        Steps, like ``["10 ms", "5 ms", "2.5 ms"]``, or relative tolerances with an `atol` that goes with each in
-        proportion (1 for each unit where none is given): from coarse to fine, at least two.
+    steps, rtols, time_tolerances, rules : sequence
+        What is varied, one of them, from coarse to fine, at least two levels: steps like ``["10 ms", "5 ms"]``; relative
+        tolerances, with an `atol` that goes with each in proportion (1 for each unit where none is given); how well every
+        event, contact and switch is located; ``["interpolant", "reintegrate"]``, by which states between accepted ones
+        and events are found.
     at : times, optional
-        Where to compare; by default the earliest end of a level's run.
+        Where to compare; by default the earliest end of a level's run. Where a time is an accepted one in every level,
+        nothing is interpolated.
     observables : sequence of str, optional
         Coordinates, velocities, states, energies, declared observables; by default all coordinates, velocities, states.
+        Also `energy_range`, and for a coordinate x `period_x`, the mean period between located crossings, and `phase_x`.
+    until_change : mapping of str to quantity, optional
+        Go on with finer levels, 24 at most, until no number of these changes by more than its tolerance from one level
+        to the next: ``{"y": "10 m", "event_time_apex": "1 ms"}``. One level to begin with is enough then.
+    defects : bool
+        Whether to add the largest local error of a step beside the error that came together.
     **asked
         Further settings, as for `simulate`.
 
     Returns
     -------
     xarray.Dataset
-        Over `level`, from coarse to fine: `step_size` or `rtol`, `run_digest`, `run_outcome`. Over `level` and `at`, for
-        each observable y: y, `difference_y` (to the next finer level), `order_y` (signed, of a level with its
-        neighbours), `interpolation_error_y`, `gate_y` (whether that is smaller than the difference). Over `at`:
-        `verdict_y`, `limit_y`, `uncertainty_y` (of the finest level's value, at about 95 %). The same of
-        `event_time_<name>` over `occurrence`, of which the location is what interpolation is to states, and
-        `event_count_<name>` over `level`.
+        Over `level`, from coarse to fine: `step_size`, `rtol`, `time_tolerance` or `rule`, `run_digest`, `run_outcome`.
+        Over `level` and `at`, for each observable y: y, `difference_y` (to the next finer level), `scaled_difference_y`
+        (the same over the largest value in the finest run), `order_y` (signed, of a level with its neighbours),
+        `interpolation_error_y`, `gate_y` (whether that is smaller than the difference). Over `at`: `verdict_y`,
+        `limit_y`, `uncertainty_y` (of the finest level's value, at about 95 %) and by which rule. The same over
+        `occurrence` of `event_time_<name>`, of which the location is what interpolation is to states, and of the states
+        after each event, `after_<name>_y`; `event_count_<name>` over `level`. Of rules, which are no numbers, there are
+        differences alone. With `defects`, `step_defect_y` over `level`.
 
     Raises
     ------
@@ -74,7 +87,7 @@ def refine(
 
     Notes
     -----
-    The order is that of the method in its step, and 1 in the tolerance, to which errors at the end are proportional. What
+    The order is that of the method in its step, and 1 in a tolerance, to which errors at the end are proportional. What
     is said of each number, and by which rule it is uncertain: `xdynamics.evidence.convergence`.
 
     Examples
@@ -87,168 +100,135 @@ def refine(
     >>> study.verdict_x.attrs["flag_meanings"].split()[int(study.verdict_x[0])]
     'asymptotic'
     """
-    study = _Study.of(model, method, steps, rtols, asked)
-    runs = [study.marched(k) for k in range(len(study.numbers))]
-    ends = [float(run["time"][-1]) for run in runs]
-    times = np.array([min(ends)]) if at is None else _times(at, runs, ends)
-    names = tuple(model.units) if observables is None else tuple(observables)
-    return study.dataset(runs, times, names)
+    if not isinstance(model, Model):
+        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    given = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances, "rules": rules}
+    levels = Levels.of(
+        model, given, asked | ({"method": method} if method else {}), fewest=1 if until_change else FEWEST
+    )
+    names = tuple(model.units) if observables is None else _known(model, observables)
+    study = Study(levels, [levels.marched(k) for k in range(len(levels.values))], names, at)
+    wanted = _tolerances(until_change or {}, study)
+    changing, limit = list(wanted), ""
+    while wanted and (changing := _changing(study, wanted)) and not limit:
+        try:
+            study = study.finer()
+        except InputError as error:  # a step or tolerance that no march can use
+            limit = str(error)
+    told = {"stopped": _stopped(changing, len(study.runs), limit)} if wanted else {}
+    return _dataset(study, told, defects=defects)
 
 
-@dataclass(frozen=True)
-class _Study:
-    """What is varied, and how each level is marched."""
-
-    model: Model
-    key: str
-    numbers: Floats
-    formal: float
-    asked: dict[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, model: Model, method: str | None, steps: Any, rtols: Any, asked: dict[str, Any]) -> _Study:
-        """Read what is varied.
-
-        Raises
-        ------
-        InputError
-            If it is not one thing that gets finer.
-        """
-        if (steps is None) == (rtols is None):
-            raise InputError("refine needs steps=[…] or rtols=[…], one of them")
-        key, given = ("step", steps) if rtols is None else ("rtol", rtols)
-        if isinstance(given, str | float | int):
-            raise InputError(f"{key}s is {given!r}, needs a row of them, from coarse to fine")
-        numbers = np.array([parse_time(one, key) if key == "step" else float(one) for one in given])
-        if len(numbers) < FEWEST or not (np.diff(numbers) < 0).all() or not (numbers > 0).all():
-            raise InputError(f"{key}s are {[*map(str, given)]}, need {FEWEST} or more that get smaller, all positive")
-        more = asked | ({"method": method} if method else {})
-        first = settings_for(model, **more, **{key: float(numbers[0])})
-        return cls(model, key, numbers, float(first.method.order) if key == "step" else 1.0, more)
-
-    def marched(self, k: int) -> xr.Dataset:
-        """Return the run of a level."""
-        asked = {"force_samples": "none"} | self.asked | {self.key: float(self.numbers[k])}
-        march = March(self.model, settings_for(self.model, **asked))
-        run: xr.Dataset = archive.marched(record.dataset(march, march.blocks()))
-        return run
-
-    def dataset(self, runs: list[xr.Dataset], times: Floats, names: tuple[str, ...]) -> xr.Dataset:
-        """Gather everything."""
-        import xarray as xr
-
-        found = [observe(run, self.model, names, times) for run in runs]
-        about = {
-            "step": ("step_size", "s", "step of the level"),
-            "rtol": ("rtol", "1", "relative tolerance of the level"),
-        }
-        name, units, said = about[self.key]
-        variables: dict[str, Any] = {
-            name: ((LEVEL,), self.numbers, _about(units, said)),
-            "run_digest": ((LEVEL,), np.array([archive.content_digest(run) for run in runs], object), {"long_name": "content digest of the level's run", "role": "digest"}),
-            "run_outcome": ((LEVEL,), np.array([run.attrs["run_outcome"] for run in runs], object), {"long_name": "outcome of the level's run", "role": "outcome"}),
-            AT_TIME: ((AT,), times, _about("s", "time of comparison")),
-        }  # fmt: skip
-        for one in names:
-            values, errors = (np.stack([level[one][i] for level in found], axis=-1) for i in (0, 1))
-            units = str(runs[-1][one].attrs["units"])
-            rounding = _rounding(runs[-1], values)
-            limited = np.array([self._moved_by_events(runs, one, time) for time in times])
-            variables |= self._judged(one, units, values, errors, rounding, limited, AT)
-        met = [words_of(run["event_detector"]) for run in runs]
-        for detector in dict.fromkeys(name for names in met for name in names):
-            variables |= self._of_events(runs, met, detector)
-        dataset = xr.Dataset(variables).set_coords(AT_TIME)
-        digests = " ".join(map(str, variables["run_digest"][1]))
-        return dataset.assign_attrs({
-            "title": f"refinement of {self.model.name}, by {runs[0].attrs['solver_method']}", "role": "refinement", "runs": digests,
-            "solver_method": runs[0].attrs["solver_method"], "formal_order": self.formal, "model_digest": self.model.digest,
-            "norm": "absolute differences of neighbouring levels",
-        })  # fmt: skip
-
-    def _of_events(self, runs: list[xr.Dataset], met: list[list[str]], detector: str) -> dict[str, Any]:
-        """Compare the times at which one event function was met, occurrence by occurrence."""
-        times, errors = [], []
-        for run, names in zip(runs, met, strict=True):
-            mine = np.flatnonzero(np.array(names) == detector)
-            times.append(run["event_time"].values[mine])
-            errors.append(run["event_time_uncertainty"].values[mine])
-        most = max(map(len, times))
-        values, doubts = (np.stack([_filled(one, most) for one in each], axis=-1) for each in (times, errors))
-        rounding = 4 * EPS * np.abs(values[:, -1])
-        counts = np.array([len(one) for one in times])
-        name = f"event_time_{detector}"
-        found = self._judged(name, "s", values, doubts, rounding, np.zeros(most), OCCURRENCE)
-        return found | {f"event_count_{detector}": ((LEVEL,), counts, _about("1", f"how often {detector} was met"))}
-
-    def _judged(self, name: str, units: str, values: Floats, errors: Floats, rounding: Floats, limited: Floats, dim: str) -> dict[str, Any]:  # fmt: skip
-        """Return all that is said of one number at several places, levels last in the arrays given."""
-        change = np.full(values.shape, np.nan)
-        change[:, :-1] = np.diff(values, axis=-1)
-        # the finest level has no difference of its own: its gate is that of the last one
-        last = np.abs(np.concatenate([change[:, :-1], change[:, -2:-1]], axis=-1))
-        gate = (errors <= last).astype(np.int8)
-        judged = [
-            judge(
-                values[k], self.numbers, self.formal, float(rounding[k]), float(errors[k, -2:].max()), float(limited[k])
-            )
-            for k in range(len(values))
-        ]
-        rules = sorted({one.rule for one in judged})
-        each, once = (LEVEL, dim), (dim,)
-        return {
-            name: (each, values.T, _about(units, name)),
-            f"difference_{name}": (each, change.T, _about(units, f"{name} of the next finer level less that of this one")),
-            f"order_{name}": (each, observed_orders(values, self.numbers).T, _about("1", f"observed order of {name}, with the levels before and behind; below 0 differences grow")),
-            f"interpolation_error_{name}": (each, errors.T, _about(units, f"how far interpolation, or the location of an event, may have {name} off")),
-            f"gate_{name}": (each, gate.T, _about("1", "whether that is at most the difference to the next finer level", "flag") | flags(dict(enumerate(GATES)))),
-            f"verdict_{name}": (once, np.array([one.verdict for one in judged], np.int8), _about("1", f"what the levels tell of {name}", "flag") | flags(dict(enumerate(VERDICTS)))),
-            f"limit_{name}": (once, np.array([one.limit for one in judged]), _about(units, f"{name} with ever smaller {self.key}s")),
-            f"uncertainty_{name}": (once, np.array([one.uncertainty for one in judged]), _about(units, f"uncertainty of {name} at the finest level, at about 95 %") | {"rules": "; ".join(rules)}),
-            f"uncertainty_rule_{name}": (once, np.array([rules.index(one.rule) for one in judged], np.int8), _about("1", f"where the uncertainty of {name} is from", "flag") | flags({i: one.replace(" ", "_") for i, one in enumerate(rules)})),
-        }  # fmt: skip
-
-    def _moved_by_events(self, runs: list[xr.Dataset], name: str, time: float) -> float:
-        """Return how far the uncertain times of events before it may have an observable off; without bound where their number differs."""
-        counts = [int((run["event_time"].values < time).sum()) for run in runs[-2:]]
-        if len(set(counts)) > 1:
-            return np.inf
-        run = runs[-1]
-        if not counts[-1]:
-            return 0.0
-        rows, rates = run["event_row_before"].values[: counts[-1]], _rates(run, name)
-        return float(np.sum(np.abs(rates[rows]) * run["event_time_uncertainty"].values[: counts[-1]]))
+def _changing(study: Study, wanted: Mapping[str, float]) -> list[str]:
+    """Name what changed by more than its tolerance from the last level but one to the last."""
+    if len(study.runs) < FEWEST:
+        return list(wanted)
+    last = {one.name: np.abs(one.changes[:, -2]) for one in study.watched() if one.name in wanted}
+    return [name for name, tolerance in wanted.items() if not (last.get(name, np.array([np.nan])) <= tolerance).all()]
 
 
-def _rates(run: xr.Dataset, name: str) -> Floats:
-    """Return how fast an observable changed in the step to each row; times of events stand twice."""
-    time, values = run["time"].values, run[name].values
-    span = np.diff(time)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.where(span > 0.0, np.diff(values) / span, 0.0)
-    return np.concatenate([found[:1], found])
+def _dataset(study: Study, told: Mapping[str, Any], *, defects: bool) -> xr.Dataset:
+    """Gather everything."""
+    levels, runs, varied = study.levels, study.runs, study.levels.varied
+    digests = [archive.digest_of_run(run) for run in runs]
+    outcomes = [str(run.attrs["run_outcome"]) for run in runs]
+    variables: dict[str, Any] = {
+        varied.name: ((LEVEL,), levels.values, about(varied.units, varied.said, ROLE)),
+        "run_digest": ((LEVEL,), np.array(digests), about("1", "content digest of the level's run", "digest")),
+        "run_outcome": ((LEVEL,), np.array(outcomes), about("1", "outcome of the level's run", "outcome")),
+        AT_TIME: ((AT,), study.times, about("s", "time of comparison", "time")),
+    }
+    for one in study.watched():
+        variables |= family(one, levels)
+    met = [words_of(run["event_detector"]) for run in runs]
+    for name in dict.fromkeys(name for names in met for name in names):
+        counts = np.array([names.count(name) for names in met])
+        variables[f"event_count_{name}"] = ((LEVEL,), counts, about("1", f"how often {name} was met", ROLE))
+    if defects:
+        variables |= _defects(study)
+    method = str(runs[0].attrs["solver_method"])
+    return exhibit("refinement", f"refinement of {levels.model.name}, by {method}", digests, variables, {
+        "solver_method": method, "varied": varied.name, "formal_order": levels.formal, "model_digest": levels.model.digest,
+        "norm": "absolute differences of neighbouring levels; scaled ones over the stated scale", **told,
+    })  # fmt: skip
 
 
-def _rounding(run: xr.Dataset, values: Floats) -> Floats:
-    """Return what rounding may have added up to in the finest run: of the largest value, growing as the root of steps."""
-    found: Floats = 4.0 * EPS * np.nanmax(np.abs(values), axis=-1) * np.sqrt(run.sizes["step"])
+def _defects(study: Study) -> dict[str, Any]:
+    """Return the largest local error of a step of every level."""
+    found = [step_defects(run, functions=study.levels.model.functions) for run in study.runs]
+    names = [name for name in found[-1] if name in study.names]
+    return {
+        f"step_defect_{name}": ((LEVEL,), np.array([float(np.max(np.abs(one[name]))) for one in found]), about(str(study.runs[-1][name].attrs["units"]), f"largest difference of {name} between one step and sixteen in its place, among steps spread over the run: the local error beside that which came together", ROLE))
+        for name in names
+    }  # fmt: skip
+
+
+def _known(model: Model, names: Sequence[str]) -> tuple[str, ...]:
+    """Refuse what cannot be looked at."""
+    if isinstance(names, str):
+        names = [names]
+    more = [ENERGY_RANGE] if "total_energy" in layout_of(model).derived else []
+    more += [kind + name for name in model.coordinates for kind in (PERIOD, PHASE)]
+    known = (*observables_of(model), *more)
+    for name in names:
+        if name not in known:
+            raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(known)}")
+    return tuple(names)
+
+
+def _tolerances(asked: Mapping[str, Any], study: Study) -> dict[str, float]:
+    """Read until which change of each number levels are added, in its unit."""
+    if asked and not study.levels.ordered:
+        raise InputError("until_change goes on with finer levels, and rules have none")
+    units = {one.name: one.units for one in study.watched()} if asked else {}
+    found = {}
+    for name, given in asked.items():
+        if name not in units:
+            raise InputError(f"until_change names '{name}'; there are {', '.join(units)}")
+        one, unit = parse_quantity(given), parse_unit(units[name])
+        bare = not isinstance(given, str | Quantity)
+        if not bare and one.unit.dimension != unit.dimension:
+            raise InputError(f"until_change of '{name}' is {given!r}, needs the unit '{units[name]}'")
+        found[name] = one.value if bare else one.si / float(unit.factor)
+        if not found[name] > 0.0:
+            raise InputError(f"until_change of '{name}' is {given!r}, needs a positive one")
     return found
 
 
-def _filled(values: Floats, size: int) -> Floats:
-    return np.concatenate([values, np.full(size - len(values), np.nan)])
+def _stopped(changing: list[str], count: int, limit: str) -> str:
+    """Say why no further level was added."""
+    if changing:
+        return f"after {count} levels, with {', '.join(changing)} still changing by more than its tolerance: no finer level, {limit}"
+    return f"every change under its tolerance from level {count - 2} to level {count - 1}"
 
 
-def _about(units: str, said: str, role: str = "refinement") -> dict[str, Any]:
-    return {"units": units, "long_name": said, "role": role}
+def lines_of(study: xr.Dataset) -> list[str]:
+    """Say what a refinement found, in lines."""
+    varied = str(study.attrs["varied"])
+    levels = ", ".join(f"{one:.6g}" if study[varied].dtype.kind == "f" else str(one) for one in study[varied].values)
+    units = study[varied].attrs["units"]
+    lines = [f"levels    {varied} {levels}{'' if units == '1' else f' {units}'}"]
+    outcomes = dict.fromkeys(map(str, study["run_outcome"].values))
+    lines.append(f"outcomes  {', '.join(outcomes)}")
+    for name in [str(one) for one in study.data_vars if f"difference_{one}" in study]:
+        lines += _of_number(study, name)
+    return lines + ([f"stopped   {study.attrs['stopped']}"] if "stopped" in study.attrs else [])
 
 
-def _times(at: Any, runs: list[xr.Dataset], ends: list[float]) -> Floats:
-    """Read the times of comparison."""
-    given = [at] if isinstance(at, str | float | int) else list(at)
-    times = np.array([parse_time(one, "at") for one in given])
-    begin, end = float(runs[0]["time"][0]), min(ends)
-    for one in times.tolist():
-        if not begin <= one <= end:
-            raise InputError(f"at has {one!r} s, needs times in every run, from {begin!r} s to {end!r} s")
-    return times
+def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
+    """Say what became of one number at its first and last place."""
+    one = study[name]
+    places = [dim for dim in one.dims if dim != LEVEL]
+    units = "" if one.attrs["units"] == "1" else f" {one.attrs['units']}"
+    for k in range(study.sizes[places[0]] if places else 1):
+        here = {places[0]: k} if places else {}
+        value = float(one.isel(here)[-1])
+        where = "" if not places else f" at t = {float(study[AT_TIME][k]):.9g} s" if places[0] == AT else f" [{k + 1}]"
+        if f"verdict_{name}" not in study:
+            yield f"{name}{where} = {value:.12g}{units}, changed by {float(study[f'difference_{name}'].isel(here)[-2]):.3g}{units}"
+            continue
+        order = float(study[f"order_{name}"].isel(here)[-2]) if study.sizes[LEVEL] > FEWEST else np.nan
+        verdict = words_of(study[f"verdict_{name}"].isel(here))[0]
+        uncertainty = float(study[f"uncertainty_{name}"].isel(here))
+        shown = f", order {order:.3g}" if np.isfinite(order) else ""
+        yield f"{name}{where} = {value:.12g} ± {uncertainty:.2g}{units}{shown}, {verdict}"

@@ -94,7 +94,7 @@ def sample(
     """
     if rule not in RULES:
         raise InputError(f"rule is {rule!r}; there are {', '.join(RULES)}")
-    inside = _Inside.of(run, functions, rule)
+    inside = Inside.of(run, functions, rule)
     wanted = _wanted(times)
     if side not in SIDES:
         raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
@@ -103,7 +103,7 @@ def sample(
 
 
 @dataclass(frozen=True)
-class _Inside:
+class Inside:
     """A record's model and method, ready to evaluate states inside its steps."""
 
     run: xr.Dataset
@@ -111,7 +111,7 @@ class _Inside:
     rule: str
 
     @classmethod
-    def of(cls, run: Any, functions: Any, rule: str) -> _Inside:
+    def of(cls, run: Any, functions: Any, rule: str) -> Inside:
         """Check that a Dataset is a whole run record, in the units of its model.
 
         Raises
@@ -135,6 +135,7 @@ class _Inside:
 
     @cached_property
     def model(self) -> Model:
+        """The record's own, read from its text."""
         model = _model_of(str(self.run["model_toml"].values), tuple(self.functions.items()))
         model.require_functions()
         return model
@@ -155,10 +156,12 @@ class _Inside:
 
     @cached_property
     def layout(self) -> Layout:
+        """Where the numbers of its march stand."""
         return self.settings.layout(self.model)
 
     @cached_property
     def law(self) -> Law:
+        """Its compiled law."""
         return law_of(self.layout, sampled=self.settings.samples)
 
     def dataset(self, times: Floats, rows: NDArray[np.int64], starts: Floats, ends: Floats) -> xr.Dataset:
@@ -227,6 +230,21 @@ class _Inside:
         engine().states_inside(run, *given, inner, reintegrated)
         found[:, moving] = inner * np.vstack([factors, factors])
         return found
+
+    def defects(self, rows: NDArray[np.int64], parts: int) -> dict[str, Floats]:
+        """Return the difference between one step from each row and so many in its place, by variable, in recorded units."""
+        time, used = np.asarray(self.run["time"]), self.layout.used
+        columns = np.stack([np.asarray(one) for one in self._columns(rows)])
+        n, first = len(used), 3 + self._touching
+        start, whole = time[rows], time[rows + 1]
+        inner = columns[first : first + n].copy()
+        for k in range(parts):
+            low, high = (start + (whole - start) * (j / parts) for j in (k, k + 1))
+            columns[0], columns[first : first + n] = high - low, inner
+            inner = self._evaluated(np.stack([high, low, high]), columns[: first + n])[:n]
+            columns[2] = schema.STEP  # behind an event is the first part alone
+        led_to = np.stack([np.asarray(self.run[name])[rows + 1] for name in used])
+        return dict(zip(used, led_to - inner, strict=True))
 
     @property
     def _touching(self) -> int:

@@ -1,5 +1,5 @@
 """Figures, drawn from records alone."""
 
-from xdynamics.figures.run import plot
+from xdynamics.figures.plotting import plot
 
 __all__ = ["plot"]

@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
-from io import BytesIO
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from xdynamics.archive.target import check_target, taking_name
-from xdynamics.faults import ArchiveError, InputError
+from xdynamics.faults import InputError
 from xdynamics.figures.curves import between, paired, thinned
 from xdynamics.figures.marks import COLOURS, mark_events, shade_regimes, words
+from xdynamics.figures.sheet import Panel
 from xdynamics.record import check
 from xdynamics.record.kinds import is_whole
 from xdynamics.schema import STEPS, velocity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-FORMATS = (".png", ".svg", ".pdf")
 FEW_ROWS = 400  # up to which every accepted state is a dot
-WIDTH, MOST_LINES = 190, 3  # of the text below
 LONGEST_LABEL = 24  # characters
 MOST_NAMED = 8  # lines in a legend
 CONTACTS = "contact and friction"
@@ -36,28 +30,17 @@ _PARTS = {"event_time_uncertainty_bracket": "width of the bracket", "event_time_
 FEWEST_LOCATED = 3  # events, from which on a panel tells more than their list
 
 
-def plot(run: xr.Dataset, path: str | Path | None = None) -> Figure:
-    """Draw trajectory, velocity, forces and impulses of contacts, phase portrait, energy error and step size of a run.
+def panels_of(run: xr.Dataset) -> list[Panel]:
+    """Return what draws each panel of a run: trajectory, velocity, forces and impulses of contacts, phase portrait, energy error, steps.
 
     Between few states lines are Hermite's polynomials through states, velocities and accelerations; those of more than
     4,000 points are thinned by keeping the least and the greatest value of each stretch. The record keeps every row.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run record.
-    path : str or Path, optional
-        Where to write the figure: PNG, SVG or PDF by its ending.
-
     Raises
     ------
     InputError
-        If the Dataset has no recorded times, or the ending is another, or the folder does not exist.
+        If the Dataset has no recorded times.
     """
-    from matplotlib.figure import Figure
-
-    if path is not None:
-        _check_path(Path(path))
     if "time" not in run.variables or run["time"].dims != (STEPS,) or not run["time"].size:
         raise InputError("plot needs a run record with 'time' along 'step'")
     check(run, whole=False, values=False)
@@ -66,26 +49,15 @@ def plot(run: xr.Dataset, path: str | Path | None = None) -> Figure:
         raise InputError(
             f"there is nothing along '{STEPS}' to draw among {', '.join(map(str, run.data_vars)) or 'nothing'}"
         )
-    rows = (len(panels) + 1) // 2
-    figure = Figure(figsize=(11, 2.9 * rows + 0.7), layout="constrained")
-    grid = figure.subplots(rows, 2, squeeze=False)
-    for axes in grid.flat[len(panels) :]:
-        axes.set_visible(False)
-    for axes, draw in zip(grid.flat, panels, strict=False):
-        draw(axes)
-        axes.grid(color="#e3e3e3", linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
-    attributes = run.attrs
-    figure.suptitle(words(attributes.get("title", "run")), x=0.01, ha="left", fontsize=13)
-    outcome = f"{attributes.get('run_outcome', '')}: {attributes.get('run_outcome_text', '')}"
-    told = textwrap.wrap(words(outcome), WIDTH, max_lines=MOST_LINES, placeholder=" …")
-    figure.supxlabel("\n".join(told), fontsize=8, color="#555555", x=0.01, ha="left")
-    if path is not None:
-        _write(figure, Path(path))
-    return figure
+    return panels
 
 
-def _panels(run: xr.Dataset) -> Iterator[Callable[[Axes], None]]:
+def ending_of(run: xr.Dataset) -> str:
+    """Say how a run ended."""
+    return f"{run.attrs.get('run_outcome', '')}: {run.attrs.get('run_outcome_text', '')}"
+
+
+def _panels(run: xr.Dataset) -> Iterator[Panel]:
     """Yield what draws each panel, in reading order."""
     coordinates = _with_role(run, "coordinate")
     for names in _by_unit(run, coordinates):
@@ -269,24 +241,3 @@ def _over_the_run(run: xr.Dataset, axes: Axes) -> None:
     margin = 0.05 * (time[-1] - time[0])
     if margin > 0:
         axes.set_xlim(time[0] - margin, time[-1] + margin)
-
-
-def _write(figure: Figure, path: Path) -> None:
-    """Write a figure whole, or not at all."""
-    ending = path.suffix.lower()
-    drawn = BytesIO()
-    figure.savefig(drawn, format=ending[1:], dpi=130, metadata={"Date": None} if ending == ".svg" else None)
-    try:
-        with taking_name(path) as new:
-            new.part.write_bytes(drawn.getvalue())
-    except ArchiveError as error:
-        raise InputError(f"figure {error}") from None
-
-
-def _check_path(path: Path) -> None:
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(f"figure '{path}' has the ending '{path.suffix}'; there are {', '.join(FORMATS)}")
-    try:
-        check_target(path)
-    except InputError as error:
-        raise InputError(f"figure {error}") from None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.attributes import plain
-from xdynamics.record.kinds import is_derived, is_whole
+from xdynamics.record.kinds import is_run, is_whole
 from xdynamics.schema import (
     BOUNDS,
     BY_STEP_CONTROL,
@@ -17,12 +17,14 @@ from xdynamics.schema import (
     DERIVED_FROM,
     EVENT_AFTER,
     EVENTS,
+    EVIDENCE,
     FIXED,
     GIVEN_STEP,
     LEFT_OUT_ATOL,
     NUMBERS,
     PAIRS,
     REQUIRED_ATTRIBUTES,
+    RUNS,
     SAMPLES,
     SELECTION,
     SELECTION_OF,
@@ -65,7 +67,7 @@ def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> li
     """
     whole = whole and is_whole(run.attrs)
     named = {variable.name: variable for variable in FIXED}
-    placed = not is_derived(run.attrs)
+    placed = is_run(run.attrs)
     found = {
         name: [*_variable(str(name), one, named.get(str(name)) if placed else None, placed=placed)]
         for name, one in run.variables.items()
@@ -84,7 +86,7 @@ def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> li
 def _attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
     for name in REQUIRED_ATTRIBUTES:
         if name not in attributes:
-            if is_derived(attributes):
+            if not is_run(attributes):
                 continue
             yield f"attribute '{name}' is missing"
         elif name not in NUMBERS and not isinstance(attributes[name], str):
@@ -106,7 +108,7 @@ def _attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
     )
     yield from (
         f"attribute '{name}' is {_short(attributes[name])}, needs a text"
-        for name in (DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL)
+        for name in (EVIDENCE, RUNS, DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL)
         if not isinstance(attributes.get(name, ""), str)
     )
     yield from unkeepable(attributes)
@@ -133,7 +135,9 @@ def _variable(name: str, one: xr.Variable, expected: Variable | None, *, placed:
         yield f"has dims {tuple(one.dims)}, needs {expected.dims}"
     elif expected and expected.dtype != "U" and one.dtype != np.dtype(expected.dtype):
         yield f"has the type {one.dtype}, needs {np.dtype(expected.dtype)}"
-    elif (one.dtype.kind in "UO" and one.dims) or (one.dtype.kind not in "UO" and one.dtype.str[1:] not in STORED):
+    elif (one.dtype.kind in "UO" and one.dims and placed) or (
+        one.dtype.kind not in "UO" and one.dtype.str[1:] not in STORED
+    ):
         yield f"has the type {one.dtype}, needs numbers, or one text without a dimension"
     yield from (f"has no attribute '{word}'" for word in NEEDED if word not in about)
     texts = (*NEEDED, "flag_meanings")

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.schema import DERIVED, DERIVED_FROM, LEFT_OUT_ATOL, SELECTION, SELECTION_OF
+from xdynamics.schema import DERIVED, DERIVED_FROM, EVIDENCE, LEFT_OUT_ATOL, RUNS, SELECTION, SELECTION_OF
 
 
 def is_derived(attributes: Mapping[Any, Any]) -> bool:
@@ -20,15 +20,27 @@ def is_selection(attributes: Mapping[Any, Any]) -> bool:
     return SELECTION_OF in attributes and not is_derived(attributes)
 
 
+def is_evidence(attributes: Mapping[Any, Any]) -> bool:
+    """Tell whether a record says that it was made to judge runs by."""
+    return EVIDENCE in attributes and not is_derived(attributes)
+
+
+def is_run(attributes: Mapping[Any, Any]) -> bool:
+    """Tell whether a record is a run or a part of one, as it was marched."""
+    return EVIDENCE not in attributes and not is_derived(attributes)
+
+
 def is_whole(attributes: Mapping[Any, Any]) -> bool:
     """Tell whether a record is to have all that a run has."""
-    return not is_derived(attributes) and not is_selection(attributes)
+    return is_run(attributes) and not is_selection(attributes)
 
 
 def said_of(attributes: Mapping[Any, Any]) -> str:
     """Say in words what a record is that is no whole run; nothing of one that is."""
     if is_derived(attributes):
         return f"derived data, no run: {attributes[DERIVED]}; from run {attributes.get(DERIVED_FROM, 'unknown')}"
+    if is_evidence(attributes):
+        return f"evidence, no run: a {attributes[EVIDENCE]} from {len(str(attributes.get(RUNS, '')).split())} runs"
     if is_selection(attributes):
         return f"a selection of run {attributes[SELECTION_OF]}: {attributes.get(SELECTION, 'a part')}"
     return ""

@@ -75,7 +75,7 @@ def attributes(march: March) -> dict[str, Any]:
         used |= {"solver_length_scale": scales.length, "solver_length_scale_units": "m",
                  "solver_time_scale": scales.time, "solver_time_scale_units": "s",
                  "solver_mass_scale": scales.mass, "solver_mass_scale_units": "kg"}  # fmt: skip
-    return used | _circumstances()
+    return used | circumstances("simulated")
 
 
 def interpolation(scheme: Scheme, rule: str = REINTEGRATE) -> dict[str, Any]:
@@ -301,10 +301,11 @@ def xdynamics_version() -> str:
     return _machine()["xdynamics_version"]
 
 
-def _circumstances() -> dict[str, Any]:
+def circumstances(done: str) -> dict[str, Any]:
+    """Say when and on what something was done; no digest of content has it."""
     from datetime import UTC, datetime
 
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     machine = _machine()
-    history = f"{now} simulated by xdynamics {machine['xdynamics_version']}"
+    history = f"{now} {done} by xdynamics {machine['xdynamics_version']}"
     return {"date_created": now, "history": history} | machine

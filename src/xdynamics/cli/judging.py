@@ -1,0 +1,109 @@
+"""Verbs that judge: what runs are worth, and what two of them differ in."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xdynamics.cli.command import BADLY, DONE, main, say
+from xdynamics.cli.marching import changed_model
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@main.command()
+@click.argument("model_file", metavar="MODEL.toml")
+@click.option("-o", "--output", metavar="R.nc", help="Where to keep the refinement.")
+@click.option("--method", help="Name of a method; see `xdynamics methods`.")
+@click.option("--step", help="The coarsest step, like '10 ms'.")
+@click.option("--rtol", help="The coarsest relative tolerance, like 1e-4, in place of a step.")
+@click.option("--time-tolerance", help="The coarsest tolerance of events, like '1 ms', in place of both: step and rtol then stay.")  # fmt: skip
+@click.option("--levels", type=int, default=5, show_default=True, help="How many levels.")
+@click.option("--ratio", type=float, help="From one level to the next: 2 of steps, 10 of tolerances.")
+@click.option("--at", "times", multiple=True, metavar="TIME", help="A time to compare at; by default the end.")
+@click.option("--observable", "observables", multiple=True, metavar="NAME", help="What to compare; by default every state. Also energy_range, period_x, phase_x.")  # fmt: skip
+@click.option("--until-change", "changes", multiple=True, metavar="NAME=SIZE", help="Go on with finer levels until NAME changes by less, like y='10 m'.")  # fmt: skip
+@click.option("--defects", is_flag=True, help="Add the largest local error of a step in each level.")
+@click.option("--until", help="End of the runs.")
+@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+def refine(
+    model_file: str,
+    output: str | None,
+    method: str | None,
+    step: str | None,
+    rtol: str | None,
+    time_tolerance: str | None,
+    levels: int,
+    ratio: float | None,
+    times: tuple[str, ...],
+    observables: tuple[str, ...],
+    changes: tuple[str, ...],
+    defects: bool,
+    until: str | None,
+    values: tuple[str, ...],
+) -> None:
+    """March a model with ever finer steps or tolerances: orders, limits and uncertainties of its numbers."""
+    from xdynamics.cli.marching import pairs
+    from xdynamics.evidence.refinement import lines_of
+    from xdynamics.evidence.refinement import refine as refined
+
+    model = changed_model(model_file, values)
+    asked: dict[str, Any] = {"method": method, "at": list(times) or None, "observables": list(observables) or None}
+    asked |= {"until": until, "defects": defects, "until_change": pairs(changes, "--until-change") or None}
+    asked |= _levels(model, step, rtol, time_tolerance, levels, ratio)
+    _kept(refined(model, **asked), lines_of, output)
+
+
+def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, ratio: float | None) -> dict[str, Any]:
+    """Return what is varied, from the coarsest of it, the number of levels and their ratio."""
+    from xdynamics.evidence.levels import RTOLS, STEPS, TIME_TOLERANCES
+    from xdynamics.faults import InputError
+    from xdynamics.units import parse_time
+
+    if levels < 1 or (ratio is not None and not 1.0 < ratio < float("inf")):
+        raise InputError(
+            f"--levels is {levels} and --ratio {ratio}; there is at least one level, and a ratio is above 1"
+        )
+    if time_tolerance is not None:
+        varied, first, kept = TIME_TOLERANCES, parse_time(time_tolerance, "--time-tolerance"), {"step": step, "rtol": rtol}  # fmt: skip
+    elif step is not None and rtol is not None:
+        raise InputError("--step and --rtol are both given; one of them is varied")
+    elif rtol is not None:
+        try:
+            varied, first, kept = RTOLS, float(rtol), {}
+        except ValueError:
+            raise InputError(f"--rtol is {rtol!r}, needs a number") from None
+    else:
+        coarsest = step or model.run.get("step")
+        if coarsest is None:
+            raise InputError(f"model '{model.name}' has no step in its [run]; give --step or --rtol, the coarsest one")
+        varied, first, kept = STEPS, parse_time(coarsest, "--step"), {}
+    by = ratio or varied.ratio
+    return kept | {varied.keyword: [first / by**k for k in range(levels)]}
+
+
+def _kept(found: xr.Dataset, told: Any, output: str | None) -> None:
+    """Save evidence where that is asked for, and say what it tells."""
+    lines = [str(found.attrs["title"]), *told(found)]
+    if output:
+        from xdynamics.archive import save
+
+        lines.append(f"archive   {save(found, output)}")
+    say(lines)
+
+
+@main.command()
+@click.argument("first", metavar="FIRST.nc")
+@click.argument("second", metavar="SECOND.nc")
+def compare(first: str, second: str) -> None:
+    """Compare two runs: settings, bits, states at common times."""
+    from xdynamics.archive import open_run
+    from xdynamics.evidence.comparison import compare as compared
+    from xdynamics.evidence.comparison import lines_of
+
+    table = compared(open_run(first), open_run(second))
+    say(lines_of(table))
+    sys.exit(DONE if table.attrs["identical"] else BADLY)

@@ -1,0 +1,55 @@
+"""Local errors: what one step is away from many in its place, beside the error that came together over a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.sampling import Inside
+from xdynamics.faults import InputError
+from xdynamics.methods.scheme import REINTEGRATE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+PARTS = 16  # steps in the place of one
+LOOKED_AT = 256  # steps of a run, spread over it
+
+
+def step_defects(
+    run: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] | None = None, most: int = LOOKED_AT
+) -> dict[str, Floats]:
+    """Return, of steps spread over a run, each state that was reached less that of sixteen steps in the place of the one.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run record.
+    functions : mapping of str to callable, optional
+        The Python functions that the model's forces call.
+    most : int
+        Steps to look at.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (steps,)
+        By coordinate, velocity and state, in their recorded units.
+
+    Raises
+    ------
+    InputError
+        If the method keeps from one step what the next one begins with, so that none can be repeated alone.
+    """
+    inside = Inside.of(run, functions, REINTEGRATE)
+    if inside.settings.method.simplified:
+        raise InputError(
+            f"steps of '{inside.settings.method.name}' depend on those before: none of them is repeated alone"
+        )
+    rows = np.flatnonzero(np.diff(np.asarray(run["time"])) > 0.0)
+    chosen = rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(np.int64))]
+    return inside.defects(chosen, PARTS)

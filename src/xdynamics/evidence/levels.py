@@ -1,0 +1,169 @@
+"""What is varied from level to level of a refinement, from coarse to fine, and the run of each level."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import archive, record
+from xdynamics.faults import InputError
+from xdynamics.march import March
+from xdynamics.march.asking import settings_for
+from xdynamics.methods.scheme import REINTEGRATE, RULES
+from xdynamics.model import Model
+from xdynamics.units import parse_time
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+FEWEST = 2  # levels
+MOST = 24  # levels, where they are added until changes are small
+LOCATED = ("events", "contacts", "frictions")  # sections whose entries have time tolerances
+
+
+@dataclass(frozen=True)
+class Varied:
+    """One thing that can be varied.
+
+    Attributes
+    ----------
+    keyword : str
+        Of `refine`.
+    name : str
+        The variable of the levels in the evidence.
+    units, said : str
+    ratio : float
+        From one level to the next, where levels are added.
+    """
+
+    keyword: str
+    name: str
+    units: str
+    said: str
+    ratio: float
+
+
+STEPS = Varied("steps", "step_size", "s", "step of the level", 2.0)
+RTOLS = Varied("rtols", "rtol", "1", "relative tolerance of the level", 10.0)
+TIME_TOLERANCES = Varied("time_tolerances", "time_tolerance", "s", "time tolerance of every event, contact and switch of the level", 10.0)  # fmt: skip
+CHOICES = Varied("rules", "rule", "1", "how states between accepted ones, and events, are found in the level", 1.0)
+ALL = (STEPS, RTOLS, TIME_TOLERANCES, CHOICES)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """One model from level to level.
+
+    Attributes
+    ----------
+    model : Model
+    varied : Varied
+    values : ndarray of float, or of str
+        From coarse to fine.
+    formal : float
+        The order that errors have in them: the method's in its step, 1 in a tolerance, nan of rules.
+    asked : dict
+        Settings that all levels share.
+    """
+
+    model: Model
+    varied: Varied
+    values: NDArray[Any]
+    formal: float
+    asked: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, model: Model, given: Mapping[str, Any], asked: dict[str, Any], *, fewest: int) -> Levels:
+        """Read what is varied.
+
+        Raises
+        ------
+        InputError
+            If it is not one thing that gets finer.
+        """
+        said = [one for one in ALL if given[one.keyword] is not None]
+        if len(said) != 1:
+            raise InputError(f"refine needs {', '.join(f'{one.keyword}=[…]' for one in ALL[:-1])} or rules=[…], one of them")  # fmt: skip
+        varied, values = said[0], given[said[0].keyword]
+        if isinstance(values, str | float | int):
+            raise InputError(f"{varied.keyword} is {values!r}, needs a row of them, from coarse to fine")
+        found = np.array([_read(varied, one) for one in values])
+        if varied is CHOICES:
+            if len(found) < FEWEST or not {*found.tolist()} <= {*RULES} or len({*found.tolist()}) < len(found):
+                raise InputError(f"rules are {[*map(str, values)]}, need both of {', '.join(RULES)}")
+        elif len(found) < fewest or not (np.diff(found) < 0).all() or not (found > 0).all():
+            raise InputError(f"{varied.keyword} are {[*map(str, values)]}, need {fewest} or more that get smaller, all positive")  # fmt: skip
+        one = cls(model, varied, found, 1.0, asked)
+        method = settings_for(one.model_of(found[0]), **one.asked_of(found[0])).method
+        return cls(model, varied, found, {STEPS: float(method.order), CHOICES: np.nan}.get(varied, 1.0), asked)
+
+    def finer(self) -> Levels:
+        """Return the levels with one more, as much finer as the last one was.
+
+        Raises
+        ------
+        InputError
+            If there are as many as there may be.
+        """
+        if len(self.values) == MOST:
+            raise InputError(f"there are {MOST} at most")
+        ratio = self.values[-2] / self.values[-1] if len(self.values) > 1 else self.varied.ratio
+        return Levels(self.model, self.varied, np.append(self.values, self.values[-1] / ratio), self.formal, self.asked)
+
+    @property
+    def ordered(self) -> bool:
+        """Whether levels are numbers that errors shrink with."""
+        return self.varied is not CHOICES
+
+    def rule(self, k: int) -> str:
+        """Return how states between accepted ones are found in a level."""
+        return REINTEGRATE if self.ordered else str(self.values[k])
+
+    def model_of(self, value: Any) -> Model:
+        """Return the model of a level: events are located as the level says, whatever they say themselves."""
+        if self.varied is TIME_TOLERANCES:
+            return _located(self.model, LOCATED, {"time_tolerance": f"{float(value)!r} s"})
+        if self.varied is CHOICES:
+            return _located(self.model, LOCATED[:1], {"root_state": str(value)})
+        return self.model
+
+    def asked_of(self, value: Any) -> dict[str, Any]:
+        """Return the settings of a level."""
+        keys = {STEPS: "step", RTOLS: "rtol", TIME_TOLERANCES: "time_tolerance"}
+        return {"force_samples": "none"} | self.asked | ({keys[self.varied]: float(value)} if self.ordered else {})
+
+    def marched(self, k: int) -> xr.Dataset:
+        """Return the run of a level."""
+        return march(self.model_of(self.values[k]), **self.asked_of(self.values[k]))
+
+
+def march(model: Model, **asked: Any) -> xr.Dataset:
+    """March a model as `simulate` does, and keep the warnings back: outcomes stay in the record."""
+    one = March(model, settings_for(model, **asked))
+    found: xr.Dataset = archive.marched(record.dataset(one, one.blocks()))
+    return found
+
+
+def _read(varied: Varied, given: Any) -> Any:
+    if varied is CHOICES:
+        return str(given)
+    if varied is RTOLS:
+        try:
+            return float(given)
+        except (TypeError, ValueError):
+            raise InputError(f"rtols has {given!r}, needs numbers") from None
+    return parse_time(given, varied.keyword)
+
+
+def _located(model: Model, sections: tuple[str, ...], how: dict[str, str]) -> Model:
+    """Return a model whose entries of some sections are located in another way."""
+    said = tomllib.loads(model.to_toml())
+    changed = {part: {name: one | how for name, one in said[part].items()} for part in sections if part in said}
+    return model.replace(**changed) if changed else model

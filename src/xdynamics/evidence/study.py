@@ -1,0 +1,165 @@
+"""The runs of all levels of a refinement, and every number that is compared between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.cycles import TURN, cycles
+from xdynamics.evidence.family import Watched
+from xdynamics.evidence.levels import Levels
+from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.faults import InputError
+from xdynamics.record.words import words_of
+from xdynamics.schema import AT, OCCURRENCE, acceleration, rate, velocity
+from xdynamics.units import parse_time
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+EPS = float(np.finfo(float).eps)
+ENERGY_RANGE, PERIOD, PHASE = "energy_range", "period_", "phase_"
+
+
+@dataclass(frozen=True)
+class Study:
+    """The runs of all levels, and what is looked at in each."""
+
+    levels: Levels
+    runs: list[xr.Dataset]
+    names: tuple[str, ...]
+    at: Any
+
+    def finer(self) -> Study:
+        """Add a level."""
+        levels = self.levels.finer()
+        return Study(levels, [*self.runs, levels.marched(len(self.runs))], self.names, self.at)
+
+    @property
+    def times(self) -> Floats:
+        """The times of comparison, s."""
+        begin, end = float(self.runs[0]["time"][0]), min(float(run["time"][-1]) for run in self.runs)
+        if self.at is None:
+            return np.array([end])
+        given = [self.at] if isinstance(self.at, str | float | int) else list(self.at)
+        times = np.array([parse_time(one, "at") for one in given])
+        for one in times.tolist():
+            if not begin <= one <= end:
+                raise InputError(f"at has {one!r} s, needs times in every run, from {begin!r} s to {end!r} s")
+        return times
+
+    def watched(self) -> Iterator[Watched]:
+        """Yield every number that is compared."""
+        times = self.times
+        yield from self._at_times(times)
+        yield from self._of_runs(times)
+        met = [words_of(run["event_detector"]) for run in self.runs]
+        for detector in dict.fromkeys(name for names in met for name in names):
+            rows = [np.flatnonzero(np.array(names) == detector) for names in met]
+            yield from self._of_events(detector, rows)
+
+    def _at_times(self, times: Floats) -> Iterator[Watched]:
+        """Yield observables at the times of comparison."""
+        levels, last = self.levels, self.runs[-1]
+        known = {*observables_of(levels.model)}
+        names = [name for name in self.names if name in known]
+        found = [observe(run, levels.model, names, times, levels.rule(k)) for k, run in enumerate(self.runs)]
+        for name in names:
+            values, errors = (np.stack([level[name][i] for level in found], axis=-1) for i in (0, 1))
+            moved = np.array([_moved_by_events(self.runs, name, time) for time in times])
+            scale, units = float(np.max(np.abs(last[name].values))), str(last[name].attrs["units"])
+            yield Watched(name, units, str(last[name].attrs["long_name"]), (AT,), values, errors, _rounding(last, values), moved, scale or 1.0)  # fmt: skip
+
+    def _of_runs(self, times: Floats) -> Iterator[Watched]:
+        """Yield what a whole run has one of, and phases."""
+        last, none = self.runs[-1], np.zeros(1)
+        if ENERGY_RANGE in self.names:
+            energies = [run["total_energy"].values for run in self.runs]
+            ranges = np.array([[float(np.ptp(one)) for one in energies]])
+            scale = float(np.max(np.abs(energies[-1]))) or 1.0
+            units = str(last["total_energy"].attrs["units"])
+            rounding = np.array([2.0 * EPS * scale])
+            yield Watched(ENERGY_RANGE, units, "largest less least total energy of the accepted states", (), ranges, 0.0 * ranges, rounding, none, scale)  # fmt: skip
+        for name in [one for one in self.names if one.startswith((PERIOD, PHASE))]:
+            kind, coordinate = (PERIOD if name.startswith(PERIOD) else PHASE), name.partition("_")[2]
+            found = [cycles(run, coordinate, functions=self.levels.model.functions) for run in self.runs]
+            doubts = np.array([float(one.uncertainties.max(initial=0.0)) for one in found])
+            if kind == PERIOD:
+                means = [float(one.periods.mean()) if one.periods.size else np.nan for one in found]
+                each = np.array([max(1, one.periods.size) for one in found])
+                values, errors, units = np.array([means]), np.array([2.0 * doubts / each]), "s"
+                dims: tuple[str, ...] = ()
+                said = f"mean period of {coordinate}, between located crossings of {found[-1].level:.6g} upward"
+            else:
+                values = np.stack([one.phase(times) for one in found], axis=-1)
+                speeds = [TURN / one.periods.mean() if one.periods.size else np.nan for one in found]
+                errors = np.broadcast_to(doubts * np.array(speeds), values.shape).copy()
+                dims, units = (AT,), "rad"
+                said = f"phase of {coordinate}, whole turns at located crossings of {found[-1].level:.6g} upward"
+            rounding = _rounding(last, values)
+            scale = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
+            yield Watched(name, units, said, dims, values, errors, rounding, np.zeros(len(values)), scale)
+
+    def _of_events(self, detector: str, rows: list[NDArray[np.int64]]) -> Iterator[Watched]:
+        """Yield the times at which one event function was met, occurrence by occurrence, and the states behind."""
+        runs, most = self.runs, max(map(len, rows))
+        dims, still = (OCCURRENCE,), np.zeros(most)
+
+        def of(each: list[Floats]) -> Floats:
+            return np.stack([np.concatenate([one, np.full(most - len(one), np.nan)]) for one in each], axis=-1)
+
+        times = of([run["event_time"].values[mine] for run, mine in zip(runs, rows, strict=True)])
+        each = [run["event_time_uncertainty"].values[mine] for run, mine in zip(runs, rows, strict=True)]
+        span = float(runs[-1]["time"][-1] - runs[-1]["time"][0]) or 1.0
+        said = f"time at which {detector} was met"
+        yield Watched(f"event_time_{detector}", "s", said, dims, times, of(each), 4 * EPS * np.abs(times[:, -1]), still, span)  # fmt: skip
+        for name in [one for one in self.names if one in runs[-1].variables and one in self.levels.model.units]:
+            states, doubts = [], []
+            for run, mine, doubt in zip(runs, rows, each, strict=True):
+                after, before = run["event_row_after"].values[mine], run["event_row_before"].values[mine]
+                states.append(run[name].values[after])
+                doubts.append(np.abs(run[_rate_of(run, name)].values[before]) * doubt)
+            values = of(states)
+            scale = float(np.max(np.abs(runs[-1][name].values))) or 1.0
+            units = str(runs[-1][name].attrs["units"])
+            yield Watched(f"after_{detector}_{name}", units, f"{name} behind {detector}", dims, values, of(doubts), _rounding(runs[-1], values), still, scale)  # fmt: skip
+
+
+def _moved_by_events(runs: list[xr.Dataset], name: str, time: float) -> float:
+    """Return how far the uncertain times of events before it may have an observable off; without bound where their number differs."""
+    counts = [int((run["event_time"].values < time).sum()) for run in runs[-2:]]
+    if len(set(counts)) > 1:
+        return np.inf
+    run = runs[-1]
+    if not counts[-1]:
+        return 0.0
+    rows, rates = run["event_row_before"].values[: counts[-1]], _rates(run, name)
+    return float(np.sum(np.abs(rates[rows]) * run["event_time_uncertainty"].values[: counts[-1]]))
+
+
+def _rates(run: xr.Dataset, name: str) -> Floats:
+    """Return how fast an observable changed in the step to each row; times of events stand twice."""
+    time, values = run["time"].values, run[name].values
+    span = np.diff(time)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = np.where(span > 0.0, np.diff(values) / span, 0.0)
+    return np.concatenate([found[:1], found])
+
+
+def _rate_of(run: xr.Dataset, name: str) -> str:
+    """Name the variable that is the rate of a coordinate, velocity or state."""
+    role = run[name].attrs["role"]
+    return {"coordinate": velocity(name), "velocity": acceleration(name.removeprefix("v_")), "state": rate(name)}[role]
+
+
+def _rounding(run: xr.Dataset, values: Floats) -> Floats:
+    """Return what rounding may have added up to in the finest run: of the largest value, growing as the root of steps."""
+    largest = np.max(np.abs(values), axis=-1, where=np.isfinite(values), initial=0.0)
+    found: Floats = 4.0 * EPS * largest * np.sqrt(run.sizes["step"])
+    return found

@@ -1,0 +1,63 @@
+"""A sheet of panels with a title and a foot, and the file that it goes to."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from xdynamics.archive.target import check_target, taking_name
+from xdynamics.faults import ArchiveError, InputError
+from xdynamics.figures.marks import words
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Panel = Callable[["Axes"], None]
+
+FORMATS = (".png", ".svg", ".pdf")
+WIDTH, MOST_LINES = 190, 3  # of the text below
+
+
+def sheet(panels: Sequence[Panel], title: str, foot: str) -> Figure:
+    """Draw panels in two columns, in reading order."""
+    from matplotlib.figure import Figure
+
+    rows = (len(panels) + 1) // 2
+    figure = Figure(figsize=(11, 2.9 * rows + 0.7), layout="constrained")
+    grid = figure.subplots(rows, 2, squeeze=False)
+    for axes in grid.flat[len(panels) :]:
+        axes.set_visible(False)
+    for axes, draw in zip(grid.flat, panels, strict=False):
+        draw(axes)
+        axes.grid(color="#e3e3e3", linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.suptitle(words(title), x=0.01, ha="left", fontsize=13)
+    told = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
+    figure.supxlabel("\n".join(told), fontsize=8, color="#555555", x=0.01, ha="left")
+    return figure
+
+
+def write(figure: Figure, path: Path) -> None:
+    """Write a figure whole, or not at all."""
+    ending = path.suffix.lower()
+    drawn = BytesIO()
+    figure.savefig(drawn, format=ending[1:], dpi=130, metadata={"Date": None} if ending == ".svg" else None)
+    try:
+        with taking_name(path) as new:
+            new.part.write_bytes(drawn.getvalue())
+    except ArchiveError as error:
+        raise InputError(f"figure {error}") from None
+
+
+def check_path(path: Path) -> None:
+    """Refuse a figure that could not be written, before it is drawn."""
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"figure '{path}' has the ending '{path.suffix}'; there are {', '.join(FORMATS)}")
+    try:
+        check_target(path)
+    except InputError as error:
+        raise InputError(f"figure {error}") from None
