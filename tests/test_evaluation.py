@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 import xdynamics as xd
 from problems import particle
 from xdynamics.expressions import FUNCTIONS, parse
-from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.evaluation import evaluate, evaluate_many
 
 CALLS = {name: f"{name}(u)" for name, arguments in FUNCTIONS.items() if arguments == 1} | {
     "acosh_free": "acos(u/8) + asin(u/9)", "atan2": "atan2(u, -2)", "hypot": "hypot(u, 3)", "min": "min(u, 2, -u)",
@@ -50,3 +51,18 @@ def test_a_name_without_a_value_is_told() -> None:
     """Assert that a missing name is named, with those that are there."""
     with pytest.raises(xd.InputError, match="name 'k' has no value; there are x, y"):
         evaluate(parse("k*x"), {"x": 1.0, "y": 2.0})
+
+
+def test_many_at_once_are_the_same_bits() -> None:
+    """Assert for expressions with every function, at many values at once, the bits that one value at a time gives."""
+    texts = [
+        "where(x > y, x**-1.5, 1/0)", "min(x, y, 0.3) + max(x, y)", "abs(x)*sign(y) - sqrt(x)", "x**7/y**2 + x**0.7", "hypot(x, y)*atan2(x, y)",
+        "sin(x) + cos(y) + tan(x)", "exp(-x) + log(y*y)", "asin(x/9) + acos(y/9) + atan(x)", "sinh(x) - cosh(y) + tanh(x)", "-x + 2",
+    ]  # fmt: skip
+    x, y = np.random.default_rng(5).normal(size=(2, 40))
+    x[:3], y[:3] = (0.0, -0.0, np.nan), (1.0, 0.0, 2.0)
+    for text in texts:
+        tree = parse(text)
+        many = np.broadcast_to(evaluate_many(tree, {"x": x, "y": y}), x.shape)
+        each = np.array([evaluate(tree, {"x": a, "y": b}) for a, b in zip(x.tolist(), y.tolist(), strict=True)])
+        assert np.array_equal(many, each, equal_nan=True), text

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.evidence.sampling import sample
-from xdynamics.expressions import Node, free_names
-from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions import free_names
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated, tables_of
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of
 from xdynamics.model.reactions import reactions
 from xdynamics.units import parse_unit
 
@@ -47,35 +46,34 @@ def observe(
         if name not in known:
             raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(known)}")
     states = sample(run, times, rule=rule, functions=model.functions)
-    found = {}
-    for name in names:
-        if name in states:
-            found[name] = states[name].values, states[schema.error(name)].values
-        else:
-            found[name] = _derived(run, model, name, states)
-    return found
+    found = {name: (states[name].values, states[schema.error(name)].values) for name in names if name in states}
+    return found | _derived(run, model, [name for name in names if name not in states], states)
 
 
-def _derived(run: xr.Dataset, model: Model, name: str, states: xr.Dataset) -> tuple[Floats, Floats]:
-    """Evaluate an energy or a declared observable, and how much the error of each part of the state moves it."""
-    tree, layout = layout_of(model).derived[name], layout_of(model)
-    if reactions(model) and free_names(tree) & {*layout.accelerations}:
-        raise InputError(f"observable '{name}' reads accelerations, which contacts change; ask for what it is made of")
+def _derived(run: xr.Dataset, model: Model, names: list[str], states: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
+    """Evaluate energies and declared observables, and how much the error of each part of the state moves them."""
+    layout = layout_of(model)
+    trees = [layout.derived[name] for name in names]
+    for name, tree in zip(names, trees, strict=True):
+        if reactions(model) and free_names(tree) & {*layout.accelerations}:
+            raise InputError(
+                f"observable '{name}' reads accelerations, which contacts change; ask for what it is made of"
+            )
+    if not names:
+        return {}
     factors = {one: float(unit.factor) for one, unit in model.units.items()}
     rows = states["row"].values
-    regimes = run["regime"].values[rows] if "regime" in run else np.zeros(rows.size)
-    values, errors = np.empty(rows.size), np.empty(rows.size)
-    for k in range(rows.size):
-        at = {one: float(states[one].values[k]) * factors[one] for one in layout.used}
-        off = {one: float(states[schema.error(one)].values[k]) * factors[one] for one in layout.used}
-        fixed = {"t": float(states[schema.AT_TIME].values[k]), REGIME_NUMBER: float(regimes[k])}
-        values[k] = _value(model, tree, at | fixed)
-        moved = [abs(_value(model, tree, at | {one: at[one] + off[one]} | fixed) - values[k]) for one in at if off[one]]
-        errors[k] = sum(moved)
-    unit = float(parse_unit(str(run[name].attrs["units"])).factor)
-    return values / unit, errors / unit
+    at = {one: states[one].values * factors[one] for one in layout.used}
+    off = {one: states[schema.error(one)].values * factors[one] for one in layout.used}
+    at["t"] = states[schema.AT_TIME].values
+    at[REGIME_NUMBER] = run["regime"].values[rows].astype(float) if "regime" in run else np.zeros(rows.size)
 
+    def evaluated(state: Mapping[str, Floats]) -> Floats:
+        found = evaluated_many(model, trees, state, constants(model), tables_of(model))
+        return np.stack([np.broadcast_to(one, rows.shape) for one in found])
 
-def _value(model: Model, tree: Node, state: Mapping[str, float]) -> float:
-    """Evaluate one expression at one state, SI units."""
-    return evaluate(tree, evaluated(model, state, constants(model), tables_of(model)))
+    values = evaluated(at)
+    moved = (np.abs(evaluated(at | {one: at[one] + off[one]}) - values) for one in layout.used if off[one].any())
+    errors = sum(moved, np.zeros(values.shape))
+    units = np.array([[float(parse_unit(str(run[name].attrs["units"])).factor)] for name in names])
+    return dict(zip(names, zip(values / units, errors / units, strict=True), strict=True))

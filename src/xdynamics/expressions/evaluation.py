@@ -1,11 +1,15 @@
-"""The number of a tree at given values, by the operations that compiled code does."""
+"""The number of a tree at given values, or its numbers at many of them, by the operations that compiled code does."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
+from typing import Any
+
+import numpy as np
 
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of
@@ -38,6 +42,34 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
     >>> evaluate(parse("where(x > 1, x**-1.5, 1/0)"), {"x": 4.0})
     0.125
     """
+    found: float = _walked(node, values, FLOATS)
+    return found
+
+
+def evaluate_many(node: Node, values: Mapping[str, Any]) -> Any:
+    """Return the numbers of an expression at many values at once: arrays of one shape, or numbers, by name.
+
+    Examples
+    --------
+    >>> from xdynamics.expressions import parse
+    >>> evaluate_many(parse("where(x > 1, x**-1.5, 1/0)"), {"x": np.array([4.0, 1.0])}).tolist()
+    [0.125, inf]
+    """
+    with np.errstate(all="ignore"):  # 1/0 is inf, as in compiled code
+        return _walked(node, values, ARRAYS)
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """What operators and functions do to numbers of one kind."""
+
+    operators: Mapping[str, Callable[..., Any]]
+    choices: Mapping[str, Callable[..., Any]]
+    functions: Mapping[str, Callable[..., Any]]
+    where: Callable[..., Any]
+
+
+def _walked(node: Node, values: Mapping[str, Any], by: Arithmetic) -> Any:
     match node:
         case Number():
             return node.value
@@ -46,43 +78,44 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
                 raise InputError(f"name '{node.name}' has no value; there are {', '.join(values) or 'none'}")
             return values[node.name]
         case Negative():
-            return -evaluate(node.operand, values)
+            return -_walked(node.operand, values, by)
         case Binary():
             first, links = chain(node)
-            return reduce(lambda left, one: _joined(one, left, values), links, evaluate(first, values))
+            return reduce(lambda left, one: _joined(one, left, values, by), links, _walked(first, values, by))
         case Compare():
-            return _OPERATORS[node.operator](evaluate(node.left, values), evaluate(node.right, values))
+            return by.operators[node.operator](_walked(node.left, values, by), _walked(node.right, values, by))
         case Call(function="where"):
             condition, yes, no = node.arguments
-            return evaluate(yes if evaluate(condition, values) else no, values)
+            ways = (lambda: _walked(yes, values, by), lambda: _walked(no, values, by))
+            return by.where(_walked(condition, values, by), *ways)
         case Call(function="min" | "max"):
-            return reduce(_CHOICES[node.function], (evaluate(one, values) for one in node.arguments))
+            return reduce(by.choices[node.function], (_walked(one, values, by) for one in node.arguments))
         case Call():
-            return NUMERIC[node.function](*(evaluate(one, values) for one in node.arguments))
+            return by.functions[node.function](*(_walked(one, values, by) for one in node.arguments))
 
 
-def _joined(node: Binary, left: float, values: Mapping[str, float]) -> float:
+def _joined(node: Binary, left: Any, values: Mapping[str, Any], by: Arithmetic) -> Any:
     if node.operator == "**":
-        return power(left, exponent_of(node.right) or Fraction(0))
-    return _OPERATORS[node.operator](left, evaluate(node.right, values))
+        return power(left, exponent_of(node.right) or Fraction(0), by)
+    return by.operators[node.operator](left, _walked(node.right, values, by))
 
 
-def power(base: float, exponent: Fraction) -> float:
+def power(base: Any, exponent: Fraction, by: Arithmetic) -> Any:
     """Raise to a constant power as the language does: by products and square roots where these are enough."""
     if exponent == 0:
         return 1.0
     if exponent < 0:
-        return _quotient(1.0, power(base, -exponent))
+        return by.operators["/"](1.0, power(base, -exponent, by))
     whole, rest = divmod(exponent, 1)
     if rest == 0:
         return _product(base, whole)
     if rest == Fraction(1, 2):
-        root = NUMERIC["sqrt"](base)
+        root = by.functions["sqrt"](base)
         return _product(base, whole) * root if whole else root
-    return NUMERIC["power"](base, exponent)
+    return by.functions["power"](base, exponent)
 
 
-def _product(base: float, times: int) -> float:
+def _product(base: Any, times: int) -> Any:
     if times <= 3:
         return math.prod([base] * times)
     half = _product(base, times // 2)
@@ -97,6 +130,10 @@ def _quotient(above: float, below: float) -> float:
 
 def _of_floats(function: Callable[..., float]) -> Callable[..., float]:
     return lambda *given: function(*map(float, given))
+
+
+def _of_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda *given: function(*np.broadcast_arrays(*(np.asarray(one, float) for one in given)))
 
 
 _OPERATORS: dict[str, Callable[[float, float], float]] = {
@@ -114,3 +151,17 @@ NUMERIC: dict[str, Callable[..., float]] = {
     "sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan, "positive": lambda x: x if x > 0.0 else math.nan,
     **{name: _of_floats(one) for name, one in FUNCTIONS.items()},
 }  # fmt: skip
+FLOATS = Arithmetic(_OPERATORS, _CHOICES, NUMERIC, lambda truth, yes, no: yes() if truth else no())
+ARRAYS = Arithmetic(
+    _OPERATORS | {"/": np.divide},
+    {
+        "min": lambda x, y: np.where((x < y) | np.isnan(x), x, y),
+        "max": lambda x, y: np.where((x > y) | np.isnan(x), x, y),
+    },
+    {
+        "abs": np.abs, "sign": lambda x: np.where(x > 0.0, 1.0, np.where(x < 0.0, -1.0, x)),
+        "sqrt": np.sqrt, "positive": lambda x: np.where(x > 0.0, x, np.nan),
+        **{name: _of_arrays(one) for name, one in FUNCTIONS.items()},
+    },
+    lambda truth, yes, no: np.where(truth, yes(), no()),
+)  # fmt: skip

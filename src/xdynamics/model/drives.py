@@ -6,6 +6,7 @@ import csv
 import re
 from dataclasses import dataclass, field
 from math import isfinite
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,12 +172,12 @@ def _short(cell: str) -> str:
     return repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "…")
 
 
-def looked_up(table: tuple[Floats, Floats], x: float, *, of_time: bool) -> tuple[float, float]:
-    """Return value and slope of a table's piecewise polynomial, from the piece that a march would take at x."""
+def looked_up(table: tuple[Floats, Floats], x: Any, *, of_time: bool) -> tuple[Any, Any]:
+    """Return value and slope of a table's piecewise polynomial at a number or many, from the piece that a march would take."""
     origin, powers = table
     last = len(origin) - 1
-    piece = max(int(np.searchsorted(origin, x, side="right")) - 1, 0)
-    if x == origin[last] and not of_time:
-        piece = last - 1  # the last point of a table still belongs to it
+    piece = np.maximum(np.searchsorted(origin, x, side="right") - 1, 0)
+    if not of_time:
+        piece = np.where(x == origin[last], last - 1, piece)  # the last point of a table still belongs to it
     u, (cubic, square, slope, value) = x - origin[piece], powers[:, piece]
-    return float(((cubic * u + square) * u + slope) * u + value), float((3.0 * cubic * u + 2.0 * square) * u + slope)
+    return ((cubic * u + square) * u + slope) * u + value, (3.0 * cubic * u + 2.0 * square) * u + slope

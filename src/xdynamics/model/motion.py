@@ -7,15 +7,16 @@ a linearisation, the search for what failed. There is no other place that says h
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, derivatives
+from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, derivatives, free_names
 from xdynamics.expressions.calculus import ONE, ZERO, add
-from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, ModelError
 from xdynamics.model.drives import coefficients, looked_up
 from xdynamics.model.mass import Assignment, factors, less, solved
@@ -287,10 +288,44 @@ def evaluated(
     values = dict(known) | {name: state[name] for name in ("t", *variables(model))}
     values[REGIME_NUMBER] = state.get(REGIME_NUMBER, float(first_regime(model)))
     for (name, drive), table in zip(model.drives.items(), tables, strict=True):
-        values[name], values[slope(name)] = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
+        found = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
+        values[name], values[slope(name)] = map(float, found)
     for one in (*motion(model), *(slopes(model) if sloped else ())):
         values[one.name] = _number(model, one.value, values)
     return values
+
+
+def evaluated_many(
+    model: Model, wanted: Sequence[Node], state: Mapping[str, Any], known: Mapping[str, float], tables: Iterable[Table]
+) -> list[Any]:
+    """Evaluate expressions at many states at once: what `evaluated` gives, and of the motion only what they read.
+
+    Parameters
+    ----------
+    model : Model
+    wanted : sequence of Node
+        Without definitions left in them.
+    state : mapping of str to ndarray, shape (k,)
+        For `t`, every coordinate, velocity and first-order state, and the regime.
+    known, tables
+        As for `evaluated`.
+    """
+    values: dict[str, Any] = dict(known) | dict(state)
+    for (name, drive), table in zip(model.drives.items(), tables, strict=True):
+        values[name], values[slope(name)] = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
+    needed = set().union(*(free_names(one) for one in wanted))
+    read: list[Assignment] = []
+    for one in reversed(motion(model)):
+        if one.name in needed:
+            read.append(one)
+            needed |= {*one.value.arguments} if isinstance(one.value, Function) else free_names(one.value)
+    for one in reversed(read):
+        if isinstance(one.value, Function):
+            call = np.vectorize(model.functions[one.value.name], otypes=[float])
+            values[one.name] = call(*(values[name] for name in one.value.arguments))
+        else:
+            values[one.name] = evaluate_many(one.value, values)
+    return [evaluate_many(one, values) for one in wanted]
 
 
 def _number(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:
