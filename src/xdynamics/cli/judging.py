@@ -96,14 +96,24 @@ def _kept(found: xr.Dataset, told: Any, output: str | None) -> None:
 
 
 @main.command()
-@click.argument("first", metavar="FIRST.nc")
-@click.argument("second", metavar="SECOND.nc")
-def compare(first: str, second: str) -> None:
-    """Compare two runs: settings, bits, states at common times."""
+@click.argument("first", metavar="RUN.nc")
+@click.argument("second", metavar="OTHER.nc|DATA.csv")
+@click.option(
+    "--at", "times", multiple=True, metavar="TIME", help="A time to compare at; by default all accepted ones."
+)
+@click.option("-o", "--output", metavar="C.nc", help="Where to keep the comparison.")
+def compare(first: str, second: str, times: tuple[str, ...], output: str | None) -> None:
+    """Compare two runs: what differs, since when, by how much; or a run with measured data, `time [s],y [mm],u(y) [mm]`.
+
+    Ends with 1 where two runs are not the same, bit for bit.
+    """
     from xdynamics.archive import open_run
     from xdynamics.evidence.comparison import compare as compared
     from xdynamics.evidence.comparison import lines_of
+    from xdynamics.units import parse_time
 
-    table = compared(open_run(first), open_run(second))
-    say(lines_of(table))
-    sys.exit(DONE if table.attrs["identical"] else BADLY)
+    other = second if second.endswith(".csv") else open_run(second)
+    at = [parse_time(one, "--at") for one in times] or None
+    table = compared(open_run(first), other, at)
+    _kept(table, lines_of, output)
+    sys.exit(DONE if table.attrs.get("identical", 1) else BADLY)

@@ -1,284 +1,298 @@
-"""Two runs side by side: settings, bits, and states at the times that both have."""
+"""Two runs at the same times, or a run beside measured data: how far apart, from when on, and what differs between them."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics import archive, schema
+from xdynamics.evidence.bits import bitwise, settings_apart
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.measured import is_measured, residuals
+from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.evidence.sampling import sample, wanted_times
 from xdynamics.faults import InputError, escaped
-from xdynamics.record import check, own_attributes, plain
-from xdynamics.schema import COUNTS, EVENT_AFTER, ORIGIN, ROOT_DIGEST, SELECTION_OF, STEPS, VOLATILE
+from xdynamics.model import Model
+from xdynamics.record import check
+from xdynamics.record.words import words_of
+from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
+from xdynamics.units import parse_unit
 
-SLAB = 1_000_000
-STATES = ("coordinate", "velocity", "state")  # roles
-# the text of the law, which another version may write in other words, and the set of elementary functions
-LAW = ("force_source", "force_digest", "math_functions")
-# what later versions define otherwise: of 0.1, the uncertainty of an event's location had no least value
-REDEFINED = ("event_time_uncertainty",)
-# what `sample` makes of method and estimator in the version that wrote them: no part of the march
-FOLLOWING = ("solver_interpolation", "solver_interpolation_order")
+Floats = NDArray[np.float64]
+Functions = Mapping[str, Callable[..., float]]
 
-
-def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """Compare every variable and attribute of two runs bit for bit.
-
-    Returns
-    -------
-    xarray.Dataset
-        Along `variable`: `name`, `same` (1 or 0), `first_row` (the first row that differs, -1 where none does).
-        Attributes: `identical`, `first_difference` (a sentence, the earliest row of `step` first), `settings`
-        (attributes that differ, a line each).
-    """
-    return _table(first, second, worded=True)
+ROLE = "difference"
+SECTIONS = ("parameters", "initial")  # of a model, whose entries are told apart from what else it says
+EPS = float(np.finfo(float).eps)
+# settings that follow from the model, the method and how its steps are chosen
+FOLLOWING = (
+    "title", "summary", "source", "model_digest", "force_digest", "run_outcome_text", "solver_order",
+    "solver_update_equations", "solver_update_order", "solver_reference", "solver_last_step", "solver_first_step", "solver_rtol_used",
+)  # fmt: skip
 
 
-def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
-    """Compare an archive with a march of its own model.
-
-    Returns
-    -------
-    xarray.Dataset
-        What `bitwise` gives. Where the archive was made by another version, or with another set of elementary
-        functions, words do not count: the text of the law, the name of the set and the vocabulary of flags, nor
-        variables and settings that the archive's version did not have; `identical` is then 1 where every number has the same bits and every setting is the same. `arithmetic` says in one sentence
-        what differs; it is empty where nothing does.
-    """
-    versions = [str(one.attrs.get("xdynamics_version", "of unknown name")) for one in (kept, again)]
-    sets = [str(one.attrs.get("math_functions", "of unknown name")) for one in (kept, again)]
-    table = _table(kept, again, worded=versions[0] == versions[1] and sets[0] == sets[1])
-    why = []
-    if versions[0] != versions[1] and kept.attrs.get("force_digest") != again.attrs.get("force_digest"):
-        why.append(f"version {versions[0]} wrote the law in other words than {versions[1]}")
-    if sets[0] != sets[1]:
-        why.append(f"the archive was made with the elementary functions '{sets[0]}', here they are '{sets[1]}'")
-    if not table.attrs["identical"]:
-        return table.assign_attrs(arithmetic="; ".join([*why, _largest(kept, again)]))
-    return table.assign_attrs(arithmetic="; ".join([*why, "every number has the same bits"]) if why else "")
-
-
-def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
-    """Say how large the largest difference of a state is, against the range of its variable; of another, where none is."""
-    states = [name for name, one in kept.variables.items() if one.attrs.get("role") in STATES]
-    worst, said = 0.0, "no number of a row that both runs have differs"
-    for name in [*states, *(name for name in kept.variables if name not in states)]:
-        if worst and name not in states:
-            break
-        one = kept.variables[name]
-        other = again.variables.get(name)
-        if other is None or one.dtype.kind != "f" or not one.dims:
-            continue
-        shared = min(one.shape[0], other.shape[0])
-        if not shared:
-            continue
-        left, right = np.asarray(one[:shared].values), np.asarray(other[:shared].values)
-        apart = np.where(_as_words(left) == _as_words(right), 0.0, np.abs(left - right))
-        apart = np.where(np.isnan(apart), np.inf, apart).reshape(shared, -1)  # a number against none
-        size = float(np.nanmax(np.abs(left), initial=0.0))
-        largest = float(apart.max(initial=0.0))
-        relative = largest / size if size > 0.0 and largest < np.inf else np.inf if largest else 0.0
-        if relative > worst:
-            worst, row = relative, int(np.argmax(apart.max(axis=1)))
-            said = escaped(
-                f"the largest difference is {largest:.3g} {one.attrs.get('units', '')} in '{name}', row {row}: {worst:.2g} of its largest value"
-            )
-    rows = [int(run.sizes.get(STEPS, 0)) for run in (kept, again)]
-    return said if rows[0] == rows[1] else f"{said}; {rows[0]} rows became {rows[1]}"
-
-
-def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset:
-    names = [str(name) for name in first.variables]
-    if worded:
-        names += [str(name) for name in second.variables if name not in first.variables]
-    names = [name for name in names if worded or name not in (*LAW, *REDEFINED)]
-    names.sort(key=lambda name: name != "time")  # of the variables of one row, time is named first
-    rows = [_first_row(first, second, name, worded=worded) for name in names]
-    settings = settings_apart(first, second)
-    if not worded:
-        settings = [line for line in settings if (name := line.partition(":")[0]) not in LAW and name in first.attrs]
-    table = xr.Dataset(
-        {
-            "name": ("variable", np.array(names), {"long_name": "variable of the runs"}),
-            "same": ("variable", np.array([row is None for row in rows], np.int8), {"long_name": "1 where every bit agrees", "units": "1"}),
-            "first_row": ("variable", np.array([-1 if row is None else row for row in rows]), {"long_name": "first row that differs, -1 for none", "units": "1"}),
-        }
-    )  # fmt: skip
-    identical = all(row is None for row in rows) and not settings
-    return table.assign_attrs(
-        identical=int(identical),
-        first_difference="" if identical else _earliest(first, second, names, rows, settings),
-        settings="\n".join(settings),
-        selection=str(first.attrs.get(SELECTION_OF, "")),
-    )
-
-
-def compare(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """Compare two runs: bits, settings, and the states at the times that both have.
-
-    Times are common where they are the same float, which the grid t0 + n h makes so for refined steps; nothing is
-    interpolated. At an event the state after it counts.
+def compare(
+    first: xr.Dataset,
+    second: Any,
+    times: Sequence[float] | Floats | float | str | None = None,
+    *,
+    functions: Functions | None = None,
+) -> xr.Dataset:
+    """Compare two runs of any steps, or a run with measured data.
 
     Parameters
     ----------
-    first, second : xarray.Dataset
-        Run records.
+    first : xarray.Dataset
+        A run record.
+    second : xarray.Dataset, pandas.DataFrame, str or Path
+        Another run record; or measured data: a CSV file or a DataFrame whose columns bear units, ``time [s]``,
+        ``y [mm]`` and, where it is known, the standard uncertainty ``u(y) [mm]``; or a Dataset along one dimension, with
+        a variable `time`, units as attributes, and uncertainties as `u_y`.
+    times : array_like of float, shape (n,), s, optional
+        Where to compare; by default at every accepted time of either run that both reach. Data have their own.
+    functions : mapping of str to callable, optional
+        The Python functions that the models' forces call.
 
     Returns
     -------
     xarray.Dataset
-        What `bitwise` gives, and along `common`: `common_time` and, for every coordinate, velocity, state and energy of
-        both, `difference_…` (second minus first, in the units of the first).
+        Along `at`, for every coordinate, velocity, state, energy and observable y of both: `difference_y` (second minus
+        first, in the units of the first) and `interpolation_error_y` (what both together may be off between their
+        accepted states). Along `occurrence`: `difference_event_time_<name>` of events that both met, with what their
+        location is uncertain by. Along `variable`: `name`, `same`, `first_row`, bit for bit. Attributes name what
+        differs: `parameters`, `initial`, `model`, `settings`, `events` (a line each), `parted` (from when on runs are
+        further apart than interpolation can be), `cause`, `first_difference`, `identical`. On dask arrays the
+        differences of states are lazy, and nothing else is there. With data: `measured_y`, y as computed,
+        `difference_y` (measured minus computed), `interpolation_error_y`, `measured_uncertainty_y`, and without a
+        dimension `rms_difference_y` and `reduced_chi_square_y`.
 
     Raises
     ------
     InputError
-        If a Dataset is no run record, or a quantity of both has two units.
+        If a Dataset is no run record, the runs have no time or no quantity in common, or data cannot be read.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> coarse, fine = (xd.simulate(model, step=h, until="2 s") for h in ("20 ms", "7 ms"))
+    >>> apart = compare(coarse, fine, times=[0.5, 1.0])
+    >>> bool((abs(apart.difference_x) < 1e-3).all()), apart.attrs["cause"]
+    (True, 'settings: solver_step: 0.02 | 0.007')
     """
-    for one in (first, second):
-        if "time" not in one.variables or "row_kind" not in one.variables:
-            raise InputError("compare needs two run records; one has no 'time' along 'step'")
-        check(one, whole=False, values=False)
-        if any(one[name].dims != (STEPS,) for name in ("time", "row_kind")):  # of derived data these may be anything
-            raise InputError(
-                f"compare needs 'time' and 'row_kind' along '{STEPS}', and they are along {one['time'].dims} and {one['row_kind'].dims}"
-            )
-    times, here, there = _common(first, second)
-    result = bitwise(first, second)
-    result["common_time"] = ("common", times, {"units": "s", "long_name": "time that both runs have"})
-    roles = ("coordinate", "velocity", "state", "energy")
-    for name in _shared(first, second):
-        if first[name].attrs.get("role") not in roles:
-            continue
-        units = first[name].attrs["units"]
-        if second[name].attrs["units"] != units:
-            raise InputError(f"'{name}' is in '{units}' in one run and '{second[name].attrs['units']}' in the other")
-        difference = second[name].data[there] - first[name].data[here]
-        attributes = {"units": units, "long_name": f"{name}, second run minus first", "role": "difference"}
-        result[f"difference_{name}"] = ("common", difference, attributes)
-    return result
-
-
-def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
-    """List the attributes that two runs do not share; dates, versions, machine, counts of what came out and what follows from others do not count."""
-    outside = {*VOLATILE, *COUNTS, *FOLLOWING, ROOT_DIGEST, ORIGIN}
-    names = [name for name in {**first.attrs, **second.attrs} if name not in outside]
-    found = []
+    _check(first)
+    if is_measured(second):
+        return residuals(first, second, functions)
+    _check(second)
+    at = _times(first, second) if times is None else wanted_times(times)
+    names = _shared(first, second)
+    lazy = any(run[name].chunks is not None for run in (first, second) for name in ("time", *names))
+    found = [_sampled(run, names, at, functions, lazy=lazy) for run in (first, second)]
+    variables: dict[str, Any] = {AT_TIME: ((AT,), at, about("s", "time of comparison", "time"))}
     for name in names:
-        one, other = (plain(run.attrs).get(name, "absent") for run in (first, second))
-        if one != other:
-            found.append(escaped(f"{name}: {_short(one)} | {_short(other)}"))
+        variables |= _difference(name, *(run[name] for run in (first, second)), *(one.get(name) for one in found))
+    title = f"{first.attrs['title']}, beside {second.attrs['title']}"
+    digests = [archive.digest_of_run(run) for run in (first, second)]
+    if lazy:
+        return exhibit("comparison", title, digests, variables, {})
+    table = bitwise(first, second)
+    variables |= {str(name): (one.dims, one.values, one.attrs) for name, one in table.items()}
+    met = {str(name): one for name, one in _events(first, second)}
+    said = table.attrs | _models_apart(first, second) | {"settings": "\n".join(settings_apart(first, second))}
+    said |= {"events": "\n".join(_counts(first, second)), "parted": _parted(variables, names)}
+    said |= {"cause": _cause(said), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
+    return exhibit("comparison", title, digests, variables | met, said)
+
+
+def _check(run: Any) -> None:
+    if not isinstance(run, xr.Dataset) or "time" not in run.variables or "row_kind" not in run.variables:
+        raise InputError("compare needs two run records, or one and measured data; one has no 'time' along 'step'")
+    check(run, whole=False, values=False)
+    if any(run[name].dims != (STEPS,) for name in ("time", "row_kind")):  # of derived data these may be anything
+        raise InputError(
+            f"compare needs 'time' and 'row_kind' along '{STEPS}', and they are along {run['time'].dims} and {run['row_kind'].dims}"
+        )
+
+
+def _times(first: xr.Dataset, second: xr.Dataset) -> Floats:
+    """Return every accepted time of either run that both reach."""
+    each = [np.unique(np.asarray(run["time"])) for run in (first, second)]
+    begin, end = max(one[0] for one in each), min(one[-1] for one in each)
+    if begin > end:
+        spans = [f"{float(one[0])!r} s to {float(one[-1])!r} s" for one in each]
+        raise InputError(f"the runs have no time in common: one goes from {spans[0]}, the other from {spans[1]}")
+    found: Floats = np.union1d(*each)
+    inside: Floats = found[(found >= begin) & (found <= end)]
+    return inside
+
+
+def _shared(first: xr.Dataset, second: xr.Dataset) -> list[str]:
+    """Name what both runs have of the state, and of what follows from it."""
+    roles = ("coordinate", "velocity", "state", "energy", "observable")
+    found = [
+        str(name)
+        for name, one in first.data_vars.items()
+        if one.attrs.get("role") in roles and name in second.data_vars and one.dims == second[name].dims == (STEPS,)
+    ]
+    if not found:
+        raise InputError("the runs have no coordinate, velocity, state or observable in common")
+    for name in found:
+        units = [parse_unit(str(run[name].attrs["units"])) for run in (first, second)]
+        if units[0].dimension != units[1].dimension:
+            raise InputError(f"'{name}' is in '{units[0].text}' in one run and '{units[1].text}' in the other")
     return found
 
 
-def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool) -> int | None:
-    """Return the first row in which a variable differs; None where every bit, and if words count every attribute, agrees."""
-    if name not in first.variables or name not in second.variables:
-        return 0
-    one, other = first.variables[name], second.variables[name]
-    own = [plain(own_attributes(attributes)) for attributes in (one.attrs, other.attrs)]
-    if (
-        one.dims != other.dims
-        or _kind(one) != _kind(other)
-        or own[0].get("units") != own[1].get("units")
-        or (worded and own[0] != own[1])
-    ):
-        return 0
-    if not one.dims:
-        return None if _bits(one.values) == _bits(other.values) else 0
-    shared = min(one.shape[0], other.shape[0])
-    for start in range(0, shared, SLAB):
-        part = slice(start, min(start + SLAB, shared))
-        left, right = np.asarray(one[part].values), np.asarray(other[part].values)
-        if _bits(left) != _bits(right):
-            differs = _as_words(left) != _as_words(right)
-            return start + int(np.flatnonzero(differs.reshape(len(differs), -1).any(axis=1))[0])
-    return None if one.shape == other.shape else shared
+def _sampled(run: xr.Dataset, names: Sequence[str], at: Floats, functions: Functions | None, *, lazy: bool) -> dict[str, tuple[Any, Any]]:  # fmt: skip
+    """Return values and interpolation errors at times; on dask arrays those of states alone."""
+    if lazy:
+        states = sample(run, at, functions=functions)
+        return {name: (states[name].data, states[schema.error(name)].data) for name in names if name in states}
+    model = Model.from_text(str(run["model_toml"].values), functions=functions)
+    known = {*observables_of(model)}
+    return observe(run, model, [name for name in names if name in known], at)
 
 
-def _kind(variable: xr.Variable) -> str:
-    """Return the type of a variable; texts are one type, however they are kept."""
-    return "text" if variable.dtype.kind in "UOT" else variable.dtype.str
+def _difference(name: str, one: xr.DataArray, other: xr.DataArray, here: Any, there: Any) -> dict[str, Any]:
+    """Return the difference of one quantity, in the units of the first run."""
+    if here is None or there is None:
+        return {}
+    units = [parse_unit(str(run.attrs["units"])) for run in (one, other)]
+    factor = float(units[1].factor / units[0].factor)
+    text = str(one.attrs["units"])
+    return {
+        f"difference_{name}": ((AT,), there[0] * factor - here[0], about(text, f"{name}, second run minus first", ROLE)),
+        f"interpolation_error_{name}": ((AT,), there[1] * factor + here[1], about(text, f"what {name} of both runs may be off between accepted states", "error")),
+    }  # fmt: skip
 
 
-def _earliest(
-    first: xr.Dataset, second: xr.Dataset, names: list[str], rows: list[int | None], settings: list[str]
-) -> str:
-    """Name the first difference: along the march where there is one, else any, else a setting."""
-    apart = [(row, name) for row, name in zip(rows, names, strict=True) if row is not None]
-    along = [(row, name) for row, name in apart if name in first and STEPS in first[name].dims]
-    if not apart:
-        return f"attribute {settings[0]}"
-    row, name = min(along or apart, key=lambda pair: pair[0])
-    values = [_value(run, name, row) for run in (first, second)]
-    where = f", row {row}" if first.variables.get(name, second.variables.get(name)).dims else ""  # type: ignore[union-attr]
-    return escaped(f"variable '{name}'{where}: {values[0]} | {values[1]}")
+def _events(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
+    """Compare the times of events of one name, occurrence by occurrence."""
+    each = [_met(run) for run in (first, second)]
+    most = max((min(len(each[0][name]), len(each[1].get(name, []))) for name in each[0]), default=0)
+    for name, rows in each[0].items():
+        pairs = list(zip(rows, each[1].get(name, []), strict=False))
+        if not pairs:
+            continue
+        apart, doubt = np.full((2, most), np.nan)
+        for k, (here, there) in enumerate(pairs):
+            apart[k] = float(second["event_time"][there]) - float(first["event_time"][here])
+            doubt[k] = float(second["event_time_uncertainty"][there]) + float(first["event_time_uncertainty"][here])
+        yield (
+            f"difference_event_time_{name}",
+            ((OCCURRENCE,), apart, about("s", f"time of {name}, second run minus first", ROLE)),
+        )
+        yield f"interpolation_error_event_time_{name}", ((OCCURRENCE,), doubt, about("s", f"what the location of {name} is uncertain by in both runs", "error"))  # fmt: skip
 
 
-def _value(run: xr.Dataset, name: str, row: int) -> str:
-    if name not in run.variables:
-        return "absent"
-    variable = run.variables[name]
-    if not variable.dims:
-        return _short(variable.values)
-    if row >= variable.shape[0]:
-        return f"no such row ({variable.shape[0]} rows)"
-    return _short(variable[row].values.tolist())
+def _met(run: xr.Dataset) -> dict[str, list[int]]:
+    """Return the events of each name, in order."""
+    found: dict[str, list[int]] = {}
+    if {"event_detector", "event_time", "event_time_uncertainty"} <= set(run.variables):
+        for k, name in enumerate(words_of(run["event_detector"])):
+            found.setdefault(name, []).append(k)
+    return found
 
 
-def _common(first: xr.Dataset, second: xr.Dataset) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return the times both runs have and their rows; of an event's pair the later row."""
-    kept = [_last_of_pairs(run) for run in (first, second)]
-    times = [np.asarray(run["time"].values)[rows] for run, rows in zip((first, second), kept, strict=True)]
-    for which, found in zip(("first", "second"), times, strict=True):
-        wrong = np.flatnonzero(~(np.diff(found) > 0))
-        if wrong.size:
-            raise InputError(
-                f"the times of the {which} run do not increase behind t = {float(found[wrong[0]])!r} s, as a run's do"
-            )
-    common, here, there = np.intersect1d(times[0], times[1], assume_unique=True, return_indices=True)
-    return common, kept[0][here], kept[1][there]
+def _counts(first: xr.Dataset, second: xr.Dataset) -> Iterator[str]:
+    """Say which events were not met equally often."""
+    each = [_met(run) for run in (first, second)]
+    for name in dict.fromkeys([*each[0], *each[1]]):
+        counts = [len(one.get(name, [])) for one in each]
+        if counts[0] != counts[1]:
+            yield f"{name}: {counts[0]} | {counts[1]}"
 
 
-def _last_of_pairs(run: xr.Dataset) -> NDArray[Any]:
-    after = np.asarray(run["row_kind"].values) == EVENT_AFTER
-    return np.flatnonzero(~np.append(after[1:], np.zeros(min(1, after.size), bool)))
+def _models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
+    """Say by name and value what two models do not share: parameters, initial values, and the rest."""
+    each = [dict(_flat("", tomllib.loads(str(run["model_toml"].values)))) for run in (first, second)]
+    found: dict[str, list[str]] = {"parameters": [], "initial": [], "model": []}
+    for name in dict.fromkeys([*each[0], *each[1]]):
+        values = [one.get(name, "absent") for one in each]
+        section, _, rest = name.partition(".")
+        if values[0] != values[1] and section not in ("name", "description", "run"):
+            where, word = (section, rest) if section in SECTIONS else ("model", name)
+            found[where].append(escaped(f"{word.removesuffix('.value')}: {_short(values[0])} | {_short(values[1])}"))
+    return {name: "\n".join(lines) for name, lines in found.items()}
 
 
-def _shared(first: xr.Dataset, second: xr.Dataset) -> list[Hashable]:
+def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Take a model's text apart into dotted names and values."""
+    if isinstance(value, Mapping) and {"value", "unit"} <= set(value):  # one quantity, however it is written
+        value = {key: one for key, one in value.items() if key != "unit"} | {
+            "value": f"{value['value']} {value['unit']}"
+        }
+    if isinstance(value, Mapping):
+        for key, one in value.items():
+            yield from _flat(f"{name}.{key}" if name else str(key), one)
+    else:
+        yield name, str(value)
+
+
+def _parted(variables: Mapping[str, Any], names: Sequence[str]) -> str:
+    """Say from when on a quantity is further apart than interpolation and rounding can be."""
+    times, earliest, said = variables[AT_TIME][1], np.inf, ""
+    for name in names:
+        if f"difference_{name}" not in variables:
+            continue
+        apart, doubt = (variables[f"{kind}_{name}"][1] for kind in ("difference", "interpolation_error"))
+        beyond = np.flatnonzero(np.abs(apart) > doubt + 8.0 * EPS * np.max(np.abs(apart), initial=0.0))
+        if beyond.size and times[beyond[0]] < earliest:
+            k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
+            earliest = float(times[k])
+            said = f"t = {earliest:.9g} s: {name} by {float(apart[k]):.3g} {units}, beyond an interpolation error of {float(doubt[k]):.2g} {units}"
+    return said
+
+
+def _cause(said: Mapping[str, Any]) -> str:
+    """Name what is likely to have parted two runs: the first of what differs, from the model to the machine."""
+    if said["identical"]:
+        return ""
+    for what in ("model", "parameters", "initial", "settings"):
+        if said[what]:
+            own = _own(str(said[what]).splitlines())
+            return f"{what}: {own[0]}" + (f", and {len(own) - 1} more" if len(own) > 1 else "")
+    return "nothing that is recorded differs but the numbers"
+
+
+def _own(lines: list[str]) -> list[str]:
+    """Leave out settings that follow from others, or that only one of two kinds of step control has."""
+    names = [line.partition(":")[0] for line in lines]
     return [
-        name
-        for name, one in first.data_vars.items()
-        if name in second.data_vars and one.dims == second[name].dims == (STEPS,)
-    ]
+        one for one, name in zip(lines, names, strict=True) if name not in FOLLOWING and "'absent'" not in one
+    ] or lines
 
 
-def _bits(values: NDArray[Any]) -> bytes:
-    return str(values[()]).encode() if values.dtype.kind in "UOT" else np.ascontiguousarray(values).tobytes()
-
-
-def _as_words(values: NDArray[Any]) -> NDArray[Any]:
-    return np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
-
-
-def _short(value: Any) -> str:
-    text = repr(value.tolist() if hasattr(value, "tolist") else value)
-    return text if len(text) <= 80 else text[:77] + "…"
+def _short(text: str) -> str:
+    return text if len(text) <= 60 else text[:57] + "…"
 
 
 def lines_of(table: xr.Dataset) -> list[str]:
     """Say what `compare` found, in lines."""
+    if "identical" not in table.attrs:
+        return [*_largest(table)]
     if table.attrs["identical"]:
         return [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
     apart = int((table["same"] == 0).sum())
     lines = [f"{apart} of {table.sizes['variable']} variables differ; first: {table.attrs['first_difference']}"]
-    lines += [f"setting   {line}" for line in table.attrs["settings"].splitlines()]
-    lines.append(f"common    {table.sizes['common']} times that both runs have")
+    for what, word in {"model": "model", "parameters": "parameter", "initial": "initial", "events": "events"}.items():
+        lines += [f"{word:<10}{line}" for line in table.attrs[what].splitlines()]
+    lines += [f"setting   {line}" for line in _own(table.attrs["settings"].splitlines())]
+    lines += [f"cause     {table.attrs['cause']}", f"times     {table.sizes[AT]} at which both are known"]
+    lines.append(f"parted    {table.attrs['parted'] or 'nowhere by more than interpolation can be off'}")
+    return [*lines, *_largest(table)]
+
+
+def _largest(table: xr.Dataset) -> Iterator[str]:
     for name, one in table.data_vars.items():
-        if one.attrs.get("role") == "difference" and one.size:
-            worst = int(np.argmax(np.abs(one.values)))
-            time = float(table["common_time"][worst])
-            lines.append(f"largest   {name} = {float(one[worst]):.6g} {one.attrs['units']} at t = {time:.9g} s")
-    return lines
+        if one.attrs.get("role") == ROLE and one.dims and np.isfinite(one.values).any():
+            worst = int(np.nanargmax(np.abs(one.values)))
+            where = f"at t = {float(table[AT_TIME][worst]):.9g} s" if one.dims == (AT,) else f"occurrence {worst + 1}"
+            yield f"largest   {name} = {float(one[worst]):.6g} {one.attrs['units']} {where}"
+        elif one.attrs.get("role") == "residual" and not one.dims:
+            yield f"{name} = {float(one):.6g} {one.attrs['units']}"

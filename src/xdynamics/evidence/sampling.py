@@ -95,7 +95,7 @@ def sample(
     if rule not in RULES:
         raise InputError(f"rule is {rule!r}; there are {', '.join(RULES)}")
     inside = Inside.of(run, functions, rule)
-    wanted = _wanted(times)
+    wanted = wanted_times(times)
     if side not in SIDES:
         raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
     rows, starts, ends = _located(run["time"], wanted, after=side == "after")
@@ -279,7 +279,7 @@ def _check_whole(where: Floats, steps: Floats) -> None:
         )
 
 
-def _wanted(times: Any) -> Floats:
+def wanted_times(times: Any) -> Floats:
     """Read the times that are asked for."""
     if isinstance(times, str):
         times = parse_time(times, "times")

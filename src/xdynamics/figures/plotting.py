@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from xdynamics.figures import refinement, run
+from xdynamics.figures import comparison, refinement, run
 from xdynamics.figures.sheet import check_path, sheet, write
 from xdynamics.schema import EVIDENCE
 
@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-PAGES = {"refinement": (refinement.panels_of, refinement.foot_of)}
+PAGES = {
+    "comparison": (comparison.panels_of, comparison.foot_of),
+    "refinement": (refinement.panels_of, refinement.foot_of),
+}
 
 
 def plot(record: xr.Dataset, path: str | Path | None = None) -> Figure:
@@ -22,7 +25,7 @@ def plot(record: xr.Dataset, path: str | Path | None = None) -> Figure:
     Parameters
     ----------
     record : xarray.Dataset
-        A run record, or what `refine` returns.
+        A run record, or what `refine` or `compare` returns.
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.
 

@@ -1,0 +1,224 @@
+"""A run beside what was measured: residuals, their norm, and whether they are as large as the uncertainties say."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import archive
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.faults import InputError, Ledger
+from xdynamics.model import Model
+from xdynamics.model.reach import ANYWHERE, Reach
+from xdynamics.schema import AT, AT_TIME
+from xdynamics.units import TIME, Unit, parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+_COLUMN = re.compile(r"\s*(?P<name>[^\[\]]+?)\s*\[(?P<unit>[^\[\]]*)\]\s*")
+_UNCERTAINTY = re.compile(r"u\((?P<name>.+)\)")
+TIMES = ("time", "t")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was measured, as columns.
+
+    Attributes
+    ----------
+    name : str
+        Where it is from.
+    times : ndarray, shape (n,), s
+    values : dict of str to (ndarray, Unit)
+    uncertainties : dict of str to (ndarray, Unit)
+        Standard ones.
+    """
+
+    name: str
+    times: Floats
+    values: dict[str, tuple[Floats, Unit]]
+    uncertainties: dict[str, tuple[Floats, Unit]]
+
+
+def is_measured(given: Any) -> bool:
+    """Tell measured data from a run record: a path, a table of pandas, a Dataset that was not marched."""
+    if isinstance(given, str | Path) or hasattr(given, "columns"):
+        return True
+    return "row_kind" not in getattr(given, "variables", ("row_kind",))
+
+
+def measured(given: Any) -> Measured:
+    """Read measured data.
+
+    Raises
+    ------
+    InputError
+        With every column that cannot be used.
+    """
+    if isinstance(given, str | Path):
+        return _of_columns(f"'{Path(given).name}'", _of_file(Path(given)))
+    if hasattr(given, "columns"):
+        table = given.reset_index() if given.index.name else given
+        return _of_columns("the DataFrame", {str(name): table[name].to_numpy() for name in table.columns})
+    return _of_dataset(given)
+
+
+def residuals(run: xr.Dataset, given: Any, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
+    """Compare a run with measured data; see `compare`."""
+    data = measured(given)
+    model = Model.from_text(str(run["model_toml"].values), functions=functions)
+    known = [name for name in observables_of(model) if name in run.variables]
+    ledger = Ledger(data.name)
+    for name, (_, unit) in data.values.items():
+        if name not in known:
+            ledger.note(f"column '{name}' is nothing that the run has; there are {', '.join(known)}")
+        elif unit.dimension != parse_unit(str(run[name].attrs["units"])).dimension:
+            ledger.note(f"column '{name}' is in '{unit.text}', needs '{run[name].attrs['units']}' or a unit like it")
+    ledger.settle()
+    names = list(data.values)
+    found = observe(run, model, names, data.times)
+    variables: dict[str, Any] = {AT_TIME: ((AT,), data.times, about("s", "time of measurement", "time"))}
+    for name in names:
+        variables |= _residuals(name, str(run[name].attrs["units"]), *found[name], data)
+    title = f"{run.attrs['title']}, beside {data.name}"
+    return exhibit("comparison", title, [archive.digest_of_run(run)], variables, {"data": data.name})
+
+
+def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Measured) -> dict[str, Any]:
+    own = parse_unit(units)
+
+    def converted(values: Floats, unit: Unit) -> Floats:
+        return values * float(unit.factor / own.factor)
+
+    values = converted(*data.values[name])
+    apart = values - computed
+    found: dict[str, Any] = {
+        f"measured_{name}": ((AT,), values, about(units, f"{name} as measured", "measured")),
+        name: ((AT,), computed, about(units, f"{name} as computed", "computed")),
+        f"difference_{name}": ((AT,), apart, about(units, f"{name}, measured minus computed", "difference")),
+        f"interpolation_error_{name}": ((AT,), errors, about(units, f"what {name} may be off between accepted states", "error")),
+        f"rms_difference_{name}": ((), np.sqrt(np.mean(apart**2)), about(units, f"root of the mean square of difference_{name}", "residual")),
+    }  # fmt: skip
+    if name in data.uncertainties:
+        doubt = converted(*data.uncertainties[name])
+        square = np.mean((apart / doubt) ** 2)
+        found |= {
+            f"measured_uncertainty_{name}": ((AT,), doubt, about(units, f"standard uncertainty of {name} as measured", "uncertainty")),
+            f"reduced_chi_square_{name}": ((), square, about("1", f"mean square of difference_{name} over its uncertainty; nothing was fitted, so all values are degrees of freedom", "residual") | {"degrees_of_freedom": apart.size}),
+        }  # fmt: skip
+    return found
+
+
+def _of_file(path: Path) -> dict[str, Any]:
+    """Read the columns of a CSV file."""
+    lines = [
+        line
+        for line in Reach(path.parent, ANYWHERE).text_of(path.name).splitlines()
+        if line.strip() and not line.startswith("#")
+    ]
+    rows = list(csv.reader(lines))
+    if len(rows) < 2:
+        raise InputError(f"'{path}' has no rows; it needs a header like 'time [s],y [m]' and numbers below")
+    ledger, columns = Ledger(f"'{path}'"), {}
+    for number, row in enumerate(rows[1:], 2):
+        if len(row) != len(rows[0]):
+            ledger.note(f"row {number} has {len(row)} cells, and the header {len(rows[0])}")
+    ledger.settle()
+    for name, *cells in zip(*rows, strict=True):
+        if name in columns:
+            ledger.note(f"column '{name}' stands there twice")
+        columns[name] = np.array(cells)
+    ledger.settle()
+    return columns
+
+
+def _of_columns(name: str, columns: Mapping[str, Any]) -> Measured:
+    """Read columns by their headers, ``y [mm]`` and ``u(y) [mm]``."""
+    ledger = Ledger(name)
+    read: dict[str, tuple[Floats, Unit]] = {}
+    for header, cells in columns.items():
+        said = _COLUMN.fullmatch(header)
+        if said is None:
+            ledger.note(
+                f"column {header[:40]!r} has no unit; write it like 'y [mm]', and its uncertainty like 'u(y) [mm]'"
+            )
+            continue
+        with ledger.entry(f"column {header[:40]!r}"):
+            read[said["name"]] = _numbers(cells), parse_unit(said["unit"])
+    ledger.settle()
+    return _sorted_out(name, read)
+
+
+def _of_dataset(given: Any) -> Measured:
+    """Read variables along one dimension by their units."""
+    ledger = Ledger("the Dataset")
+    read: dict[str, tuple[Floats, Unit]] = {}
+    for name, one in given.variables.items():
+        said = str(name).removesuffix("_time") if name == AT_TIME else str(name)
+        with ledger.entry(f"variable '{name}'"):
+            if "units" not in one.attrs:
+                raise InputError("has no units; set its attribute 'units'")
+            if len(one.dims) != 1:
+                raise InputError(f"has the dims {one.dims}, needs one, along which it was measured")
+            key = f"u({said[2:]})" if said.startswith("u_") else "time" if name == AT_TIME else said
+            read[key] = _numbers(one.values), parse_unit(str(one.attrs["units"]))
+    ledger.settle()
+    return _sorted_out("the Dataset", read)
+
+
+def _numbers(cells: Any) -> Floats:
+    """Read numbers; a gap is none."""
+    try:
+        values = np.asarray(cells, float)
+    except (TypeError, ValueError):
+        wrong = next(k for k, cell in enumerate(cells) if not _is_number(cell))
+        raise InputError(f"row {wrong + 1} is {str(cells[wrong])[:24]!r}, needs a number") from None
+    if not np.isfinite(values).all():
+        row = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise InputError(f"row {row + 1} is {values[row]}, needs a number; leave out rows with gaps")
+    return values
+
+
+def _is_number(cell: Any) -> bool:
+    try:
+        return isfinite(float(cell))
+    except (TypeError, ValueError):
+        return False
+
+
+def _sorted_out(name: str, read: dict[str, tuple[Floats, Unit]]) -> Measured:
+    """Tell times, values and uncertainties apart."""
+    said: Hashable = next((one for one in TIMES if one in read), None)
+    if said is None:
+        raise InputError(f"{name} has no column of times, like 'time [s]'; there are {', '.join(read) or 'none'}")
+    times, unit = read.pop(str(said))
+    if unit.dimension != TIME:
+        raise InputError(f"{name}: column '{said}' is in '{unit.text}', needs a time")
+    doubts = {match["name"]: one for key, one in read.items() if (match := _UNCERTAINTY.fullmatch(key))}
+    values = {key: one for key, one in read.items() if not _UNCERTAINTY.fullmatch(key)}
+    ledger = Ledger(name)
+    for key, (numbers, own) in doubts.items():
+        if key not in values:
+            ledger.note(f"u({key}) is the uncertainty of a column that is not there")
+        elif own.dimension != values[key][1].dimension:
+            ledger.note(f"u({key}) is in '{own.text}', needs a unit like '{values[key][1].text}'")
+        elif not (numbers > 0.0).all():
+            ledger.note(
+                f"u({key}) is {float(numbers.min())!r} in row {int(np.argmin(numbers)) + 1}, needs a positive number"
+            )
+    if not values or not times.size:
+        ledger.note("has no column beside the times" if times.size else "has no rows")
+    ledger.settle()
+    return Measured(name, times * float(unit.factor), values, doubts)

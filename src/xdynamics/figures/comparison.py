@@ -1,0 +1,72 @@
+"""Figures of comparisons: how far two runs are apart, or a run beside what was measured."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.faults import InputError
+from xdynamics.figures.curves import thinned
+from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.sheet import Panel
+from xdynamics.schema import AT, AT_TIME
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_PANELS = 12
+FEW = 100  # points up to which each is a dot
+
+
+def panels_of(found: xr.Dataset) -> list[Panel]:
+    """Return what draws each difference; of measured data what was measured first.
+
+    Raises
+    ------
+    InputError
+        If no quantity was compared.
+    """
+    names = [str(name).removeprefix("difference_") for name, one in found.data_vars.items() if str(name).startswith("difference_") and one.dims == (AT,)]  # fmt: skip
+    if not names:
+        raise InputError("there is nothing to draw: the comparison has no difference along 'at'")
+    beside = [partial(_beside, found, name) for name in names if f"measured_{name}" in found]
+    apart = [partial(_apart, found, name) for name in names]
+    # what was measured stands left of its residuals
+    panels: list[Panel] = [one for pair in zip(beside, apart, strict=True) for one in pair] if beside else [*apart]
+    return panels[:MOST_PANELS]
+
+
+def foot_of(found: xr.Dataset) -> str:
+    """Say what differs, and since when."""
+    parted, cause = (str(found.attrs.get(key, "")) for key in ("parted", "cause"))
+    return "; ".join(filter(None, ("shaded: what interpolation or measurement may be off", parted and f"parted at {parted}", cause)))  # fmt: skip
+
+
+def _beside(found: xr.Dataset, name: str, axes: Axes) -> None:
+    """Draw what was measured with its uncertainty, and what was computed at the same times."""
+    time, units = found[AT_TIME].values, found[name].attrs["units"]
+    doubt = found[f"measured_uncertainty_{name}"].values if f"measured_uncertainty_{name}" in found else None
+    axes.errorbar(time, found[f"measured_{name}"].values, yerr=doubt, fmt=".", color=COLOURS[1], markersize=4, elinewidth=0.8, label="measured")  # fmt: skip
+    order = np.argsort(time)
+    axes.plot(time[order], found[name].values[order], "+", color=COLOURS[0], label="computed")
+    axes.set(xlabel="time (s)", ylabel=words(f"{name} ({units})"))
+    axes.set_title(words(f"{name}, measured and computed"), loc="left", fontsize=10)
+    axes.legend(fontsize=8, frameon=False)
+
+
+def _apart(found: xr.Dataset, name: str, axes: Axes) -> None:
+    """Draw a difference, and what it may be off."""
+    order = np.argsort(found[AT_TIME].values, kind="stable")
+    time, values = found[AT_TIME].values[order], found[f"difference_{name}"].values[order]
+    measured = f"measured_uncertainty_{name}"
+    doubt = found[measured if measured in found else f"interpolation_error_{name}"].values[order]
+    rows = thinned(values)
+    axes.fill_between(time[rows], -doubt[rows], doubt[rows], color=COLOURS[0], alpha=0.25, linewidth=0)
+    style = "." if f"measured_{name}" in found else ".-" if len(time) <= FEW else "-"
+    axes.plot(time[rows], values[rows], style, color=COLOURS[0], linewidth=1.0, markersize=4)
+    axes.axhline(0.0, color="#777777", linewidth=0.8)
+    axes.set(xlabel="time (s)", ylabel=words(f"difference ({found[f'difference_{name}'].attrs['units']})"))
+    axes.set_title(words(found[f"difference_{name}"].attrs["long_name"]), loc="left", fontsize=10)
