@@ -16,7 +16,9 @@ from xdynamics.entrance import entrance
 if TYPE_CHECKING:
     from xdynamics.archive import content_digest, discard, open_run, save, verify
     from xdynamics.archive.signatures import sign, verify_signature
+    from xdynamics.evidence.companion import companion
     from xdynamics.evidence.comparison import compare
+    from xdynamics.evidence.diagnosis import diagnose
     from xdynamics.evidence.modes import modes
     from xdynamics.evidence.refinement import refine
     from xdynamics.evidence.sampling import sample
@@ -41,13 +43,13 @@ if TYPE_CHECKING:
 _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
-    "check": "record", "compare": "evidence.comparison", "content_digest": "archive", "discard": "archive", "extend": "extension", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
+    "check": "record", "companion": "evidence.companion", "compare": "evidence.comparison", "diagnose": "evidence.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
     "refine": "evidence.refinement", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "verify": "archive",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "StabilityWarning", "check", "compare", "content_digest", "discard", "extend", "modes", "open_run",
+    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "StabilityWarning", "check", "companion", "compare", "content_digest", "diagnose", "discard", "extend", "modes", "open_run",
     "plot", "refine", "reproduce", "sample", "save", "sign", "simulate", "verify", "verify_signature",
 ]  # fmt: skip
 

@@ -15,7 +15,11 @@ from xdynamics.record.words import words_of
 from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, TRIALS
 
 MOST_EVENTS = 20
-TOLD = {"comparison": "comparison", "refinement": "refinement"}  # kind of evidence -> the room that says what it tells
+TOLD = {
+    "comparison": "comparison",
+    "diagnosis": "diagnosis",
+    "refinement": "refinement",
+}  # kind of evidence -> the room that says what it tells
 LONGEST = 400  # characters of a setting that are shown
 
 

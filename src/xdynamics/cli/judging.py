@@ -96,6 +96,36 @@ def _kept(found: xr.Dataset, told: Any, output: str | None) -> None:
 
 
 @main.command()
+@click.argument("archive", metavar="RUN.nc")
+@click.option("-o", "--output", metavar="D.nc", help="Where to keep the diagnosis.")
+@click.option("--of", help="The coordinate whose cycles are counted; the first one without it.")
+@click.option("--reference", metavar="PERIOD|RUN.nc", help="What phases are offset from; without it one more run at a tighter setting.")  # fmt: skip
+@click.option("--exact", multiple=True, metavar="NAME=EXPRESSION", help="A closed form, like x='x0*cos(w*t)'.")
+@click.option("--lyapunov", is_flag=True, help="See how fast a run from a start beside parts from it.")
+@click.option("--no-companion", is_flag=True, help="Make no further run.")
+def diagnose(
+    archive: str,
+    output: str | None,
+    of: str | None,
+    reference: str | None,
+    exact: tuple[str, ...],
+    lyapunov: bool,
+    no_companion: bool,
+) -> None:
+    """Energy, momentum, cycles and phases, extremes, residuals of a run, and until when it can be believed."""
+    from xdynamics.archive import open_run
+    from xdynamics.cli.marching import pairs
+    from xdynamics.evidence.diagnosis import diagnose as diagnosed
+    from xdynamics.evidence.diagnosis import lines_of
+
+    other = open_run(reference) if reference and reference.endswith(".nc") else reference
+    told = diagnosed(
+        open_run(archive), of=of, reference=other, exact=pairs(exact, "--exact"), companion=not no_companion, lyapunov=lyapunov
+    )  # fmt: skip
+    _kept(told, lines_of, output)
+
+
+@main.command()
 @click.argument("first", metavar="RUN.nc")
 @click.argument("second", metavar="OTHER.nc|DATA.csv")
 @click.option(

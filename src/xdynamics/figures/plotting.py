@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from xdynamics.figures import comparison, refinement, run
+from xdynamics.figures import comparison, diagnosis, refinement, run
 from xdynamics.figures.sheet import check_path, sheet, write
 from xdynamics.schema import EVIDENCE
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 PAGES = {
     "comparison": (comparison.panels_of, comparison.foot_of),
+    "diagnosis": (diagnosis.panels_of, diagnosis.foot_of),
     "refinement": (refinement.panels_of, refinement.foot_of),
 }
 
@@ -25,7 +26,7 @@ def plot(record: xr.Dataset, path: str | Path | None = None) -> Figure:
     Parameters
     ----------
     record : xarray.Dataset
-        A run record, or what `refine` or `compare` returns.
+        A run record, or what `refine`, `compare` or `diagnose` returns.
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.
 

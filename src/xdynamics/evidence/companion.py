@@ -1,0 +1,170 @@
+"""The error that a run has come to since its start, by one more run of the same model at a tighter setting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import archive, schema
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.inside import sampled
+from xdynamics.evidence.levels import march
+from xdynamics.faults import InputError
+from xdynamics.methods import METHODS
+from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.model import Model
+from xdynamics.record import check_kind
+from xdynamics.record.provenance import asked_of
+from xdynamics.record.words import words_of
+from xdynamics.schema import AT, AT_TIME, EVENTS
+from xdynamics.units import Quantity
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+Functions = Mapping[str, Callable[..., float]]
+
+TIGHTER = 10.0  # times, of tolerances
+
+
+@dataclass(frozen=True)
+class Companion:
+    """One more run of a record's model, from the record alone.
+
+    Attributes
+    ----------
+    of, run : xarray.Dataset
+        The record, and the tighter run.
+    factor : float
+        Of the difference between both, for the error of the record: Richardson's, with the order of the method in its
+        step, and 1 in the tolerance.
+    said : str
+        What is tighter.
+    """
+
+    of: xr.Dataset
+    run: xr.Dataset
+    factor: float
+    said: str
+    functions: Functions | None
+
+    def beside(self, states: xr.Dataset) -> xr.Dataset:
+        """Add global errors to states that were sampled; nan behind the end of the tighter run."""
+        import xarray as xr
+
+        times = states[AT_TIME].values
+        reached = times <= float(self.run["time"][-1])
+        tight = sampled(self.run, times[reached], after=True, rule=REINTEGRATE, functions=self.functions)
+        found = {}
+        for name in [str(one) for one in states.data_vars if schema.error(str(one)) in states]:
+            off = np.full(times.shape, np.nan)
+            off[reached] = self.factor * (np.asarray(states[name])[reached] - np.asarray(tight[name]))
+            found[global_error(name)] = xr.Variable((AT,), off, about(str(states[name].attrs["units"]), self._words(name), "error"))  # fmt: skip
+        return states.assign(found).assign_attrs(companion=self.said, companion_digest=archive.digest_of_run(self.run))
+
+    def event_errors(self) -> Floats:
+        """Return how far the time of each event is from that of the solution, s; nan where the tighter run has not met it."""
+        found = np.full(self.of.sizes.get(EVENTS, 0), np.nan)
+        each = [words_of(run["event_detector"]) for run in (self.of, self.run)]
+        for name in dict.fromkeys(each[0]):
+            rows, others = (np.flatnonzero(np.array(names) == name) for names in each)
+            n = min(len(rows), len(others))
+            found[rows[:n]] = self.factor * (self.of["event_time"].values[rows[:n]] - self.run["event_time"].values[others[:n]])  # fmt: skip
+        return found
+
+    def _words(self, name: str) -> str:
+        return f"error of {name} since the start: its difference from the run with {self.said}, times {self.factor:.6g}"
+
+
+def global_error(name: str) -> str:
+    """Name the error that a variable has come to since the start of a run."""
+    return f"global_error_{name}"
+
+
+def companion(
+    run: xr.Dataset, times: Sequence[float] | Floats | None = None, *, functions: Functions | None = None
+) -> xr.Dataset:
+    """Estimate the global errors of a run by marching its model once more, with half the steps or a tenth of the tolerances.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run record, in memory or opened from an archive.
+    times : array_like of float, shape (n,), s, optional
+        Where; by default at its end.
+    functions : mapping of str to callable, optional
+        The Python functions that the model's forces call.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `at`: every coordinate, velocity and state, `error_…` of its interpolation and `global_error_…`, what it
+        has come to since the start: value less that of the solution. Along `event`: `event_time`,
+        `event_time_global_error`, nan where the tighter run did not meet the event that often.
+
+    Raises
+    ------
+    InputError
+        If there is no tighter setting, or the Dataset is no run record.
+
+    Notes
+    -----
+    Richardson's estimate, with the order p of the method: the difference from the run with half the steps, times
+    2**p/(2**p - 1); errors are proportional to tolerances, so from the run with a tenth of them, times 10/9.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> run = xd.simulate(model, method="rk4", step="50 ms", until="2 s")
+    >>> true = float(run.x[-1]) - np.cos(4.0)
+    >>> bool(abs(companion(run).global_error_x[0] - true) < 0.1*abs(true))
+    True
+    """
+    found = companion_of(run, functions)
+    at = np.array([float(run["time"][-1])]) if times is None else np.atleast_1d(np.asarray(times, dtype=float))
+    states = found.beside(sampled(run, at, after=True, rule=REINTEGRATE, functions=functions))
+    variables = {str(name): (one.dims, one.values, one.attrs) for name, one in states.variables.items()}
+    variables["event_time"] = ((EVENTS,), run["event_time"].values, about("s", "accepted time of the event", "event"))
+    variables["event_time_global_error"] = ((EVENTS,), found.event_errors(), about("s", "error of the event's time since the start of the run", "error"))  # fmt: skip
+    digests = [archive.digest_of_run(one) for one in (run, found.run)]
+    told = {"companion": found.said, "model_digest": run.attrs["model_digest"]}
+    return exhibit("companion", f"{run.attrs['title']}, beside a tighter run", digests, variables, told)
+
+
+def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Companion:
+    """March the model of a record once more.
+
+    Raises
+    ------
+    InputError
+        If no march can be tighter.
+    """
+    check_kind(run)
+    model = Model.from_text(str(run["model_toml"].values), functions=functions)
+    asked = {name: value for name, value in asked_of(run).items() if value is not None} | {"force_samples": "none"}
+    control = str(run.attrs["solver_step_control"])
+    try:
+        if control == "adaptive":
+            said = f"a {TIGHTER:.0f}th of the tolerances"
+            return Companion(run, march(model, **_tightened(asked)), TIGHTER / (TIGHTER - 1.0), said, functions)
+        step = asked["step"]
+        halved = np.repeat(np.asarray(step) / 2.0, 2) if np.ndim(step) else step / 2.0
+        order = 2.0 ** METHODS[run.attrs["solver_method"]].order
+        return Companion(
+            run, march(model, **asked | {"step": halved}), order / (order - 1.0), "half the steps", functions
+        )
+    except InputError as error:
+        raise InputError(f"there is no tighter run beside this one: {error}") from None
+
+
+def _tightened(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings with a tenth of the tolerances; the first step is chosen again."""
+    atol = {name: Quantity(one.value / TIGHTER, one.unit) for name, one in asked["atol"].items()}
+    kept = {name: value for name, value in asked.items() if name != "step"}
+    return kept | {"rtol": asked["rtol"] / TIGHTER, "atol": atol, "max_steps": int(TIGHTER * asked["max_steps"])}

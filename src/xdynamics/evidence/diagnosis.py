@@ -1,0 +1,338 @@
+"""What a run tells of itself: energy, momentum, cycles, extremes, and until when it can be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import archive, schema
+from xdynamics.evidence.companion import Companion, companion_of, global_error
+from xdynamics.evidence.cycles import TURN, Cycles, cycles
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.extremes import extremes_of
+from xdynamics.evidence.inside import sampled
+from xdynamics.evidence.parting import parting
+from xdynamics.expressions import dimension_of, parse
+from xdynamics.faults import InputError, Ledger
+from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.model import Model
+from xdynamics.model.motion import constants, evaluated_many, tables_of
+from xdynamics.record import check, check_kind
+from xdynamics.schema import CYCLE, STEPS
+from xdynamics.units import parse_quantity, parse_time, parse_unit, spell
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+Functions = Mapping[str, Callable[..., float]]
+
+ROLE = "diagnostic"
+BELIEVED = 0.1  # of the range of a quantity: what it may be off, and still be believed
+LOOKED_AT = 400  # times at which a run is held against its companion
+BANDED = ("energy", "observable")  # roles of what may be conserved
+
+
+def diagnose(
+    run: xr.Dataset,
+    *,
+    of: str | None = None,
+    level: str | float | None = None,
+    reference: xr.Dataset | str | float | None = None,
+    exact: Mapping[str, str] | None = None,
+    companion: bool = True,
+    lyapunov: bool = False,
+    functions: Functions | None = None,
+) -> xr.Dataset:
+    """Diagnose a run from its record.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run record. Of dask arrays, bands and sampled extremes are lazy, and nothing else is there.
+    of : str, optional
+        The coordinate whose cycles are counted; the first one without it.
+    level : str or float, optional
+        Which level a cycle begins with the rise through; 0 where the coordinate rises through it twice, else the middle
+        of its range.
+    reference : xarray.Dataset, str or float, optional
+        What phases are offset from: another run, or a period like ``"2 s"``; without it the companion, one more run of
+        the model at a tighter setting, extrapolated.
+    exact : mapping of str to str, optional
+        Closed forms by coordinate, velocity or state, in the model's own language: ``{"x": "A*cos(w*t)"}``.
+    companion : bool
+        Whether to march that one more run.
+    lyapunov : bool
+        Whether to march one from a start beside the run's own, and to see how fast both part.
+    functions : mapping of str to callable, optional
+        The Python functions that the model's forces call.
+
+    Returns
+    -------
+    xarray.Dataset
+        Without a dimension: `energy_band` (largest less least total energy), `energy_drift` (its mean over the last
+        cycle less that over the first; without cycles, at the end less at the start), `band_y` and `drift_y` of every
+        declared observable y and, as `momentum_x`, of every generalised momentum; for every coordinate, velocity and
+        state `maximum_y`, `maximum_y_time`, `maximum_y_rule` (a flag: sampled, interpolated, located by an event),
+        `maximum_y_uncertainty`, and so for `minimum_y`; with closed forms `largest_residual_y` and `rms_residual_y`;
+        with a companion `believed_until`, the time up to which no coordinate or velocity is further from the solution
+        than a tenth of its range; on request `lyapunov_exponent` and `lyapunov_time`. Along `cycle`: `cycle_time`, `period`, `phase_offset` (behind the reference below 0),
+        `amplitude`, `phase_space_area`. Along `turn`: `turning_time`, `turning_point`. Along `step`: `residual_y`.
+
+    Raises
+    ------
+    InputError
+        If the Dataset is no run record, or something that is asked for is none of the run's.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> found = diagnose(xd.simulate(model, step="50 ms", until="20 s"))
+    >>> found.period.values.round(3).tolist()
+    [3.14, 3.14, 3.14, 3.14, 3.14]
+    """
+    check_kind(run)
+    check(run, whole=False, values=False)
+    title, digest = f"diagnosis of {run.attrs['title']}", archive.digest_of_run(run)
+    if any(run[name].chunks is not None for name in run.data_vars):
+        return exhibit("diagnosis", title, [digest], dict(_bands(run)), {})
+    model = Model.from_text(str(run["model_toml"].values), functions=functions)
+    told: dict[str, Any] = {"model_digest": run.attrs["model_digest"]}
+    beside = companion_of(run, functions) if companion else None
+    variables = dict(_bands(run))
+    found = _cycles(run, of, level, functions)
+    variables |= dict(_conserved(run, model, found))
+    if found is not None:
+        told |= {"coordinate": found.name, "level": found.level, "level_units": str(run[found.name].attrs["units"])}
+        ideal, said = _reference(found, reference, beside, functions)
+        variables |= _along_cycles(run, found, ideal) | _turns(run, found.name, functions)
+        told["reference"] = said
+    for name in _with_roles(run, ("coordinate", "velocity", "state")):
+        variables |= extremes_of(run, name, functions)
+    variables |= dict(_residuals(run, model, exact or {}))
+    if beside is not None:
+        variables |= _believed(run, beside)
+        told["companion"] = beside.said
+    digests = [digest, *([archive.digest_of_run(beside.run)] if beside is not None else [])]
+    if lyapunov:
+        parted = parting(run, functions)
+        variables |= _lyapunov(parted.exponent)
+        digests.append(archive.digest_of_run(parted.run))
+    return exhibit("diagnosis", title, digests, variables, told)
+
+
+def _bands(run: xr.Dataset) -> Iterator[tuple[str, Any]]:
+    """Yield how far what may be conserved goes up and down, lazily where it is lazy."""
+    for name in _with_roles(run, BANDED):
+        one, units = run[name].variable, str(run[name].attrs["units"])
+        yield _band(name), ((), (one.max() - one.min()).data, about(units, f"largest less least {name} of the accepted states", ROLE))  # fmt: skip
+    if any(run[name].chunks is not None for name in run.data_vars):
+        for name in _with_roles(run, ("coordinate", "velocity", "state")):
+            one, units = run[name].variable, str(run[name].attrs["units"])
+            for word, value in (("maximum", one.max()), ("minimum", one.min())):
+                yield (
+                    f"{word}_{name}",
+                    ((), value.data, about(units, f"{word} of {name} among the accepted states", ROLE)),
+                )
+
+
+def _band(name: str) -> str:
+    return "energy_band" if name == "total_energy" else f"band_{name}"
+
+
+def _conserved(run: xr.Dataset, model: Model, found: Cycles | None) -> Iterator[tuple[str, Any]]:
+    """Yield how far what may be conserved drifts, and momenta."""
+    time = np.asarray(run["time"])
+    for name in _with_roles(run, BANDED):
+        units = str(run[name].attrs["units"])
+        drift, said = _drift(time, np.asarray(run[name]), found)
+        key = "energy_drift" if name == "total_energy" else f"drift_{name}"
+        yield key, ((), drift, about(units, f"{name}: {said}", ROLE))
+    coordinates = list(model.coordinates)
+    if not coordinates or model.python_functions:
+        return
+    state = {name: np.asarray(run[name]) * float(unit.factor) for name, unit in model.units.items()} | {"t": time}
+    entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
+    masses = evaluated_many(model, list(entries.values()), state, constants(model), tables_of(model))
+    for i, name in enumerate(coordinates):
+        speeds = [state[schema.velocity(one)] for one in coordinates]
+        momentum = sum((mass * speeds[j] for (k, j), mass in zip(entries, masses, strict=True) if k == i), np.zeros(time.size))  # fmt: skip
+        mass = dimension_of(model.expanded(model.statement.mass_entries[i, i]), model.dimensions)
+        units = spell(mass * model.dimensions[schema.velocity(name)]).text
+        drift, said = _drift(time, momentum, found)
+        yield (
+            f"band_momentum_{name}",
+            ((), float(np.ptp(momentum)), about(units, f"largest less least momentum of {name}, (M v)", ROLE)),
+        )
+        yield f"drift_momentum_{name}", ((), drift, about(units, f"momentum of {name}: {said}", ROLE))
+
+
+def _drift(time: Floats, values: Floats, found: Cycles | None) -> tuple[float, str]:
+    """Return how far a quantity has gone since its beginning, what swings within a cycle apart."""
+    if found is None or len(found.times) < 3:
+        return float(values[-1] - values[0]), "at the end less at the start"
+    ends = found.times
+    return _mean(time, values, ends[-2], ends[-1]) - _mean(time, values, ends[0], ends[1]), "mean over the last cycle less that over the first"  # fmt: skip
+
+
+def _mean(time: Floats, values: Floats, begin: float, end: float) -> float:
+    """Return the mean over time, by straight lines between accepted states."""
+    inner = (time > begin) & (time < end)
+    t = np.concatenate([[begin], time[inner], [end]])
+    y = np.concatenate([[np.interp(begin, time, values)], values[inner], [np.interp(end, time, values)]])
+    return float(np.trapezoid(y, t) / (end - begin))
+
+
+def _cycles(run: xr.Dataset, of: str | None, level: Any, functions: Functions | None) -> Cycles | None:
+    """Count the cycles of one coordinate."""
+    names = _with_roles(run, ("coordinate",))
+    if of is None and not names:
+        return None
+    name = of or names[0]
+    if level is not None and name in run.variables:
+        unit = parse_unit(str(run[name].attrs["units"]))
+        given = parse_quantity(level)
+        if isinstance(level, str) and given.unit.dimension != unit.dimension:
+            raise InputError(f"level is {level!r}, needs the unit '{unit.text}' of '{name}'")
+        level = given.si / float(unit.factor) if isinstance(level, str) else given.value
+    return cycles(run, name, level=level, functions=functions)
+
+
+def _reference(found: Cycles, reference: Any, beside: Companion | None, functions: Functions | None) -> tuple[Floats, str]:  # fmt: skip
+    """Return the times of the reference's crossings, and what it is."""
+    n = len(found.times)
+    if isinstance(reference, str | float | int):
+        period = parse_time(reference, "reference")
+        if not period > 0.0:
+            raise InputError(f"reference is {reference!r}, needs a positive period")
+        return np.array([found.times[0] + period * k for k in range(n)]), f"a period of {period!r} s"
+    if reference is not None:
+        check(reference, whole=False, values=False)
+        other = cycles(reference, found.name, level=found.level, functions=functions).times
+        return _filled(other, n), f"the run {archive.digest_of_run(reference)}"
+    if beside is None:
+        return np.full(n, np.nan), "none"
+    tight = _filled(cycles(beside.run, found.name, level=found.level, functions=functions).times, n)
+    return found.times - beside.factor * (found.times - tight), f"the run with {beside.said}, extrapolated"
+
+
+def _filled(values: Floats, size: int) -> Floats:
+    return np.concatenate([values[:size], np.full(max(0, size - len(values)), np.nan)])
+
+
+def _along_cycles(run: xr.Dataset, found: Cycles, other: Floats) -> dict[str, Any]:
+    """Return what there is one of in each cycle."""
+    time, name = np.asarray(run["time"]), found.name
+    y, v = np.asarray(run[name]), np.asarray(run[schema.velocity(name)])
+    area, size = (np.zeros(found.periods.size) for _ in range(2))
+    for k, (begin, end) in enumerate(zip(found.times[:-1], found.times[1:], strict=True)):
+        inner = (time > begin) & (time < end)
+        # closed by the crossing, where the coordinate has its level
+        q = np.concatenate([[found.level], y[inner], [found.level]])
+        p = np.concatenate([[np.interp(begin, time, v)], v[inner], [np.interp(end, time, v)]])
+        area[k] = abs(float(np.trapezoid(p, q)))
+        size[k] = float(np.ptp(q)) / 2.0
+    with np.errstate(invalid="ignore"):
+        behind = TURN * (other[1:] - found.times[1:]) / np.diff(other)
+    units, speed = (str(run[one].attrs["units"]) for one in (name, schema.velocity(name)))
+    doubts = found.uncertainties
+    each = (CYCLE,)
+    return {
+        "cycle_time": (each, found.times[1:], about("s", f"end of the cycle: {name} rises through {found.level:.9g} {units}", ROLE)),
+        "period": (each, found.periods, about("s", "from one located crossing to the next", ROLE)),
+        "period_uncertainty": (each, doubts[1:] + doubts[:-1], about("s", "what the location of both crossings is uncertain by", "error")),
+        "phase_offset": (each, behind, about("rad", "phase at the end of the cycle less that of the reference; below 0 behind it", ROLE)),
+        "amplitude": (each, size, about(units, f"half of what {name} goes up and down, among accepted states", ROLE)),
+        "phase_space_area": (each, area, about(str(parse_unit(f"{units} {speed}").text), f"area that {name} and its velocity go round", ROLE)),
+    }  # fmt: skip
+
+
+def _turns(run: xr.Dataset, name: str, functions: Functions | None) -> dict[str, Any]:
+    """Locate where a coordinate turns: its velocity passes zero within a step."""
+    time, v = np.asarray(run["time"]), np.asarray(run[schema.velocity(name)])
+    rows = np.flatnonzero((v[:-1] * v[1:] < 0.0) & (np.diff(time) > 0.0))
+    low, high, sign = time[rows], time[rows + 1], np.sign(v[rows])
+    for _ in range(60 if rows.size else 0):
+        middle = (low + high) / 2.0
+        before = sign * np.asarray(sampled(run, middle, after=False, rule=REINTEGRATE, functions=functions)[schema.velocity(name)]) > 0.0  # fmt: skip
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    points = np.asarray(sampled(run, high, after=False, rule=REINTEGRATE, functions=functions)[name]) if rows.size else np.zeros(0)  # fmt: skip
+    units = str(run[name].attrs["units"])
+    return {
+        "turning_time": (("turn",), high, about("s", f"when {name} turns, located by steps of the run's own method", ROLE)),
+        "turning_point": (("turn",), points, about(units, f"{name} where it turns", ROLE)),
+    }  # fmt: skip
+
+
+def _residuals(run: xr.Dataset, model: Model, exact: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
+    """Yield how far a run is from closed forms at its accepted states."""
+    for name, text in exact.items():
+        if name not in model.units or name not in run.variables:
+            raise InputError(f"exact names '{name}'; there are {', '.join(model.units)}")
+        off = np.asarray(run[name]) - closed_form(run, model, name, text)
+        units = str(run[name].attrs["units"])
+        yield f"residual_{name}", ((STEPS,), off, about(units, f"{name} less {text}", "residual"))
+        yield f"largest_residual_{name}", ((), float(np.max(np.abs(off))), about(units, "largest of them", "residual"))
+        yield f"rms_residual_{name}", ((), float(np.sqrt(np.mean(off**2))), about(units, "root of their mean square", "residual"))  # fmt: skip
+
+
+def closed_form(run: xr.Dataset, model: Model, name: str, text: str) -> Floats:
+    """Evaluate an expression of time and parameters at the accepted times, in the unit of a variable."""
+    ledger = Ledger(f"exact '{name}'")
+    with ledger.entry(repr(text)[:60]):
+        tree = model.expanded(parse(text))
+        found = dimension_of(tree, model.dimensions)
+        if found != model.units[name].dimension:
+            raise InputError(f"has units '{found}', needs '{model.units[name].text}'")
+    ledger.settle()
+    times = np.asarray(run["time"])
+    state = {one: np.asarray(run[one]) * float(own.factor) for one, own in model.units.items()} | {"t": times}
+    values = evaluated_many(model, [tree], state, constants(model), tables_of(model))[0]
+    return np.broadcast_to(values, times.shape) / float(model.units[name].factor)
+
+
+def _believed(run: xr.Dataset, beside: Companion) -> dict[str, Any]:
+    """Return the time up to which every coordinate and velocity is known to a tenth of its range."""
+    time = np.asarray(run["time"])
+    end = min(float(time[-1]), float(beside.run["time"][-1]))
+    rows = np.unique(np.linspace(0, np.searchsorted(time, end, side="right") - 1, LOOKED_AT).astype(np.int64))
+    states = beside.beside(sampled(run, time[rows], after=True, rule=REINTEGRATE, functions=beside.functions))
+    names = _with_roles(run, ("coordinate", "velocity"))
+    lost = np.zeros(rows.size, bool)
+    for name in names:
+        span = float(np.ptp(np.asarray(run[name])))
+        lost |= np.abs(np.asarray(states[global_error(name)])) > BELIEVED * span if span > 0.0 else False
+    first = int(np.argmax(lost)) if lost.any() else -1
+    said = "time up to which no coordinate or velocity is further from the solution than a tenth of its range"
+    return {"believed_until": ((), float(time[rows[first]]), about("s", said, ROLE))}
+
+
+def _lyapunov(exponent: float) -> dict[str, Any]:
+    said = "rate at which a run from a start beside parts from this one; 0 where it stays, or goes by a power of time"
+    time = 1.0 / exponent if exponent > 0.0 else np.inf
+    return {
+        "lyapunov_exponent": ((), exponent, about("s-1", said, ROLE)),
+        "lyapunov_time": ((), time, about("s", "time in which what is not known of the start grows by e", ROLE)),
+    }
+
+
+def _with_roles(run: xr.Dataset, roles: tuple[str, ...]) -> list[str]:
+    return [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in roles and one.dims == (STEPS,)]
+
+
+def lines_of(found: xr.Dataset) -> Iterator[str]:
+    """Say what a diagnosis found, in lines."""
+    for name, one in found.data_vars.items():
+        if not one.dims and one.attrs["role"] == ROLE:
+            rule = f"{name}_rule"
+            shown = f", {str(found[rule].attrs['flag_meanings']).split()[int(found[rule])]}" if rule in found else ""
+            yield f"{name} = {float(one):.9g} {one.attrs['units']}{shown}"
+    if CYCLE in found.dims and found.sizes[CYCLE]:
+        yield f"cycles of {found.attrs['coordinate']}: {found.sizes[CYCLE]}, phases beside {found.attrs['reference']}"
+        for name in ("period", "phase_offset", "amplitude", "phase_space_area"):
+            one = found[name]
+            yield f"{name} = {float(one[0]):.9g} in the first cycle, {float(one[-1]):.9g} in the last, {one.attrs['units']}"

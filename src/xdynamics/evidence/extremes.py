@@ -1,0 +1,84 @@
+"""The largest and the least value of a quantity over a run: sampled, interpolated, or located by an event, and which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from xdynamics import schema
+from xdynamics.evidence.inside import sampled
+from xdynamics.methods.scheme import REINTEGRATE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SAMPLED, INTERPOLATED, LOCATED = range(3)
+RULES = ("sampled", "interpolated", "located")
+LOOKS, ROUNDS = 9, 12  # of a search: so many places at once, then between the neighbours of the best
+
+
+class Extreme(NamedTuple):
+    """One extreme value.
+
+    Attributes
+    ----------
+    value : float
+        In the unit of the record.
+    time : float, s
+    rule : int
+        Of `RULES`: the accepted state with it, a state between accepted ones, or the state at an event.
+    uncertainty : float
+        Of the value, by interpolation alone: 0 of an accepted state.
+    """
+
+    value: float
+    time: float
+    rule: int
+    uncertainty: float
+
+
+def extreme(run: xr.Dataset, name: str, sign: float, functions: Mapping[str, Callable[..., float]] | None) -> Extreme:
+    """Find the largest value of a quantity, or with a sign of -1 the least.
+
+    A state at an event stands as it is. Beside any other row the steps to it and from it are searched, by states of the
+    run's own method between; energies and observables are looked at in accepted states alone.
+    """
+    values, time = np.asarray(run[name]), np.asarray(run["time"])
+    row = int(np.nanargmax(sign * values))
+    kind = int(run["row_kind"][row])
+    best = Extreme(float(values[row]), float(time[row]), SAMPLED, 0.0)
+    if kind in (schema.EVENT_BEFORE, schema.EVENT_AFTER):
+        return best._replace(rule=LOCATED)
+    if run[name].attrs["role"] not in ("coordinate", "velocity", "state"):
+        return best
+    low, high = float(time[max(row - 1, 0)]), float(time[min(row + 1, len(time) - 1)])
+    for _ in range(ROUNDS):
+        places = np.linspace(low, high, LOOKS)
+        if not (np.diff(places) > 0).all():
+            break
+        found = sampled(run, places, after=False, rule=REINTEGRATE, functions=functions)
+        k = int(np.nanargmax(sign * np.asarray(found[name])))
+        if sign * float(found[name][k]) > sign * best.value:
+            doubt = abs(float(found[schema.error(name)][k]))
+            best = Extreme(float(found[name][k]), float(places[k]), INTERPOLATED, doubt)
+        low, high = float(places[max(k - 1, 0)]), float(places[min(k + 1, LOOKS - 1)])
+    return best
+
+
+def extremes_of(run: xr.Dataset, name: str, functions: Any) -> dict[str, tuple[Any, ...]]:
+    """Return the variables that say the largest and the least value of a quantity."""
+    units = str(run[name].attrs["units"])
+    found: dict[str, tuple[Any, ...]] = {}
+    rules = schema.flags(dict(enumerate(RULES)))
+    for word, sign in (("maximum", 1.0), ("minimum", -1.0)):
+        one = extreme(run, name, sign, functions)
+        said = "largest" if sign > 0 else "least"
+        found |= {
+            f"{word}_{name}": ((), one.value, {"units": units, "long_name": f"{said} {name} of the run", "role": "diagnostic"}),
+            f"{word}_{name}_time": ((), one.time, {"units": "s", "long_name": f"when {name} was {said}", "role": "diagnostic"}),
+            f"{word}_{name}_rule": ((), np.int8(one.rule), {"units": "1", "long_name": "an accepted state, a state between, or one at an event", "role": "flag"} | rules),
+            f"{word}_{name}_uncertainty": ((), one.uncertainty, {"units": units, "long_name": "what interpolation may have it off; the error of the integration is not in it", "role": "error"}),
+        }  # fmt: skip
+    return found
