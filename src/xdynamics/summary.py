@@ -16,9 +16,7 @@ from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, S
 
 MOST_EVENTS = 20
 TOLD = {
-    "comparison": "comparison",
-    "diagnosis": "diagnosis",
-    "refinement": "refinement",
+    one: one for one in ("comparison", "diagnosis", "ledger", "refinement")
 }  # kind of evidence -> the room that says what it tells
 LONGEST = 400  # characters of a setting that are shown
 

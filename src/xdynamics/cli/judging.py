@@ -126,6 +126,21 @@ def diagnose(
 
 
 @main.command()
+@click.argument("model_file", metavar="[MODEL.toml]", required=False)
+@click.option("--method", "methods", multiple=True, metavar="NAME", help="A method; by default all, or that of the model's [run].")  # fmt: skip
+@click.option("-o", "--output", metavar="L.nc", help="Where to keep the ledger.")
+def validate(model_file: str | None, methods: tuple[str, ...], output: str | None) -> None:
+    """Hold methods against exact cases, or a model against its own [validation.*]; ends with 1 where one failed."""
+    from xdynamics.evidence.ledger import FAILED, lines_of
+    from xdynamics.evidence.ledger import validate as validated
+
+    model = changed_model(model_file, ()) if model_file else None
+    found = validated(list(methods) or None, model)
+    _kept(found, lines_of, output)
+    sys.exit(BADLY if (found["verdict"] == FAILED).any() else DONE)
+
+
+@main.command()
 @click.argument("first", metavar="RUN.nc")
 @click.argument("second", metavar="OTHER.nc|DATA.csv")
 @click.option(

@@ -12,6 +12,7 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.checking_contacts import check_contacts
 from xdynamics.model.parts import Event, Function
 from xdynamics.model.statement import Statement
+from xdynamics.model.validating import check_validation
 from xdynamics.schema import acceleration, record_names, velocity
 from xdynamics.units import CONSTANTS, NONE, TIME, Dimension, constant, spell
 
@@ -57,6 +58,7 @@ def check(statement: Statement) -> dict[str, Dimension]:
     for name, observable in statement.observables.items():
         with ledger.entry(f"observable '{name}'"):
             spell(dimension_of(observable, known | accelerations))
+    check_validation(statement, known, ledger)
     ledger.settle()
     with ledger.entry("contacts"):
         check_contacts(statement, known, ledger)

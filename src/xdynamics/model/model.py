@@ -15,7 +15,19 @@ from xdynamics.faults import InputError, ModelError
 from xdynamics.files import asked, decoded, read_bounded
 from xdynamics.model import toml
 from xdynamics.model.checking import check
-from xdynamics.model.parts import Contact, Coordinate, Drive, Event, Force, Friction, Function, Parameter, Regime, State
+from xdynamics.model.parts import (
+    Contact,
+    Coordinate,
+    Drive,
+    Event,
+    Force,
+    Friction,
+    Function,
+    Parameter,
+    Regime,
+    State,
+    Validation,
+)
 from xdynamics.model.reach import ANYWHERE, BELOW, EMBEDDED, REACHES, Reach
 from xdynamics.model.reading import read
 from xdynamics.model.statement import Statement
@@ -32,7 +44,7 @@ class Model:
     ----------
     **statement
         The sections of a model file by name (`name`, `description`, `coordinates`, `parameters`, `mass`,
-        `definitions`, `forces`, `drives`, `states`, `initial`, `events`, `contacts`, `frictions`, `regimes`, `observables`, `run`), each a
+        `definitions`, `forces`, `drives`, `states`, `initial`, `events`, `contacts`, `frictions`, `regimes`, `observables`, `validation`, `run`), each a
         mapping in the file's own words. A force component may also be a numba-compilable Python function
         whose arguments are declared names; it gets and returns SI floats.
 
@@ -74,6 +86,7 @@ class Model:
     regime: str
     observables: dict[str, Node]
     run: dict[str, Any]
+    validation: dict[str, Validation]
     dimensions: dict[str, Dimension]
     file: Path | None = None  # that it was read from
 

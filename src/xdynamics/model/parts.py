@@ -214,6 +214,36 @@ class Friction:
 
 
 @dataclass(frozen=True)
+class Validation:
+    """What a quantity of a run is to be.
+
+    Attributes
+    ----------
+    expression : Node
+        Its closed form, of time and parameters.
+    quantity : str
+        A coordinate, velocity, state, energy, observable, contact force; at an event `t` too, its time.
+    times : tuple of float, s
+        Where it is compared; at every accepted state where there are none.
+    bound : str or Quantity
+        The most that it may be off, or a word for how that is derived.
+    event : str
+        The event behind which it is compared.
+    occurrence : int
+        Which of these, from 1.
+    description : str
+    """
+
+    expression: Node
+    quantity: str
+    times: tuple[float, ...]
+    bound: str | Quantity
+    event: str = ""
+    occurrence: int = 1
+    description: str = ""
+
+
+@dataclass(frozen=True)
 class Regime:
     """The force terms that act while it lasts."""
 

@@ -24,11 +24,12 @@ from xdynamics.model.reach import Reach
 from xdynamics.model.statement import Statement
 from xdynamics.model.switching import event, regime
 from xdynamics.model.touching import contact, friction, impact
+from xdynamics.model.validating import validation
 from xdynamics.model.words import choice, described, flag, keys, near
 from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
 SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
-            "initial", "events", "contacts", "frictions", "regimes", "observables", "run")  # fmt: skip
+            "initial", "events", "contacts", "frictions", "regimes", "observables", "validation", "run")  # fmt: skip
 RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
             "max_steps", "force_samples", "scales", "jacobian", "summation", "switches",
             "time_tolerance")  # fmt: skip
@@ -76,6 +77,10 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["frictions"] = entries("frictions", "friction", friction)
     parts["regimes"] = entries("regimes", "regime", regime)
     parts["observables"] = entries("observables", "observable", parse)
+    parts["validation"] = {}
+    for one, given in sections["validation"].items():
+        with ledger.entry(f"validation '{one}'"):
+            parts["validation"][one] = validation(one, given)
     parts["regime"] = _first_regime(sections["initial"], list(parts["regimes"]), ledger)
     sections["initial"] = {key: value for key, value in sections["initial"].items() if key != "regime"}
     parts["initial"] = {"t": Quantity(0.0, Unit("s", TIME)), **entries("initial", "initial value", parse_quantity)}

@@ -8,7 +8,19 @@ from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
-from xdynamics.model.parts import Contact, Coordinate, Drive, Event, Force, Friction, Function, Parameter, Regime, State
+from xdynamics.model.parts import (
+    Contact,
+    Coordinate,
+    Drive,
+    Event,
+    Force,
+    Friction,
+    Function,
+    Parameter,
+    Regime,
+    State,
+    Validation,
+)
 from xdynamics.units import Quantity
 
 
@@ -33,6 +45,7 @@ class Statement:
     regime: str  # that the motion begins in
     observables: dict[str, Node]
     run: dict[str, Any]
+    validation: dict[str, Validation]
 
     @cached_property
     def mass_entries(self) -> dict[tuple[int, int], Node]:

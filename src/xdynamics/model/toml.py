@@ -7,7 +7,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from xdynamics.expressions import text_of
-from xdynamics.model.parts import Contact, Event, Friction, Function
+from xdynamics.model.parts import Contact, Event, Friction, Function, Validation
 from xdynamics.model.statement import Statement
 from xdynamics.units import Quantity
 
@@ -54,6 +54,8 @@ def write(statement: Statement) -> str:
     for name, regime in statement.regimes.items():
         _section(lines, f"regimes.{name}", _described({"forces": list(regime.forces)}, regime))
     _section(lines, "observables", {name: text_of(node) for name, node in statement.observables.items()})
+    for name, one in statement.validation.items():
+        _section(lines, f"validation.{name}", _described(_validation(one), one))
     _section(lines, "run", statement.run)
     return "\n".join(lines) + "\n"
 
@@ -88,6 +90,13 @@ def _contact(part: Contact) -> dict[str, Any]:
     body = {key: text_of(tree) for key, tree in trees.items() if tree is not None}
     body |= {"tangential": part.tangential, "law": part.law, **_tolerance(part)}
     return body | ({} if part.rest_height is None else {"rest_height": str(part.rest_height)})
+
+
+def _validation(part: Validation) -> dict[str, Any]:
+    body = {"quantity": part.quantity, "expression": text_of(part.expression), "bound": str(part.bound)}
+    if part.event:
+        return body | {"event": part.event, "occurrence": part.occurrence}
+    return body | ({"times": [f"{one!r} s" for one in part.times]} if part.times else {})
 
 
 def _tolerance(part: Event | Contact | Friction) -> dict[str, str]:

@@ -1,0 +1,320 @@
+"""The validation ledger: runs held against closed forms, in the order in which faults are found soonest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import archive
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.levels import march
+from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.expressions import text_of
+from xdynamics.faults import InputError
+from xdynamics.methods import METHODS
+from xdynamics.model import Model
+from xdynamics.model.motion import constants, evaluated_many
+from xdynamics.model.parts import Validation
+from xdynamics.model.validating import BAND, ORDER, UNSCALED, exact_from
+from xdynamics.record.words import words_of
+from xdynamics.schema import CASE, STEPS, flags, velocity
+from xdynamics.units import Quantity, parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+CASES = Path(__file__).with_name("cases")
+VERDICTS = ("passed", "failed", "refused")
+PASSED, FAILED, REFUSED = range(len(VERDICTS))
+EPS = float(np.finfo(float).eps)
+SLACK = 0.5  # of an order, which halved steps may leave: a defect takes one whole order
+TENTH = 10  # a band is compared between the first and the last part of so many
+WIDER = 1.5  # times its first part, the most that a band may be in its last one
+ROLE = "validation"
+
+
+def validate(methods: Sequence[str] | str | None = None, model: Model | None = None) -> xr.Dataset:
+    """Hold methods against exact cases, or one model against its own closed forms.
+
+    Parameters
+    ----------
+    methods : sequence of str, optional
+        Names of methods; without it all, or with a model that of its `[run]`.
+    model : Model, optional
+        A model with closed forms, ``[validation.<name>]``; without it the ledger's own cases: zero force, constant
+        acceleration, linear drag, linear oscillator, a long oscillation, zero coupling, normal modes alone and together,
+        a drive of time, impact, resting contact, dry friction, unit scaling.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `case`, stage by stage: `case_name`, `case_method`, `case_stage`, `case_relation` (the closed form),
+        `case_observable`, `case_where` (times, or an event), `case_norm`, `residual` and `bound` (in `case_units`),
+        `case_bound_rule`, `verdict` (a flag: passed failed refused), `case_note`, `case_run` (content digest).
+
+    Raises
+    ------
+    InputError
+        If a method is not known, or the model has no closed form.
+
+    Notes
+    -----
+    Bounds are derived. `rounding`: for each of n steps as many roundings of the largest value as the method has
+    evaluations, and two; for a coordinate those of its velocity over the whole time besides, and at an event what its
+    location is uncertain by. `order`: what the error with twice the step was, over 2**(p - 1/2): halving the step divides
+    it by 2**p, and a method that has lost one order does not pass. `band`: of symplectic methods, 1.5 times the largest
+    error in the first tenth, for the last. `unscaled`: rounding, beside the same march in SI units.
+
+    Examples
+    --------
+    >>> found = validate(["velocity_verlet"])
+    >>> sorted({VERDICTS[one] for one in found.verdict.values})
+    ['passed', 'refused']
+    """
+    if model is not None and not isinstance(model, Model):
+        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    names = [methods] if isinstance(methods, str) else None if methods is None else list(methods)
+    for name in names or ():
+        if name not in METHODS:
+            raise InputError(f"method {name!r} is not known; there are {', '.join(METHODS)}")
+    if model is None:
+        rows = [row for k, (name, one) in enumerate(_own_cases(), 1) for method in names or METHODS for row in _rows(one, method, k, f"{name}.")]  # fmt: skip
+        title = "validation ledger: exact cases"
+    else:
+        if not model.validation:
+            raise InputError(f"model '{model.name}' has no closed form; write one as [validation.<name>] with expression, bound")  # fmt: skip
+        own = names or [str(model.run["method"])] if "method" in model.run or names else []
+        if not own:
+            raise InputError(f"model '{model.name}' has no method in its [run]; give methods=[…]")
+        rows = [row for method in own for row in _rows(model, method, 0, "")]
+        title = f"validation of {model.name}"
+    return _dataset(rows, title)
+
+
+@lru_cache(maxsize=1)
+def _own_cases() -> list[tuple[str, Model]]:
+    """Read the ledger's own cases, in their order."""
+    return [(path.stem.partition("_")[2], Model.from_toml(path)) for path in sorted(CASES.glob("*.toml"))]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the ledger."""
+
+    name: str
+    method: str
+    stage: int
+    relation: str
+    observable: str
+    where: str
+    rule: str
+    units: str = "1"
+    norm: str = "largest absolute difference"
+    residual: float = np.nan
+    bound: float = np.nan
+    note: str = ""
+    run: str = ""
+
+    @property
+    def verdict(self) -> int:
+        """What became of it; what is no number has failed."""
+        if self.note and np.isnan(self.bound):
+            return REFUSED
+        return PASSED if self.residual <= self.bound else FAILED
+
+
+def _rows(model: Model, method: str, stage: int, prefix: str) -> Iterator[Row]:
+    """Yield the lines of one method and model."""
+    marched = Marched(model, method)
+    for name, case in model.validation.items():
+        where = f"at {case.event} {case.occurrence}" if case.event else _times_in_words(case, model)
+        rule = str(case.bound) if isinstance(case.bound, str) else "given"
+        row = Row(f"{prefix}{name}", method, stage, text_of(case.expression), case.quantity, where, rule)
+        why = marched.refusal(case)
+        yield replace(row, note=why) if why else marched.filled(row, case)
+
+
+def _times_in_words(case: Validation, model: Model) -> str:
+    if case.times:
+        return "t = " + ", ".join(f"{one:.9g}" for one in case.times) + " s"
+    part = "the last tenth of " if case.bound == BAND else ""
+    return f"{part}accepted states up to {model.run.get('until', 'the end')}"
+
+
+class Marched:
+    """The runs of one model by one method, each made when it is asked for."""
+
+    def __init__(self, model: Model, method: str) -> None:
+        self.model, self.method = model, METHODS[method]
+
+    def refusal(self, case: Validation) -> str:
+        """Say why a case is none for the method; empty where it is one."""
+        if why := self.method.refusals(self.model):
+            return f"the method refuses: {'; '.join(why)}"
+        if case.bound == BAND and not self.method.symplectic:
+            return "the method is not symplectic: it claims no band"
+        if case.event and self.method.stepping:
+            return "the method locates no events"
+        return ""
+
+    @cached_property
+    def run(self) -> xr.Dataset:
+        """With the steps that the model asks for."""
+        return march(self.model, method=self.method.name)
+
+    @cached_property
+    def coarse(self) -> xr.Dataset:
+        """With twice the step."""
+        if self.run.attrs["solver_step_control"] != "fixed":
+            raise InputError(f"a bound by '{ORDER}' needs a fixed step in [run]; model '{self.model.name}' has chosen ones")  # fmt: skip
+        return march(self.model, method=self.method.name, step=2.0 * float(self.run.attrs["solver_step"]))
+
+    @cached_property
+    def unscaled(self) -> xr.Dataset:
+        """Without scales."""
+        said = {key: value for key, value in self.model.run.items() if key != "scales"}
+        return march(self.model, **said | {"method": self.method.name, "scales": {}})
+
+    def filled(self, row: Row, case: Validation) -> Row:
+        """Return a line with what was found."""
+        run = self.run
+        row = replace(row, units=_units(run, case), run=archive.digest_of_run(run))
+        try:
+            residual = self.residual(run, case)
+            if case.bound == BAND:
+                part = max(1, len(residual) // TENTH)
+                bound = WIDER * float(np.max(residual[:part])) + self.rounding(case)
+                residual = residual[-part:]
+            else:
+                bound = self.bound(case)
+        except LookupError as error:
+            return replace(row, residual=np.inf, bound=0.0, note=str(error.args[0]))
+        if case.bound == UNSCALED:
+            here, there = (np.asarray(one[case.quantity]) for one in (run, self.unscaled))
+            if here.shape != there.shape:
+                return replace(row, residual=np.inf, bound=bound, note=f"{len(here)} rows, unscaled {len(there)}")
+            residual = np.abs(here - there)
+        return replace(row, residual=float(np.max(residual)), bound=bound)
+
+    def bound(self, case: Validation) -> float:
+        """Return the most that a residual may be, in the record's unit."""
+        if isinstance(case.bound, Quantity):
+            return float(case.bound.si / parse_unit(_units(self.run, case)).factor)
+        if case.bound == UNSCALED:
+            return 2.0 * self.rounding(case)
+        by_order = case.bound == ORDER or exact_from(case.bound) > self.method.order
+        if not by_order:
+            return self.rounding(case)
+        halved = float(2.0 ** (self.method.order - SLACK))
+        return float(np.max(self.residual(self.coarse, case))) / halved + self.rounding(case)
+
+    def rounding(self, case: Validation) -> float:
+        """Return what rounding may come to, and at an event its location."""
+        run, name = self.run, case.quantity
+        steps, span = run.sizes[STEPS], float(run["time"][-1] - run["time"][0])
+        size = float(np.max(np.abs(run["time" if name == "t" else name])))
+        if name in self.model.coordinates:
+            size += span * float(np.max(np.abs(run[velocity(name)])))
+        found = (self.method.evaluations + 2) * steps * EPS * size
+        if case.event:
+            k, row = _met(run, case)
+            doubt = float(run["event_time_uncertainty"][k])
+            rates = {**{one: velocity(one) for one in self.model.coordinates}, **{velocity(one): f"a_{one}" for one in self.model.coordinates}}  # fmt: skip
+            found += doubt if name == "t" else doubt * abs(float(run[rates[name]][row - 1])) if name in rates else 0.0
+        return found
+
+    def residual(self, run: xr.Dataset, case: Validation) -> Floats:
+        """Return absolute differences from the closed form, in the record's unit.
+
+        Raises
+        ------
+        LookupError
+            If the event was not met so often.
+        """
+        name, factor = case.quantity, float(parse_unit(_units(run, case)).factor)
+        if case.event:
+            k, row = _met(run, case)
+            times = run["event_time"].values[k : k + 1]
+            values = times if name == "t" else run[name].values[row : row + 1]
+        elif case.times:
+            times = np.array(case.times)
+            values = self._at(run, name, times)
+        else:
+            times, values = run["time"].values, run[name].values
+        tree = self.model.expanded(case.expression)
+        true = evaluated_many(self.model, [tree], {"t": times}, constants(self.model), ())[0]
+        return np.abs(values - np.broadcast_to(true, times.shape) / factor)
+
+
+    def _at(self, run: xr.Dataset, name: str, times: Floats) -> Floats:
+        """Return what a quantity was at times; what is no observable is known at accepted ones alone."""
+        if name in observables_of(self.model):
+            return observe(run, self.model, [name], times)[name][0]
+        rows = np.searchsorted(run["time"].values, times, side="right") - 1
+        if (run["time"].values[rows] != times).any():
+            raise InputError(f"'{name}' is known at accepted states alone; give times that are, or leave them out")
+        found: Floats = run[name].values[rows]
+        return found
+
+
+def _met(run: xr.Dataset, case: Validation) -> tuple[int, int]:
+    """Return the number of an event, and the row of the state behind it."""
+    mine = [k for k, name in enumerate(words_of(run["event_detector"])) if name == case.event]
+    if len(mine) < case.occurrence:
+        raise LookupError(f"{case.event} was met {len(mine)} times")
+    k = mine[case.occurrence - 1]
+    return k, int(run["event_row_after"][k])
+
+
+def _units(run: xr.Dataset, case: Validation) -> str:
+    """Return the unit of a quantity in a record."""
+    if case.quantity == "t":
+        return "s"
+    if case.quantity not in run.variables or run[case.quantity].dims != (STEPS,):
+        raise InputError(f"quantity '{case.quantity}' is nothing that the run has along '{STEPS}'")
+    return str(run[case.quantity].attrs["units"])
+
+
+def _dataset(rows: Sequence[Row], title: str) -> xr.Dataset:
+    words = {
+        "case_name": ("name", "case and closed form"), "case_method": ("method", "method"),
+        "case_relation": ("relation", "closed form of time and parameters"), "case_observable": ("observable", "what is compared"),
+        "case_where": ("where", "where it is compared"), "case_norm": ("norm", "norm of the residual"),
+        "case_units": ("units", "unit of residual and bound"), "case_bound_rule": ("rule", "how the bound is derived"),
+        "case_note": ("note", "why a case was refused, or what was missing"), "case_run": ("run", "content digest of the run"),
+    }  # fmt: skip
+    variables: dict[str, Any] = {
+        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", said, ROLE)) for name, (key, said) in words.items()
+    }  # fmt: skip
+    numbers = about("1", "", ROLE) | {"comment": "in the unit that case_units names"}
+    variables |= {
+        "case_stage": ((CASE,), np.array([row.stage for row in rows]), about("1", "stage of the ledger; 0 of a model's own closed forms", ROLE)),
+        "residual": ((CASE,), np.array([row.residual for row in rows]), numbers | {"long_name": "largest difference from the closed form"}),
+        "bound": ((CASE,), np.array([row.bound for row in rows]), numbers | {"long_name": "the most that it may be"}),
+        "verdict": ((CASE,), np.array([row.verdict for row in rows], np.int8), about("1", "what became of the case", "flag") | flags(dict(enumerate(VERDICTS)))),
+    }  # fmt: skip
+    runs = [one for one in dict.fromkeys(row.run for row in rows) if one]
+    return exhibit("ledger", title, runs, variables, {})
+
+
+def lines_of(ledger: xr.Dataset) -> Iterator[str]:
+    """Say what a ledger found: what failed, one line each, and how many passed."""
+    words = words_of(ledger["verdict"])
+    for k, word in enumerate(words):
+        one = {name: str(ledger[f"case_{name}"][k].item()) for name in ("name", "method", "observable", "where", "units", "note")}  # fmt: skip
+        if word == "failed":
+            found = f"residual {float(ledger['residual'][k]):.3g} {one['units']}, bound {float(ledger['bound'][k]):.3g} {one['units']}"
+            yield f"failed    {one['name']} by {one['method']}: {one['observable']}, {one['where']}: {found}{'; ' if one['note'] else ''}{one['note']}"
+        elif word == "refused" and not int(ledger["case_stage"][k]):
+            yield f"refused   {one['name']} by {one['method']}: {one['note']}"
+    counts = ", ".join(f"{words.count(word)} {word}" for word in VERDICTS)
+    methods = dict.fromkeys(str(one) for one in ledger["case_method"].values)
+    yield f"ledger    {len(words)} cases of {len(methods)} methods: {counts}"

@@ -1,0 +1,94 @@
+"""Closed forms in a model file: what a run of the model is to be, and within which bound."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from xdynamics.expressions import dimension_of, free_names, parse
+from xdynamics.faults import InputError, Ledger
+from xdynamics.model.parts import Validation
+from xdynamics.model.statement import Statement
+from xdynamics.model.words import described, keys
+from xdynamics.units import TIME, Dimension, Quantity, parse_quantity, parse_time, spell
+
+_KEYS = ("expression", "quantity", "times", "bound", "event", "occurrence", "description")
+ROUNDING, ORDER, BAND, UNSCALED = "rounding", "order", "band", "unscaled"
+_FROM_ORDER = re.compile(r"rounding from order ([1-9]\d?)")
+WORDS = f"'{ROUNDING}', '{ROUNDING} from order 2', '{ORDER}', '{BAND}', '{UNSCALED}'"
+
+
+def validation(name: str, given: Any) -> Validation:
+    """Read one closed form."""
+    given = {"expression": given} if isinstance(given, str) else given
+    keys(given, _KEYS, needed=("expression", "bound"))
+    times = given.get("times", [])
+    if isinstance(times, str | int | float):
+        times = [times]
+    occurrence = given.get("occurrence", 1)
+    if isinstance(occurrence, bool) or not isinstance(occurrence, int) or occurrence < 1:
+        raise InputError(f"occurrence is {occurrence!r}, needs 1 or more")
+    event = given.get("event", "")
+    if not isinstance(event, str):
+        raise InputError(f"event is {event!r}, needs the name of one")
+    if event and times:
+        raise InputError("event and times are both given; a value is compared at one or the other")
+    quantity = given.get("quantity", name)
+    if not isinstance(quantity, str):
+        raise InputError(f"quantity is {quantity!r}, needs the name of one")
+    return Validation(
+        parse(given["expression"]), quantity, tuple(parse_time(one, "times") for one in times), _bound(given["bound"]),
+        event, occurrence, described(given),
+    )  # fmt: skip
+
+
+def _bound(given: Any) -> str | Quantity:
+    """Read a bound: a quantity, or a word for how it is derived."""
+    if isinstance(given, str) and (given in (ROUNDING, ORDER, BAND, UNSCALED) or _FROM_ORDER.fullmatch(given)):
+        return given
+    try:
+        found = parse_quantity(given)
+    except InputError:
+        raise InputError(f"bound is {given!r}, needs a quantity like '1 mm', or one of {WORDS}") from None
+    if not found.value > 0.0:
+        raise InputError(f"bound is {given!r}, needs a positive one")
+    return found
+
+
+def exact_from(bound: str) -> int:
+    """Return the order from which on a method has no error but rounding; 0 where every method has none."""
+    found = _FROM_ORDER.fullmatch(bound)
+    return int(found[1]) if found else 0
+
+
+def check_validation(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -> None:
+    """Check names and dimensions of closed forms: they are of time, parameters and unit names."""
+    moving = {
+        *statement.coordinates,
+        *statement.states,
+        *statement.drives,
+        *(f"v_{name}" for name in statement.coordinates),
+    }
+    met = {*statement.events, *statement.contacts, *statement.frictions}
+    for name, one in statement.validation.items():
+        with ledger.entry(f"validation '{name}'"):
+            found = dimension_of(one.expression, known)
+            if read := sorted(free_names(one.expression) & moving):
+                raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")
+            if one.event and one.event not in met:
+                raise InputError(
+                    f"event '{one.event}' is none of the model's; there are {', '.join(sorted(met)) or 'none'}"
+                )
+            needed = (
+                TIME
+                if one.quantity == "t" and one.event
+                else known.get(one.quantity)
+                if one.quantity in moving
+                else None
+            )
+            if needed is not None and found != needed:
+                raise InputError(f"has units '{found}', needs '{needed}' of '{one.quantity}'")
+            if isinstance(one.bound, Quantity) and one.bound.unit.dimension != found:
+                raise InputError(
+                    f"bound '{one.bound}' has units '{one.bound.unit.dimension}', needs '{spell(found).text}'"
+                )
