@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from xdynamics.evidence.comparison import compare
     from xdynamics.evidence.diagnosis import diagnose
     from xdynamics.evidence.ledger import validate
+    from xdynamics.evidence.limiting import limiting
+    from xdynamics.evidence.manufacturing import manufactured
     from xdynamics.evidence.modes import modes
     from xdynamics.evidence.refinement import refine
     from xdynamics.evidence.sampling import sample
@@ -44,13 +46,13 @@ if TYPE_CHECKING:
 _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
-    "check": "record", "companion": "evidence.companion", "compare": "evidence.comparison", "diagnose": "evidence.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
+    "check": "record", "companion": "evidence.companion", "compare": "evidence.comparison", "diagnose": "evidence.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.limiting", "manufactured": "evidence.manufacturing", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
     "refine": "evidence.refinement", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "validate": "evidence.ledger", "verify": "archive",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "StabilityWarning", "check", "companion", "compare", "content_digest", "diagnose", "discard", "extend", "modes", "open_run",
+    "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "StabilityWarning", "check", "companion", "compare", "content_digest", "diagnose", "discard", "extend", "limiting", "manufactured", "modes", "open_run",
     "plot", "refine", "reproduce", "sample", "save", "sign", "simulate", "validate", "verify", "verify_signature",
 ]  # fmt: skip
 

@@ -18,6 +18,7 @@ from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
+from xdynamics.methods.scheme import DIFFERENCES
 from xdynamics.model import Model
 from xdynamics.model.motion import constants, evaluated_many
 from xdynamics.model.parts import Validation
@@ -154,11 +155,16 @@ class Marched:
 
     def __init__(self, model: Model, method: str) -> None:
         self.model, self.method = model, METHODS[method]
+        refused, by_differences = (self.method.refusals(model, by_differences=one) for one in (False, True))
+        self.refused = by_differences
+        self.asked: dict[str, Any] = {"method": method} | (
+            {"jacobian": DIFFERENCES} if refused and not by_differences else {}
+        )
 
     def refusal(self, case: Validation) -> str:
         """Say why a case is none for the method; empty where it is one."""
-        if why := self.method.refusals(self.model):
-            return f"the method refuses: {'; '.join(why)}"
+        if self.refused:
+            return f"the method refuses: {'; '.join(self.refused)}"
         if case.bound == BAND and not self.method.symplectic:
             return "the method is not symplectic: it claims no band"
         if case.event and self.method.stepping:
@@ -168,20 +174,20 @@ class Marched:
     @cached_property
     def run(self) -> xr.Dataset:
         """With the steps that the model asks for."""
-        return march(self.model, method=self.method.name)
+        return march(self.model, **self.asked)
 
     @cached_property
     def coarse(self) -> xr.Dataset:
         """With twice the step."""
         if self.run.attrs["solver_step_control"] != "fixed":
             raise InputError(f"a bound by '{ORDER}' needs a fixed step in [run]; model '{self.model.name}' has chosen ones")  # fmt: skip
-        return march(self.model, method=self.method.name, step=2.0 * float(self.run.attrs["solver_step"]))
+        return march(self.model, **self.asked, step=2.0 * float(self.run.attrs["solver_step"]))
 
     @cached_property
     def unscaled(self) -> xr.Dataset:
         """Without scales."""
         said = {key: value for key, value in self.model.run.items() if key != "scales"}
-        return march(self.model, **said | {"method": self.method.name, "scales": {}})
+        return march(self.model, **said | self.asked | {"scales": {}})
 
     def filled(self, row: Row, case: Validation) -> Row:
         """Return a line with what was found."""
@@ -252,7 +258,6 @@ class Marched:
         tree = self.model.expanded(case.expression)
         true = evaluated_many(self.model, [tree], {"t": times}, constants(self.model), ())[0]
         return np.abs(values - np.broadcast_to(true, times.shape) / factor)
-
 
     def _at(self, run: xr.Dataset, name: str, times: Floats) -> Floats:
         """Return what a quantity was at times; what is no observable is known at accepted ones alone."""

@@ -1,0 +1,307 @@
+"""The validation ledger: exact cases, models' own closed forms, manufactured solutions, limiting cases, planted defects."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from problems import MODELS
+from xdynamics.evidence.ledger import VERDICTS, lines_of
+from xdynamics.record.words import words_of
+
+
+@pytest.fixture(scope="module")
+def ledger() -> Any:
+    """Every case by every method."""
+    return xd.validate()
+
+
+def test_every_method_passes_or_refuses(ledger: Any) -> None:
+    """Assert that no case fails, that every method has most of its cases passed, and every refusal a reason."""
+    assert not [line for line in lines_of(ledger) if line.startswith("failed")]
+    for method in xd.METHODS:
+        mine = ledger.case_method == method
+        words = words_of(ledger.verdict[mine])
+        assert words.count("passed") >= 25, method
+        notes = ledger.case_note[mine].values[np.array(words) == "refused"]
+        assert all(notes)
+    assert ledger.sizes["case"] == 34 * len(xd.METHODS)
+
+
+def test_stages_are_those_of_the_text(ledger: Any) -> None:
+    """Assert the order in which cases stand, and that each says relation, place, norm, unit and bound."""
+    names = list(dict.fromkeys(str(one).partition(".")[0] for one in ledger.case_name.values))
+    assert names == [
+        "zero_force", "constant_acceleration", "linear_drag", "linear_oscillator", "long_oscillation", "zero_coupling",
+        "slow_mode", "fast_mode", "both_modes", "drive", "impact", "resting_contact", "dry_friction", "unit_scaling",
+    ]  # fmt: skip
+    assert (np.diff(ledger.case_stage) >= 0).all()
+    for name in ("case_relation", "case_observable", "case_where", "case_norm", "case_bound_rule", "case_units"):
+        assert all(str(one) for one in ledger[name].values), name
+    passed = np.array(words_of(ledger.verdict)) == "passed"
+    assert (ledger.residual.values[passed] <= ledger.bound.values[passed]).all()
+    assert all(len(str(one)) == 64 for one in ledger.case_run.values[passed])
+
+
+def test_exact_limits_are_exact(ledger: Any) -> None:
+    """Assert that what rests stays at rest to the bit, and quadratics are met to rounding from order two on."""
+    names = ledger.case_name.values
+    still = np.isin(names, ["zero_coupling.at_rest", "zero_coupling.at_rest_too", "resting_contact.y"]) & (
+        ledger.verdict.values == 0
+    )
+    assert (ledger.residual.values[still] == 0.0).all()
+    quadratic = names == "constant_acceleration.position"
+    high = np.array([xd.METHODS[str(one)].order > 1 for one in ledger.case_method.values])
+    assert (ledger.residual.values[quadratic & high] < 1e-12).all()
+    euler = quadratic & np.isin(ledger.case_method.values, ["forward_euler", "euler_cromer"])
+    assert ledger.residual.values[euler] == pytest.approx(2.5 * 4.0 * 0.1 / 2, rel=1e-12)  # their own law: a t h/2
+
+
+DEFECTS = {
+    "wrong update order": ("euler_cromer", "broken('euler_cromer', xd.METHODS['forward_euler'].update)", "long_oscillation.energy"),
+    "stale force": ("velocity_verlet", "broken('velocity_verlet', xd.METHODS['velocity_verlet'].update.replace('h/2*(a + a1)', 'h*a'))", "linear_oscillator.position"),
+    "midpoint drive at the wrong time": ("midpoint", "broken('midpoint', xd.METHODS['midpoint'].update.replace('t + h/2', 't'))", "drive.position"),
+    "restitution of the wrong velocity": ("rk4", "Model.rate_of = lambda self, node: derivative(self.expanded(node), {k: v for k, v in self.rates.items() if k != 't'})", "impact.velocity"),
+    "energy with half a mass": ("rk4", "whole = Layout._energies; Layout._energies = lambda self: {k: multiply(Number(0.5), v) if k == 'kinetic_energy' else v for k, v in whole(self).items()}", "linear_oscillator.kinetic_energy_at_the_start"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("defect", DEFECTS)
+def test_a_planted_defect_is_named(defect: str) -> None:
+    """Assert that the ledger fails where it should, in a process of its own that is broken first."""
+    method, broken, case = DEFECTS[defect]
+    script = f"""
+        from dataclasses import replace
+        import xdynamics as xd
+        from xdynamics.expressions import Number
+        from xdynamics.expressions.calculus import derivative, multiply
+        from xdynamics.kernels.layout import Layout
+        from xdynamics.model import Model
+
+        def broken(name, update):
+            assert update != xd.METHODS[name].update
+            xd.METHODS[name] = replace(xd.METHODS[name], update=update)
+
+        {broken}
+        found = xd.validate(["{method}"])
+        print(*[str(one) for one in found.case_name.values[found.verdict.values == 1]])
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=False)
+    assert case in done.stdout.split(), done.stderr[-2000:]
+
+
+OWN = """
+name = "falling"
+[coordinates]
+y = { unit = "mm" }
+[parameters]
+m = "2 kg"
+g = "9.81 m s-2"
+h = "1 m"
+[mass]
+y = "m"
+[forces.gravity]
+potential = "m*g*y"
+[initial]
+y = "1000 mm"
+v_y = "0 mm s-1"
+[events.ground]
+function = "y"
+action = "stop"
+[validation.y]
+expression = "h - g*t**2/2"
+times = ["0.1 s", "0.25 s"]
+bound = "1e-9 mm"
+[validation.landing]
+event = "ground"
+quantity = "t"
+expression = "sqrt(2*h/g)"
+bound = "1 ns"
+[validation.wrong]
+quantity = "v_y"
+expression = "-g*t*1.001"
+bound = "1 um s-1"
+description = "a thousandth too fast"
+[run]
+method = "velocity_verlet"
+step = "0.1 s"
+until = "1 s"
+"""
+
+
+def test_a_model_says_its_own_closed_forms(tmp_path: Path) -> None:
+    """Assert passed and failed lines of a model file, in the record's units, and the file's round trip."""
+    model = xd.Model.from_text(OWN)
+    assert xd.Model.from_text(model.to_toml()) == model
+    found = xd.validate(model=model)
+    assert found.case_name.values.tolist() == ["y", "landing", "wrong"]
+    assert words_of(found.verdict) == ["passed", "passed", "failed"]
+    assert found.case_units.values.tolist() == ["mm", "s", "mm s-1"]
+    assert found.bound.values == pytest.approx([1e-9, 1e-9, 1e-3], rel=1e-12)
+    assert float(found.residual[2]) == pytest.approx(9810 * 0.4515 * 1e-3, rel=1e-3)
+    assert found.case_where.values.tolist()[0] == "t = 0.1, 0.25 s"
+    xd.save(found, tmp_path / "l.nc")
+    assert xd.open_run(tmp_path / "l.nc").case_method.values.tolist() == ["velocity_verlet"] * 3
+    assert xd.validate(["rk4", "dop853"], model).sizes["case"] == 6
+
+
+def test_an_event_that_was_not_met_has_failed() -> None:
+    """Assert that a landing which does not come is no pass."""
+    model = xd.Model.from_text(OWN.replace('until = "1 s"', 'until = "0.3 s"'))
+    found = xd.validate(model=model)
+    assert words_of(found.verdict)[1] == "failed"
+    assert found.case_note.values[1] == "ground was met 0 times"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('bound = "1 ns"', "", "validation 'landing': key 'bound' is missing"),
+        ('bound = "1 ns"', 'bound = "1 mm"', "bound '1.0 mm' has units 'm', needs 's'"),
+        ('bound = "1 ns"', 'bound = "soon"', "bound is 'soon', needs a quantity like '1 mm', or one of 'rounding'"),
+        ('bound = "1 ns"', 'bound = "-1 ns"', "needs a positive one"),
+        ('event = "ground"', 'event = "sky"', "event 'sky' is none of the model's; there are ground"),
+        ('event = "ground"', 'event = "ground"\noccurrence = 0', "occurrence is 0, needs 1 or more"),
+        ('event = "ground"', 'event = "ground"\ntimes = ["1 s"]', "event and times are both given"),
+        ('"sqrt(2*h/g)"', '"2*h/g"', "has units 's2', needs 's' of 't'"),
+        ('"h - g*t**2/2"', '"y"', "reads 'y', which is what is computed"),
+        ('"h - g*t**2/2"', '"h - q"', "q"),
+        ('quantity = "v_y"', "quantity = 3", "quantity is 3, needs the name of one"),
+        ("description", "remark", "key 'remark' is not known"),
+    ],
+)
+def test_wrong_closed_forms(old: str, new: str, said: str) -> None:
+    """Assert what a model says of each."""
+    assert old in OWN
+    with pytest.raises(xd.ModelError, match=said):
+        xd.Model.from_text(OWN.replace(old, new))
+
+
+def test_wrong_questions() -> None:
+    """Assert what is said of unknown methods, models without closed forms or methods, and quantities that no run has."""
+    with pytest.raises(xd.InputError, match="method 'rk5' is not known; there are forward_euler"):
+        xd.validate(["rk4", "rk5"])
+    with pytest.raises(xd.InputError, match="has no closed form; write one as .validation"):
+        xd.validate(model=xd.Model.from_toml(MODELS / "kepler.toml"))
+    with pytest.raises(xd.InputError, match="has no method in its .run.; give methods"):
+        xd.validate(model=xd.Model.from_text(OWN.replace('method = "velocity_verlet"', "")))
+    with pytest.raises(xd.InputError, match="quantity 'speed' is nothing that the run has"):
+        xd.validate(model=xd.Model.from_text(OWN.replace('quantity = "v_y"', 'quantity = "speed"')))
+    adaptive = (
+        OWN.replace('step = "0.1 s"', "rtol = 1e-6")
+        .replace("velocity_verlet", "dop853")
+        .replace('"1 um s-1"', '"order"')
+    )
+    with pytest.raises(xd.InputError, match="needs a fixed step in .run."):
+        xd.validate(model=xd.Model.from_text(adaptive))
+    with pytest.raises(xd.InputError, match="model is 'ball.toml', needs a Model"):
+        xd.validate(model="ball.toml")
+
+
+# ------------------------------------------------------------------------------------------------ manufactured solutions
+
+
+@pytest.mark.parametrize("method", ["midpoint", "rk4", "dop853", "kahan_li6", "radau_iia"])
+def test_manufactured_solutions_have_the_order(method: str) -> None:
+    """Assert that a pendulum made to follow a wanted angle does so with the order of the method."""
+    pendulum = xd.Model.from_toml(MODELS / "pendulum.toml")
+    known = xd.manufactured(pendulum, {"theta": "radian*(sin(2*t/second) + 0.2*cos(3*t/second))"})
+    assert [*known.validation] == ["theta", "v_theta"]
+    assert words_of(xd.validate([method], known).verdict) == ["passed", "passed"]
+    study = xd.refine(known, method=method, steps=[0.2, 0.1, 0.05], until=2.0, at=[2.0])
+    true = np.sin(4.0) + 0.2 * np.cos(6.0)
+    assert abs(float(study.theta[-1, 0]) - true) <= float(study.uncertainty_theta[0]) + 1e-15
+
+
+def test_manufactured_solutions_of_full_masses_and_states() -> None:
+    """Assert a double pendulum, whose mass matrix is full, and a first-order state that drives back."""
+    double = xd.Model.from_toml(MODELS / "double_pendulum.toml")
+    known = xd.manufactured(double, {"th1": "radian*sin(t/second)", "th2": "radian*cos(2*t/second)"})
+    run = xd.simulate(known, method="dop853", rtol=1e-11, atol=1e-12, until=3.0)
+    assert run.th1.values == pytest.approx(np.sin(run.time.values), abs=1e-9)
+    from problems import damped
+
+    warm = xd.manufactured(damped().model, {"x": "metre*cos(t/second)", "s": "kelvin*exp(-t/second)"})
+    run = xd.simulate(warm, method="dop853", rtol=1e-11, atol=1e-12, until=3.0)
+    assert run.s.values == pytest.approx(np.exp(-run.time.values), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "trajectory", "said"),
+    [
+        ("pendulum", {}, "'theta' has no trajectory"),
+        ("pendulum", {"theta": "radian", "x": "metre"}, "'x' is no coordinate or state; there are theta"),
+        ("pendulum", {"theta": "metre"}, "'theta': 'metre' has units 'm', needs"),
+        ("pendulum", {"theta": "theta"}, "reads 'theta'; a trajectory is of t and parameters"),
+        ("bouncing_ball", {"y": "metre"}, "has contacts; a manufactured solution is of a model without"),
+        ("cart_spring", {"x": "metre"}, "is of 'x'; a manufactured solution takes drives of time alone"),
+    ],
+)
+def test_wrong_trajectories(name: str, trajectory: dict[str, str], said: str) -> None:
+    """Assert what is said of each."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.manufactured(xd.Model.from_toml(MODELS / f"{name}.toml"), trajectory)
+
+
+# ------------------------------------------------------------------------------------------------------- limiting cases
+
+
+def test_a_coupling_that_goes() -> None:
+    """Assert that coordinates come to what they are alone, in proportion to the coupling."""
+    model = xd.Model.from_toml(MODELS / "coupled_masses.toml")
+    found = xd.limiting(
+        model, "kc", ["1 N m-1", "0.1 N m-1", "10 mN m-1"], 0, at=["1 s", "2 s"], method="dop853", rtol=1e-11, until=2.0
+    )
+    assert found.approached_x1.values.tolist() == [1, 1]
+    assert found.order_x1.values[-1] == pytest.approx(1.0, abs=0.05)
+    assert found.parameter_value.attrs["units"] == "N m-1"
+    assert found.limit_x2.attrs["units"] == "m"
+    assert len(found.attrs["runs"].split()) == 4
+
+
+def test_drag_that_vanishes() -> None:
+    """Assert that a thrown ball comes to its parabola as 1/vt**2 vanishes."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml").replace(parameters={"vt": "300 m s-1"})
+    found = xd.limiting(
+        model,
+        "vt",
+        ["3e2 m s-1", "3e3 m s-1", "3e4 m s-1"],
+        "3e7 m s-1",
+        at=1.0,
+        observables=["y"],
+        method="dop853",
+        rtol=1e-12,
+    )
+    assert float(found.limit_y[0]) == pytest.approx(20 - 9.80665 / 2, rel=1e-10)
+    away = np.abs(found.distance_y.values[:, 0])
+    assert away[:-1] / away[1:] == pytest.approx(100.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (("q", [1, 0.1], 0), "'q' is no parameter; there are m, k, kc"),
+        (("kc", [0.1, 1], 0), "need 2 or more that come closer to 0"),
+        (("kc", [0.1], 0), "need 2 or more"),
+        (("kc", [0.1, 0.0], 0), "need 2 or more that come closer"),
+        (("kc", ["1 kg", "0.1 kg"], 0), "kc '1 kg' has units 'kg', needs 'N m-1'"),
+    ],
+)
+def test_wrong_limits(asked: tuple[Any, ...], said: str) -> None:
+    """Assert what is said of each."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.limiting(
+            xd.Model.from_toml(MODELS / "coupled_masses.toml"), *asked, at=[1.0], method="rk4", step=0.1, until=1.0
+        )
+
+
+def test_verdicts_have_the_words_of_the_contract() -> None:
+    """Assert the three words."""
+    assert VERDICTS == ("passed", "failed", "refused")
