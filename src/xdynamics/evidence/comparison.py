@@ -121,7 +121,10 @@ def _check(run: Any) -> None:
 
 def _times(first: xr.Dataset, second: xr.Dataset) -> Floats:
     """Return every accepted time of either run that both reach."""
-    each = [np.unique(np.asarray(run["time"])) for run in (first, second)]
+    each = [np.asarray(run["time"]) for run in (first, second)]
+    for which, one in zip(("first", "second"), each, strict=True):
+        if (wrong := np.flatnonzero(~(np.diff(one) >= 0.0))).size:
+            raise InputError(f"the times of the {which} run do not increase behind t = {float(one[wrong[0]])!r} s, as a run's do")  # fmt: skip
     begin, end = max(one[0] for one in each), min(one[-1] for one in each)
     if begin > end:
         spans = [f"{float(one[0])!r} s to {float(one[-1])!r} s" for one in each]

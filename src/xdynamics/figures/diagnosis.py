@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
 import xarray as xr
 
 from xdynamics.faults import InputError
@@ -15,6 +16,7 @@ from xdynamics.schema import CYCLE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+STEADY = 1e-4  # of the first value: what changes by less is drawn as its change
 SHOWN = ("period", "phase_offset", "amplitude", "phase_space_area")
 
 
@@ -48,11 +50,13 @@ def foot_of(found: xr.Dataset) -> str:
 
 
 def _along_cycles(found: xr.Dataset, name: str, axes: Axes) -> None:
-    one = found[name]
-    axes.plot(found["cycle_time"].values, one.values, ".-", color=COLOURS[0], linewidth=1.0, markersize=4)
-    axes.ticklabel_format(axis="y", useOffset=False)
-    axes.set(xlabel="time at the end of the cycle (s)", ylabel=words(f"{name} ({one.attrs['units']})"))
-    axes.set_title(words(str(one.attrs["long_name"])), loc="left", fontsize=10)
+    one, units = found[name], found[name].attrs["units"]
+    first = float(one[0])
+    steady = float(np.nanmax(np.abs(one.values - first))) < STEADY * abs(first)
+    values, shown = (one.values - first, f"{name} - {first:.9g} {units}") if steady else (one.values, name)
+    axes.plot(found["cycle_time"].values, values, ".-", color=COLOURS[0], linewidth=1.0, markersize=4)
+    axes.set(xlabel="time at the end of the cycle (s)", ylabel=words(f"{name} ({units})"))
+    axes.set_title(words(shown), loc="left", fontsize=10, pad=14)
 
 
 def _residual(found: xr.Dataset, name: str, axes: Axes) -> None:

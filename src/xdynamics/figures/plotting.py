@@ -5,19 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from xdynamics.figures import comparison, diagnosis, refinement, run
-from xdynamics.figures.sheet import check_path, sheet, write
+from xdynamics.figures import comparison, diagnosis, ledger, refinement, run
+from xdynamics.figures.sheet import HEIGHT, check_path, sheet, write
 from xdynamics.schema import EVIDENCE
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-PAGES = {
-    "comparison": (comparison.panels_of, comparison.foot_of),
-    "diagnosis": (diagnosis.panels_of, diagnosis.foot_of),
-    "refinement": (refinement.panels_of, refinement.foot_of),
-}
+PAGES = {"comparison": comparison, "diagnosis": diagnosis, "ledger": ledger, "refinement": refinement}
 
 
 def plot(record: xr.Dataset, path: str | Path | None = None) -> Figure:
@@ -26,7 +22,7 @@ def plot(record: xr.Dataset, path: str | Path | None = None) -> Figure:
     Parameters
     ----------
     record : xarray.Dataset
-        A run record, or what `refine`, `compare` or `diagnose` returns.
+        A run record, or what `refine`, `compare`, `diagnose` or `validate` returns.
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.
 
@@ -37,8 +33,9 @@ def plot(record: xr.Dataset, path: str | Path | None = None) -> Figure:
     """
     if path is not None:
         check_path(Path(path))
-    panels_of, foot_of = PAGES.get(str(record.attrs.get(EVIDENCE, "")), (run.panels_of, run.ending_of))
-    figure = sheet(panels_of(record), str(record.attrs.get("title", "run")), foot_of(record))
+    page = PAGES.get(str(record.attrs.get(EVIDENCE, "")), run)
+    height = float(getattr(page, "HEIGHT", HEIGHT))
+    figure = sheet(page.panels_of(record), str(record.attrs.get("title", "run")), page.foot_of(record), height)
     if path is not None:
         write(figure, Path(path))
     return figure

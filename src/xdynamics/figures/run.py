@@ -52,7 +52,7 @@ def panels_of(run: xr.Dataset) -> list[Panel]:
     return panels
 
 
-def ending_of(run: xr.Dataset) -> str:
+def foot_of(run: xr.Dataset) -> str:
     """Say how a run ended."""
     return f"{run.attrs.get('run_outcome', '')}: {run.attrs.get('run_outcome_text', '')}"
 

@@ -20,21 +20,23 @@ Panel = Callable[["Axes"], None]
 
 FORMATS = (".png", ".svg", ".pdf")
 WIDTH, MOST_LINES = 190, 3  # of the text below
+HEIGHT = 2.9  # inches
 
 
-def sheet(panels: Sequence[Panel], title: str, foot: str) -> Figure:
-    """Draw panels in two columns, in reading order."""
+def sheet(panels: Sequence[Panel], title: str, foot: str, height: float = HEIGHT) -> Figure:
+    """Draw panels in reading order, in two columns, one alone over both; each so many inches high."""
     from matplotlib.figure import Figure
 
+    columns = min(2, len(panels))
     rows = (len(panels) + 1) // 2
-    figure = Figure(figsize=(11, 2.9 * rows + 0.7), layout="constrained")
-    grid = figure.subplots(rows, 2, squeeze=False)
+    figure = Figure(figsize=(11, height * rows + 0.7), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False)
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     for axes, draw in zip(grid.flat, panels, strict=False):
-        draw(axes)
         axes.grid(color="#e3e3e3", linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
+        draw(axes)
     figure.suptitle(words(title), x=0.01, ha="left", fontsize=13)
     told = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
     figure.supxlabel("\n".join(told), fontsize=8, color="#555555", x=0.01, ha="left")

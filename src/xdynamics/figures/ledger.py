@@ -1,0 +1,53 @@
+"""Figures of ledgers: every case by every method, and how much of its bound the residual takes."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.figures.marks import words
+from xdynamics.figures.sheet import Panel
+from xdynamics.record.words import words_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SHADES = ("#dfe7f2", "#b9cce4", "#8fb0d6")  # of a residual far below its bound, near it, close to it
+FAILED, REFUSED = "#c8452f", "#f1f1f1"
+NEAR, CLOSE = 1e-3, 0.3  # residual over bound
+HEIGHT = 7.5  # inches of the table
+
+
+def panels_of(ledger: xr.Dataset) -> list[Panel]:
+    """Return what draws the ledger as a table."""
+    return [partial(_table, ledger)]
+
+
+def foot_of(ledger: xr.Dataset) -> str:
+    """Say what the colours are."""
+    counts = words_of(ledger["verdict"])
+    told = ", ".join(f"{counts.count(word)} {word}" for word in dict.fromkeys(counts))
+    return f"{told}; from light to dark: residual below {NEAR:g}, below {CLOSE:g}, above {CLOSE:g} of its bound; red: failed; blank: refused"  # fmt: skip
+
+
+def _table(ledger: xr.Dataset, axes: Axes) -> None:
+    from matplotlib.patches import Rectangle
+
+    names, methods = ([*dict.fromkeys(map(str, ledger[f"case_{key}"].values))] for key in ("name", "method"))
+    for name, method, verdict, residual, bound in zip(
+        ledger["case_name"].values, ledger["case_method"].values, words_of(ledger["verdict"]), ledger["residual"].values, ledger["bound"].values, strict=True
+    ):  # fmt: skip
+        share = residual / bound if bound > 0.0 else 0.0
+        shade = SHADES[int(share >= NEAR) + int(share >= CLOSE)]
+        colour = {"failed": FAILED, "refused": REFUSED}.get(verdict, shade)
+        place = methods.index(str(method)), names.index(str(name))
+        axes.add_patch(Rectangle(place, 1, 1, facecolor=colour, edgecolor="white", linewidth=0.8))
+    axes.set(xlim=(0, len(methods)), ylim=(len(names), 0))
+    axes.set_xticks(np.arange(len(methods)) + 0.5, [words(one) for one in methods], rotation=90, fontsize=7)
+    axes.set_yticks(np.arange(len(names)) + 0.5, [words(one.replace(".", ": ")) for one in names], fontsize=7)
+    axes.tick_params(length=0)
+    axes.spines[["left", "bottom"]].set_visible(False)
+    axes.grid(visible=False)
