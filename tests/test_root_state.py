@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import xdynamics as xd
-from problems import ROOT
 
 
 def crossing(root_state: str, **more: Any) -> xd.Model:
@@ -62,28 +59,3 @@ def test_the_word_is_kept_and_others_are_refused() -> None:
     assert xd.Model.from_text(model.to_toml()) == model
     with pytest.raises(xd.ModelError, match="root_state 'guess' is not known; there are reintegrate, interpolant"):
         crossing("guess")
-
-
-def test_step_tolerance_and_rule_are_separate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Assert the example's tables: fourth order by the step, the bracket by its tolerance, the interpolant by its own order."""
-    spec = importlib.util.spec_from_file_location("event_times", ROOT / "pipelines" / "event_times" / "pipeline.py")
-    assert spec is not None
-    assert spec.loader is not None
-    pipeline = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(pipeline)
-    pipeline.main(tmp_path)
-    assert (tmp_path / "event_times.png").stat().st_size > 10_000
-    rows = capsys.readouterr().out.splitlines()
-    found = np.array(
-        [
-            [float(word) for word in line.replace(",", "").split() if "e-" in word or "e+" in word][-3:]
-            for line in rows[:8]
-        ]
-    )
-    error, bracket, drift = found.reshape(2, 4, 3).transpose(2, 0, 1)
-    assert (np.log2(error[0, 1:-1] / error[0, 2:]) > 3.5).all()
-    assert (bracket < 1.1e-10).all()
-    assert (drift[0] == 0).all()
-    assert (np.log2(drift[1, 1:-1] / drift[1, 2:]) > 4.0).all()
-    widths = [float(line.split("bracket ")[1].split()[0]) for line in rows[8:]]
-    assert all(width <= 1.01 * 10.0 ** -(2 * i + 2) for i, width in enumerate(widths))

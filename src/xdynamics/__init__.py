@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
     from xdynamics.record import check
+    from xdynamics.reporting import report
     from xdynamics.simulation import reproduce, simulate
 
 # public name -> the room it lives in, entered when the name is first used
@@ -47,13 +48,13 @@ _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
     "check": "record", "companion": "evidence.companion", "compare": "evidence.comparison", "diagnose": "evidence.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.limiting", "manufactured": "evidence.manufacturing", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
-    "refine": "evidence.refinement", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "validate": "evidence.ledger", "verify": "archive",
+    "refine": "evidence.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "validate": "evidence.ledger", "verify": "archive",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 
 __all__ = [
     "METHODS", "AccuracyWarning", "ArchiveError", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "StabilityWarning", "check", "companion", "compare", "content_digest", "diagnose", "discard", "extend", "limiting", "manufactured", "modes", "open_run",
-    "plot", "refine", "reproduce", "sample", "save", "sign", "simulate", "validate", "verify", "verify_signature",
+    "plot", "refine", "report", "reproduce", "sample", "save", "sign", "simulate", "validate", "verify", "verify_signature",
 ]  # fmt: skip
 
 

@@ -15,9 +15,11 @@ from xdynamics.record.words import words_of
 from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, TRIALS
 
 MOST_EVENTS = 20
+# kind of evidence -> the room that says what it tells
 TOLD = {
-    one: one for one in ("comparison", "diagnosis", "ledger", "refinement")
-}  # kind of evidence -> the room that says what it tells
+    "companion": "companion", "comparison": "comparison", "diagnosis": "diagnosis", "ledger": "ledger",
+    "limiting case": "limiting", "refinement": "refinement",
+}  # fmt: skip
 LONGEST = 400  # characters of a setting that are shown
 
 

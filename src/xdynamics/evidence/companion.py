@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -168,3 +168,13 @@ def _tightened(asked: Mapping[str, Any]) -> dict[str, Any]:
     atol = {name: Quantity(one.value / TIGHTER, one.unit) for name, one in asked["atol"].items()}
     kept = {name: value for name, value in asked.items() if name != "step"}
     return kept | {"rtol": asked["rtol"] / TIGHTER, "atol": atol, "max_steps": int(TIGHTER * asked["max_steps"])}
+
+
+def lines_of(found: xr.Dataset) -> Iterator[str]:
+    """Say how far a run is from the solution at its last time, and its events."""
+    yield f"beside a run with {found.attrs['companion']}"
+    for name in [str(one) for one in found.data_vars if global_error(str(one)) in found]:
+        value, off = float(found[name][-1]), float(found[global_error(name)][-1])
+        yield f"{name} = {value:.12g} {found[name].attrs['units']} at t = {float(found[AT_TIME][-1]):.9g} s, off by {off:.2g}"
+    for time, off in zip(found["event_time"].values, found["event_time_global_error"].values, strict=True):
+        yield f"event at t = {float(time):.12g} s, off by {float(off):.2g} s"

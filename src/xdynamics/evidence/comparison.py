@@ -29,6 +29,7 @@ Functions = Mapping[str, Callable[..., float]]
 ROLE = "difference"
 SECTIONS = ("parameters", "initial")  # of a model, whose entries are told apart from what else it says
 EPS = float(np.finfo(float).eps)
+ROUNDINGS = 64.0  # of the largest value, by which runs that are the same but for rounding may be apart
 # settings that follow from the model, the method and how its steps are chosen
 FOLLOWING = (
     "title", "summary", "source", "model_digest", "force_digest", "run_outcome_text", "solver_order",
@@ -104,7 +105,7 @@ def compare(
     variables |= {str(name): (one.dims, one.values, one.attrs) for name, one in table.items()}
     met = {str(name): one for name, one in _events(first, second)}
     said = table.attrs | _models_apart(first, second) | {"settings": "\n".join(settings_apart(first, second))}
-    said |= {"events": "\n".join(_counts(first, second)), "parted": _parted(variables, names)}
+    said |= {"events": "\n".join(_counts(first, second)), "parted": _parted(variables, first, names)}
     said |= {"cause": _cause(said), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
     return exhibit("comparison", title, digests, variables | met, said)
 
@@ -237,14 +238,15 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
         yield name, str(value)
 
 
-def _parted(variables: Mapping[str, Any], names: Sequence[str]) -> str:
+def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str]) -> str:
     """Say from when on a quantity is further apart than interpolation and rounding can be."""
     times, earliest, said = variables[AT_TIME][1], np.inf, ""
     for name in names:
         if f"difference_{name}" not in variables:
             continue
         apart, doubt = (variables[f"{kind}_{name}"][1] for kind in ("difference", "interpolation_error"))
-        beyond = np.flatnonzero(np.abs(apart) > doubt + 8.0 * EPS * np.max(np.abs(apart), initial=0.0))
+        rounding = ROUNDINGS * EPS * float(np.max(np.abs(first[name])))
+        beyond = np.flatnonzero(np.abs(apart) > doubt + rounding)
         if beyond.size and times[beyond[0]] < earliest:
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
             earliest = float(times[k])

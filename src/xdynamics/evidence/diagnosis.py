@@ -109,7 +109,8 @@ def diagnose(
     if found is not None:
         told |= {"coordinate": found.name, "level": found.level, "level_units": str(run[found.name].attrs["units"])}
         ideal, said = _reference(found, reference, beside, functions)
-        variables |= _along_cycles(run, found, ideal) | _turns(run, found.name, functions)
+        turns = _turns(run, found.name, functions)
+        variables |= _along_cycles(run, found, ideal, turns) | turns
         told["reference"] = said
     for name in _with_roles(run, ("coordinate", "velocity", "state")):
         variables |= extremes_of(run, name, functions)
@@ -224,7 +225,7 @@ def _filled(values: Floats, size: int) -> Floats:
     return np.concatenate([values[:size], np.full(max(0, size - len(values)), np.nan)])
 
 
-def _along_cycles(run: xr.Dataset, found: Cycles, other: Floats) -> dict[str, Any]:
+def _along_cycles(run: xr.Dataset, found: Cycles, other: Floats, turns: Mapping[str, Any]) -> dict[str, Any]:
     """Return what there is one of in each cycle."""
     time, name = np.asarray(run["time"]), found.name
     y, v = np.asarray(run[name]), np.asarray(run[schema.velocity(name)])
@@ -235,7 +236,8 @@ def _along_cycles(run: xr.Dataset, found: Cycles, other: Floats) -> dict[str, An
         q = np.concatenate([[found.level], y[inner], [found.level]])
         p = np.concatenate([[np.interp(begin, time, v)], v[inner], [np.interp(end, time, v)]])
         area[k] = abs(float(np.trapezoid(p, q)))
-        size[k] = float(np.ptp(q)) / 2.0
+        turned = turns["turning_point"][1][(turns["turning_time"][1] > begin) & (turns["turning_time"][1] < end)]
+        size[k] = float(np.ptp(np.concatenate([q, turned]))) / 2.0
     with np.errstate(invalid="ignore"):
         behind = TURN * (other[1:] - found.times[1:]) / np.diff(other)
     units, speed = (str(run[one].attrs["units"]) for one in (name, schema.velocity(name)))
@@ -246,7 +248,7 @@ def _along_cycles(run: xr.Dataset, found: Cycles, other: Floats) -> dict[str, An
         "period": (each, found.periods, about("s", "from one located crossing to the next", ROLE)),
         "period_uncertainty": (each, doubts[1:] + doubts[:-1], about("s", "what the location of both crossings is uncertain by", "error")),
         "phase_offset": (each, behind, about("rad", "phase at the end of the cycle less that of the reference; below 0 behind it", ROLE)),
-        "amplitude": (each, size, about(units, f"half of what {name} goes up and down, among accepted states", ROLE)),
+        "amplitude": (each, size, about(units, f"half of what {name} goes up and down, among accepted states and located turns", ROLE)),
         "phase_space_area": (each, area, about(str(parse_unit(f"{units} {speed}").text), f"area that {name} and its velocity go round", ROLE)),
     }  # fmt: skip
 

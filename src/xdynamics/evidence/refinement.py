@@ -224,6 +224,9 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
         here = {places[0]: k} if places else {}
         value = float(one.isel(here)[-1])
         where = "" if not places else f" at t = {float(study[AT_TIME][k]):.9g} s" if places[0] == AT else f" [{k + 1}]"
+        if np.isnan(value):
+            yield f"{name}{where} is not there in the finest level"
+            continue
         if f"verdict_{name}" not in study:
             yield f"{name}{where} = {value:.12g}{units}, changed by {float(study[f'difference_{name}'].isel(here)[-2]):.3g}{units}"
             continue

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from xdynamics.figures import comparison, diagnosis, ledger, refinement, run
+from xdynamics.figures import comparison, diagnosis, ledger, refinement, run, several
 from xdynamics.figures.sheet import HEIGHT, check_path, sheet, write
 from xdynamics.schema import EVIDENCE
 
@@ -13,16 +14,17 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-PAGES = {"comparison": comparison, "diagnosis": diagnosis, "ledger": ledger, "refinement": refinement}
+PAGES: dict[str, Any] = {"comparison": comparison, "diagnosis": diagnosis, "ledger": ledger, "refinement": refinement}
 
 
-def plot(record: xr.Dataset, path: str | Path | None = None) -> Figure:
+def plot(record: xr.Dataset | Mapping[str, xr.Dataset], path: str | Path | None = None) -> Figure:
     """Draw a run, or evidence: of a run every coordinate, velocity, force, energy and step; of evidence what it tells.
 
     Parameters
     ----------
-    record : xarray.Dataset
-        A run record, or what `refine`, `compare`, `diagnose` or `validate` returns.
+    record : xarray.Dataset, or mapping of str to xarray.Dataset
+        A run record, or what `refine`, `compare`, `diagnose` or `validate` returns; several refinements or diagnoses by
+        name, to be drawn together.
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.
 
@@ -33,9 +35,12 @@ def plot(record: xr.Dataset, path: str | Path | None = None) -> Figure:
     """
     if path is not None:
         check_path(Path(path))
-    page = PAGES.get(str(record.attrs.get(EVIDENCE, "")), run)
+    if hasattr(record, "attrs"):
+        page, title = PAGES.get(str(record.attrs.get(EVIDENCE, "")), run), str(record.attrs.get("title", "run"))
+    else:
+        page, title = several, f"{', '.join(record)}, side by side"
     height = float(getattr(page, "HEIGHT", HEIGHT))
-    figure = sheet(page.panels_of(record), str(record.attrs.get("title", "run")), page.foot_of(record), height)
+    figure = sheet(page.panels_of(record), title, page.foot_of(record), height)
     if path is not None:
         write(figure, Path(path))
     return figure

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.sheet import Panel
@@ -18,22 +19,44 @@ if TYPE_CHECKING:
 
 MOST_PLACES = 4  # of one number, in one panel
 MOST_PANELS = 12
+FAR_BELOW = 1e-3  # of the smallest difference: what is less than this is not drawn
 
 
 def panels_of(study: xr.Dataset) -> list[Panel]:
     """Return what draws each number of a refinement."""
-    names = [str(name) for name in study.data_vars if f"difference_{name}" in study]
-    return [partial(_differences, study, name) for name in names[:MOST_PANELS]]
+    return [partial(_differences, study, name) for name in _numbers(study)[:MOST_PANELS]]
 
 
 def foot_of(study: xr.Dataset) -> str:
     """Say what is drawn, and what is left out."""
-    count = sum(f"difference_{name}" in study for name in study.data_vars)
-    left = f"; {count - MOST_PANELS} further numbers are in the record" if count > MOST_PANELS else ""
+    left = sum(f"difference_{name}" in study for name in study.data_vars) - min(MOST_PANELS, len(_numbers(study)))
+    more = f"; {left} further numbers, at roundoff or limited by interpolation, are in the record" if left else ""
     return (
-        "dots: difference of each level to the next finer one; crosses: how far interpolation or location may have it off;"
-        f" dashed: order {study.attrs['formal_order']:g}{left}"
+        "dots: difference of each level to the next finer one; crosses: how far interpolation or location may have it off, where that is not far below;"
+        f" dashed: order {study.attrs['formal_order']:g}{more}"
     )
+
+
+def _numbers(study: xr.Dataset) -> list[str]:
+    """Name what levels tell something of; all, where that is nothing."""
+    names = [str(name) for name in study.data_vars if f"difference_{name}" in study]
+    return [name for name in names if telling(study, name)] or names
+
+
+def telling(study: xr.Dataset, name: str) -> bool:
+    """Whether levels differ by more than rounding and interpolation may have them off, at one place at least."""
+    if f"verdict_{name}" not in study:
+        return bool((np.abs(study[f"difference_{name}"]) > study[f"interpolation_error_{name}"]).any())
+    return bool({*words_of(study[f"verdict_{name}"])} - {"roundoff", "interpolation_limited"})
+
+
+def log_steps(axes: Axes, steps: NDArray[Any]) -> None:
+    """Give the levels a logarithmic axis, with a mark for each and no others."""
+    from matplotlib.ticker import NullLocator
+
+    axes.set_xscale("log")
+    axes.set_xticks(steps, [f"{one:.3g}" for one in steps], fontsize=8)
+    axes.xaxis.set_minor_locator(NullLocator())
 
 
 def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
@@ -49,7 +72,8 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
         )
         where = "" if not place else f"t = {float(study[AT_TIME][k]):.6g} s" if place == AT else f"occurrence {k + 1}"
         verdict = words_of(study[f"verdict_{name}"].isel(here))[0].replace("_", " ") if number else ""
-        shown, known = change > 0.0, doubt > 0.0
+        shown = change > 0.0
+        known = doubt > (FAR_BELOW * float(change[shown].min()) if shown.any() else 0.0)
         colour, label = COLOURS[k % len(COLOURS)], ", ".join(filter(None, (where, verdict)))
         axes.plot(steps[shown], change[shown], "o-", color=colour, markersize=4, linewidth=1.0, label=words(label))
         axes.plot(steps[known], doubt[known], "x", color=colour, markersize=4)
@@ -61,9 +85,7 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
         axes.set_yscale("log")
     units = one.attrs["units"]
     if number:
-        axes.set_xscale("log")
-        axes.set_xticks(steps, [f"{one:.3g}" for one in steps], fontsize=8)
-        axes.minorticks_off()
+        log_steps(axes, steps)
         axes.set(xlabel=words(f"{study.attrs['varied']} ({varied.attrs['units']})"))
     else:
         axes.set_xticks(steps, [words(str(each)) for each in varied.values])

@@ -1,0 +1,30 @@
+"""Refine a ball with drag: heights at common times, apex, landing, and the limit without drag.
+
+python pipelines/ball_with_drag/pipeline.py [folder]
+"""
+
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import xdynamics as xd
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+STUDY = tomllib.loads((HERE / "study.toml").read_text())
+
+
+def main(folder: str, study: dict[str, Any] = STUDY) -> str:
+    """Refine over given steps, then until the landing is known; march that once more, and without drag."""
+    model = xd.Model.from_toml(ROOT / study["model"])
+    refinement = xd.refine(model, method=study["method"], **study["refine"])
+    landing = xd.refine(model, method=study["method"], **study["landing"])
+    ball = xd.simulate(model, method=study["method"], step=float(landing.step_size[-1]))
+    diagnosis = xd.diagnose(ball)
+    limit = xd.limiting(model, **study["limit"], method="dop853", rtol=1e-12)
+    return xd.report(folder, refinement=refinement, landing=landing, ball=ball, diagnosis=diagnosis, limit=limit)
+
+
+if __name__ == "__main__":
+    print(main(*sys.argv[1:] or ["results"]))

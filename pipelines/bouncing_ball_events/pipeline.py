@@ -1,0 +1,28 @@
+"""Impacts of a bouncing ball by other steps, other root tolerances and another rule, each varied alone.
+
+python pipelines/bouncing_ball_events/pipeline.py [folder]
+"""
+
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import xdynamics as xd
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+STUDY = tomllib.loads((HERE / "study.toml").read_text())
+
+
+def main(folder: str, study: dict[str, Any] = STUDY) -> str:
+    """Vary one thing after the other, and draw the ball itself."""
+    model = xd.Model.from_toml(ROOT / study["model"])
+    common = {key: study[key] for key in ("until", "observables", "at")}
+    step, tolerance, rule = (xd.refine(model, **study[what], **common) for what in ("step", "tolerance", "rule"))
+    ball = xd.simulate(model, until=study["until"])
+    return xd.report(folder, step=step, tolerance=tolerance, rule=rule, ball=ball)
+
+
+if __name__ == "__main__":
+    print(main(*sys.argv[1:] or ["results"]))

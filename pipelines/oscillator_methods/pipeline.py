@@ -1,0 +1,30 @@
+"""Energy, phase, amplitude and phase-space area of an oscillator by three methods.
+
+python pipelines/oscillator_methods/pipeline.py [folder]
+"""
+
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import xdynamics as xd
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+STUDY = tomllib.loads((HERE / "study.toml").read_text())
+
+
+def main(folder: str, study: dict[str, Any] = STUDY) -> str:
+    """March by each method, and diagnose each run beside the closed form."""
+    model = xd.Model.from_toml(ROOT / study["model"])
+    period = float(xd.modes(model).period[0])
+    runs = {
+        name: xd.simulate(model, method=name, step=study["step"], until=study["until"]) for name in study["methods"]
+    }
+    diagnoses = {name: xd.diagnose(run, reference=period, exact=study["exact"]) for name, run in runs.items()}
+    return xd.report(folder, run=runs, diagnosis=diagnoses)
+
+
+if __name__ == "__main__":
+    print(main(*sys.argv[1:] or ["results"]))

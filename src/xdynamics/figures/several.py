@@ -1,0 +1,90 @@
+"""Figures of several pieces of evidence of one kind: a line each, in the panels that all have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.faults import InputError
+from xdynamics.figures import diagnosis, refinement
+from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.sheet import Panel
+from xdynamics.record.words import words_of
+from xdynamics.schema import CYCLE, EVIDENCE, LEVEL
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Several = Mapping[str, xr.Dataset]
+
+MARKERS = "os^Dv<>P"
+
+
+def panels_of(found: Several) -> list[Panel]:
+    """Return what draws each number that all have: of refinements its differences, of diagnoses what cycles have.
+
+    Raises
+    ------
+    InputError
+        If they are not all refinements of one thing, or all diagnoses, or share no number.
+    """
+    kinds = {str(one.attrs.get(EVIDENCE, "run")) for one in found.values()}
+    varied = {str(one.attrs.get("varied", "")) for one in found.values()}
+    if kinds not in ({"refinement"}, {"diagnosis"}) or len(varied) > 1:
+        raise InputError(f"several records are drawn together if all are refinements of one thing or all diagnoses; these are {', '.join(sorted(kinds))}")  # fmt: skip
+    first = next(iter(found.values()))
+    if kinds == {"diagnosis"}:
+        names = [name for name in diagnosis.SHOWN if all(name in one and one[name].notnull().any() for one in found.values())]  # fmt: skip
+        panels: list[Panel] = [partial(_along_cycles, found, name) for name in names]
+    else:
+        names = [str(name) for name in first.data_vars if all(f"difference_{name}" in one for one in found.values())]
+        names = [name for name in names if any(refinement.telling(one, name) for one in found.values())] or names
+        panels = [partial(_differences, found, name) for name in names[: refinement.MOST_PANELS]]
+    if not panels:
+        raise InputError("there is nothing to draw together: no number is in all of the records")
+    return panels
+
+
+def foot_of(found: Several) -> str:
+    """Say what is drawn."""
+    if all("varied" in one.attrs for one in found.values()):
+        return "difference of each level to the next finer one, at the first place; in brackets the last observed order"
+    if not all("energy_band" in one for one in found.values()):
+        return ""
+    energies = [f"{name} {float(one['energy_band']):.3g} {one['energy_band'].attrs['units']}" for name, one in found.items()]  # fmt: skip
+    return f"energy bands: {', '.join(energies)}"
+
+
+def _differences(found: Several, name: str, axes: Axes) -> None:
+    units = varied = ""
+    for k, (label, study) in enumerate(found.items()):
+        varied = str(study.attrs["varied"])
+        place = next((dim for dim in study[name].dims if dim != LEVEL), None)
+        here = {place: 0} if place else {}
+        change, units = np.abs(study[f"difference_{name}"].isel(here).values), str(study[name].attrs["units"])
+        shown = change > 0.0
+        if f"order_{name}" in study and study.sizes[LEVEL] > 2:
+            order = float(study[f"order_{name}"].isel(here)[-2])
+            verdict = words_of(study[f"verdict_{name}"].isel(here))[0].replace("_", " ")
+            label = f"{label} ({order:.2f}, {verdict})" if np.isfinite(order) else f"{label} ({verdict})"  # noqa: PLW2901
+        axes.plot(study[varied].values[shown], change[shown], f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=4, linewidth=1.0, label=words(label))  # fmt: skip
+        axes.set(xlabel=words(f"{varied} ({study[varied].attrs['units']})"))
+    axes.set_yscale("log")
+    refinement.log_steps(axes, np.unique(np.concatenate([one[varied].values for one in found.values()])))
+    axes.set(ylabel=words(f"|difference| ({units})"))
+    axes.set_title(words(name), loc="left", fontsize=10)
+    axes.legend(fontsize=7, framealpha=0.8, edgecolor="none")
+
+
+def _along_cycles(found: Several, name: str, axes: Axes) -> None:
+    units = ""
+    for k, (label, one) in enumerate(found.items()):
+        units = str(one[name].attrs["units"])
+        axes.plot(one["cycle_time"].values, one[name].values, f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=3.5, linewidth=1.0, label=words(label))  # fmt: skip
+    axes.set(xlabel=f"time at the end of the {CYCLE} (s)", ylabel=words(f"{name} ({units})"))
+    axes.set_title(words(name.replace("_", " ")), loc="left", fontsize=10)
+    axes.legend(fontsize=8, frameon=False)

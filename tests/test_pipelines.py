@@ -1,0 +1,105 @@
+"""The pipelines: each runs in one call, small, and leaves archives, figures and one page; each has the one form."""
+
+from __future__ import annotations
+
+import importlib.util
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from problems import MODELS, ROOT, particle
+
+PIPELINES = sorted(one.parent.name for one in (ROOT / "pipelines").glob("*/pipeline.py"))
+# of the studies what makes them small
+SMALL: dict[str, dict[str, Any]] = {
+    "convergence_study": {"methods": ["velocity_verlet", "rk4"]},
+    "oscillator_methods": {"until": "8 s"},
+    "ball_with_drag": {},
+    "bouncing_ball_events": {},
+    "coupled_modes": {"until": "5 s", "refine": {"steps": ["80 ms", "40 ms"], "at": ["5 s"]}},
+    "rocket_flight": {"steps": ["20 ms", "10 ms"]},
+}
+
+
+def main_of(name: str) -> Callable[..., str]:
+    """The pipeline's main function."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "pipelines" / name / "pipeline.py")
+    assert spec is not None
+    assert spec.loader is not None
+    pipeline = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pipeline)
+    found: Callable[..., str] = pipeline.main
+    return found
+
+
+@pytest.mark.parametrize("name", PIPELINES)
+def test_it_leaves_archives_figures_and_a_page(name: str, tmp_path: Path) -> None:
+    """Assert that everything is there, verified, and that the page names each with its digest."""
+    study = tomllib.loads((ROOT / "pipelines" / name / "study.toml").read_text()) | SMALL[name]
+    page = main_of(name)(str(tmp_path / "results"), study)
+    archives = sorted((tmp_path / "results").glob("*.nc"))
+    assert len(archives) >= 3
+    kept = (tmp_path / "results" / "report.md").read_text()
+    assert kept.strip() in page + "\n" or page.strip() in kept
+    for one in archives:
+        assert f"{one.name}, {xd.verify(one)}" in kept
+    figures = sorted((tmp_path / "results").glob("*.png"))
+    assert figures
+    assert all(f"]({one.name})" in kept and one.stat().st_size > 10_000 for one in figures)
+
+
+@pytest.mark.parametrize("name", PIPELINES)
+def test_it_has_the_one_form(name: str) -> None:
+    """Assert study, 60 lines at most, a page with its command and a figure that is there."""
+    folder = ROOT / "pipelines" / name
+    assert len((folder / "pipeline.py").read_text().splitlines()) <= 60
+    text = (folder / "README.md").read_text()
+    assert f"python pipelines/{name}/pipeline.py results" in text
+    figure = text.partition("](")[2].partition(")")[0]
+    assert (folder / figure).is_file()
+    assert (folder / "study.toml").is_file()
+
+
+def test_what_the_pages_say_is_so() -> None:
+    """Assert figures that READMEs of pipelines give: the numeric phase, the growth of Euler, the limit without drag."""
+    oscillator = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    found = xd.diagnose(xd.simulate(oscillator, step="20 ms", until="32 s"), reference=np.pi, companion=False)
+    ahead = 8 * 0.02**2 / 24 * (found.cycle_time.values - 2.356)
+    assert found.phase_offset.values == pytest.approx(ahead, rel=0.02)
+    ball = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    limit = xd.limiting(ball, "vt", ["100 m s-1", "1000 m s-1"], "1e7 m s-1", at=["1 s"], method="dop853", rtol=1e-12)
+    away = np.abs(limit.distance_y.values[:, 0])
+    assert away[0] / away[1] == pytest.approx(100.0, rel=0.05)
+
+
+def test_reports_of_what_cannot_be_reported(tmp_path: Path) -> None:
+    """Assert one error each for no record, a file in the folder's place, and what is no record."""
+    run = xd.simulate(particle("F"), method="rk4", step=0.1, until=1.0)
+    with pytest.raises(xd.InputError, match="report needs at least one record"):
+        xd.report(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(xd.InputError, match="folder '.*file' cannot be made: File exists"):
+        xd.report(tmp_path / "file", run=run)
+    for other in (xd.Model.from_toml(MODELS / "kepler.toml"), {}, {"a": 1}, 3):
+        with pytest.raises(xd.InputError, match="'other' is .*, needs a run, evidence, or several of them by name"):
+            xd.report(tmp_path / "results", run=run, other=other)
+    assert not (tmp_path / "results").exists()
+
+
+def test_records_drawn_together(tmp_path: Path) -> None:
+    """Assert that only refinements of one thing, or diagnoses, are drawn together."""
+    run = xd.simulate(particle("F"), method="rk4", step=0.1, until=1.0)
+    with pytest.raises(xd.InputError, match="several records are drawn together if all are refinements"):
+        xd.plot({"a": run, "b": run})
+    by_step, by_tolerance = (
+        xd.refine(particle("F*cos(t/second)"), method="dop853", until=1.0, **one)
+        for one in ({"steps": [0.2, 0.1]}, {"rtols": [1e-4, 1e-6]})
+    )
+    with pytest.raises(xd.InputError, match="several records are drawn together if all are refinements of one thing"):
+        xd.plot({"a": by_step, "b": by_tolerance})
+    assert xd.plot({"a": by_step, "b": by_step}, tmp_path / "two.svg").axes
