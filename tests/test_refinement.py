@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -258,3 +259,15 @@ def test_saved_and_opened_again(tmp_path: Any) -> None:
     (tmp_path / "broken.nc").write_bytes(broken)
     with pytest.raises(xd.ArchiveError, match="'run_digest' differs from its digest"):
         xd.open_run(tmp_path / "broken.nc")
+
+
+def test_runs_of_levels_are_kept_in_files(tmp_path: Path) -> None:
+    """Assert that a study over archives is the study in memory, to the bit, and that its runs are there and verified."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    asked = {"method": "midpoint", "steps": [0.1, 0.05, 0.025], "observables": ["y", "v_y", "total_energy"]}
+    inside, outside = xd.refine(model, **asked), xd.refine(model, **asked, keep=tmp_path / "levels")
+    assert xd.content_digest(inside) == xd.content_digest(outside)
+    assert [xd.verify(tmp_path / "levels" / f"level_{k}.nc") for k in range(3)] == list(inside.run_digest.values)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(xd.InputError, match="folder '.*file' is no path for a file: File exists"):
+        xd.refine(model, **asked, keep=tmp_path / "file")

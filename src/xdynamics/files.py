@@ -85,6 +85,22 @@ def decoded(content: bytes) -> str:
     return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
 
 
+def made_folder(folder: str | Path) -> Path:
+    """Return a folder, made where it is not there.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+    found = Path(folder)
+    try:
+        asked(found, lambda one: one.mkdir(parents=True, exist_ok=True))
+    except InputError as error:
+        raise InputError(f"folder {error}") from None
+    return found
+
+
 @contextmanager
 def synced(path: Path) -> Iterator[int]:
     """Lend a descriptor of a file or folder, and have both it and what is done with it reach the disk."""

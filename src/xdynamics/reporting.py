@@ -10,6 +10,7 @@ from xdynamics import archive
 from xdynamics.archive.target import taking_name
 from xdynamics.faults import InputError
 from xdynamics.figures import plot
+from xdynamics.files import made_folder
 from xdynamics.summary import summary
 
 if TYPE_CHECKING:
@@ -44,11 +45,7 @@ def report(folder: str | Path, **records: xr.Dataset | dict[str, xr.Dataset]) ->
         each = one.values() if isinstance(one, dict) else [one]
         if not each or not all(hasattr(record, "attrs") for record in each):
             raise InputError(f"'{name}' is {str(one)[:40]!r}, needs a run, evidence, or several of them by name")
-    target = Path(folder)
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"folder '{folder}' cannot be made: {error.strerror}") from None
+    target = made_folder(folder)
     words = "\n".join(line for name, one in records.items() for line in _told(target, name, one))
     with taking_name(target / PAGE) as new:
         new.part.write_text(words + "\n")

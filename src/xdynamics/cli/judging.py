@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 @click.option("--at", "times", multiple=True, metavar="TIME", help="A time to compare at; by default the end.")
 @click.option("--observable", "observables", multiple=True, metavar="NAME", help="What to compare; by default every state. Also energy_range, period_x, phase_x.")  # fmt: skip
 @click.option("--until-change", "changes", multiple=True, metavar="NAME=SIZE", help="Go on with finer levels until NAME changes by less, like y='10 m'.")  # fmt: skip
+@click.option("--keep", metavar="FOLDER", help="Stream the run of each level to a file there.")
 @click.option("--defects", is_flag=True, help="Add the largest local error of a step in each level.")
 @click.option("--until", help="End of the runs.")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
@@ -41,6 +42,7 @@ def refine(
     times: tuple[str, ...],
     observables: tuple[str, ...],
     changes: tuple[str, ...],
+    keep: str | None,
     defects: bool,
     until: str | None,
     values: tuple[str, ...],
@@ -52,7 +54,12 @@ def refine(
 
     model = changed_model(model_file, values)
     asked: dict[str, Any] = {"method": method, "at": list(times) or None, "observables": list(observables) or None}
-    asked |= {"until": until, "defects": defects, "until_change": pairs(changes, "--until-change") or None}
+    asked |= {
+        "until": until,
+        "defects": defects,
+        "keep": keep,
+        "until_change": pairs(changes, "--until-change") or None,
+    }
     asked |= _levels(model, step, rtol, time_tolerance, levels, ratio)
     _kept(refined(model, **asked), lines_of, output)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -71,6 +72,8 @@ class Levels:
         The order that errors have in them: the method's in its step, 1 in a tolerance, nan of rules.
     asked : dict
         Settings that all levels share.
+    keep : Path, optional
+        A folder that the runs are streamed to; without it they stay in memory.
     """
 
     model: Model
@@ -78,9 +81,12 @@ class Levels:
     values: NDArray[Any]
     formal: float
     asked: dict[str, Any] = field(default_factory=dict)
+    keep: Path | None = None
 
     @classmethod
-    def of(cls, model: Model, given: Mapping[str, Any], asked: dict[str, Any], *, fewest: int) -> Levels:
+    def of(
+        cls, model: Model, given: Mapping[str, Any], asked: dict[str, Any], *, fewest: int, keep: Path | None = None
+    ) -> Levels:
         """Read what is varied.
 
         Raises
@@ -100,9 +106,9 @@ class Levels:
                 raise InputError(f"rules are {[*map(str, values)]}, need both of {', '.join(RULES)}")
         elif len(found) < fewest or not (np.diff(found) < 0).all() or not (found > 0).all():
             raise InputError(f"{varied.keyword} are {[*map(str, values)]}, need {fewest} or more that get smaller, all positive")  # fmt: skip
-        one = cls(model, varied, found, 1.0, asked)
+        one = cls(model, varied, found, 1.0, asked, keep)
         method = settings_for(one.model_of(found[0]), **one.asked_of(found[0])).method
-        return cls(model, varied, found, {STEPS: float(method.order), CHOICES: np.nan}.get(varied, 1.0), asked)
+        return cls(model, varied, found, {STEPS: float(method.order), CHOICES: np.nan}.get(varied, 1.0), asked, keep)
 
     def finer(self) -> Levels:
         """Return the levels with one more, as much finer as the last one was.
@@ -115,7 +121,7 @@ class Levels:
         if len(self.values) == MOST:
             raise InputError(f"there are {MOST} at most")
         ratio = self.values[-2] / self.values[-1] if len(self.values) > 1 else self.varied.ratio
-        return Levels(self.model, self.varied, np.append(self.values, self.values[-1] / ratio), self.formal, self.asked)
+        return replace(self, values=np.append(self.values, self.values[-1] / ratio))
 
     @property
     def ordered(self) -> bool:
@@ -141,12 +147,15 @@ class Levels:
 
     def marched(self, k: int) -> xr.Dataset:
         """Return the run of a level."""
-        return march(self.model_of(self.values[k]), **self.asked_of(self.values[k]))
+        path = None if self.keep is None else self.keep / f"level_{k}.nc"
+        return march(self.model_of(self.values[k]), path, **self.asked_of(self.values[k]))
 
 
-def march(model: Model, **asked: Any) -> xr.Dataset:
-    """March a model as `simulate` does, and keep the warnings back: outcomes stay in the record."""
+def march(model: Model, path: Path | None = None, **asked: Any) -> xr.Dataset:
+    """March a model as `simulate` does, in memory or into a file, and keep warnings back: outcomes stay in the record."""
     one = March(model, settings_for(model, **asked))
+    if path is not None:
+        return archive.open_run(archive.stream(one, path), check=False)
     found: xr.Dataset = archive.marched(record.dataset(one, one.blocks()))
     return found
 

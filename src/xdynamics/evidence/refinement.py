@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from xdynamics.evidence.levels import FEWEST, Levels
 from xdynamics.evidence.observing import observables_of
 from xdynamics.evidence.study import ENERGY_RANGE, PERIOD, PHASE, Study
 from xdynamics.faults import InputError
+from xdynamics.files import made_folder
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.record.words import words_of
@@ -40,6 +42,7 @@ def refine(
     observables: Sequence[str] | None = None,
     until_change: Mapping[str, str | float] | None = None,
     defects: bool = False,
+    keep: str | Path | None = None,
     **asked: Any,
 ) -> xr.Dataset:
     """March a model with one step, tolerance or rule after the other, and compare at common physical times.
@@ -65,6 +68,8 @@ def refine(
         to the next: ``{"y": "10 m", "event_time_apex": "1 ms"}``. One level to begin with is enough then.
     defects : bool
         Whether to add the largest local error of a step beside the error that came together.
+    keep : str or Path, optional
+        A folder that the run of each level is streamed to, as `level_0.nc` and so on, in bounded memory.
     **asked
         Further settings, as for `simulate`.
 
@@ -103,9 +108,9 @@ def refine(
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     given = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances, "rules": rules}
-    levels = Levels.of(
-        model, given, asked | ({"method": method} if method else {}), fewest=1 if until_change else FEWEST
-    )
+    shared = asked | ({"method": method} if method else {})
+    folder = None if keep is None else made_folder(keep)
+    levels = Levels.of(model, given, shared, fewest=1 if until_change else FEWEST, keep=folder)
     names = tuple(model.units) if observables is None else _known(model, observables)
     study = Study(levels, [levels.marched(k) for k in range(len(levels.values))], names, at)
     wanted = _tolerances(until_change or {}, study)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.archive.seals import slabs
 from xdynamics.evidence.cycles import TURN, cycles
 from xdynamics.evidence.family import Watched
 from xdynamics.evidence.levels import Levels
@@ -73,16 +74,15 @@ class Study:
         for name in names:
             values, errors = (np.stack([level[name][i] for level in found], axis=-1) for i in (0, 1))
             moved = np.array([_moved_by_events(self.runs, name, time) for time in times])
-            scale, units = float(np.max(np.abs(last[name].values))), str(last[name].attrs["units"])
+            scale, units = _largest(last, name), str(last[name].attrs["units"])
             yield Watched(name, units, str(last[name].attrs["long_name"]), (AT,), values, errors, _rounding(last, values), moved, scale or 1.0)  # fmt: skip
 
     def _of_runs(self, times: Floats) -> Iterator[Watched]:
         """Yield what a whole run has one of, and phases."""
         last, none = self.runs[-1], np.zeros(1)
         if ENERGY_RANGE in self.names:
-            energies = [run["total_energy"].values for run in self.runs]
-            ranges = np.array([[float(np.ptp(one)) for one in energies]])
-            scale = float(np.max(np.abs(energies[-1]))) or 1.0
+            ranges = np.array([[_range(run, "total_energy") for run in self.runs]])
+            scale = _largest(last, "total_energy") or 1.0
             units = str(last["total_energy"].attrs["units"])
             rounding = np.array([2.0 * EPS * scale])
             yield Watched(ENERGY_RANGE, units, "largest less least total energy of the accepted states", (), ranges, 0.0 * ranges, rounding, none, scale)  # fmt: skip
@@ -123,10 +123,10 @@ class Study:
             states, doubts = [], []
             for run, mine, doubt in zip(runs, rows, each, strict=True):
                 after, before = run["event_row_after"].values[mine], run["event_row_before"].values[mine]
-                states.append(run[name].values[after])
-                doubts.append(np.abs(run[_rate_of(run, name)].values[before]) * doubt)
+                states.append(run[name][after].values)
+                doubts.append(np.abs(run[_rate_of(run, name)][before].values) * doubt)
             values = of(states)
-            scale = float(np.max(np.abs(runs[-1][name].values))) or 1.0
+            scale = _largest(runs[-1], name) or 1.0
             units = str(runs[-1][name].attrs["units"])
             yield Watched(f"after_{detector}_{name}", units, f"{name} behind {detector}", dims, values, of(doubts), _rounding(runs[-1], values), still, scale)  # fmt: skip
 
@@ -139,17 +139,28 @@ def _moved_by_events(runs: list[xr.Dataset], name: str, time: float) -> float:
     run = runs[-1]
     if not counts[-1]:
         return 0.0
-    rows, rates = run["event_row_before"].values[: counts[-1]], _rates(run, name)
-    return float(np.sum(np.abs(rates[rows]) * run["event_time_uncertainty"].values[: counts[-1]]))
+    rates = _rates(run, name, run["event_row_before"].values[: counts[-1]])
+    return float(np.sum(np.abs(rates) * run["event_time_uncertainty"].values[: counts[-1]]))
 
 
-def _rates(run: xr.Dataset, name: str) -> Floats:
-    """Return how fast an observable changed in the step to each row; times of events stand twice."""
-    time, values = run["time"].values, run[name].values
-    span = np.diff(time)
+def _rates(run: xr.Dataset, name: str, rows: NDArray[np.int64]) -> Floats:
+    """Return how fast an observable changed in the step to each of some rows; times of events stand twice."""
+    here, there = (run.isel(step=np.maximum(rows - back, 0)) for back in (1, 0))
+    span = there["time"].values - here["time"].values
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.where(span > 0.0, np.diff(values) / span, 0.0)
-    return np.concatenate([found[:1], found])
+        found: Floats = np.where(span > 0.0, (there[name].values - here[name].values) / span, 0.0)
+    return found
+
+
+def _largest(run: xr.Dataset, name: str) -> float:
+    """Return the largest size of a quantity; what is in a file comes a part at a time."""
+    return max(float(np.max(np.abs(part))) for part in slabs(run[name].variable))
+
+
+def _range(run: xr.Dataset, name: str) -> float:
+    """Return the largest less the least value of a quantity."""
+    ends = [(float(np.max(part)), float(np.min(part))) for part in slabs(run[name].variable)]
+    return max(high for high, _ in ends) - min(low for _, low in ends)
 
 
 def _rate_of(run: xr.Dataset, name: str) -> str:
