@@ -13,7 +13,7 @@ import xarray as xr
 import xdynamics as xd
 from contacts import ball
 from problems import MODELS, driven_decay, oscillator
-from xdynamics.evidence.comparison import lines_of
+from xdynamics.evidence.comparing.comparison import lines_of
 
 
 def made(step: float, **changes: float) -> xr.Dataset:
@@ -60,7 +60,7 @@ def test_what_is_no_run_is_refused() -> None:
 
 def test_a_rerun_says_how_far_it_is() -> None:
     """Assert that the largest difference is told of variables that were zero, and of a number against none."""
-    from xdynamics.evidence.bits import reproduced
+    from xdynamics.evidence.comparing.bits import reproduced
 
     kept = made(0.01)
     still = kept.assign(x=kept.x * 0.0)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xdynamics.evidence.convergence import (
+from xdynamics.evidence.refining.convergence import (
     convergence_index,
     extrapolated,
     fitted,

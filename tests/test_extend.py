@@ -14,7 +14,7 @@ import xdynamics as xd
 from problems import MODELS, driven_decay, oscillator, particle
 from xdynamics.archive import marched
 from xdynamics.cli import main
-from xdynamics.evidence.bits import bitwise
+from xdynamics.evidence.comparing.bits import bitwise
 
 ROCKET = xd.Model.from_toml(MODELS / "rocket_c6.toml")
 PENDULUM = xd.Model.from_toml(MODELS / "pendulum.toml")

@@ -13,7 +13,7 @@ import pytest
 
 import xdynamics as xd
 from problems import MODELS
-from xdynamics.evidence.ledger import VERDICTS, lines_of
+from xdynamics.evidence.validating.ledger import VERDICTS, lines_of
 from xdynamics.record.words import words_of
 
 

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from xdynamics.archive import content_digest, discard, open_run, save, verify
     from xdynamics.archive.signatures import sign, verify_signature
     from xdynamics.evidence.companion import companion
-    from xdynamics.evidence.comparison import compare
-    from xdynamics.evidence.diagnosis import diagnose
-    from xdynamics.evidence.ledger import validate
-    from xdynamics.evidence.limiting import limiting
-    from xdynamics.evidence.manufacturing import manufactured
+    from xdynamics.evidence.comparing.comparison import compare
+    from xdynamics.evidence.diagnosing.diagnosis import diagnose
     from xdynamics.evidence.modes import modes
-    from xdynamics.evidence.refinement import refine
+    from xdynamics.evidence.refining.refinement import refine
     from xdynamics.evidence.sampling import sample
+    from xdynamics.evidence.validating.ledger import validate
+    from xdynamics.evidence.validating.limiting import limiting
+    from xdynamics.evidence.validating.manufacturing import manufactured
     from xdynamics.extension import extend
     from xdynamics.faults import (
         AccuracyWarning,
@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
-    "check": "record", "companion": "evidence.companion", "compare": "evidence.comparison", "diagnose": "evidence.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.limiting", "manufactured": "evidence.manufacturing", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
-    "refine": "evidence.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "validate": "evidence.ledger", "verify": "archive",
+    "check": "record", "companion": "evidence.companion", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "modes": "evidence.modes", "open_run": "archive", "plot": "figures",
+    "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "validate": "evidence.validating.ledger", "verify": "archive",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 

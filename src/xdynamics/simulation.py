@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from xdynamics import archive, record
-from xdynamics.evidence.bits import reproduced
+from xdynamics.evidence.comparing.bits import reproduced
 from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning, warn
 from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for

@@ -17,8 +17,8 @@ from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, S
 MOST_EVENTS = 20
 # kind of evidence -> the room that says what it tells
 TOLD = {
-    "companion": "companion", "comparison": "comparison", "diagnosis": "diagnosis", "ledger": "ledger",
-    "limiting case": "limiting", "refinement": "refinement",
+    "companion": "companion", "comparison": "comparing.comparison", "diagnosis": "diagnosing.diagnosis",
+    "ledger": "validating.ledger", "limiting case": "validating.limiting", "refinement": "refining.refinement",
 }  # fmt: skip
 LONGEST = 400  # characters of a setting that are shown
 

@@ -49,8 +49,8 @@ def refine(
 ) -> None:
     """March a model with ever finer steps or tolerances: orders, limits and uncertainties of its numbers."""
     from xdynamics.cli.marching import pairs
-    from xdynamics.evidence.refinement import lines_of
-    from xdynamics.evidence.refinement import refine as refined
+    from xdynamics.evidence.refining.refinement import lines_of
+    from xdynamics.evidence.refining.refinement import refine as refined
 
     model = changed_model(model_file, values)
     asked: dict[str, Any] = {"method": method, "at": list(times) or None, "observables": list(observables) or None}
@@ -66,7 +66,7 @@ def refine(
 
 def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, ratio: float | None) -> dict[str, Any]:
     """Return what is varied, from the coarsest of it, the number of levels and their ratio."""
-    from xdynamics.evidence.levels import RTOLS, STEPS, TIME_TOLERANCES
+    from xdynamics.evidence.refining.levels import RTOLS, STEPS, TIME_TOLERANCES
     from xdynamics.faults import InputError
     from xdynamics.units import parse_time
 
@@ -122,8 +122,8 @@ def diagnose(
     """Energy, momentum, cycles and phases, extremes, residuals of a run, and until when it can be believed."""
     from xdynamics.archive import open_run
     from xdynamics.cli.marching import pairs
-    from xdynamics.evidence.diagnosis import diagnose as diagnosed
-    from xdynamics.evidence.diagnosis import lines_of
+    from xdynamics.evidence.diagnosing.diagnosis import diagnose as diagnosed
+    from xdynamics.evidence.diagnosing.diagnosis import lines_of
 
     other = open_run(reference) if reference and reference.endswith(".nc") else reference
     told = diagnosed(
@@ -138,8 +138,8 @@ def diagnose(
 @click.option("-o", "--output", metavar="L.nc", help="Where to keep the ledger.")
 def validate(model_file: str | None, methods: tuple[str, ...], output: str | None) -> None:
     """Hold methods against exact cases, or a model against its own [validation.*]; ends with 1 where one failed."""
-    from xdynamics.evidence.ledger import FAILED, lines_of
-    from xdynamics.evidence.ledger import validate as validated
+    from xdynamics.evidence.validating.ledger import FAILED, lines_of
+    from xdynamics.evidence.validating.ledger import validate as validated
 
     model = changed_model(model_file, ()) if model_file else None
     found = validated(list(methods) or None, model)
@@ -160,8 +160,8 @@ def compare(first: str, second: str, times: tuple[str, ...], output: str | None)
     Ends with 1 where two runs are not the same, bit for bit.
     """
     from xdynamics.archive import open_run
-    from xdynamics.evidence.comparison import compare as compared
-    from xdynamics.evidence.comparison import lines_of
+    from xdynamics.evidence.comparing.comparison import compare as compared
+    from xdynamics.evidence.comparing.comparison import lines_of
     from xdynamics.units import parse_time
 
     other = second if second.endswith(".csv") else open_run(second)

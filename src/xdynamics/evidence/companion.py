@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import archive, schema
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.inside import sampled
-from xdynamics.evidence.levels import march
+from xdynamics.evidence.marching import march
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import archive, record
+from xdynamics.evidence.marching import march
 from xdynamics.faults import InputError
-from xdynamics.march import March
 from xdynamics.march.asking import settings_for
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.model import Model
@@ -149,15 +148,6 @@ class Levels:
         """Return the run of a level."""
         path = None if self.keep is None else self.keep / f"level_{k}.nc"
         return march(self.model_of(self.values[k]), path, **self.asked_of(self.values[k]))
-
-
-def march(model: Model, path: Path | None = None, **asked: Any) -> xr.Dataset:
-    """March a model as `simulate` does, in memory or into a file, and keep warnings back: outcomes stay in the record."""
-    one = March(model, settings_for(model, **asked))
-    if path is not None:
-        return archive.open_run(archive.stream(one, path), check=False)
-    found: xr.Dataset = archive.marched(record.dataset(one, one.blocks()))
-    return found
 
 
 def _read(varied: Varied, given: Any) -> Any:

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.evidence.defects import step_defects
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.family import ROLE, family
-from xdynamics.evidence.levels import FEWEST, Levels
 from xdynamics.evidence.observing import observables_of
-from xdynamics.evidence.study import ENERGY_RANGE, PERIOD, PHASE, Study
+from xdynamics.evidence.refining.defects import step_defects
+from xdynamics.evidence.refining.family import ROLE, family
+from xdynamics.evidence.refining.levels import FEWEST, Levels
+from xdynamics.evidence.refining.study import ENERGY_RANGE, PERIOD, PHASE, Study
 from xdynamics.faults import InputError
 from xdynamics.files import made_folder
 from xdynamics.kernels.layout import layout_of
@@ -93,7 +93,7 @@ def refine(
     Notes
     -----
     The order is that of the method in its step, and 1 in a tolerance, to which errors at the end are proportional. What
-    is said of each number, and by which rule it is uncertain: `xdynamics.evidence.convergence`.
+    is said of each number, and by which rule it is uncertain: `xdynamics.evidence.refining.convergence`.
 
     Examples
     --------

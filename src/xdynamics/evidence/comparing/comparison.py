@@ -11,9 +11,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.evidence.bits import bitwise, settings_apart
+from xdynamics.evidence.comparing.bits import bitwise, settings_apart
+from xdynamics.evidence.comparing.measured import is_measured, residuals
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.measured import is_measured, residuals
 from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.evidence.sampling import sample, wanted_times
 from xdynamics.faults import InputError, escaped

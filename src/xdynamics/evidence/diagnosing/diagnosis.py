@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, schema
 from xdynamics.evidence.companion import Companion, companion_of, global_error
-from xdynamics.evidence.cycles import TURN, Cycles, cycles
+from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
+from xdynamics.evidence.diagnosing.extremes import extremes_of
+from xdynamics.evidence.diagnosing.parting import parting
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.extremes import extremes_of
 from xdynamics.evidence.inside import sampled
-from xdynamics.evidence.parting import parting
 from xdynamics.expressions import dimension_of, parse
 from xdynamics.faults import InputError, Ledger
 from xdynamics.methods.scheme import REINTEGRATE

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.inside import sampled
-from xdynamics.evidence.levels import march
+from xdynamics.evidence.marching import march
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.record.provenance import asked_of

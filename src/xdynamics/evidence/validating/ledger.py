@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics import archive
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.levels import march
+from xdynamics.evidence.marching import march
 from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics import archive
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.levels import march
+from xdynamics.evidence.marching import march
 from xdynamics.evidence.observing import observe
 from xdynamics.evidence.sampling import wanted_times
 from xdynamics.faults import InputError

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.convergence import VERDICTS, judge, observed_orders
 from xdynamics.evidence.exhibit import about
-from xdynamics.evidence.levels import Levels
+from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
+from xdynamics.evidence.refining.levels import Levels
 from xdynamics.schema import LEVEL, flags
 
 Floats = NDArray[np.float64]

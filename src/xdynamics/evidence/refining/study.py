@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.seals import slabs
-from xdynamics.evidence.cycles import TURN, cycles
-from xdynamics.evidence.family import Watched
-from xdynamics.evidence.levels import Levels
+from xdynamics.evidence.diagnosing.cycles import TURN, cycles
 from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.evidence.refining.family import Watched
+from xdynamics.evidence.refining.levels import Levels
 from xdynamics.faults import InputError
 from xdynamics.record.words import words_of
 from xdynamics.schema import AT, OCCURRENCE, acceleration, rate, velocity

@@ -1,0 +1,1 @@
+"""Comparisons: two runs side by side, and a run beside measured data."""

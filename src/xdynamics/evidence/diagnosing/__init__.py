@@ -1,0 +1,1 @@
+"""Diagnoses: what a run tells of itself."""

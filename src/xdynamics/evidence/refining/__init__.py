@@ -1,0 +1,1 @@
+"""Refinements: one model over steps, tolerances or rules."""

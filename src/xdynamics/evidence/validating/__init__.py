@@ -1,0 +1,1 @@
+"""Validation: runs held against what is known exactly."""
