@@ -1,0 +1,170 @@
+"""Ten problems with closed forms, smooth, limited by events, with contact: what refinements say of them is so."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from problems import MODELS, Problem, coupled_springs, damped, driven_decay, linear_drag, oscillator
+from xdynamics.evidence.refining.convergence import VERDICTS
+from xdynamics.evidence.validating.ledger import CASES
+
+METHODS = ("forward_euler", "midpoint", "velocity_verlet", "ruth3", "rk4", "dormand_prince", "dop853")
+SMOOTH: dict[str, tuple[Callable[[], Problem], float, float]] = {  # step, end
+    "oscillator": (oscillator, 0.1, 3.0),
+    "linear_drag": (linear_drag, 0.02, 0.4),
+    "driven_decay": (driven_decay, 0.1, 2.0),
+    "coupled_springs": (coupled_springs, 0.1, 3.0),
+    "damped": (damped, 0.1, 3.0),
+}
+
+
+def falling(e: float) -> xd.Model:
+    """A ball of 1 kg from 1 m on a floor."""
+    return xd.Model.from_toml(MODELS / "bouncing_ball.toml").replace(parameters={"e": e})
+
+
+def impacts(n: int, e: float) -> float:
+    """The time of its n-th impact."""
+    fall = math.sqrt(2.0 / 9.81)
+    return fall * (1 + 2 * sum(e**k for k in range(1, n)))
+
+
+def known() -> Iterator[tuple[str, xd.Model, dict[str, Any], dict[str, float]]]:
+    """Yield problems with events and contacts: model, settings, and the true values of some numbers."""
+    ball = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    apex = 30 / 9.80665 * math.atan(20 / 30)
+    height = 900 / (2 * 9.80665) * math.log(1 + 400 / 900)
+    down = 30 / 9.80665 * math.acosh(math.exp(height * 9.80665 / 900))
+    yield "apex", ball, {}, {"event_time_apex": apex, "after_apex_y": height}
+    yield "landing", ball, {}, {"event_time_ground": apex + down}
+    yield "bounces", falling(0.8), {"until": 2.2}, {"event_time_floor": impacts(1, 0.8)}
+    sliding = xd.Model.from_toml(CASES / "13_dry_friction.toml")
+    yield (
+        "friction",
+        sliding,
+        {"until": 1.0},
+        {"event_time_ground": 2 / (0.3 * 9.81), "after_ground_x": 4 / (2 * 0.3 * 9.81)},
+    )
+    moving = xd.Model.from_toml(CASES / "11_impact.toml")
+    met = (math.sqrt(1 + 2 * 9.81) - 1) / 9.81
+    yield (
+        "moving_floor",
+        moving,
+        {"until": 0.6},
+        {"event_time_floor": met, "after_floor_v_y": 1 + 0.8 * (1 + 9.81 * met)},
+    )
+
+
+def studied(model: xd.Model, method: str, step: float, **asked: Any) -> Any:
+    """A refinement over five steps; None where the method refuses the model."""
+    if xd.METHODS[method].refusals(model):
+        return None
+    return xd.refine(model, method=method, steps=[step / 2**k for k in range(5)], **asked)
+
+
+def told(study: Any, name: str, k: int = 0) -> tuple[str, float, float, float]:
+    """Verdict, last order, finest value, uncertainty."""
+    order = float(np.atleast_2d(study[f"order_{name}"].values)[-2, k])
+    value = float(np.atleast_2d(study[name].values)[-1, k])
+    return (
+        VERDICTS[int(study[f"verdict_{name}"].values[k])],
+        order,
+        value,
+        float(study[f"uncertainty_{name}"].values[k]),
+    )
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_smooth_problems(name: str) -> None:
+    """Assert orders, at two times, one of them between accepted states, and that errors are within uncertainties, most within a factor of three."""
+    problem, step, end = SMOOTH[name]
+    factors, words = [], []
+    times = np.array([0.7313 * end, end])
+    true = problem().exact(times)
+    for method in METHODS:
+        study = studied(problem().model, method, step, until=end, at=times.tolist())
+        if study is None:
+            continue
+        for quantity in true:
+            for k in (0, 1):
+                word, order, value, doubt = told(study, quantity, k)
+                formal, off = xd.METHODS[method].order, abs(value - float(true[quantity][k]))
+                words.append(word)
+                if word == "asymptotic":
+                    assert order == pytest.approx(max(formal, round(order)), abs=0.05)
+                    factors.append(doubt / max(off, 1e-300))
+                assert off <= doubt + 4e-16 * abs(value), (method, quantity, word)
+    assert words.count("asymptotic") > len(words) / 3
+    assert 1.0 <= np.median(factors) <= 3.0
+
+
+@pytest.mark.parametrize("case", list(known()), ids=lambda case: case[0])
+def test_events_and_contacts(case: tuple[str, xd.Model, dict[str, Any], dict[str, float]]) -> None:
+    """Assert that times of events, impacts and stops, and the states behind, are known as well as is said."""
+    _, model, asked, true = case
+    seen = 0
+    for method in METHODS:
+        study = studied(model, method, 0.05, **asked)
+        for name, exact in true.items() if study is not None else ():
+            word, order, value, doubt = told(study, name)
+            assert abs(value - exact) <= doubt + 1e-15, (method, name, word)
+            if word == "asymptotic":
+                formal = xd.METHODS[method].order
+                assert order == pytest.approx(max(formal, round(order)), abs=0.05)
+            seen += 1
+    assert seen >= 5
+
+
+def test_a_missed_event_is_not_asymptotic() -> None:
+    """Assert the verdict where coarse levels have a bounce that fine ones have not: the number of events differs before the time."""
+    study = xd.refine(falling(0.8), method="euler_cromer", steps=[0.04, 0.02, 0.01], at=[2.17], until=2.2)
+    counts = study.event_count_floor.values
+    assert len({*counts.tolist()}) > 1
+    if counts[-1] != counts[-2]:
+        assert told(study, "y")[0] == "event_limited"
+    assert np.isnan(study.event_time_floor.values).any()
+
+
+def test_an_interpolation_that_is_too_coarse_limits() -> None:
+    """Assert that cubic interpolation of an eighth-order run between its rows fails the gate, and says so."""
+    asked = {"method": "dop853", "steps": [0.4, 0.2, 0.1], "until": 2.0, "estimator": "none"}
+    grid = xd.refine(oscillator().model, at=[1.6], **asked)
+    between = xd.refine(oscillator().model, at=[1.7], **asked)
+    assert told(grid, "x")[0] in ("asymptotic", "pre_asymptotic")
+    assert (grid.interpolation_error_x == 0.0).all()
+    assert float(between.interpolation_error_x[-1, 0]) > 0.0
+    loose = xd.refine(
+        oscillator().model, at=[1.77], method="dop853", rules=["interpolant", "reintegrate"], step=0.4, until=2.0
+    )
+    assert abs(float(loose.difference_x[0, 0])) > float(loose.interpolation_error_x[1, 0])
+
+
+def test_a_chaotic_run_beyond_its_time_does_not_converge() -> None:
+    """Assert that a double pendulum is asymptotic while it can be believed, and not converging long after."""
+    model = xd.Model.from_toml(MODELS / "double_pendulum.toml")
+    study = xd.refine(
+        model,
+        method="rk4",
+        steps=[0.01, 0.005, 0.0025, 0.00125],
+        at=[1.0, 60.0],
+        until=60.0,
+        observables=["th1", "th2"],
+    )
+    assert told(study, "th1", 0)[0] in ("asymptotic", "pre_asymptotic")
+    assert told(study, "th1", 0)[1] == pytest.approx(4.0, abs=0.3)
+    assert told(study, "th2", 1)[0] == "not_converging"
+
+
+def test_a_floor_of_rounding_is_seen() -> None:
+    """Assert the verdict where steps are so fine that only rounding is left."""
+    study = xd.refine(
+        oscillator().model, method="dop853", steps=[0.02, 0.01, 0.005], at=[1.0], until=1.0, estimator="none"
+    )
+    assert told(study, "x")[0] == "roundoff"
+    assert abs(told(study, "x")[2] - math.cos(2.0)) <= told(study, "x")[3]
