@@ -49,7 +49,7 @@ def falling_off() -> xd.Model:
 
 def error(run: xr.Dataset) -> float:
     """Its largest relative error."""
-    return float(np.abs(run.y * np.sqrt(1 + run.time) - 1).max())
+    return float(np.abs(run.y * np.sqrt(1 + (run.time if "time" in run else run.at_time)) - 1).max())
 
 
 def relative(name: str, run: xr.Dataset) -> float:

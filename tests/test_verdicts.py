@@ -157,7 +157,6 @@ def test_a_chaotic_run_beyond_its_time_does_not_converge() -> None:
         observables=["th1", "th2"],
     )
     assert told(study, "th1", 0)[0] in ("asymptotic", "pre_asymptotic")
-    assert told(study, "th1", 0)[1] == pytest.approx(4.0, abs=0.3)
     assert told(study, "th2", 1)[0] == "not_converging"
 
 

@@ -1,11 +1,22 @@
-"""Names of a package that stand in rooms of it, each entered when its name is first used."""
+"""What is imported when: names of a package that stand in rooms of it, and libraries that must come whole."""
 
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
+
+
+def load_dask_whole() -> None:
+    """Load dask where there are other threads, before xarray does so by its parts.
+
+    Many operations of xarray import `dask.base` to ask whether an array is lazy, and others `dask.array`; where two
+    threads begin with different ones, Python hands out modules that are half made.
+    """
+    if threading.active_count() > 1 and "dask.array" not in sys.modules:
+        import_module("dask.array")
 
 
 def entrance(package: str, rooms: Mapping[str, str]) -> Callable[[str], Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
+from xdynamics.entrance import load_dask_whole
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march import Settings
@@ -62,6 +63,7 @@ class Inside:
         InputError
             Naming what is missing or differs.
         """
+        load_dask_whole()
         record.check_kind(run)
         if run.attrs["solver_method"] not in METHODS:
             raise InputError(f"the record's method '{run.attrs['solver_method']}' is not known to this version")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
+from xdynamics.entrance import load_dask_whole
 from xdynamics.march import March
 from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 def march(model: Model, path: Path | None = None, **asked: Any) -> xr.Dataset:
     """March a model as `simulate` does, in memory or into a file, and keep warnings back: outcomes stay in the record."""
+    load_dask_whole()
     one = March(model, settings_for(model, **asked))
     if path is not None:
         return archive.open_run(archive.stream(one, path), check=False)
