@@ -27,6 +27,9 @@ VERDICTS = ("asymptotic", "pre_asymptotic", "roundoff", "event_limited", "interp
 ASYMPTOTIC, PRE_ASYMPTOTIC, ROUNDOFF, EVENT_LIMITED, INTERPOLATION_LIMITED, NOT_CONVERGING = range(len(VERDICTS))
 CLOSE = 0.05  # of an observed order to that of the method, or to a whole one above it
 STEADY = 0.25  # of it to the one before, where there are four levels
+UNSTEADY = 0.4  # of the order in tolerances, by which an observed one may be off and what is expected be counted on
+FITTED = 4  # levels from which on a fit has something left to tell
+LOOKED_AT = 3  # of the finest levels, whose differences tell how far the limit is
 SHARE = 0.3  # of the last difference that what is known of events may have
 
 
@@ -218,7 +221,16 @@ class Judged:
     rule: str
 
 
-def judge(values: Floats, steps: Floats, formal: float, rounding: float, interpolation: float, events: float) -> Judged:
+def judge(
+    values: Floats,
+    steps: Floats,
+    formal: float,
+    rounding: float,
+    interpolation: float,
+    events: float,
+    *,
+    smooth: bool = True,
+) -> Judged:
     """Say what the values of levels, from coarse to fine, are worth.
 
     Parameters
@@ -228,6 +240,8 @@ def judge(values: Floats, steps: Floats, formal: float, rounding: float, interpo
         The order of the method in the steps.
     rounding, interpolation, events : float
         How far rounding, interpolation and the location of events may have the finest two values off.
+    smooth : bool
+        Whether errors have an expansion in powers of the steps; of tolerances, with which chosen steps jump, they have none.
     """
     last = float(abs(values[-1] - values[-2]))
     left = rounding + interpolation + events
@@ -237,22 +251,54 @@ def judge(values: Floats, steps: Floats, formal: float, rounding: float, interpo
         return Judged(ROUNDOFF, np.nan, left + last, "rounding")
     ratio, orders = float(steps[-2] / steps[-1]), observed_orders(values, steps)
     order = float(orders[-2]) if len(values) > 2 else np.nan
+    slowest = min(max(order, LEAST_SHARE * formal), formal) if np.isfinite(order) else LEAST_SHARE * formal
+    if not smooth and not abs(order - formal) <= UNSTEADY * formal:
+        slowest = min(slowest, (1.0 - UNSTEADY) * formal)
+    cautious = CAUTION * _left(values, steps, slowest)
     if interpolation >= last:
-        return Judged(INTERPOLATION_LIMITED, np.nan, CAUTION * last + left, "three times the last difference")
+        return Judged(
+            INTERPOLATION_LIMITED, np.nan, max(CAUTION * last, cautious) + left, "three times the last difference"
+        )
     if events >= SHARE * last:
-        return Judged(EVENT_LIMITED, np.nan, CAUTION * last + left, "three times the last difference")
-    steady = len(values) < 4 or not np.isfinite(orders[-3]) or abs(order - float(orders[-3])) <= STEADY
-    whole = max(formal, float(np.round(order))) if np.isfinite(order) else formal
-    if steady and abs(order - whole) <= CLOSE:
+        return Judged(EVENT_LIMITED, np.nan, max(CAUTION * last, cautious) + left, "three times the last difference")
+    trusted = _trusted(order, orders, formal) if smooth else np.nan
+    if np.isfinite(trusted):
         limit = float(extrapolated(values[-2], values[-1], ratio, order))
-        index = float(convergence_index(values[-2], values[-1], ratio, min(order, whole)))
-        return Judged(ASYMPTOTIC, limit, index + left, "grid convergence index")
+        return Judged(
+            ASYMPTOTIC, limit, SAFETY * _left(values, steps, min(order, trusted)) + left, "grid convergence index"
+        )
     before = np.abs(np.diff(values))[:-1]
     falls = not before.size or last < np.nanmax(before) / 2.0
     verdict = PRE_ASYMPTOTIC if falls else NOT_CONVERGING
-    if len(values) >= 4 and np.isfinite(values).all():
-        uncertainty, fit = fitted_uncertainty(values.tolist(), steps.tolist(), formal)
-        return Judged(verdict, fit.limit if falls else np.nan, uncertainty + left, "least squares")
-    slowest = min(max(order, LEAST_SHARE * formal), formal) if np.isfinite(order) else LEAST_SHARE * formal
-    index = float(convergence_index(values[-2], values[-1], ratio, slowest)) * CAUTION / SAFETY
-    return Judged(verdict, np.nan, index + left, "three times Richardson's error")
+    if not smooth:
+        return Judged(verdict, np.nan, cautious + left, "three times Richardson's error")
+    if len(values) >= FITTED and np.isfinite(values[-FITTED:]).all():
+        uncertainty, fit = fitted_uncertainty(values[-FITTED:].tolist(), steps[-FITTED:].tolist(), formal)
+        limit = fit.limit if falls else np.nan
+        # one power of the step is no fit for what falls by thousands from the coarsest to the finest
+        if uncertainty <= cautious:
+            return Judged(verdict, limit, uncertainty + left, "least squares")
+        return Judged(verdict, limit, cautious + left, "three times Richardson's error")
+    return Judged(verdict, np.nan, cautious + left, "three times Richardson's error")
+
+
+def _trusted(order: float, orders: Floats, formal: float) -> float:
+    """Return the order that levels have: the formal one, or where four levels agree in it a whole one above; nan for neither."""
+    if abs(order - formal) <= CLOSE and (len(orders) < FITTED or not abs(order - float(orders[-3])) > STEADY):
+        return formal
+    whole = float(np.round(order)) if np.isfinite(order) else np.nan
+    steady = len(orders) >= FITTED and abs(order - float(orders[-3])) <= STEADY
+    return whole if steady and whole > formal and abs(order - whole) <= CLOSE else np.nan
+
+
+def _left(values: Floats, steps: Floats, order: float) -> float:
+    """Return how far the finest value may be from the limit, by the worst of the last differences, each brought to its steps.
+
+    One difference alone may be small by chance, where two terms of the error cancel.
+    """
+    found = 0.0
+    for k in range(max(0, len(values) - LOOKED_AT), len(values) - 1):
+        change, ratio, down = abs(values[k + 1] - values[k]), steps[k] / steps[k + 1], steps[k + 1] / steps[-1]
+        if np.isfinite(change):
+            found = max(found, float(change / np.expm1(order * np.log(ratio)) / down**order))
+    return found

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.exhibit import about
 from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
-from xdynamics.evidence.refining.levels import Levels
+from xdynamics.evidence.refining.levels import RTOLS, Levels
 from xdynamics.schema import LEVEL, flags
 
 Floats = NDArray[np.float64]
 
-GATES = ("failed", "passed")
+GATES = ("passed", "failed")
 ROLE = "refinement"
 
 
@@ -65,14 +65,14 @@ def family(one: Watched, levels: Levels) -> dict[str, Any]:
 
     # the finest level has no difference of its own: its gate is that of the last one
     last = np.abs(np.concatenate([changes[:, :-1], changes[:, -2:-1]], axis=-1))
-    gate = (one.errors <= last).astype(np.int8)
+    gate = (~(one.errors <= last)).astype(np.int8)
     scale = {"scale": one.scale, "scale_units": units}
     found: dict[str, Any] = {
         name: (each, along(one.values), about(units, one.said, ROLE)),
         f"difference_{name}": (each, along(changes), about(units, f"{name} of the next finer level less that of this one", ROLE)),
         f"scaled_difference_{name}": (each, along(changes / one.scale), about("1", f"the same over a scale, {one.scale:.6g} {units}", ROLE) | scale),
         f"interpolation_error_{name}": (each, along(one.errors), about(units, f"how far interpolation, or the location of an event, may have {name} off", ROLE)),
-        f"gate_{name}": (each, along(gate), about("1", "whether that is at most the difference to the next finer level", "flag") | flags(dict(enumerate(GATES)))),
+        f"gate_{name}": (each, along(gate), about("1", "passed where that is at most the difference to the next finer level", "flag") | flags(dict(enumerate(GATES)))),
     }  # fmt: skip
     return found | (_judged(one, levels) if levels.ordered else {})
 
@@ -82,7 +82,9 @@ def _judged(one: Watched, levels: Levels) -> dict[str, Any]:
     name, units, steps = one.name, one.units, levels.values
     orders = observed_orders(one.values, steps).T if one.dims else observed_orders(one.values, steps)[0]
     judged = [
-        judge(values, steps, levels.formal, rounding, float(errors[-2:].max()), moved)
+        judge(
+            values, steps, levels.formal, rounding, float(errors[-2:].max()), moved, smooth=levels.varied is not RTOLS
+        )
         for values, errors, rounding, moved in zip(
             one.values, one.errors, one.rounding.tolist(), one.moved.tolist(), strict=True
         )
