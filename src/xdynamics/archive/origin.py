@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive.seals import Seal, content_digest, root_digest, slabs
+from xdynamics.archive.seals import Seal, root_digest, slabs
 from xdynamics.record import own_attributes
 from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 
@@ -41,6 +41,9 @@ class Part:
     attributes: Mapping[str, Any]
     variable: xr.Variable | None = None
     known: str = ""
+    held: Any = field(
+        default=None, compare=False
+    )  # what a variable of an opened archive holds, as long as nobody puts something else there
 
     @cached_property
     def digest(self) -> str:
@@ -120,21 +123,18 @@ def _of_arrays(arrays: Mapping[str, tuple[Any, Any, dict[str, Any]]]) -> dict[st
     }
 
 
-def digest_of_run(run: xr.Dataset) -> str:
-    """Return the content digest of what a record came from, as its archive bears it or would."""
-    origin = run.attrs.get(ORIGIN)
-    if ROOT_DIGEST in run.attrs:
-        return str(run.attrs[ROOT_DIGEST])
-    return origin.content_digest if isinstance(origin, Origin) else content_digest(run)
-
-
 def read(run: xr.Dataset, source: Source) -> xr.Dataset:
     """Take the digests off the variables of an opened archive, where arithmetic would keep them, and remember them."""
     parts = {}
     for name, one in run.variables.items():
         digest = str(one.attrs.pop(DIGEST, ""))
         parts[str(name)] = Part(
-            str(name), tuple(map(str, one.dims)), one.shape, own_attributes(one.attrs), known=digest
+            str(name),
+            tuple(map(str, one.dims)),
+            one.shape,
+            own_attributes(one.attrs),
+            known=digest,
+            held=one._data,  # noqa: SLF001
         )
     run.attrs[ORIGIN] = Origin.of(lambda: parts, run.attrs, source)
     return run

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, schema
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.inside import sampled
+from xdynamics.evidence.inside import sampled, wanted_times
 from xdynamics.evidence.marching import march
+from xdynamics.evidence.matching import matched
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.record import check_kind
+from xdynamics.record.kinds import is_whole, said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.record.words import words_of
 from xdynamics.schema import AT, AT_TIME, EVENTS
@@ -73,8 +75,9 @@ class Companion:
         each = [words_of(run["event_detector"]) for run in (self.of, self.run)]
         for name in dict.fromkeys(each[0]):
             rows, others = (np.flatnonzero(np.array(names) == name) for names in each)
-            n = min(len(rows), len(others))
-            found[rows[:n]] = self.factor * (self.of["event_time"].values[rows[:n]] - self.run["event_time"].values[others[:n]])  # fmt: skip
+            times, tight = self.of["event_time"].values[rows], self.run["event_time"].values[others]
+            mine, theirs = matched(times, tight)
+            found[rows[mine]] = self.factor * (times[mine] - tight[theirs])
         return found
 
     def _words(self, name: str) -> str:
@@ -87,7 +90,7 @@ def global_error(name: str) -> str:
 
 
 def companion(
-    run: xr.Dataset, times: Sequence[float] | Floats | None = None, *, functions: Functions | None = None
+    run: xr.Dataset, times: Sequence[float] | Floats | float | str | None = None, *, functions: Functions | None = None
 ) -> xr.Dataset:
     """Estimate the global errors of a run by marching its model once more, with half the steps or a tenth of the tolerances.
 
@@ -127,7 +130,7 @@ def companion(
     True
     """
     found = companion_of(run, functions)
-    at = np.array([float(run["time"][-1])]) if times is None else np.atleast_1d(np.asarray(times, dtype=float))
+    at = np.array([float(run["time"][-1])]) if times is None else wanted_times(times)
     states = found.beside(sampled(run, at, after=True, rule=REINTEGRATE, functions=functions))
     variables = {str(name): (one.dims, one.values, one.attrs) for name, one in states.variables.items()}
     variables["event_time"] = ((EVENTS,), run["event_time"].values, about("s", "accepted time of the event", "event"))
@@ -135,6 +138,20 @@ def companion(
     digests = [archive.digest_of_run(one) for one in (run, found.run)]
     told = {"companion": found.said, "model_digest": run.attrs["model_digest"]}
     return exhibit("companion", f"{run.attrs['title']}, beside a tighter run", digests, variables, told)
+
+
+def check_whole(run: xr.Dataset) -> None:
+    """Refuse to march beside what is no whole run as it was marched.
+
+    Raises
+    ------
+    InputError
+        Naming what it is, or how it differs.
+    """
+    if not is_whole(run.attrs):
+        raise InputError(f"this is {said_of(run.attrs)}; a run is marched beside a whole run")
+    if all(one.chunks is None for one in run.variables.values()):
+        archive.check_unchanged(run)
 
 
 def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Companion:
@@ -146,6 +163,7 @@ def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Compani
         If no march can be tighter.
     """
     check_kind(run)
+    check_whole(run)
     model = Model.from_text(str(run["model_toml"].values), functions=functions)
     asked = {name: value for name, value in asked_of(run).items() if value is not None} | {"force_samples": "none"}
     control = str(run.attrs["solver_step_control"])

@@ -27,7 +27,7 @@ from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.columns import state_name
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import AT, AT_TIME, STEPS
-from xdynamics.units import TIME
+from xdynamics.units import TIME, parse_time
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -222,6 +222,23 @@ def _check_whole(where: Floats, steps: Floats) -> None:
             f"rows are missing between t = {starts[i]:.15g} s and {ends[i]:.15g} s: the step to the later one is"
             f" {steps[i]:.15g} s; sample the whole record, and choose among its rows afterwards"
         )
+
+
+def wanted_times(times: Any) -> Floats:
+    """Read the times that are asked for."""
+    if isinstance(times, str):
+        times = parse_time(times, "times")
+    try:
+        if np.asarray(times).dtype == bool:
+            raise TypeError(times)  # noqa: TRY301 - answered right below
+        wanted = np.atleast_1d(np.asarray(times, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError(f"times are {str(times)[:60]}, need numbers in s") from None
+    if wanted.ndim != 1 or not wanted.size:
+        raise InputError(f"times have the shape {wanted.shape}, need one row with at least one time")
+    if np.isnan(wanted).any():
+        raise InputError(f"times[{int(np.flatnonzero(np.isnan(wanted))[0])}] is nan, needs a time in s")
+    return wanted
 
 
 def _located(time: xr.DataArray, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:

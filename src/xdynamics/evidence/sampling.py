@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.companion import companion_of
-from xdynamics.evidence.inside import sampled
+from xdynamics.evidence.inside import sampled, wanted_times
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
-from xdynamics.units import parse_time
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -87,20 +86,3 @@ def sample(
     wanted = wanted_times(times)
     found = sampled(run, wanted, after=side == "after", rule=rule, functions=functions)
     return companion_of(run, functions).beside(found) if companion else found
-
-
-def wanted_times(times: Any) -> Floats:
-    """Read the times that are asked for."""
-    if isinstance(times, str):
-        times = parse_time(times, "times")
-    try:
-        if np.asarray(times).dtype == bool:
-            raise TypeError(times)  # noqa: TRY301 - answered right below
-        wanted = np.atleast_1d(np.asarray(times, dtype=float))
-    except (TypeError, ValueError):
-        raise InputError(f"times are {str(times)[:60]}, need numbers in s") from None
-    if wanted.ndim != 1 or not wanted.size:
-        raise InputError(f"times have the shape {wanted.shape}, need one row with at least one time")
-    if np.isnan(wanted).any():
-        raise InputError(f"times[{int(np.flatnonzero(np.isnan(wanted))[0])}] is nan, needs a time in s")
-    return wanted

@@ -14,8 +14,10 @@ from xdynamics import archive, schema
 from xdynamics.evidence.comparing.bits import bitwise, settings_apart
 from xdynamics.evidence.comparing.measured import is_measured, residuals
 from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.inside import wanted_times
+from xdynamics.evidence.matching import matched
 from xdynamics.evidence.observing import observables_of, observe
-from xdynamics.evidence.sampling import sample, wanted_times
+from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError, escaped
 from xdynamics.model import Model
 from xdynamics.record import check
@@ -105,7 +107,10 @@ def compare(
     variables |= {str(name): (one.dims, one.values, one.attrs) for name, one in table.items()}
     met = {str(name): one for name, one in _events(first, second)}
     said = table.attrs | _models_apart(first, second) | {"settings": "\n".join(settings_apart(first, second))}
-    said |= {"events": "\n".join(_counts(first, second)), "parted": _parted(variables, first, names)}
+    said |= {
+        "events": "\n".join(_counts(first, second)),
+        "parted": _parted(variables, first, names, _between(first, second, at)),
+    }
     said |= {"cause": _cause(said), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
     return exhibit("comparison", title, digests, variables | met, said)
 
@@ -178,20 +183,27 @@ def _difference(name: str, one: xr.DataArray, other: xr.DataArray, here: Any, th
 def _events(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
     """Compare the times of events of one name, occurrence by occurrence."""
     each = [_met(run) for run in (first, second)]
-    most = max((min(len(each[0][name]), len(each[1].get(name, []))) for name in each[0]), default=0)
-    for name, rows in each[0].items():
-        pairs = list(zip(rows, each[1].get(name, []), strict=False))
-        if not pairs:
+    pairs = {name: _paired(first, second, rows, each[1].get(name, [])) for name, rows in each[0].items()}
+    most = max((len(here) for here, _ in pairs.values()), default=0)
+    for name, (here, there) in pairs.items():
+        if not len(here):
             continue
         apart, doubt = np.full((2, most), np.nan)
-        for k, (here, there) in enumerate(pairs):
-            apart[k] = float(second["event_time"][there]) - float(first["event_time"][here])
-            doubt[k] = float(second["event_time_uncertainty"][there]) + float(first["event_time_uncertainty"][here])
+        apart[: len(here)] = second["event_time"].values[there] - first["event_time"].values[here]
+        doubts = [run["event_time_uncertainty"].values[rows] for run, rows in ((first, here), (second, there))]
+        doubt[: len(here)] = doubts[0] + doubts[1]
         yield (
             f"difference_event_time_{name}",
             ((OCCURRENCE,), apart, about("s", f"time of {name}, second run minus first", ROLE)),
         )
         yield f"interpolation_error_event_time_{name}", ((OCCURRENCE,), doubt, about("s", f"what the location of {name} is uncertain by in both runs", "error"))  # fmt: skip
+
+
+def _paired(first: xr.Dataset, second: xr.Dataset, rows: Sequence[int], others: Sequence[int]) -> tuple[Any, Any]:
+    """Return the events of one name that both runs met."""
+    here, there = np.array(rows, np.int64), np.array(others, np.int64)
+    mine, theirs = matched(first["event_time"].values[here], second["event_time"].values[there])
+    return here[mine], there[theirs]
 
 
 def _met(run: xr.Dataset) -> dict[str, list[int]]:
@@ -238,7 +250,7 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
         yield name, str(value)
 
 
-def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str]) -> str:
+def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str], passed: Any) -> str:
     """Say from when on a quantity is further apart than interpolation and rounding can be."""
     times, earliest, said = variables[AT_TIME][1], np.inf, ""
     for name in names:
@@ -246,12 +258,25 @@ def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str
             continue
         apart, doubt = (variables[f"{kind}_{name}"][1] for kind in ("difference", "interpolation_error"))
         rounding = ROUNDINGS * EPS * float(np.max(np.abs(first[name])))
-        beyond = np.flatnonzero(np.abs(apart) > doubt + rounding)
+        beyond = np.flatnonzero((np.abs(apart) > doubt + rounding) & ~passed)
         if beyond.size and times[beyond[0]] < earliest:
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
             earliest = float(times[k])
             said = f"t = {earliest:.9g} s: {name} by {float(apart[k]):.3g} {units}, beyond an interpolation error of {float(doubt[k]):.2g} {units}"
     return said
+
+
+def _between(first: xr.Dataset, second: xr.Dataset, at: Floats) -> NDArray[np.bool_]:
+    """Tell the times at which one run has met an event that the other is about to meet, as well as both are located."""
+    found, each = np.zeros(at.shape, bool), [_met(run) for run in (first, second)]
+    for name, rows in each[0].items():
+        here, there = _paired(first, second, rows, each[1].get(name, []))
+        times = [run["event_time"].values[rows] for run, rows in ((first, here), (second, there))]
+        doubt = first["event_time_uncertainty"].values[here] + second["event_time_uncertainty"].values[there]
+        for one, other, wide in zip(*times, doubt, strict=True):
+            if abs(one - other) <= wide:
+                found |= (at >= min(one, other) - wide) & (at <= max(one, other) + wide)
+    return found
 
 
 def _cause(said: Mapping[str, Any]) -> str:

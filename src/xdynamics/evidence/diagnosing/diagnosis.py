@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.evidence.companion import Companion, companion_of, global_error
+from xdynamics.evidence.companion import Companion, check_whole, companion_of, global_error
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
 from xdynamics.evidence.diagnosing.extremes import extremes_of
 from xdynamics.evidence.diagnosing.parting import parting
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.inside import sampled
-from xdynamics.expressions import dimension_of, parse
+from xdynamics.evidence.marching import march
+from xdynamics.expressions import dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -32,6 +34,8 @@ Functions = Mapping[str, Callable[..., float]]
 
 ROLE = "diagnostic"
 BELIEVED = 0.1  # of the range of a quantity: what it may be off, and still be believed
+EXACT, MOST_STEPS = ("dop853", 1e-12), 1_000_000  # of the march that phases are told by
+PARTS = 64  # of a cycle, at which an area is looked at
 LOOKED_AT = 400  # times at which a run is held against its companion
 BANDED = ("energy", "observable")  # roles of what may be conserved
 
@@ -59,8 +63,8 @@ def diagnose(
         Which level a cycle begins with the rise through; 0 where the coordinate rises through it twice, else the middle
         of its range.
     reference : xarray.Dataset, str or float, optional
-        What phases are offset from: another run, or a period like ``"2 s"``; without it the companion, one more run of
-        the model at a tighter setting, extrapolated.
+        What phases are offset from: another run, or a period like ``"2 s"``; without it one more run of the
+        model by `dop853` at a tolerance of 1e-12, or where that does not come to the end the companion.
     exact : mapping of str to str, optional
         Closed forms by coordinate, velocity or state, in the model's own language: ``{"x": "A*cos(w*t)"}``.
     companion : bool
@@ -78,7 +82,7 @@ def diagnose(
         declared observable y and, as `momentum_x`, of every generalised momentum; for every coordinate, velocity and
         state `maximum_y`, `maximum_y_time`, `maximum_y_rule` (a flag: sampled, interpolated, located by an event),
         `maximum_y_uncertainty`, and so for `minimum_y`; with closed forms `largest_residual_y` and `rms_residual_y`;
-        with a companion `believed_until`, the time up to which no coordinate or velocity is further from the solution
+        with a companion `believed_until`, the time up to which no coordinate, velocity or state is further from the solution
         than a tenth of its range; on request `lyapunov_exponent` and `lyapunov_time`. Along `cycle`: `cycle_time`, `period`, `phase_offset` (behind the reference below 0),
         `amplitude`, `phase_space_area`. Along `turn`: `turning_time`, `turning_point`. Along `step`: `residual_y`.
 
@@ -102,6 +106,8 @@ def diagnose(
         return exhibit("diagnosis", title, [digest], dict(_bands(run)), {})
     model = Model.from_text(str(run["model_toml"].values), functions=functions)
     told: dict[str, Any] = {"model_digest": run.attrs["model_digest"]}
+    if reference is not None:
+        check_whole(run)  # cycles are counted from the start
     beside = companion_of(run, functions) if companion else None
     variables = dict(_bands(run))
     found = _cycles(run, of, level, functions)
@@ -110,7 +116,7 @@ def diagnose(
         told |= {"coordinate": found.name, "level": found.level, "level_units": str(run[found.name].attrs["units"])}
         ideal, said = _reference(found, reference, beside, functions)
         turns = _turns(run, found.name, functions)
-        variables |= _along_cycles(run, found, ideal, turns) | turns
+        variables |= _along_cycles(run, found, ideal, turns, functions) | turns
         told["reference"] = said
     for name in _with_roles(run, ("coordinate", "velocity", "state")):
         variables |= extremes_of(run, name, functions)
@@ -212,32 +218,50 @@ def _reference(found: Cycles, reference: Any, beside: Companion | None, function
             raise InputError(f"reference is {reference!r}, needs a positive period")
         return np.array([found.times[0] + period * k for k in range(n)]), f"a period of {period!r} s"
     if reference is not None:
-        check(reference, whole=False, values=False)
+        check_kind(reference)
+        check_whole(reference)
         other = cycles(reference, found.name, level=found.level, functions=functions).times
         return _filled(other, n), f"the run {archive.digest_of_run(reference)}"
     if beside is None:
         return np.full(n, np.nan), "none"
-    tight = _filled(cycles(beside.run, found.name, level=found.level, functions=functions).times, n)
-    return found.times - beside.factor * (found.times - tight), f"the run with {beside.said}, extrapolated"
+    near, said = _nearly_exact(beside)
+    return _filled(cycles(near, found.name, level=found.level, functions=functions).times, n), said
+
+
+def _nearly_exact(beside: Companion) -> tuple[xr.Dataset, str]:
+    """March the model once more by a method of high order, where that comes to the end; else the companion has to do.
+
+    The phase of a method may be of another order than its states, so that it cannot be extrapolated.
+    """
+    end = float(beside.run["time"][-1])
+    try:
+        model = Model.from_text(str(beside.of["model_toml"].values), functions=beside.functions)
+        near = march(model, method=EXACT[0], rtol=EXACT[1], atol=EXACT[1], max_steps=MOST_STEPS, until=float(beside.of.attrs["solver_until"]), force_samples="none")  # fmt: skip
+    except InputError:
+        return beside.run, f"the run with {beside.said}"
+    if float(near["time"][-1]) < end - EXACT[1] * max(1.0, abs(end)):
+        return beside.run, f"the run with {beside.said}"
+    return near, f"{EXACT[0]} with rtol {EXACT[1]:g}"
 
 
 def _filled(values: Floats, size: int) -> Floats:
     return np.concatenate([values[:size], np.full(max(0, size - len(values)), np.nan)])
 
 
-def _along_cycles(run: xr.Dataset, found: Cycles, other: Floats, turns: Mapping[str, Any]) -> dict[str, Any]:
+def _along_cycles(
+    run: xr.Dataset, found: Cycles, other: Floats, turns: Mapping[str, Any], functions: Functions | None
+) -> dict[str, Any]:
     """Return what there is one of in each cycle."""
-    time, name = np.asarray(run["time"]), found.name
-    y, v = np.asarray(run[name]), np.asarray(run[schema.velocity(name)])
-    area, size = (np.zeros(found.periods.size) for _ in range(2))
-    for k, (begin, end) in enumerate(zip(found.times[:-1], found.times[1:], strict=True)):
-        inner = (time > begin) & (time < end)
-        # closed by the crossing, where the coordinate has its level
-        q = np.concatenate([[found.level], y[inner], [found.level]])
-        p = np.concatenate([[np.interp(begin, time, v)], v[inner], [np.interp(end, time, v)]])
-        area[k] = abs(float(np.trapezoid(p, q)))
-        turned = turns["turning_point"][1][(turns["turning_time"][1] > begin) & (turns["turning_time"][1] < end)]
-        size[k] = float(np.ptp(np.concatenate([q, turned]))) / 2.0
+    name, spans = found.name, found.periods
+    # of a whole period the mean of equal parts is as good as the samples are: the area is that of v over time
+    parts = found.times[:-1] + spans * (np.arange(PARTS) / PARTS)[:, None]
+    states = sampled(run, parts.ravel(), after=True, rule=REINTEGRATE, functions=functions)
+    moved, speeds = (np.asarray(states[one]).reshape(parts.shape) for one in (name, schema.velocity(name)))
+    area = spans * np.mean(speeds**2, axis=0) if spans.size else np.zeros(0)
+    size = np.ptp(moved, axis=0) / 2.0 if spans.size else np.zeros(0)
+    for k, (begin, end) in enumerate(pairwise(np.searchsorted(turns["turning_time"][1], found.times).tolist())):
+        if end > begin:
+            size[k] = max(size[k], float(np.ptp(turns["turning_point"][1][begin:end])) / 2.0)
     with np.errstate(invalid="ignore"):
         behind = TURN * (other[1:] - found.times[1:]) / np.diff(other)
     units, speed = (str(run[one].attrs["units"]) for one in (name, schema.velocity(name)))
@@ -248,8 +272,8 @@ def _along_cycles(run: xr.Dataset, found: Cycles, other: Floats, turns: Mapping[
         "period": (each, found.periods, about("s", "from one located crossing to the next", ROLE)),
         "period_uncertainty": (each, doubts[1:] + doubts[:-1], about("s", "what the location of both crossings is uncertain by", "error")),
         "phase_offset": (each, behind, about("rad", "phase at the end of the cycle less that of the reference; below 0 behind it", ROLE)),
-        "amplitude": (each, size, about(units, f"half of what {name} goes up and down, among accepted states and located turns", ROLE)),
-        "phase_space_area": (each, area, about(str(parse_unit(f"{units} {speed}").text), f"area that {name} and its velocity go round", ROLE)),
+        "amplitude": (each, size, about(units, f"half of what {name} goes up and down, to located turns", ROLE)),
+        "phase_space_area": (each, area, about(str(parse_unit(f"{units} {speed}").text), f"area that {name} and its velocity go round: the velocity squared, over the cycle", ROLE)),
     }  # fmt: skip
 
 
@@ -272,6 +296,8 @@ def _turns(run: xr.Dataset, name: str, functions: Functions | None) -> dict[str,
 
 def _residuals(run: xr.Dataset, model: Model, exact: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
     """Yield how far a run is from closed forms at its accepted states."""
+    if not isinstance(exact, Mapping):
+        raise InputError(f"exact is {str(exact)[:40]!r}, needs closed forms by name, like {{'x': 'A*cos(w*t)'}}")
     for name, text in exact.items():
         if name not in model.units or name not in run.variables:
             raise InputError(f"exact names '{name}'; there are {', '.join(model.units)}")
@@ -288,6 +314,8 @@ def closed_form(run: xr.Dataset, model: Model, name: str, text: str) -> Floats:
     with ledger.entry(repr(text)[:60]):
         tree = model.expanded(parse(text))
         found = dimension_of(tree, model.dimensions)
+        if read := sorted(free_names(tree) & {*model.units, *model.drives}):
+            raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")
         if found != model.units[name].dimension:
             raise InputError(f"has units '{found}', needs '{model.units[name].text}'")
     ledger.settle()
@@ -303,13 +331,13 @@ def _believed(run: xr.Dataset, beside: Companion) -> dict[str, Any]:
     end = min(float(time[-1]), float(beside.run["time"][-1]))
     rows = np.unique(np.linspace(0, np.searchsorted(time, end, side="right") - 1, LOOKED_AT).astype(np.int64))
     states = beside.beside(sampled(run, time[rows], after=True, rule=REINTEGRATE, functions=beside.functions))
-    names = _with_roles(run, ("coordinate", "velocity"))
+    names = _with_roles(run, ("coordinate", "velocity", "state"))
     lost = np.zeros(rows.size, bool)
     for name in names:
         span = float(np.ptp(np.asarray(run[name])))
         lost |= np.abs(np.asarray(states[global_error(name)])) > BELIEVED * span if span > 0.0 else False
     first = int(np.argmax(lost)) if lost.any() else -1
-    said = "time up to which no coordinate or velocity is further from the solution than a tenth of its range"
+    said = "time up to which no coordinate, velocity or state is further from the solution than a tenth of its range"
     return {"believed_until": ((), float(time[rows[first]]), about("s", said, ROLE))}
 
 

@@ -118,8 +118,8 @@ def refine(
     while wanted and (changing := _changing(study, wanted)) and not limit:
         try:
             study = study.finer()
-        except InputError as error:  # a step or tolerance that no march can use
-            limit = str(error)
+        except (InputError, MemoryError, OSError) as error:  # what no march can use, or the machine has no room for
+            limit = str(error) or "there is no memory for it"
     told = {"stopped": _stopped(changing, len(study.runs), limit)} if wanted else {}
     return _dataset(study, told, defects=defects)
 
@@ -144,7 +144,10 @@ def _dataset(study: Study, told: Mapping[str, Any], *, defects: bool) -> xr.Data
         AT_TIME: ((AT,), study.times, about("s", "time of comparison", "time")),
     }
     for one in study.watched():
-        variables |= family(one, levels)
+        more = family(one, levels)
+        if taken := sorted({*more} & {*variables}):
+            raise InputError(f"'{taken[0]}' is a name of the model, and of what is said of its numbers; leave it out of observables=[…]")  # fmt: skip
+        variables |= more
     met = [words_of(run["event_detector"]) for run in runs]
     for name in dict.fromkeys(name for names in met for name in names):
         counts = np.array([names.count(name) for names in met])

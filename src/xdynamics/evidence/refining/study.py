@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.seals import slabs
 from xdynamics.evidence.diagnosing.cycles import TURN, cycles
+from xdynamics.evidence.matching import matched
 from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.evidence.refining.family import Watched
 from xdynamics.evidence.refining.levels import Levels
@@ -108,13 +109,19 @@ class Study:
 
     def _of_events(self, detector: str, rows: list[NDArray[np.int64]]) -> Iterator[Watched]:
         """Yield the times at which one event function was met, occurrence by occurrence, and the states behind."""
-        runs, most = self.runs, max(map(len, rows))
+        runs, most = self.runs, len(rows[-1]) or max(map(len, rows))
         dims, still = (OCCURRENCE,), np.zeros(most)
+        met = [run["event_time"].values[mine] for run, mine in zip(runs, rows, strict=True)]
+        # those of the finest level, and of each other one what is nearest to them
+        places = [matched(one, met[-1]) if len(met[-1]) else matched(one, one) for one in met]
 
         def of(each: list[Floats]) -> Floats:
-            return np.stack([np.concatenate([one, np.full(most - len(one), np.nan)]) for one in each], axis=-1)
+            found = np.full((most, len(each)), np.nan)
+            for k, (one, (mine, theirs)) in enumerate(zip(each, places, strict=True)):
+                found[theirs, k] = one[mine]
+            return found
 
-        times = of([run["event_time"].values[mine] for run, mine in zip(runs, rows, strict=True)])
+        times = of(met)
         each = [run["event_time_uncertainty"].values[mine] for run, mine in zip(runs, rows, strict=True)]
         span = float(runs[-1]["time"][-1] - runs[-1]["time"][0]) or 1.0
         said = f"time at which {detector} was met"
@@ -136,6 +143,13 @@ def _moved_by_events(runs: list[xr.Dataset], name: str, time: float) -> float:
     counts = [int((run["event_time"].values < time).sum()) for run in runs[-2:]]
     if len(set(counts)) > 1:
         return np.inf
+    times = [run["event_time"].values for run in runs[-2:]]
+    if (
+        len(times) == 2
+        and len(times[0]) == len(times[1])
+        and (np.abs(time - times[1]) <= np.abs(times[1] - times[0])).any()
+    ):
+        return np.inf  # on which side of the event it is, is not known
     run = runs[-1]
     if not counts[-1]:
         return 0.0

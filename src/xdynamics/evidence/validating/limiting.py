@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from xdynamics import archive
 from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.inside import wanted_times
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.observing import observe
-from xdynamics.evidence.sampling import wanted_times
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.schema import AT, AT_TIME, LEVEL
