@@ -239,3 +239,43 @@ def test_runs_without_a_common_time_or_quantity() -> None:
             made(0.01),
             made(0.01).drop_vars(["x", "v_x", "kinetic_energy", "potential_energy", "total_energy", "phase"]),
         )
+
+
+def test_a_part_is_matched_by_its_times() -> None:
+    """Assert that bounces of a selection are those of the run, and that the last bit of an impact parts nothing."""
+    run = xd.simulate(ball(0.8, 1.0), method="dop853", rtol=1e-9, until=1.9)
+    table = xd.compare(run, run.isel(event=slice(1, 3)))
+    assert (table.difference_event_time_floor[:2] == 0.0).all()
+    coarse, fine = (
+        xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), step=step, until=2.0) for step in (0.01, 0.003)
+    )
+    parted = xd.compare(coarse, fine).attrs["parted"]
+    assert "v_y by -7" not in parted
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        (
+            {"time [s]": pd.to_timedelta([0, 5], unit="s"), "x [m]": [1.0, 1.0]},
+            "holds time differences, needs plain numbers; divide by",
+        ),
+        ({"time [s]": [0.1], "x [m]": [0.54], "x [mm]": [99.0]}, "'x' stands there twice"),
+        ({"time [s]": [0.1], "x [m]": [1 + 1j]}, "holds complex numbers"),
+    ],
+)
+def test_columns_of_other_kinds(columns: dict[str, Any], said: str) -> None:
+    """Assert that nothing is read as what it is not."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.compare(made(0.01), pd.DataFrame(columns))
+
+
+def test_datasets_with_two_dimensions() -> None:
+    """Assert that measured variables of unlike length are one error, and evidence is no data."""
+    data = xr.Dataset({"x": ("a", [1.0, 1.0], {"units": "m"}), "time": ("b", [0.1], {"units": "s"})})
+    with pytest.raises(xd.InputError, match="need one dimension for all"):
+        xd.compare(made(0.01), data)
+    with pytest.raises(xd.InputError, match="is evidence, no run"):
+        xd.compare(made(0.01), xd.compare(made(0.01), made(0.02)))
+    with pytest.raises(xd.InputError, match="'model_toml' was left out"):
+        xd.compare(made(0.01), made(0.01).drop_vars("model_toml"))

@@ -241,3 +241,70 @@ def test_no_tighter_run() -> None:
         xd.companion(run)
     with pytest.raises(xd.InputError, match="no run record"):
         xd.diagnose(xd.diagnose(run, companion=False))
+
+
+def growing() -> xd.Model:
+    """An oscillator whose swings grow by 0.3 % each."""
+    return xd.Model(
+        name="growing", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, initial={"x": "1 m", "v_x": "0 m s-1"},
+        forces={"spring": {"x": "-x*newton/metre"}, "push": {"x": "0.002*v_x*kilogram/second"}},
+    )  # fmt: skip
+
+
+def test_the_largest_is_that_of_every_hump() -> None:
+    """Assert the largest of many swings, which need not be the one with the largest accepted state."""
+    for until in (60.0, 75.0, 100.0):
+        found = xd.diagnose(xd.simulate(growing(), method="dop853", rtol=1e-8, atol=1e-8, until=until), companion=False)
+        assert float(found.maximum_x) >= float(found.turning_point.max()) - 1e-9
+
+
+def test_areas_are_as_good_as_the_run() -> None:
+    """Assert the area of the ellipse to 1e-8 where steps are long."""
+    run = xd.simulate(OSCILLATOR, method="dop853", rtol=1e-10, atol=1e-10, until=20.0)
+    assert xd.diagnose(run, companion=False).phase_space_area.values == pytest.approx(2 * math.pi, rel=1e-8)
+
+
+def test_phases_of_first_order_methods() -> None:
+    """Assert offsets that go with h**2 though states go with h: forward Euler's, from its numeric period pi h.../atan(wh)."""
+    found = xd.diagnose(marched("forward_euler", step=0.02))
+    own = math.pi * 2 * 0.02 / math.atan(0.04)  # the turn of 1 + iwh
+    ahead = 2 * math.pi * (found.cycle_time.values / own - found.cycle_time.values / math.pi)
+    assert found.phase_offset.values == pytest.approx(ahead, rel=0.1, abs=1e-3)
+
+
+def test_states_are_believed_too() -> None:
+    """Assert that a model of first-order states alone is not believed to the end where Euler has it wrong by a half."""
+    model = xd.Model(name="growth", states={"u": {"unit": "m", "rate": "u/second"}}, initial={"u": "1 m"})
+    run = xd.simulate(model, method="forward_euler", step=0.5, until=5.0)
+    assert float(xd.diagnose(run).believed_until) < 5.0
+
+
+def test_what_was_edited_is_not_taken_for_the_run() -> None:
+    """Assert that evidence from an edited record has another digest, and that nothing is marched beside it or a part."""
+    run = marched(until=5.0)
+    edited = run.copy(deep=True)
+    edited["x"] = ("step", 3 * run.x.values, run.x.attrs)
+    told = xd.diagnose(edited, companion=False)
+    assert told.attrs["runs"] != xd.content_digest(run) == xd.diagnose(run, companion=False).attrs["runs"]
+    with pytest.raises(xd.InputError, match="this is not the record that was marched"):
+        xd.diagnose(edited)
+    with pytest.raises(xd.InputError, match="this is a part of a run"):
+        xd.companion(run.isel(step=slice(0, 50)))
+
+
+def test_starts_beside_that_are_none() -> None:
+    """Assert what is said where nothing moves, and that a start inside a contact is taken from the other side."""
+    still = xd.simulate(particle(v="0 m s-1"), method="rk4", step=0.1, until=1.0)
+    with pytest.raises(xd.InputError, match="nothing moves in the run"):
+        xd.diagnose(still, lyapunov=True, companion=False)
+    block = xd.simulate(xd.Model.from_toml(MODELS / "rocking_block.toml"), until=0.5)
+    with pytest.raises(xd.InputError, match="there is no start beside the run's own: .*begin where gaps are not negative"):
+        xd.diagnose(block, lyapunov=True, companion=False)
+
+
+def test_many_cycles_take_no_time() -> None:
+    """Assert that 3,000 cycles are diagnosed."""
+    run = xd.simulate(OSCILLATOR, method="velocity_verlet", step=0.05, until=9500.0, force_samples="none")
+    found = xd.diagnose(run, companion=False)
+    assert found.sizes["cycle"] > 3000
+    assert found.phase_space_area.values == pytest.approx(2 * math.pi, rel=1e-2)

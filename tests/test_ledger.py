@@ -61,7 +61,7 @@ def test_exact_limits_are_exact(ledger: Any) -> None:
     high = np.array([xd.METHODS[str(one)].order > 1 for one in ledger.case_method.values])
     assert (ledger.residual.values[quadratic & high] < 1e-12).all()
     euler = quadratic & np.isin(ledger.case_method.values, ["forward_euler", "euler_cromer"])
-    assert ledger.residual.values[euler] == pytest.approx(2.5 * 4.0 * 0.1 / 2, rel=1e-12)  # their own law: a t h/2
+    assert ledger.residual.values[euler] == pytest.approx(2.5 * 4.0 * 0.005 / 2, rel=1e-10)  # their own law: a t h/2
 
 
 DEFECTS = {
@@ -305,3 +305,79 @@ def test_wrong_limits(asked: tuple[Any, ...], said: str) -> None:
 def test_verdicts_have_the_words_of_the_contract() -> None:
     """Assert the three words."""
     assert VERDICTS == ("passed", "failed", "refused")
+
+
+# ------------------------------------------------------------------------------------------- what a ledger must not pass
+
+SWING = """
+name = "swing"
+[coordinates]
+x = "m"
+[parameters]
+k = "1 N m-1"
+[mass]
+x = "1*kilogram"
+[forces.spring]
+potential = "k*x**2/2"
+[initial]
+x = "1 m"
+v_x = "0 m s-1"
+[observables]
+h = "x"
+[validation.x]
+expression = "EXPRESSION"
+bound = "BOUND"
+[run]
+method = "METHOD"
+step = "STEP"
+until = "30 s"
+"""
+
+
+def swing(expression: str, bound: str, method: str, step: str) -> xd.Model:
+    """An oscillator of 1 s-1 with a closed form."""
+    words = {"EXPRESSION": expression, "BOUND": bound, "METHOD": method, "STEP": step}
+    text = SWING
+    for word, value in words.items():
+        text = text.replace(word, value)
+    return xd.Model.from_text(text)
+
+
+@pytest.mark.parametrize(
+    ("expression", "bound", "method", "step"),
+    [
+        ("5*metre*cos(3*t/second)", "band", "velocity_verlet", "0.1 s"),
+        ("5*metre*cos(3*t/second)", "order", "forward_euler", "0.9 s"),
+        ("metre*cos(1.02*t/second)", "order", "rk4", "0.1 s"),
+    ],
+)
+def test_wrong_closed_forms_fail(expression: str, bound: str, method: str, step: str) -> None:
+    """Assert that no derived bound is so wide that what is plainly wrong goes through."""
+    assert words_of(xd.validate(model=swing(expression, bound, method, step)).verdict) == ["failed"]
+    assert words_of(xd.validate(model=swing("metre*cos(t/second)", "order", "rk4", "0.1 s")).verdict) == ["passed"]
+
+
+def test_a_run_that_died_has_failed() -> None:
+    """Assert that a run which ends in nan a third of the way is no pass, and the note says when."""
+    text = SWING.replace('potential = "k*x**2/2"', 'x = "0*newton*sqrt((10*second - t)/second)"')
+    model = xd.Model.from_text(
+        text.replace("EXPRESSION", "metre")
+        .replace("BOUND", "rounding")
+        .replace("METHOD", "rk4")
+        .replace("STEP", "0.1 s")
+    )
+    found = xd.validate(model=model)
+    assert words_of(found.verdict) == ["failed"]
+    assert "the run ended before" in found.case_note.values[0]
+
+
+def test_other_units_are_refused() -> None:
+    """Assert that metres are not held against seconds, of an observable neither."""
+    text = (
+        SWING.replace("[validation.x]", "[validation.h]")
+        .replace("EXPRESSION", "cos(t/second)*second")
+        .replace("BOUND", "1 s")
+    )
+    model = xd.Model.from_text(text.replace("METHOD", "rk4").replace("STEP", "0.1 s"))
+    with pytest.raises(xd.InputError, match="has units 's', needs 'm' of 'h'"):
+        xd.validate(model=model)

@@ -167,3 +167,37 @@ def test_a_floor_of_rounding_is_seen() -> None:
     )
     assert told(study, "x")[0] == "roundoff"
     assert abs(told(study, "x")[2] - math.cos(2.0)) <= told(study, "x")[3]
+
+
+@pytest.mark.parametrize("levels", [3, 4, 5])
+@pytest.mark.parametrize("method", ["forward_euler", "midpoint", "rk4", "dormand_prince"])
+def test_no_lucky_cancellation_passes(method: str, levels: int) -> None:
+    """Assert, at 200 times where error terms of two orders now and then cancel, that 98 in 100 errors are within their uncertainty."""
+    times = np.sort(np.random.default_rng(3).uniform(0.5, 10.0, 200))
+    h = {"forward_euler": 0.05, "midpoint": 0.1, "rk4": 0.2, "dormand_prince": 0.2}[method]
+    study = xd.refine(
+        oscillator().model,
+        method=method,
+        steps=[h / 2**k for k in range(levels)],
+        at=times.tolist(),
+        until=10.0,
+        observables=["x"],
+        estimator="none",
+    )
+    off = np.abs(study.x.values[-1] - np.cos(2 * times))
+    held = study.uncertainty_x.values >= off - 1e-15
+    assert held.mean() >= 0.98
+    assert np.median(study.uncertainty_x.values / np.maximum(off, 1e-300)) < 8.0
+    certain = study.verdict_x.values == VERDICTS.index("asymptotic")
+    assert certain.sum() < 5 or held[certain].mean() >= 0.95
+
+
+def test_names_that_take_each_others_place() -> None:
+    """Assert that a state named like the tolerances is refused where tolerances are varied."""
+    model = xd.Model(
+        name="clash", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces={"s": {"x": "-x*newton/metre"}},
+        states={"rtol": {"unit": "1", "rate": "-rtol/second"}}, initial={"x": "1 m", "v_x": "0 m s-1", "rtol": "1"},
+    )  # fmt: skip
+    with pytest.raises(xd.InputError, match="'rtol' is a name of the model, and of what is said of its numbers"):
+        xd.refine(model, method="rk4", rtols=[1e-3, 1e-4], until=1.0)
+    assert "x" in xd.refine(model, method="rk4", rtols=[1e-3, 1e-4], until=1.0, observables=["x"])

@@ -31,6 +31,17 @@ def observables_of(model: Model) -> tuple[str, ...]:
     return (*layout.used, *(name for name in layout.derived if name not in layout.gaps))
 
 
+def comparable(model: Model) -> tuple[str, ...]:
+    """Name what can be observed without an acceleration, which contacts change within a step."""
+    layout = layout_of(model)
+    accelerations = {*layout.accelerations} if reactions(model) else set()
+    return tuple(
+        one
+        for one in observables_of(model)
+        if one in layout.used or not free_names(layout.derived[one]) & accelerations
+    )
+
+
 def observe(
     run: xr.Dataset, model: Model, names: Sequence[str], times: Floats, rule: str = REINTEGRATE
 ) -> dict[str, tuple[Floats, Floats]]:

@@ -16,11 +16,12 @@ from xdynamics.evidence.comparing.measured import is_measured, residuals
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.inside import wanted_times
 from xdynamics.evidence.matching import matched
-from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.evidence.observing import comparable, observe
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError, escaped
 from xdynamics.model import Model
 from xdynamics.record import check
+from xdynamics.record.kinds import is_evidence, said_of
 from xdynamics.record.words import words_of
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
 from xdynamics.units import parse_unit
@@ -89,9 +90,13 @@ def compare(
     (True, 'settings: solver_step: 0.02 | 0.007')
     """
     _check(first)
+    if "model_toml" not in first.variables:
+        raise InputError("compare needs the model of the run, and 'model_toml' was left out")
     if is_measured(second):
         return residuals(first, second, functions)
     _check(second)
+    if "model_toml" not in second.variables:
+        raise InputError("compare needs the models of both runs, and 'model_toml' was left out of the second")
     at = _times(first, second) if times is None else wanted_times(times)
     names = _shared(first, second)
     lazy = any(run[name].chunks is not None for run in (first, second) for name in ("time", *names))
@@ -116,6 +121,8 @@ def compare(
 
 
 def _check(run: Any) -> None:
+    if isinstance(run, xr.Dataset) and is_evidence(run.attrs):
+        raise InputError(f"this is {said_of(run.attrs)}; compare needs runs")
     if not isinstance(run, xr.Dataset) or "time" not in run.variables or "row_kind" not in run.variables:
         raise InputError("compare needs two run records, or one and measured data; one has no 'time' along 'step'")
     check(run, whole=False, values=False)
@@ -163,7 +170,7 @@ def _sampled(run: xr.Dataset, names: Sequence[str], at: Floats, functions: Funct
         states = sample(run, at, functions=functions)
         return {name: (states[name].data, states[schema.error(name)].data) for name in names if name in states}
     model = Model.from_text(str(run["model_toml"].values), functions=functions)
-    known = {*observables_of(model)}
+    known = {*comparable(model)}
     return observe(run, model, [name for name in names if name in known], at)
 
 

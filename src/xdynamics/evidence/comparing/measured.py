@@ -19,7 +19,7 @@ from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
 from xdynamics.model.reach import ANYWHERE, Reach
-from xdynamics.schema import AT, AT_TIME
+from xdynamics.schema import AT, AT_TIME, EVIDENCE
 from xdynamics.units import TIME, Unit, parse_unit
 
 if TYPE_CHECKING:
@@ -56,7 +56,8 @@ def is_measured(given: Any) -> bool:
     """Tell measured data from a run record: a path, a table of pandas, a Dataset that was not marched."""
     if isinstance(given, str | Path) or hasattr(given, "columns"):
         return True
-    return "row_kind" not in getattr(given, "variables", ("row_kind",))
+    about = getattr(given, "attrs", {})
+    return "row_kind" not in getattr(given, "variables", ("row_kind",)) and EVIDENCE not in about
 
 
 def measured(given: Any) -> Measured:
@@ -156,6 +157,8 @@ def _of_columns(name: str, columns: Mapping[str, Any]) -> Measured:
             )
             continue
         with ledger.entry(f"column {header[:40]!r}"):
+            if said["name"] in read:
+                raise InputError(f"'{said['name']}' stands there twice")
             read[said["name"]] = _numbers(cells), parse_unit(said["unit"])
     ledger.settle()
     return _sorted_out(name, read)
@@ -174,12 +177,24 @@ def _of_dataset(given: Any) -> Measured:
                 raise InputError(f"has the dims {one.dims}, needs one, along which it was measured")
             key = f"u({said[2:]})" if said.startswith("u_") else "time" if name == AT_TIME else said
             read[key] = _numbers(one.values), parse_unit(str(one.attrs["units"]))
+    sizes = {name: len(numbers) for name, (numbers, _) in read.items()}
+    if len({*sizes.values()}) > 1:
+        ledger.note(
+            f"variables have {', '.join(f'{size} ({name})' for name, size in sizes.items())} rows, need one dimension for all"
+        )
     ledger.settle()
     return _sorted_out("the Dataset", read)
 
 
 def _numbers(cells: Any) -> Floats:
     """Read numbers; a gap is none."""
+    kind = np.asarray(cells).dtype.kind
+    if kind in "mMcb":
+        what = {"m": "time differences", "M": "dates", "c": "complex numbers", "b": "truths"}[kind]
+        raise InputError(
+            f"holds {what}, needs plain numbers"
+            + ("; divide by np.timedelta64(1, 's') for seconds" if kind == "m" else "")
+        )
     try:
         values = np.asarray(cells, float)
     except (TypeError, ValueError):

@@ -342,7 +342,7 @@ def _believed(run: xr.Dataset, beside: Companion) -> dict[str, Any]:
 
 
 def _lyapunov(exponent: float) -> dict[str, Any]:
-    said = "rate at which a run from a start beside parts from this one; 0 where it stays, or goes by a power of time"
+    said = "rate at which a run from a start beside parts from this one, from its start on; 0 where it stays, or goes by a power of time"
     time = 1.0 / exponent if exponent > 0.0 else np.inf
     return {
         "lyapunov_exponent": ((), exponent, about("s-1", said, ROLE)),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.inside import sampled
 from xdynamics.evidence.marching import march
+from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.record.provenance import asked_of
@@ -43,17 +44,19 @@ class Parting(NamedTuple):
 def parting(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> Parting:
     """March the model of a run once more from a start beside its own, and see how the distance grows.
 
+    It is the growth along this run, from its start on: a global exponent, of a strange attractor for instance, is its mean
+    over a time that is much longer than it takes to part.
+
     The distance is the root of the sum of squares of all differences of coordinates, velocities and states over their
     ranges in the run. It has an exponent if it grows a hundredfold before it is 3 % of the ranges, and if its logarithm
     lies closer to a line in time than to one in the logarithm of time.
     """
     model = Model.from_text(str(run["model_toml"].values), functions=functions)
     names = [name for name in model.units if float(np.ptp(np.asarray(run[name]))) > 0.0]
+    if not names:
+        raise InputError("nothing moves in the run: there is no range that a start beside its own could be measured by")
     ranges = {name: float(np.ptp(np.asarray(run[name]))) for name in names}
-    started = {name: float(run[name][0]) + BESIDE * ranges[name] for name in names}
-    asked = asked_of(run) | {"force_samples": "none"}
-    values = {name: f"{value!r} {run[name].attrs['units']}" for name, value in started.items()}
-    other = march(model.replace(initial=values), **asked)
+    other = _beside(run, model, ranges)
     begin, end = float(run["time"][0]), min(float(one["time"][-1]) for one in (run, other))
     times = np.linspace(begin, end, LOOKED_AT)
     each = [sampled(one, times, after=True, rule=REINTEGRATE, functions=functions) for one in (run, other)]
@@ -61,6 +64,19 @@ def parting(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | Non
         sum(((np.asarray(each[1][name]) - np.asarray(each[0][name])) / ranges[name]) ** 2 for name in names)
     )
     return Parting(_exponent(times - begin, np.asarray(apart)), other)
+
+
+def _beside(run: xr.Dataset, model: Model, ranges: Mapping[str, float]) -> xr.Dataset:
+    """March from a start beside the run's own, above it or, where contacts do not let it, below."""
+    asked, why = asked_of(run) | {"force_samples": "none"}, ""
+    for sign in (1.0, -1.0):
+        started = {name: float(run[name][0]) + sign * BESIDE * span for name, span in ranges.items()}
+        values = {name: f"{value!r} {run[name].attrs['units']}" for name, value in started.items()}
+        try:
+            return march(model.replace(initial=values), **asked)
+        except InputError as error:
+            why = str(error)
+    raise InputError(f"there is no start beside the run's own: {why}")
 
 
 def _exponent(times: Floats, apart: Floats) -> float:

@@ -54,7 +54,7 @@ def limiting(
     Returns
     -------
     xarray.Dataset
-        Over `level`: `parameter_value`, `run_digest`. Over `level` and `at`, for each observable y: y, `distance_y` (y
+        Over `level`: `parameter_value`, `run_digest`, `run_outcome`. Over `level` and `at`, for each observable y: y, `distance_y` (y
         less that of the limit), `order_y` (of the distance, in the distance of the parameter). Over `at`: `limit_y`,
         and `approached_y`, 1 where every distance is less than the one before.
 
@@ -90,13 +90,25 @@ def limiting(
             f"values of '{parameter}' are {[*map(str, values)]}, need 2 or more that come closer to {limit!r}"
         )
     times = wanted_times([parse_time(one, "at") for one in ([at] if isinstance(at, str | float | int) else at)])
-    names = tuple(model.units) if observables is None else tuple(observables)
+    names = (
+        tuple(model.units)
+        if observables is None
+        else (observables,)
+        if isinstance(observables, str)
+        else tuple(observables)
+    )
     models = [model.replace(parameters={parameter: value}) for value in (*numbers.tolist(), end)]
     runs = [march(one, **{"force_samples": "none"} | asked) for one in models]
+    for run, value in zip(runs, (*numbers.tolist(), end), strict=True):
+        if float(run["time"][-1]) < float(times.max()):
+            raise InputError(
+                f"with {parameter} = {value!r} {unit.text} the run ends before: {run.attrs['run_outcome_text']}"
+            )
     found = [observe(run, one, names, times) for run, one in zip(runs, models, strict=True)]
     variables: dict[str, Any] = {
         "parameter_value": ((LEVEL,), numbers, about(unit.text, f"{parameter} of the level", ROLE)),
         "run_digest": ((LEVEL,), np.array([archive.digest_of_run(run) for run in runs[:-1]]), about("1", "content digest of the level's run", "digest")),
+        "run_outcome": ((LEVEL,), np.array([str(run.attrs["run_outcome"]) for run in runs[:-1]]), about("1", "outcome of the level's run", "outcome")),
         AT_TIME: ((AT,), times, about("s", "time of comparison", "time")),
     }  # fmt: skip
     for name in names:
@@ -112,7 +124,8 @@ def _approach(name: str, units: str, values: Floats, limit: Floats, away: Floats
     distance = values - limit
     with np.errstate(divide="ignore", invalid="ignore"):
         orders = np.log(np.abs(distance[:-1] / distance[1:])) / np.log(away[:-1] / away[1:])[:, None]
-    closer = (np.diff(np.abs(distance), axis=0) < 0.0).all(axis=0)
+    away_from = np.abs(distance)
+    closer = ((np.diff(away_from, axis=0) < 0.0) | (away_from[1:] == 0.0)).all(axis=0)
     each = (LEVEL, AT)
     return {
         name: (each, values, about(units, name, ROLE)),
