@@ -298,7 +298,9 @@ def test_starts_beside_that_are_none() -> None:
     with pytest.raises(xd.InputError, match="nothing moves in the run"):
         xd.diagnose(still, lyapunov=True, companion=False)
     block = xd.simulate(xd.Model.from_toml(MODELS / "rocking_block.toml"), until=0.5)
-    with pytest.raises(xd.InputError, match="there is no start beside the run's own: .*begin where gaps are not negative"):
+    with pytest.raises(
+        xd.InputError, match="there is no start beside the run's own: .*begin where gaps are not negative"
+    ):
         xd.diagnose(block, lyapunov=True, companion=False)
 
 

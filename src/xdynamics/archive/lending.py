@@ -91,6 +91,8 @@ class Lent:
 
     def __del__(self) -> None:
         # in whatever thread, and in the midst of whatever: it must not wait
+        if _open is None:  # the interpreter is half gone
+            return
         file = _open.pop(id(self), None)
         if file is not None:
             leave(file)

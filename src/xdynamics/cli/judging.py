@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -52,6 +53,7 @@ def refine(
     from xdynamics.evidence.refining.refinement import lines_of
     from xdynamics.evidence.refining.refinement import refine as refined
 
+    _check(output)
     model = changed_model(model_file, values)
     asked: dict[str, Any] = {"method": method, "at": list(times) or None, "observables": list(observables) or None}
     asked |= {
@@ -92,6 +94,14 @@ def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, 
     return kept | {varied.keyword: [first / by**k for k in range(levels)]}
 
 
+def _check(output: str | None) -> None:
+    """Refuse a target that cannot be written, before anything is marched for it."""
+    if output:
+        from xdynamics.archive import check_target
+
+        check_target(Path(output))
+
+
 def _kept(found: xr.Dataset, told: Any, output: str | None) -> None:
     """Save evidence where that is asked for, and say what it tells."""
     lines = [str(found.attrs["title"]), *told(found)]
@@ -125,6 +135,7 @@ def diagnose(
     from xdynamics.evidence.diagnosing.diagnosis import diagnose as diagnosed
     from xdynamics.evidence.diagnosing.diagnosis import lines_of
 
+    _check(output)
     other = open_run(reference) if reference and reference.endswith(".nc") else reference
     told = diagnosed(
         open_run(archive), of=of, reference=other, exact=pairs(exact, "--exact"), companion=not no_companion, lyapunov=lyapunov
@@ -141,6 +152,7 @@ def validate(model_file: str | None, methods: tuple[str, ...], output: str | Non
     from xdynamics.evidence.validating.ledger import FAILED, lines_of
     from xdynamics.evidence.validating.ledger import validate as validated
 
+    _check(output)
     model = changed_model(model_file, ()) if model_file else None
     found = validated(list(methods) or None, model)
     _kept(found, lines_of, output)
@@ -164,6 +176,7 @@ def compare(first: str, second: str, times: tuple[str, ...], output: str | None)
     from xdynamics.evidence.comparing.comparison import lines_of
     from xdynamics.units import parse_time
 
+    _check(output)
     other = second if second.endswith(".csv") else open_run(second)
     at = [parse_time(one, "--at") for one in times] or None
     table = compared(open_run(first), other, at)

@@ -85,6 +85,11 @@ def _along_cycles(found: Several, name: str, axes: Axes) -> None:
     for k, (label, one) in enumerate(found.items()):
         units = str(one[name].attrs["units"])
         axes.plot(one["cycle_time"].values, one[name].values, f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=3.5, linewidth=1.0, label=words(label))  # fmt: skip
+    low, high = axes.get_ylim()
+    size = max(abs(low), abs(high))
+    if high - low < diagnosis.STEADY * size:  # what is the same but for little is drawn so
+        axes.set_ylim(low - diagnosis.STEADY * size, high + diagnosis.STEADY * size)
+        axes.ticklabel_format(axis="y", useOffset=False)
     axes.set(xlabel=f"time at the end of the {CYCLE} (s)", ylabel=words(f"{name} ({units})"))
     axes.set_title(words(name.replace("_", " ")), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
