@@ -310,3 +310,9 @@ def test_many_cycles_take_no_time() -> None:
     found = xd.diagnose(run, companion=False)
     assert found.sizes["cycle"] > 3000
     assert found.phase_space_area.values == pytest.approx(2 * math.pi, rel=1e-2)
+
+
+def test_impacts_are_no_loss_of_belief() -> None:
+    """Assert that a bouncing ball is believed to the end, though velocities differ wholly between two times of one impact."""
+    model = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
+    assert float(xd.diagnose(xd.simulate(model, step=0.01, until=4.0)).believed_until) == 4.0

@@ -271,3 +271,21 @@ def test_runs_of_levels_are_kept_in_files(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(xd.InputError, match="folder '.*file' is no path for a file: File exists"):
         xd.refine(model, **asked, keep=tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    ("name", "asked"),
+    [
+        ("ball_in_box", {"steps": [0.2, 0.1]}),
+        ("moving_table", {"steps": [0.02, 0.01], "until": 2.0}),
+        ("staged_rocket", {"rtols": [1e-5, 1e-6]}),
+        ("stick_slip_belt", {"rtols": [1e-5, 1e-6], "until": 10.0}),
+    ],
+)
+def test_models_with_several_events(name: str, asked: dict[str, Any]) -> None:
+    """Assert that events which are met unequally often stand along one dimension, nan where there are no more."""
+    study = xd.refine(xd.Model.from_toml(MODELS / f"{name}.toml"), **asked)
+    names = [str(one).removeprefix("event_count_") for one in study.data_vars if str(one).startswith("event_count_")]
+    assert study.sizes["occurrence"] == max(int(study[f"event_count_{one}"][-1]) for one in names)
+    for one in names:
+        assert np.isfinite(study[f"event_time_{one}"].values[-1]).sum() == int(study[f"event_count_{one}"][-1])

@@ -329,16 +329,21 @@ def _believed(run: xr.Dataset, beside: Companion) -> dict[str, Any]:
     """Return the time up to which every coordinate and velocity is known to a tenth of its range."""
     time = np.asarray(run["time"])
     end = min(float(time[-1]), float(beside.run["time"][-1]))
-    rows = np.unique(np.linspace(0, np.searchsorted(time, end, side="right") - 1, LOOKED_AT).astype(np.int64))
+    # beside an event the two runs are on both sides of it, however well they agree
+    calm = np.flatnonzero(
+        ~np.isin(np.asarray(run["row_kind"]), (schema.EVENT_BEFORE, schema.EVENT_AFTER)) & (time <= end)
+    )
+    rows = calm[np.unique(np.linspace(0, len(calm) - 1, LOOKED_AT).astype(np.int64))]
     states = beside.beside(sampled(run, time[rows], after=True, rule=REINTEGRATE, functions=beside.functions))
     names = _with_roles(run, ("coordinate", "velocity", "state"))
     lost = np.zeros(rows.size, bool)
     for name in names:
         span = float(np.ptp(np.asarray(run[name])))
         lost |= np.abs(np.asarray(states[global_error(name)])) > BELIEVED * span if span > 0.0 else False
-    first = int(np.argmax(lost)) if lost.any() else -1
+    stays = lost & np.append(lost[1:], lost[-1:])  # once may be between two impacts that are one
+    until = float(time[rows[int(np.argmax(stays))]]) if stays.any() else end
     said = "time up to which no coordinate, velocity or state is further from the solution than a tenth of its range"
-    return {"believed_until": ((), float(time[rows[first]]), about("s", said, ROLE))}
+    return {"believed_until": ((), until, about("s", said, ROLE))}
 
 
 def _lyapunov(exponent: float) -> dict[str, Any]:

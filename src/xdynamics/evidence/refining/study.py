@@ -62,9 +62,12 @@ class Study:
         yield from self._at_times(times)
         yield from self._of_runs(times)
         met = [words_of(run["event_detector"]) for run in self.runs]
-        for detector in dict.fromkeys(name for names in met for name in names):
-            rows = [np.flatnonzero(np.array(names) == detector) for names in met]
-            yield from self._of_events(detector, rows)
+        names = dict.fromkeys(name for each in met for name in each)
+        rows = {name: [np.flatnonzero(np.array(each) == name) for each in met] for name in names}
+        # those of the finest level; of what that has not met, as many as another one has
+        most = max((len(one[-1]) or max(map(len, one)) for one in rows.values()), default=0)
+        for name, each in rows.items():
+            yield from self._of_events(name, each, most)
 
     def _at_times(self, times: Floats) -> Iterator[Watched]:
         """Yield observables at the times of comparison."""
@@ -107,10 +110,9 @@ class Study:
             scale = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
             yield Watched(name, units, said, dims, values, errors, rounding, np.zeros(len(values)), scale)
 
-    def _of_events(self, detector: str, rows: list[NDArray[np.int64]]) -> Iterator[Watched]:
+    def _of_events(self, detector: str, rows: list[NDArray[np.int64]], most: int) -> Iterator[Watched]:
         """Yield the times at which one event function was met, occurrence by occurrence, and the states behind."""
-        runs, most = self.runs, len(rows[-1]) or max(map(len, rows))
-        dims, still = (OCCURRENCE,), np.zeros(most)
+        runs, dims, still = self.runs, (OCCURRENCE,), np.zeros(most)
         met = [run["event_time"].values[mine] for run, mine in zip(runs, rows, strict=True)]
         # those of the finest level, and of each other one what is nearest to them
         places = [matched(one, met[-1]) if len(met[-1]) else matched(one, one) for one in met]
