@@ -22,7 +22,7 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     runs = {
         name: xd.simulate(model, method=name, step=study["step"], until=study["until"]) for name in study["methods"]
     }
-    diagnoses = {name: xd.diagnose(run, reference=period, exact=study["exact"]) for name, run in runs.items()}
+    diagnoses = {name: xd.diagnose(run, reference=period, exact=study.get("exact")) for name, run in runs.items()}
     return xd.report(folder, run=runs, diagnosis=diagnoses)
 
 

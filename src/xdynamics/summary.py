@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.faults import escaped
-from xdynamics.record.kinds import is_evidence, is_selection, is_whole, said_of
+from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, said_of
 from xdynamics.record.words import words_of
 from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, TRIALS
 
@@ -69,7 +69,7 @@ def _partly(run: xr.Dataset) -> Iterator[str]:
 
 def details(run: xr.Dataset) -> list[str]:
     """Describe a run whole: its summary, parameters with their descriptions, settings and digests, a line each."""
-    lines = [*summary(run), "parameters"]
+    lines = [*summary(run), *(["parameters"] if is_run(run.attrs) else [])]
     for name, one in run.data_vars.items():
         if one.attrs.get("role") == "parameter" and not one.dims:
             uncertainty = f" ± {one.attrs['uncertainty']:g}" if "uncertainty" in one.attrs else ""

@@ -32,7 +32,7 @@ def exhibit(
     """
     import xarray as xr
 
-    coordinates = [AT_TIME] if AT_TIME in variables else []
+    coordinates = [name for name in (AT_TIME, "time") if name in variables]
     found = xr.Dataset({name: xr.Variable(*one) for name, one in variables.items()}).set_coords(coordinates)
     about = {
         "Conventions": CONVENTIONS,

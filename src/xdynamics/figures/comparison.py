@@ -42,16 +42,23 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
 def foot_of(found: xr.Dataset) -> str:
     """Say what differs, and since when."""
     parted, cause = (str(found.attrs.get(key, "")) for key in ("parted", "cause"))
-    return "; ".join(filter(None, ("shaded: what interpolation or measurement may be off", parted and f"parted at {parted}", cause)))  # fmt: skip
+    return "; ".join(filter(None, ("shaded: standard uncertainty as measured, else what interpolation may be off", parted and f"parted at {parted}", cause)))  # fmt: skip
 
 
 def _beside(found: xr.Dataset, name: str, axes: Axes) -> None:
     """Draw what was measured with its uncertainty, and what was computed at the same times."""
     time, units = found[AT_TIME].values, found[name].attrs["units"]
     doubt = found[f"measured_uncertainty_{name}"].values if f"measured_uncertainty_{name}" in found else None
-    axes.errorbar(time, found[f"measured_{name}"].values, yerr=doubt, fmt=".", color=COLOURS[1], markersize=4, elinewidth=0.8, label="measured")  # fmt: skip
+    axes.errorbar(time, found[f"measured_{name}"].values, yerr=doubt, fmt=".", color=COLOURS[1], markersize=3, elinewidth=1.0, capsize=3, zorder=3, label="measured")  # fmt: skip
     order = np.argsort(time)
-    axes.plot(time[order], found[name].values[order], "+", color=COLOURS[0], label="computed")
+    axes.plot(
+        time[order],
+        found[name].values[order],
+        "-",
+        color=COLOURS[0],
+        linewidth=0.9,
+        label="computed, at the same times",
+    )
     axes.set(xlabel="time (s)", ylabel=words(f"{name} ({units})"))
     axes.set_title(words(f"{name}, measured and computed"), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)

@@ -61,6 +61,6 @@ def _along_cycles(found: xr.Dataset, name: str, axes: Axes) -> None:
 
 def _residual(found: xr.Dataset, name: str, axes: Axes) -> None:
     one = found[name]
-    axes.plot(one.values, color=COLOURS[1], linewidth=1.0)
-    axes.set(xlabel="accepted state", ylabel=words(f"{name} ({one.attrs['units']})"))
+    axes.plot(found["time"].values, one.values, color=COLOURS[1], linewidth=1.0)
+    axes.set(xlabel="time (s)", ylabel=words(f"{name} ({one.attrs['units']})"))
     axes.set_title(words(str(one.attrs["long_name"])), loc="left", fontsize=10)

@@ -90,7 +90,8 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
     else:
         axes.set_xticks(steps, [words(str(each)) for each in varied.values])
     axes.set(ylabel=words(f"|difference| ({units})"))
-    axes.set_title(
-        words(f"{name} = {float(one.values.reshape(varied.size, -1)[-1, 0]):.9g} {units}"), loc="left", fontsize=10
-    )
+    first = f" at {float(study[AT_TIME][0]):.6g} s" if place == AT else ""
+    left = f", {MOST_PLACES} of {study.sizes[place]} drawn" if place and study.sizes[place] > MOST_PLACES else ""
+    value = float(one.values.reshape(varied.size, -1)[-1, 0])
+    axes.set_title(words(f"{name}{first} = {value:.9g} {units}{left}"), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)

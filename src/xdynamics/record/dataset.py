@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,6 +71,8 @@ def check_kind(run: Any) -> None:
     InputError
         Naming what is missing.
     """
+    if isinstance(run, str | PathLike):
+        raise InputError(f"'{run}' is a path; open it first, with open_run")
     needed = ("time", "row_kind", "step_size", "model_toml")
     missing = [name for name in needed if name not in getattr(run, "variables", ())]
     attributes = ("solver_method", "solver_estimator", "solver_interpolation")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -121,6 +122,8 @@ def compare(
 
 
 def _check(run: Any) -> None:
+    if isinstance(run, str | Path):
+        raise InputError(f"'{run}' is a path; open it first, with open_run")
     if isinstance(run, xr.Dataset) and is_evidence(run.attrs):
         raise InputError(f"this is {said_of(run.attrs)}; compare needs runs")
     if not isinstance(run, xr.Dataset) or "time" not in run.variables or "row_kind" not in run.variables:
@@ -332,4 +335,4 @@ def _largest(table: xr.Dataset) -> Iterator[str]:
             where = f"at t = {float(table[AT_TIME][worst]):.9g} s" if one.dims == (AT,) else f"occurrence {worst + 1}"
             yield f"largest   {name} = {float(one[worst]):.6g} {one.attrs['units']} {where}"
         elif one.attrs.get("role") == "residual" and not one.dims:
-            yield f"{name} = {float(one):.6g} {one.attrs['units']}"
+            yield f"{name} = {float(one):.6g}{'' if one.attrs['units'] == '1' else ' ' + one.attrs['units']}"

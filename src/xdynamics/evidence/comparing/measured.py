@@ -88,6 +88,12 @@ def residuals(run: xr.Dataset, given: Any, functions: Mapping[str, Callable[...,
         elif unit.dimension != parse_unit(str(run[name].attrs["units"])).dimension:
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{run[name].attrs['units']}' or a unit like it")
     ledger.settle()
+    begin, end = (float(run["time"][k]) for k in (0, -1))
+    outside = np.flatnonzero((data.times < begin) | (data.times > end))
+    if outside.size:
+        raise InputError(
+            f"{data.name}, row {int(outside[0]) + 1}: t = {float(data.times[outside[0]])!r} s is outside the run, from {begin!r} s to {end!r} s"
+        )
     names = list(data.values)
     found = observe(run, model, names, data.times)
     variables: dict[str, Any] = {AT_TIME: ((AT,), data.times, about("s", "time of measurement", "time"))}

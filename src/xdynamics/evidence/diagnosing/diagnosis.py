@@ -37,6 +37,7 @@ BELIEVED = 0.1  # of the range of a quantity: what it may be off, and still be b
 EXACT, MOST_STEPS = ("dop853", 1e-12), 1_000_000  # of the march that phases are told by
 PARTS = 64  # of a cycle, at which an area is looked at
 LOOKED_AT = 400  # times at which a run is held against its companion
+KEPT = ("solver_method", "solver_step", "solver_rtol", "model_digest")  # attributes of the run
 BANDED = ("energy", "observable")  # roles of what may be conserved
 
 
@@ -105,7 +106,7 @@ def diagnose(
     if any(run[name].chunks is not None for name in run.data_vars):
         return exhibit("diagnosis", title, [digest], dict(_bands(run)), {})
     model = Model.from_text(str(run["model_toml"].values), functions=functions)
-    told: dict[str, Any] = {"model_digest": run.attrs["model_digest"]}
+    told: dict[str, Any] = {name: run.attrs[name] for name in KEPT if name in run.attrs}
     if reference is not None:
         check_whole(run)  # cycles are counted from the start
     beside = companion_of(run, functions) if companion else None
@@ -120,7 +121,9 @@ def diagnose(
         told["reference"] = said
     for name in _with_roles(run, ("coordinate", "velocity", "state")):
         variables |= extremes_of(run, name, functions)
-    variables |= dict(_residuals(run, model, exact or {}))
+    variables |= dict(_residuals(run, model, {} if exact is None else exact))
+    if exact:
+        variables["time"] = ((STEPS,), np.asarray(run["time"]), dict(run["time"].attrs))
     if beside is not None:
         variables |= _believed(run, beside)
         told["companion"] = beside.said
@@ -304,8 +307,11 @@ def _residuals(run: xr.Dataset, model: Model, exact: Mapping[str, str]) -> Itera
         off = np.asarray(run[name]) - closed_form(run, model, name, text)
         units = str(run[name].attrs["units"])
         yield f"residual_{name}", ((STEPS,), off, about(units, f"{name} less {text}", "residual"))
-        yield f"largest_residual_{name}", ((), float(np.max(np.abs(off))), about(units, "largest of them", "residual"))
-        yield f"rms_residual_{name}", ((), float(np.sqrt(np.mean(off**2))), about(units, "root of their mean square", "residual"))  # fmt: skip
+        yield (
+            f"largest_residual_{name}",
+            ((), float(np.max(np.abs(off))), about(units, f"largest size of residual_{name}", "residual")),
+        )
+        yield f"rms_residual_{name}", ((), float(np.sqrt(np.mean(off**2))), about(units, f"root of the mean square of residual_{name}", "residual"))  # fmt: skip
 
 
 def closed_form(run: xr.Dataset, model: Model, name: str, text: str) -> Floats:
@@ -362,10 +368,10 @@ def _with_roles(run: xr.Dataset, roles: tuple[str, ...]) -> list[str]:
 def lines_of(found: xr.Dataset) -> Iterator[str]:
     """Say what a diagnosis found, in lines."""
     for name, one in found.data_vars.items():
-        if not one.dims and one.attrs["role"] == ROLE:
-            rule = f"{name}_rule"
+        if not one.dims and one.attrs["role"] in (ROLE, "residual"):
+            rule, units = f"{name}_rule", "" if one.attrs["units"] == "1" else f" {one.attrs['units']}"
             shown = f", {str(found[rule].attrs['flag_meanings']).split()[int(found[rule])]}" if rule in found else ""
-            yield f"{name} = {float(one):.9g} {one.attrs['units']}{shown}"
+            yield f"{name} = {float(one):.9g}{units}{shown}"
     if CYCLE in found.dims and found.sizes[CYCLE]:
         yield f"cycles of {found.attrs['coordinate']}: {found.sizes[CYCLE]}, phases beside {found.attrs['reference']}"
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):

@@ -97,6 +97,6 @@ def extremes_of(run: xr.Dataset, name: str, functions: Any) -> dict[str, tuple[A
             f"{word}_{name}": ((), one.value, {"units": units, "long_name": f"{said} {name} of the run", "role": "diagnostic"}),
             f"{word}_{name}_time": ((), one.time, {"units": "s", "long_name": f"when {name} was {said}", "role": "diagnostic"}),
             f"{word}_{name}_rule": ((), np.int8(one.rule), {"units": "1", "long_name": "an accepted state, a state between, or one at an event", "role": "flag"} | rules),
-            f"{word}_{name}_uncertainty": ((), one.uncertainty, {"units": units, "long_name": "what interpolation may have it off; the error of the integration is not in it", "role": "error"}),
+            f"{word}_{name}_uncertainty": ((), one.uncertainty, {"units": units, "long_name": f"what interpolation may have {word}_{name} off; the error of the integration is not in it", "role": "error"}),
         }  # fmt: skip
     return found

@@ -70,9 +70,9 @@ def family(one: Watched, levels: Levels) -> dict[str, Any]:
     found: dict[str, Any] = {
         name: (each, along(one.values), about(units, one.said, ROLE)),
         f"difference_{name}": (each, along(changes), about(units, f"{name} of the next finer level less that of this one", ROLE)),
-        f"scaled_difference_{name}": (each, along(changes / one.scale), about("1", f"the same over a scale, {one.scale:.6g} {units}", ROLE) | scale),
+        f"scaled_difference_{name}": (each, along(changes / one.scale), about("1", f"difference_{name} over a scale, {one.scale:.6g} {units}", ROLE) | scale),
         f"interpolation_error_{name}": (each, along(one.errors), about(units, f"how far interpolation, or the location of an event, may have {name} off", ROLE)),
-        f"gate_{name}": (each, along(gate), about("1", "passed where that is at most the difference to the next finer level", "flag") | flags(dict(enumerate(GATES)))),
+        f"gate_{name}": (each, along(gate), about("1", f"passed where interpolation_error_{name} is at most the difference to the next finer level", "flag") | flags(dict(enumerate(GATES)))),
     }  # fmt: skip
     return found | (_judged(one, levels) if levels.ordered else {})
 

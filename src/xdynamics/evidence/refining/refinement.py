@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,13 +22,15 @@ from xdynamics.files import made_folder
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.record.words import words_of
-from xdynamics.schema import AT, AT_TIME, LEVEL
+from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
 from xdynamics.units import Quantity, parse_quantity, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
+
+MOST_SHOWN = 3  # occurrences of one event, in words
 
 
 def refine(
@@ -154,9 +157,10 @@ def _dataset(study: Study, told: Mapping[str, Any], *, defects: bool) -> xr.Data
         variables[f"event_count_{name}"] = ((LEVEL,), counts, about("1", f"how often {name} was met", ROLE))
     if defects:
         variables |= _defects(study)
+    variables["model_toml"] = ((), np.array(levels.model.to_toml()), about("1", "the whole model as TOML", "model"))
     method = str(runs[0].attrs["solver_method"])
     return exhibit("refinement", f"refinement of {levels.model.name}, by {method}", digests, variables, {
-        "solver_method": method, "varied": varied.name, "formal_order": levels.formal, "model_digest": levels.model.digest,
+        "solver_method": method, "varied": varied.name, "asked": json.dumps(levels.asked, default=str, sort_keys=True), "formal_order": levels.formal, "model_digest": levels.model.digest,
         "norm": "absolute differences of neighbouring levels; scaled ones over the stated scale", **told,
     })  # fmt: skip
 
@@ -218,6 +222,7 @@ def lines_of(study: xr.Dataset) -> list[str]:
     lines = [f"levels    {varied} {levels}{'' if units == '1' else f' {units}'}"]
     outcomes = dict.fromkeys(map(str, study["run_outcome"].values))
     lines.append(f"outcomes  {', '.join(outcomes)}")
+    lines.append("±         numerical, at about 95 %; what parameters and the start are uncertain by is not in it")
     for name in [str(one) for one in study.data_vars if f"difference_{one}" in study]:
         lines += _of_number(study, name)
     return lines + ([f"stopped   {study.attrs['stopped']}"] if "stopped" in study.attrs else [])
@@ -228,7 +233,8 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
     one = study[name]
     places = [dim for dim in one.dims if dim != LEVEL]
     units = "" if one.attrs["units"] == "1" else f" {one.attrs['units']}"
-    for k in range(study.sizes[places[0]] if places else 1):
+    count = study.sizes[places[0]] if places else 1
+    for k in range(count if places != [OCCURRENCE] else min(count, MOST_SHOWN)):
         here = {places[0]: k} if places else {}
         value = float(one.isel(here)[-1])
         where = "" if not places else f" at t = {float(study[AT_TIME][k]):.9g} s" if places[0] == AT else f" [{k + 1}]"
@@ -243,3 +249,5 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
         uncertainty = float(study[f"uncertainty_{name}"].isel(here))
         shown = f", order {order:.3g}" if np.isfinite(order) else ""
         yield f"{name}{where} = {value:.12g} ± {uncertainty:.2g}{units}{shown}, {verdict}"
+    if places == [OCCURRENCE] and count > MOST_SHOWN:
+        yield f"{name}: {count - MOST_SHOWN} further occurrences are in the record"

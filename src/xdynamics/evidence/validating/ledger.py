@@ -46,7 +46,7 @@ WIDER = 1.5  # times its first part, the most that a band may be in its last one
 ROLE = "validation"
 
 
-def validate(methods: Sequence[str] | str | None = None, model: Model | None = None) -> xr.Dataset:
+def validate(methods: Sequence[str] | str | Model | None = None, model: Model | None = None) -> xr.Dataset:
     """Hold methods against exact cases, or one model against its own closed forms.
 
     Parameters
@@ -84,6 +84,8 @@ def validate(methods: Sequence[str] | str | None = None, model: Model | None = N
     >>> sorted({VERDICTS[one] for one in found.verdict.values})
     ['passed', 'refused']
     """
+    if isinstance(methods, Model) and model is None:
+        methods, model = None, methods
     if methods is not None and not isinstance(methods, str | Sequence):
         raise InputError(f"methods is {str(methods)[:40]!r}, needs names of methods")
     if model is not None and not isinstance(model, Model):
@@ -325,7 +327,9 @@ def _units(run: xr.Dataset, case: Validation) -> str:
     if case.quantity == "t":
         return "s"
     if case.quantity not in run.variables or run[case.quantity].dims != (STEPS,):
-        raise InputError(f"quantity '{case.quantity}' is nothing that the run has along '{STEPS}'")
+        raise InputError(
+            f"quantity '{case.quantity}' is nothing that the run has along '{STEPS}'; name one by quantity = …, without it the name of the table is one"
+        )
     return str(run[case.quantity].attrs["units"])
 
 
