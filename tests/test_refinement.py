@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -289,3 +293,29 @@ def test_models_with_several_events(name: str, asked: dict[str, Any]) -> None:
     assert study.sizes["occurrence"] == max(int(study[f"event_count_{one}"][-1]) for one in names)
     for one in names:
         assert np.isfinite(study[f"event_time_{one}"].values[-1]).sum() == int(study[f"event_count_{one}"][-1])
+
+
+def test_an_interrupt_ends_the_study(tmp_path: Path) -> None:
+    """Assert that Ctrl-C in the first of several long levels ends the command, with nothing left under the target's name."""
+    command = [
+        sys.executable,
+        "-m",
+        "xdynamics",
+        "refine",
+        str(MODELS / "double_pendulum.toml"),
+        "--method",
+        "rk4",
+        "--step",
+        "1e-6 s",
+        "--until",
+        "1000 s",
+    ]
+    process = subprocess.Popen(
+        [*command, "-o", str(tmp_path / "r.nc")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(4.0)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode != 0
+    assert "Traceback" not in said
+    assert list(tmp_path.iterdir()) == []

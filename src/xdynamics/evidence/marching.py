@@ -9,6 +9,7 @@ from xdynamics import archive, record
 from xdynamics.entrance import load_dask_whole
 from xdynamics.march import March
 from xdynamics.march.asking import settings_for
+from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
 
 if TYPE_CHECKING:
@@ -16,10 +17,19 @@ if TYPE_CHECKING:
 
 
 def march(model: Model, path: Path | None = None, **asked: Any) -> xr.Dataset:
-    """March a model as `simulate` does, in memory or into a file, and keep warnings back: outcomes stay in the record."""
+    """March a model as `simulate` does, in memory or into a file, and keep warnings back: outcomes stay in the record.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If the march was interrupted: of one run that is an outcome, of evidence from several it is the end.
+    """
     load_dask_whole()
     one = March(model, settings_for(model, **asked))
     if path is not None:
-        return archive.open_run(archive.stream(one, path), check=False)
-    found: xr.Dataset = archive.marched(record.dataset(one, one.blocks()))
+        found = archive.open_run(archive.stream(one, path), check=False)
+    else:
+        found = archive.marched(record.dataset(one, one.blocks()))
+    if found.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
+        raise KeyboardInterrupt
     return found
