@@ -17,10 +17,11 @@ from xdynamics.evidence.observing import observe
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.schema import AT, AT_TIME, LEVEL
-from xdynamics.units import parse_quantity, parse_time
+from xdynamics.units import Unit, parse_quantity, parse_time
 
 Floats = NDArray[np.float64]
 ROLE = "limiting"
+FEWEST = 2  # values
 
 
 def limiting(
@@ -71,6 +72,35 @@ def limiting(
     >>> found.approached_x1.values.tolist(), round(float(found.order_x1[-1, 0]), 2)
     ([1], 1.0)
     """
+    unit, numbers, end = _values(model, parameter, values, limit)
+    times = wanted_times([parse_time(one, "at") for one in ([at] if isinstance(at, str | float | int) else at)])
+    asked_for = [observables] if isinstance(observables, str) else observables
+    names = tuple(model.units) if asked_for is None else tuple(asked_for)
+    models = [model.replace(parameters={parameter: value}) for value in (*numbers.tolist(), end)]
+    runs = [march(one, **{"force_samples": "none"} | asked) for one in models]
+    for run, value in zip(runs, (*numbers.tolist(), end), strict=True):
+        if float(run["time"][-1]) < float(times.max()):
+            why = run.attrs["run_outcome_text"]
+            raise InputError(f"with {parameter} = {value!r} {unit.text} the run ends before: {why}")
+    found = [observe(run, one, names, times) for run, one in zip(runs, models, strict=True)]
+    variables: dict[str, Any] = {
+        "parameter_value": ((LEVEL,), numbers, about(unit.text, f"{parameter} of the level", ROLE)),
+        "run_digest": ((LEVEL,), np.array([archive.digest_of_run(run) for run in runs[:-1]]), about("1", "content digest of the level's run", "digest")),
+        "run_outcome": ((LEVEL,), np.array([str(run.attrs["run_outcome"]) for run in runs[:-1]]), about("1", "outcome of the level's run", "outcome")),
+        AT_TIME: ((AT,), times, about("s", "time of comparison", "time")),
+    }  # fmt: skip
+    for name in names:
+        every = np.stack([one[name][0] for one in found])
+        variables |= _approach(name, str(runs[0][name].attrs["units"]), every[:-1], every[-1], np.abs(numbers - end))
+    said = {"parameter": parameter, "limit": end, "limit_units": unit.text, "model_digest": model.digest}
+    digests = [archive.digest_of_run(run) for run in runs]
+    return exhibit("limiting case", f"{model.name}: {parameter} to {end!r} {unit.text}", digests, variables, said)
+
+
+def _values(
+    model: Model, parameter: str, values: Sequence[str | float], limit: str | float
+) -> tuple[Unit, Floats, float]:
+    """Read what a parameter is moved to, and its limit, in its own unit."""
     if parameter not in model.parameters:
         raise InputError(f"'{parameter}' is no parameter; there are {', '.join(model.parameters) or 'none'}")
     unit = model.parameters[parameter].quantity.unit
@@ -85,38 +115,10 @@ def limiting(
 
     end, numbers = read(limit), np.array([read(one) for one in values])
     away = np.abs(numbers - end)
-    if len(numbers) < 2 or not (np.diff(away) < 0.0).all() or not away[-1] > 0.0:
-        raise InputError(
-            f"values of '{parameter}' are {[*map(str, values)]}, need 2 or more that come closer to {limit!r}"
-        )
-    times = wanted_times([parse_time(one, "at") for one in ([at] if isinstance(at, str | float | int) else at)])
-    names = (
-        tuple(model.units)
-        if observables is None
-        else (observables,)
-        if isinstance(observables, str)
-        else tuple(observables)
-    )
-    models = [model.replace(parameters={parameter: value}) for value in (*numbers.tolist(), end)]
-    runs = [march(one, **{"force_samples": "none"} | asked) for one in models]
-    for run, value in zip(runs, (*numbers.tolist(), end), strict=True):
-        if float(run["time"][-1]) < float(times.max()):
-            raise InputError(
-                f"with {parameter} = {value!r} {unit.text} the run ends before: {run.attrs['run_outcome_text']}"
-            )
-    found = [observe(run, one, names, times) for run, one in zip(runs, models, strict=True)]
-    variables: dict[str, Any] = {
-        "parameter_value": ((LEVEL,), numbers, about(unit.text, f"{parameter} of the level", ROLE)),
-        "run_digest": ((LEVEL,), np.array([archive.digest_of_run(run) for run in runs[:-1]]), about("1", "content digest of the level's run", "digest")),
-        "run_outcome": ((LEVEL,), np.array([str(run.attrs["run_outcome"]) for run in runs[:-1]]), about("1", "outcome of the level's run", "outcome")),
-        AT_TIME: ((AT,), times, about("s", "time of comparison", "time")),
-    }  # fmt: skip
-    for name in names:
-        every = np.stack([one[name][0] for one in found])
-        variables |= _approach(name, str(runs[0][name].attrs["units"]), every[:-1], every[-1], away)
-    said = {"parameter": parameter, "limit": end, "limit_units": unit.text, "model_digest": model.digest}
-    digests = [archive.digest_of_run(run) for run in runs]
-    return exhibit("limiting case", f"{model.name}: {parameter} to {end!r} {unit.text}", digests, variables, said)
+    if len(numbers) < FEWEST or not (np.diff(away) < 0.0).all() or not away[-1] > 0.0:
+        said = [*map(str, values)]
+        raise InputError(f"values of '{parameter}' are {said}, need {FEWEST} or more that come closer to {limit!r}")
+    return unit, numbers, end
 
 
 def _approach(name: str, units: str, values: Floats, limit: Floats, away: Floats) -> dict[str, Any]:
