@@ -282,6 +282,9 @@ def test_drag_that_vanishes() -> None:
     assert float(found.limit_y[0]) == pytest.approx(20 - 9.80665 / 2, rel=1e-10)
     away = np.abs(found.distance_y.values[:, 0])
     assert away[:-1] / away[1:] == pytest.approx(100.0, rel=0.01)
+    assert np.isnan(found.order_y).all()  # a limit that stands for infinity is as far from all
+    with pytest.raises(xd.InputError, match="a limiting case has no figure"):
+        xd.plot(found)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.faults import InputError
 from xdynamics.figures import comparison, diagnosis, ledger, refinement, run, several
 from xdynamics.figures.sheet import HEIGHT, check_path, sheet, write
 from xdynamics.schema import EVIDENCE
@@ -36,7 +37,10 @@ def plot(record: xr.Dataset | Mapping[str, xr.Dataset], path: str | Path | None 
     if path is not None:
         check_path(Path(path))
     if hasattr(record, "attrs"):
-        page, title = PAGES.get(str(record.attrs.get(EVIDENCE, "")), run), str(record.attrs.get("title", "run"))
+        kind = str(record.attrs.get(EVIDENCE, ""))
+        if kind and kind not in PAGES:
+            raise InputError(f"a {kind} has no figure; what it found is told by `xdynamics show`")
+        page, title = PAGES.get(kind, run), str(record.attrs.get("title", "run"))
     else:
         page, title = several, f"{', '.join(record)}, side by side"
     height = float(getattr(page, "HEIGHT", HEIGHT))

@@ -22,6 +22,7 @@ from xdynamics.units import Unit, parse_quantity, parse_time
 Floats = NDArray[np.float64]
 ROLE = "limiting"
 FEWEST = 2  # values
+LEAST_NEARER = 0.01  # logarithm of the ratio of two distances to the limit
 
 
 def limiting(
@@ -125,7 +126,10 @@ def _approach(name: str, units: str, values: Floats, limit: Floats, away: Floats
     """Say how one quantity comes to its limit; levels first."""
     distance = values - limit
     with np.errstate(divide="ignore", invalid="ignore"):
-        orders = np.log(np.abs(distance[:-1] / distance[1:])) / np.log(away[:-1] / away[1:])[:, None]
+        nearer = np.log(away[:-1] / away[1:])
+        # values that are all as far from a limit, as from one that stands for infinity, have no order in it
+        nearer = np.where(nearer > LEAST_NEARER, nearer, np.nan)
+        orders = np.log(np.abs(distance[:-1] / distance[1:])) / nearer[:, None]
     away_from = np.abs(distance)
     closer = ((np.diff(away_from, axis=0) < 0.0) | (away_from[1:] == 0.0)).all(axis=0)
     each = (LEVEL, AT)
@@ -145,4 +149,5 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
         for k, time in enumerate(found[AT_TIME].values.tolist()):
             last, order = float(found[f"distance_{name}"][-1, k]), float(found[f"order_{name}"][-1, k])
             word = "approached" if int(found[f"approached_{name}"][k]) else "not approached"
-            yield f"{name} at t = {time:.9g} s: {last:.3g} {units} from its limit, order {order:.3g}, {word}"
+            shown = f"order {order:.3g}, " if np.isfinite(order) else ""
+            yield f"{name} at t = {time:.9g} s: {last:.3g} {units} from its limit, {shown}{word}"
