@@ -72,7 +72,15 @@ TOUCHED = {
     "march/contacts/stepping.py": ("test_contacts.py -k second_scheme",),
     "march/contacts/touch.py": (CONTACTS, FRICTION),
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
-    "evidence/sampling.py": ("test_sampling.py -k not (radau or archive)",),
+    "evidence/inside.py": ("test_sampling.py -k not (radau or archive)",),
+    "evidence/matching.py": ("test_comparison.py -k matched", "test_verdicts.py -k missed"),
+    "evidence/refining/convergence.py": (
+        "test_convergence.py",
+        "test_refinement.py -k verdicts or near",
+        "test_verdicts.py -k lucky",
+    ),
+    "evidence/diagnosing/cycles.py": ("test_diagnosis.py -k verlet or references or beating",),
+    "evidence/validating/ledger.py": ("test_ledger.py -k not (planted or manufactured or limit)",),
     "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py"),
     "record/dataset.py": (
         "test_record.py",

@@ -11,7 +11,7 @@ import pytest
 
 import xdynamics as xd
 from problems import MODELS, Problem, coupled_springs, damped, driven_decay, linear_drag, oscillator
-from xdynamics.evidence.refining.convergence import VERDICTS
+from xdynamics.evidence.refining.convergence import VERDICTS, judge
 from xdynamics.evidence.validating.ledger import CASES
 
 METHODS = ("forward_euler", "midpoint", "velocity_verlet", "ruth3", "rk4", "dormand_prince", "dop853")
@@ -201,3 +201,28 @@ def test_names_that_take_each_others_place() -> None:
     with pytest.raises(xd.InputError, match="'rtol' is a name of the model, and of what is said of its numbers"):
         xd.refine(model, method="rk4", rtols=[1e-3, 1e-4], until=1.0)
     assert "x" in xd.refine(model, method="rk4", rtols=[1e-3, 1e-4], until=1.0, observables=["x"])
+
+
+def test_tolerances_are_judged_with_care() -> None:
+    """Assert that levels by tolerance are never asymptotic, three times Richardson's error where they fall in proportion, more where they do not."""
+    tolerances = 10.0 ** -np.arange(4.0, 8.0)
+    even = judge(1.0 + 3.0 * tolerances, tolerances, 1.0, 1e-16, 0.0, 0.0, smooth=False)
+    assert VERDICTS[even.verdict] == "pre_asymptotic"
+    assert even.uncertainty == pytest.approx(3.0 * 3.0 * tolerances[-1], rel=1e-6)
+    assert even.rule == "three times Richardson's error"
+    # order 1.7: it is not counted on for more than 0.6
+    steep = 1.0 + tolerances**1.7
+    uneven = judge(steep, tolerances, 1.0, 1e-25, 0.0, 0.0, smooth=False)
+    falls = np.abs(np.diff(steep))[-2:] / (10.0**0.6 - 1.0) / np.array([10.0**0.6, 1.0])
+    assert uneven.uncertainty == pytest.approx(3.0 * falls.max(), rel=1e-6)
+
+
+@pytest.mark.parametrize(("method", "rtols"), [("dormand_prince", [1e-5, 1e-6, 1e-7]), ("dop853", [1e-4, 1e-5, 1e-6])])
+def test_tolerances_hold_on_an_orbit(method: str, rtols: list[float]) -> None:
+    """Assert, at 40 times of an ellipse, that at least 95 in 100 errors are within their uncertainty."""
+    orbit = xd.Model.from_toml(MODELS / "kepler.toml")
+    times = np.linspace(1.0, 19.0, 40)
+    true = xd.sample(xd.simulate(orbit, method="dop853", rtol=1e-13, atol=1e-14, until=20.0), times).x.values
+    study = xd.refine(orbit, method=method, rtols=rtols, at=times.tolist(), until=20.0, observables=["x"])
+    assert (np.abs(study.x.values[-1] - true) <= study.uncertainty_x.values).mean() >= 0.95
+    assert not (study.verdict_x == VERDICTS.index("asymptotic")).any()
