@@ -41,9 +41,8 @@ class Part:
     attributes: Mapping[str, Any]
     variable: xr.Variable | None = None
     known: str = ""
-    held: Any = field(
-        default=None, compare=False
-    )  # what a variable of an opened archive holds, as long as nobody puts something else there
+    # what a variable of an opened archive holds, as long as nobody puts something else there
+    held: Any = field(default=None, compare=False)
 
     @cached_property
     def digest(self) -> str:

@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, schema
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.inside import sampled, wanted_times
+from xdynamics.evidence.inside import model_of, sampled, wanted_times
 from xdynamics.evidence.marching import march
-from xdynamics.evidence.matching import matched
+from xdynamics.evidence.matching import matched, met
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
-from xdynamics.model import Model
 from xdynamics.record import check_kind
 from xdynamics.record.kinds import is_whole, said_of
 from xdynamics.record.provenance import asked_of
-from xdynamics.record.words import words_of
 from xdynamics.schema import AT, AT_TIME, EVENTS
 from xdynamics.units import Quantity
 
@@ -72,9 +70,9 @@ class Companion:
     def event_errors(self) -> Floats:
         """Return how far the time of each event is from that of the solution, s; nan where the tighter run has not met it."""
         found = np.full(self.of.sizes.get(EVENTS, 0), np.nan)
-        each = [words_of(run["event_detector"]) for run in (self.of, self.run)]
-        for name in dict.fromkeys(each[0]):
-            rows, others = (np.flatnonzero(np.array(names) == name) for names in each)
+        each = [met(run) for run in (self.of, self.run)]
+        for name in {*each[0]} & {*each[1]}:
+            rows, others = (events[name] for events in each)
             times, tight = self.of["event_time"].values[rows], self.run["event_time"].values[others]
             mine, theirs = matched(times, tight)
             found[rows[mine]] = self.factor * (times[mine] - tight[theirs])
@@ -164,7 +162,7 @@ def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Compani
     """
     check_kind(run)
     check_whole(run)
-    model = Model.from_text(str(run["model_toml"].values), functions=functions)
+    model = model_of(run, functions)
     asked = {name: value for name, value in asked_of(run).items() if value is not None} | {"force_samples": "none"}
     control = str(run.attrs["solver_step_control"])
     try:

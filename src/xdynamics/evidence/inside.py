@@ -81,7 +81,7 @@ class Inside:
     @cached_property
     def model(self) -> Model:
         """The record's own, read from its text."""
-        model = _model_of(str(self.run["model_toml"].values), tuple(self.functions.items()))
+        model = model_of(self.run, self.functions)
         model.require_functions()
         return model
 
@@ -200,6 +200,11 @@ class Inside:
         """From internal numbers to those of the record."""
         factors = record.factors(self.model, self.settings.scales)
         return np.array([[factors[name]] for name in self.layout.used])
+
+
+def model_of(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> Model:
+    """Read the model of a record, once for many questions."""
+    return _model_of(str(run["model_toml"].values), tuple((functions or {}).items()))
 
 
 @lru_cache(maxsize=16)

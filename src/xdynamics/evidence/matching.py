@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.record.words import words_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
+
+LOOKED_AT = 1000  # events that tell how many come before: the cost is not to grow with the square of them
+
+
+def met(run: xr.Dataset) -> dict[str, Rows]:
+    """Return the events of each name, in order: of a record without events, or without what is known of them, none."""
+    if not {"event_detector", "event_time", "event_time_uncertainty"} <= set(run.variables):
+        return {}
+    names = np.array(words_of(run["event_detector"]))
+    return {str(name): np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist())}
 
 
 def matched(first: Floats, second: Floats) -> tuple[Rows, Rows]:
@@ -27,7 +44,7 @@ def matched(first: Floats, second: Floats) -> tuple[Rows, Rows]:
     if len(first) < len(second):
         theirs, mine = matched(second, first)
         return mine, theirs
-    n = len(second)
-    away = [float(np.mean(np.abs(first[k : k + n] - second))) if n else 0.0 for k in range(len(first) - n + 1)]
+    n, some = len(second), second[:LOOKED_AT]
+    away = [float(np.mean(np.abs(first[k : k + len(some)] - some))) if n else 0.0 for k in range(len(first) - n + 1)]
     begin = int(np.argmin(away))
     return np.arange(begin, begin + n), np.arange(n)

@@ -15,15 +15,13 @@ from xdynamics import archive, schema
 from xdynamics.evidence.comparing.bits import bitwise, settings_apart
 from xdynamics.evidence.comparing.measured import is_measured, residuals
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.inside import wanted_times
-from xdynamics.evidence.matching import matched
+from xdynamics.evidence.inside import model_of, wanted_times
+from xdynamics.evidence.matching import Rows, matched, met
 from xdynamics.evidence.observing import comparable, observe
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError, escaped
-from xdynamics.model import Model
 from xdynamics.record import check
 from xdynamics.record.kinds import is_evidence, said_of
-from xdynamics.record.words import words_of
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
 from xdynamics.units import parse_unit
 
@@ -31,6 +29,7 @@ Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
 
 ROLE = "difference"
+NONE = np.zeros(0, np.int64)  # events
 SECTIONS = ("parameters", "initial")  # of a model, whose entries are told apart from what else it says
 EPS = float(np.finfo(float).eps)
 ROUNDINGS = 64.0  # of the largest value, by which runs that are the same but for rounding may be apart
@@ -111,14 +110,14 @@ def compare(
         return exhibit("comparison", title, digests, variables, {})
     table = bitwise(first, second)
     variables |= {str(name): (one.dims, one.values, one.attrs) for name, one in table.items()}
-    met = {str(name): one for name, one in _events(first, second)}
+    events = {str(name): one for name, one in _events(first, second)}
     said = table.attrs | _models_apart(first, second) | {"settings": "\n".join(settings_apart(first, second))}
     said |= {
         "events": "\n".join(_counts(first, second)),
         "parted": _parted(variables, first, names, _between(first, second, at)),
     }
     said |= {"cause": _cause(said), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
-    return exhibit("comparison", title, digests, variables | met, said)
+    return exhibit("comparison", title, digests, variables | events, said)
 
 
 def _check(run: Any) -> None:
@@ -172,7 +171,7 @@ def _sampled(run: xr.Dataset, names: Sequence[str], at: Floats, functions: Funct
     if lazy:
         states = sample(run, at, functions=functions)
         return {name: (states[name].data, states[schema.error(name)].data) for name in names if name in states}
-    model = Model.from_text(str(run["model_toml"].values), functions=functions)
+    model = model_of(run, functions)
     known = {*comparable(model)}
     return observe(run, model, [name for name in names if name in known], at)
 
@@ -192,8 +191,8 @@ def _difference(name: str, one: xr.DataArray, other: xr.DataArray, here: Any, th
 
 def _events(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
     """Compare the times of events of one name, occurrence by occurrence."""
-    each = [_met(run) for run in (first, second)]
-    pairs = {name: _paired(first, second, rows, each[1].get(name, [])) for name, rows in each[0].items()}
+    each = [met(run) for run in (first, second)]
+    pairs = {name: _paired(first, second, rows, each[1].get(name, NONE)) for name, rows in each[0].items()}
     most = max((len(here) for here, _ in pairs.values()), default=0)
     for name, (here, there) in pairs.items():
         if not len(here):
@@ -209,27 +208,17 @@ def _events(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
         yield f"interpolation_error_event_time_{name}", ((OCCURRENCE,), doubt, about("s", f"what the location of {name} is uncertain by in both runs", "error"))  # fmt: skip
 
 
-def _paired(first: xr.Dataset, second: xr.Dataset, rows: Sequence[int], others: Sequence[int]) -> tuple[Any, Any]:
+def _paired(first: xr.Dataset, second: xr.Dataset, here: Rows, there: Rows) -> tuple[Rows, Rows]:
     """Return the events of one name that both runs met."""
-    here, there = np.array(rows, np.int64), np.array(others, np.int64)
     mine, theirs = matched(first["event_time"].values[here], second["event_time"].values[there])
     return here[mine], there[theirs]
 
 
-def _met(run: xr.Dataset) -> dict[str, list[int]]:
-    """Return the events of each name, in order."""
-    found: dict[str, list[int]] = {}
-    if {"event_detector", "event_time", "event_time_uncertainty"} <= set(run.variables):
-        for k, name in enumerate(words_of(run["event_detector"])):
-            found.setdefault(name, []).append(k)
-    return found
-
-
 def _counts(first: xr.Dataset, second: xr.Dataset) -> Iterator[str]:
     """Say which events were not met equally often."""
-    each = [_met(run) for run in (first, second)]
+    each = [met(run) for run in (first, second)]
     for name in dict.fromkeys([*each[0], *each[1]]):
-        counts = [len(one.get(name, [])) for one in each]
+        counts = [len(one.get(name, NONE)) for one in each]
         if counts[0] != counts[1]:
             yield f"{name}: {counts[0]} | {counts[1]}"
 
@@ -278,9 +267,9 @@ def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str
 
 def _between(first: xr.Dataset, second: xr.Dataset, at: Floats) -> NDArray[np.bool_]:
     """Tell the times at which one run has met an event that the other is about to meet, as well as both are located."""
-    found, each = np.zeros(at.shape, bool), [_met(run) for run in (first, second)]
+    found, each = np.zeros(at.shape, bool), [met(run) for run in (first, second)]
     for name, rows in each[0].items():
-        here, there = _paired(first, second, rows, each[1].get(name, []))
+        here, there = _paired(first, second, rows, each[1].get(name, NONE))
         times = [run["event_time"].values[rows] for run, rows in ((first, here), (second, there))]
         doubt = first["event_time_uncertainty"].values[here] + second["event_time_uncertainty"].values[there]
         for one, other, wide in zip(*times, doubt, strict=True):

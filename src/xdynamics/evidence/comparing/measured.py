@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from xdynamics import archive
 from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.inside import model_of
 from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model import Model
 from xdynamics.model.reach import ANYWHERE, Reach
 from xdynamics.schema import AT, AT_TIME, EVIDENCE
 from xdynamics.units import TIME, Unit, parse_unit
@@ -79,7 +79,7 @@ def measured(given: Any) -> Measured:
 def residuals(run: xr.Dataset, given: Any, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
     """Compare a run with measured data; see `compare`."""
     data = measured(given)
-    model = Model.from_text(str(run["model_toml"].values), functions=functions)
+    model = model_of(run, functions)
     known = [name for name in observables_of(model) if name in run.variables]
     ledger = Ledger(data.name)
     for name, (_, unit) in data.values.items():

@@ -15,7 +15,7 @@ from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
 from xdynamics.evidence.diagnosing.extremes import extremes_of
 from xdynamics.evidence.diagnosing.parting import parting
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.inside import sampled
+from xdynamics.evidence.inside import model_of, sampled
 from xdynamics.evidence.marching import march
 from xdynamics.expressions import dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger
@@ -105,7 +105,7 @@ def diagnose(
     title, digest = f"diagnosis of {run.attrs['title']}", archive.digest_of_run(run)
     if any(run[name].chunks is not None for name in run.data_vars):
         return exhibit("diagnosis", title, [digest], dict(_bands(run)), {})
-    model = Model.from_text(str(run["model_toml"].values), functions=functions)
+    model = model_of(run, functions)
     told: dict[str, Any] = {name: run.attrs[name] for name in KEPT if name in run.attrs}
     if reference is not None:
         check_whole(run)  # cycles are counted from the start
@@ -238,7 +238,7 @@ def _nearly_exact(beside: Companion) -> tuple[xr.Dataset, str]:
     """
     end = float(beside.run["time"][-1])
     try:
-        model = Model.from_text(str(beside.of["model_toml"].values), functions=beside.functions)
+        model = model_of(beside.of, beside.functions)
         near = march(model, method=EXACT[0], rtol=EXACT[1], atol=EXACT[1], max_steps=MOST_STEPS, until=float(beside.of.attrs["solver_until"]), force_samples="none")  # fmt: skip
     except InputError:
         return beside.run, f"the run with {beside.said}"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.inside import sampled
+from xdynamics.evidence.inside import model_of, sampled
 from xdynamics.evidence.marching import march
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
@@ -51,7 +51,7 @@ def parting(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | Non
     ranges in the run. It has an exponent if it grows a hundredfold before it is 3 % of the ranges, and if its logarithm
     lies closer to a line in time than to one in the logarithm of time.
     """
-    model = Model.from_text(str(run["model_toml"].values), functions=functions)
+    model = model_of(run, functions)
     names = [name for name in model.units if float(np.ptp(np.asarray(run[name]))) > 0.0]
     if not names:
         raise InputError("nothing moves in the run: there is no range that a start beside its own could be measured by")

@@ -161,10 +161,9 @@ def _moved_by_events(runs: list[xr.Dataset], name: str, time: float) -> float:
 
 def _rates(run: xr.Dataset, name: str, rows: NDArray[np.int64]) -> Floats:
     """Return how fast an observable changed in the step to each of some rows; times of events stand twice."""
-    here, there = (run.isel(step=np.maximum(rows - back, 0)) for back in (1, 0))
-    span = there["time"].values - here["time"].values
+    span, change = (run[one][rows].values - run[one][np.maximum(rows - 1, 0)].values for one in ("time", name))
     with np.errstate(divide="ignore", invalid="ignore"):
-        found: Floats = np.where(span > 0.0, (there[name].values - here[name].values) / span, 0.0)
+        found: Floats = np.where(span > 0.0, change / span, 0.0)
     return found
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from xdynamics import archive
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.marching import march
+from xdynamics.evidence.matching import met
 from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
@@ -315,10 +316,10 @@ class Marched:
 
 def _met(run: xr.Dataset, case: Validation) -> tuple[int, int]:
     """Return the number of an event, and the row of the state behind it."""
-    mine = [k for k, name in enumerate(words_of(run["event_detector"])) if name == case.event]
+    mine = met(run).get(case.event, ())
     if len(mine) < case.occurrence:
         raise LookupError(f"{case.event} was met {len(mine)} times")
-    k = mine[case.occurrence - 1]
+    k = int(mine[case.occurrence - 1])
     return k, int(run["event_row_after"][k])
 
 
