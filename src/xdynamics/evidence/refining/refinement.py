@@ -151,9 +151,8 @@ def _dataset(study: Study, told: Mapping[str, Any], *, defects: bool) -> xr.Data
         if taken := sorted({*more} & {*variables}):
             raise InputError(f"'{taken[0]}' is a name of the model, and of what is said of its numbers; leave it out of observables=[…]")  # fmt: skip
         variables |= more
-    met = [words_of(run["event_detector"]) for run in runs]
-    for name in dict.fromkeys(name for names in met for name in names):
-        counts = np.array([names.count(name) for names in met])
+    for name, rows in study.met().items():
+        counts = np.array([len(one) for one in rows])
         variables[f"event_count_{name}"] = ((LEVEL,), counts, about("1", f"how often {name} was met", ROLE))
     if defects:
         variables |= _defects(study)

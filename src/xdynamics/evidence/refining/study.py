@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.seals import slabs
 from xdynamics.evidence.diagnosing.cycles import TURN, cycles
-from xdynamics.evidence.matching import matched
+from xdynamics.evidence.matching import Rows, matched, met
 from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.evidence.refining.family import Watched
 from xdynamics.evidence.refining.levels import Levels
 from xdynamics.faults import InputError
-from xdynamics.record.words import words_of
 from xdynamics.schema import AT, OCCURRENCE, acceleration, rate, velocity
 from xdynamics.units import parse_time
 
@@ -61,13 +60,17 @@ class Study:
         times = self.times
         yield from self._at_times(times)
         yield from self._of_runs(times)
-        met = [words_of(run["event_detector"]) for run in self.runs]
-        names = dict.fromkeys(name for each in met for name in each)
-        rows = {name: [np.flatnonzero(np.array(each) == name) for each in met] for name in names}
+        rows = self.met()
         # those of the finest level; of what that has not met, as many as another one has
         most = max((len(one[-1]) or max(map(len, one)) for one in rows.values()), default=0)
         for name, each in rows.items():
             yield from self._of_events(name, each, most)
+
+    def met(self) -> dict[str, list[Rows]]:
+        """Return the events of each name in every run."""
+        each = [met(run) for run in self.runs]
+        names = dict.fromkeys(name for one in each for name in one)
+        return {name: [one.get(name, np.zeros(0, np.int64)) for one in each] for name in names}
 
     def _at_times(self, times: Floats) -> Iterator[Watched]:
         """Yield observables at the times of comparison."""
@@ -110,7 +113,7 @@ class Study:
             scale = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
             yield Watched(name, units, said, dims, values, errors, rounding, np.zeros(len(values)), scale)
 
-    def _of_events(self, detector: str, rows: list[NDArray[np.int64]], most: int) -> Iterator[Watched]:
+    def _of_events(self, detector: str, rows: list[Rows], most: int) -> Iterator[Watched]:
         """Yield the times at which one event function was met, occurrence by occurrence, and the states behind."""
         runs, dims, still = self.runs, (OCCURRENCE,), np.zeros(most)
         met = [run["event_time"].values[mine] for run, mine in zip(runs, rows, strict=True)]
