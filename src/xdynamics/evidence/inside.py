@@ -15,9 +15,7 @@ from xdynamics.entrance import load_dask_whole
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march import Settings
-from xdynamics.march.engine import engine
-from xdynamics.march.log import allocate
-from xdynamics.march.posing import posed
+from xdynamics.march.within import states_within
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import EXACT, REINTEGRATE
 from xdynamics.methods.summation import PLAIN
@@ -27,7 +25,7 @@ from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.columns import state_name
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import AT, AT_TIME, STEPS
-from xdynamics.units import TIME, parse_time
+from xdynamics.units import parse_time
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -154,27 +152,9 @@ class Inside:
 
         Of `where` the rows are wanted time, start and end, of `columns` step, regime, the state at its start and perhaps at its end.
         """
-        scales, n, reintegrated = self.settings.scales, len(self.layout.used), self.rule == REINTEGRATE
-        scale, factors = scales.of(TIME), self._factors
         _check_whole(where, columns[0])
-        times, starts, ends = where / scale
-        moving = np.flatnonzero(times > starts)
-        # at an accepted time the accepted state, to the bit
-        size, regime, behind = columns[0], columns[1], columns[2] == schema.EVENT_AFTER
-        states, columns = columns[3 : 3 + self._touching], columns[3 + self._touching :]
-        found = np.vstack([columns[:n], np.zeros((n, times.size))])
-        if not moving.size:
-            return found
-        steps = np.stack([starts, ends, size / scale, times, regime, behind, *states])
-        given = [steps, columns[:n] / factors, columns[n:] / factors[: len(columns) - n]]
-        inner = np.empty((2 * n, moving.size))
-        # a run of its own: dask calls this in several threads
-        addresses = self.law.addresses if reintegrated else self.law.addresses_inside
-        run = posed(self.model, self.settings, self.law, allocate(self.layout, 1, sampled=0), addresses)
-        given = [np.ascontiguousarray(one[:, moving]) for one in given]
-        engine().states_inside(run, *given, inner, reintegrated)
-        found[:, moving] = inner * np.vstack([factors, factors])
-        return found
+        again = self.rule == REINTEGRATE
+        return states_within(self.model, self.settings, self.law, where, columns, self._factors, reintegrated=again)
 
     def defects(self, rows: NDArray[np.int64], parts: int) -> dict[str, Floats]:
         """Return the difference between one step from each row and so many in its place, by variable, in recorded units."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from xdynamics.expressions import free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.runner import March
-from xdynamics.march.settings import EPS
+from xdynamics.march.settings import EPS, Tolerances
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, mass_matrices
 from xdynamics.model.motion import constants
@@ -40,10 +40,11 @@ def _of_tolerances(march: March) -> Iterator[str]:
     asked, scales, model = march.settings.tolerances, march.settings.scales, march.model
     if not march.settings.adaptive or asked is None:
         return
-    loose = []
-    for name, size in zip(march.layout.used, march.run.largest.tolist(), strict=True):
-        largest, atol = size * scales.of(model.dimensions[name]), asked.of(name)
-        if 0.0 < largest < CONTROLLED * atol and atol > COMPARABLE * asked.rtol * largest:
+    loose, used = [], march.layout.used
+    sizes = march.run.largest * np.array([scales.of(model.dimensions[name]) for name in used])
+    for name, largest, out in zip(used, sizes.tolist(), uncontrolled(asked, used, sizes).tolist(), strict=True):
+        if out:
+            atol = asked.of(name)
             unit, factor = model.units[name].text, float(model.units[name].factor)
             unit = "" if unit == "1" else f" {unit}"
             loose.append(f"{name} (largest value {largest / factor:.3g}{unit}, atol {atol / factor:.3g}{unit})")
@@ -53,6 +54,20 @@ def _of_tolerances(march: March) -> Iterator[str]:
             f"the tolerances did not control {', '.join(loose[:MOST_NAMED])}{rest}: no value reached"
             f" {CONTROLLED:.0f} times its absolute tolerance; give smaller ones by atol"
         )
+
+
+def uncontrolled(asked: Tolerances, names: Sequence[str], largest: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which variables were so small throughout that the absolute tolerance let pass any error of theirs.
+
+    Parameters
+    ----------
+    asked : Tolerances
+    names : sequence of str
+    largest : ndarray, shape (…, n), SI
+        The largest absolute value of each.
+    """
+    atol = np.array([asked.of(name) for name in names])
+    return (largest > 0.0) & (largest < CONTROLLED * atol) & (atol > COMPARABLE * asked.rtol * largest)
 
 
 def _of_mass(march: March) -> Iterator[str]:

@@ -181,8 +181,8 @@ def _array(dtype: Any, dims: int) -> Any:
 
 
 _STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
-_MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), _array("f8", 2), types.int64, types.boolean)
-_SIGNATURES = ((types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 4, types.boolean))
+_MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), *[_array("f8", 2)] * 2, types.int64, types.boolean)
+_SIGNATURES = ((types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 5, types.boolean))
 
 
 def _key() -> str:

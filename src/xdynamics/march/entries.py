@@ -26,7 +26,7 @@ Records = NDArray[Any]
 END = 1 << 62  # rows that no run has
 
 
-def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, states: Floats, first: int, kept: bool) -> int:  # fmt: skip
+def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, first: int, kept: bool) -> int:  # fmt: skip
     """March one run after the other through one `Run`, from its arrays of starts and parameters to the ends.
 
     Parameters
@@ -39,8 +39,10 @@ def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, para
     starts, parameters, atols : ndarray, shape (n, …)
     ends : ndarray of NOW, shape (n,)
         Where each run stands when it is over; filled.
-    states : ndarray, shape (n, …)
-        The last state of each; filled.
+    lasts : ndarray, shape (n, …)
+        The last row of each run's log; filled.
+    largest : ndarray, shape (n, …)
+        What the largest absolute values were, where steps are chosen; filled.
     first : int
         The run to begin with, or to go on with where it is already marching.
     kept : bool
@@ -58,14 +60,24 @@ def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, para
             begin(run, plans, starts, parameters, atols, k)
         while now.status == RUNNING:
             march_by(march_at, address, END)
+            keep_last(run, lasts, k)
             if now.status == RUNNING:
                 if kept or now.events - base.events + run.detectors.shape[0] > run.log_events.shape[0]:
                     return k
                 base.rows, base.trials, base.samples = now.rows, now.trials, now.samples
         ends[k] = run.now[0]
-        for i in range(states.shape[1]):
-            states[k, i] = run.y[i]
+        for i in range(largest.shape[1]):
+            largest[k, i] = run.largest[i]
     return int(starts.shape[0])
+
+
+@shared
+def keep_last(run: Run, lasts: Floats, k: int) -> None:
+    """Copy the last row of the log, if one was written since it was emptied."""
+    row = run.now[0].rows - run.base[0].rows - 1
+    if row >= 0:
+        for i in range(lasts.shape[1]):
+            lasts[k, i] = run.log_rows[i, row]
 
 
 @compiled
@@ -89,16 +101,18 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
         run.atol[i] = atols[k, i]
 
 
-def states_inside(address: Any, steps: Floats, states: Floats, ends: Floats, found: Floats, reintegrated: bool) -> None:
+def states_inside(address: Any, parameters: Floats, steps: Floats, states: Floats, ends: Floats, found: Floats, reintegrated: bool) -> None:  # fmt: skip
     """Evaluate the state at each time inside its step, and how far it is from a more accurate one.
 
     Parameters
     ----------
     address : int
         Of a `Run`.
-    steps : ndarray, shape (6 + m, k)
-        For each time: start and end of its step, its size, the time, the regime, whether the step begins behind an
-        event, what each of m reactions does.
+    parameters : ndarray, shape (r, …)
+        Of each run that the steps are of; with none, all are of one and it has them.
+    steps : ndarray, shape (7 + m, k)
+        For each time: start and end of its step, its size, the time, the run, the regime, whether the step begins
+        behind an event, what each of m reactions does.
     states : ndarray, shape (n, k)
         The state at the start.
     ends : ndarray, shape (n or 0, k)
@@ -110,14 +124,18 @@ def states_inside(address: Any, steps: Floats, states: Floats, ends: Floats, fou
         Whether the state is that of a shorter step, or of the interpolant of the whole one.
     """
     run = run_at(address)
-    n = states.shape[0]
+    n, told = states.shape[0], np.int64(-1)
     for k in range(steps.shape[1]):
         t, t1, h, time = steps[0, k], steps[1, k], steps[2, k], steps[3, k]
+        if parameters.shape[0] > 0 and np.int64(steps[4, k]) != told:
+            told = np.int64(steps[4, k])
+            for i in range(parameters.shape[1]):
+                run.p[i] = parameters[told, i]
         s = (time - t) / (t1 - t)  # h is not t1 - t to the bit: at t1 the step is to be the whole one
-        run.now[0].regime = np.int64(steps[4, k])
+        run.now[0].regime = np.int64(steps[5, k])
         for i in range(run.touches.shape[0]):
-            run.touches[i].state = np.int64(steps[6 + i, k])
-        enter(run, t, states, k, steps[5, k] != 0.0)
+            run.touches[i].state = np.int64(steps[7 + i, k])
+        enter(run, t, states, k, steps[6, k] != 0.0)
         solved = shorter(run, t, time, s * h)
         for i in range(n):
             found[i, k] = found[n + i, k] = run.z[i] if solved else np.nan

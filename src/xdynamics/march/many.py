@@ -17,11 +17,12 @@ from xdynamics.march.engine import engine
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.posing import addresses_of, posed, widened
-from xdynamics.march.run import EVENT_ROW, NOW, Run
+from xdynamics.march.run import NOW, Run
+from xdynamics.march.runner import Block
 from xdynamics.march.settings import LEAST_RTOL, Settings
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
-from xdynamics.units import TIME
+from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
 LOG_ROWS = 1 << 14  # of the log that is filled again and again
@@ -29,54 +30,101 @@ LOG_ROWS = 1 << 14  # of the log that is filled again and again
 
 @dataclass(frozen=True)
 class Runs:
-    """What became of many runs, in their order. Numbers are SI.
+    """What became of many runs, in their order.
 
     Attributes
     ----------
     layout : Layout
-        Its `used` names the columns of `state`, its `row` the columns of a log.
-    time : ndarray, shape (n,), s
-        Where each run ended.
-    state : ndarray, shape (n, m)
-        Coordinates, velocities and first-order states there.
-    status : ndarray of int, shape (n,)
-        Key of `march.OUTCOMES`.
-    rows, trials, evaluations : ndarray of int, shape (n,)
-        Accepted states, rejected trials, force evaluations of each.
-    events : ndarray of records
-        Located events of all runs, one run behind the other; times in internal units.
+        Its `row` names the columns of the log.
+    scales : Scales
+        From internal units to SI.
+    ends : ndarray of NOW, shape (n,)
+        Where each march stands at its end, in internal units.
+    largest : ndarray, shape (n, m)
+        The largest absolute value of each coordinate, velocity and state, in internal units, where steps are chosen.
+    kept : Block
+        Rows of the logs of all runs, one run behind the other: all, or the last of each alone. And every event.
+    parameters : ndarray, shape (n, …)
+        Of each run, in internal units, in the order of `motion.constants`.
     first_event, first_row : ndarray of int, shape (n + 1,)
-        Where each run's events begin, and its rows in `log`; the last is their number.
-    log : ndarray, shape (columns, rows), or None
-        Whole logs, one run behind the other, in internal units.
+        Where each run's events begin, and its rows; the last is their number.
     """
 
     layout: Layout
-    time: Floats
-    state: Floats
-    status: NDArray[np.int64]
-    rows: NDArray[np.int64]
-    trials: NDArray[np.int64]
-    evaluations: NDArray[np.int64]
-    events: NDArray[Any]
+    scales: Scales
+    ends: NDArray[Any]
+    largest: Floats
+    kept: Block
+    parameters: Floats
     first_event: NDArray[np.int64]
     first_row: NDArray[np.int64]
-    log: Floats | None
+
+    @property
+    def time(self) -> Floats:
+        """Where each run ended, s."""
+        return np.array(self.ends["t"] * self.scales.of(TIME))
+
+    @property
+    def state(self) -> Floats:
+        """Coordinates, velocities and first-order states there, SI, shape (n, m), in the order of `layout.used`."""
+        used = self.layout.used
+        factors = np.array([self.scales.of(self.layout.model.dimensions[name]) for name in used])
+        return np.ascontiguousarray(self.kept.log.rows[2 : 2 + len(used), self.last_rows].T) * factors
+
+    @property
+    def status(self) -> NDArray[np.int64]:
+        """Key of `march.OUTCOMES` of each run."""
+        return np.array(self.ends["status"])
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """Accepted states of each run."""
+        return np.array(self.ends["rows"])
+
+    @property
+    def accepted(self) -> NDArray[np.int64]:
+        """Accepted steps of each run; the second row of an event is none."""
+        runs = np.repeat(np.arange(len(self.ends)), np.diff(self.first_event))
+        before, after = self.events["row_before"], self.events["row_after"]
+        again = np.zeros(len(runs), bool)
+        again[1:] = (after[1:] == after[:-1]) & (runs[1:] == runs[:-1])  # events of one time share their rows
+        pairs = np.bincount(runs[(after > before) & ~again], minlength=len(self.ends))
+        return self.rows - 1 - pairs
+
+    @property
+    def trials(self) -> NDArray[np.int64]:
+        """Rejected trials of each run."""
+        return np.array(self.ends["trials"])
+
+    @property
+    def evaluations(self) -> NDArray[np.int64]:
+        """Force evaluations of each run."""
+        return np.array(self.ends["evaluations"])
+
+    @property
+    def events(self) -> NDArray[Any]:
+        """Located events of all runs, one run behind the other; times in internal units."""
+        return self.kept.log.events
 
     @property
     def outcomes(self) -> list[str]:
         """The word of each run's outcome."""
-        return [OUTCOMES[one].word for one in self.status.tolist()]
+        return [OUTCOMES[one].word for one in self.ends["status"].tolist()]
+
+    @property
+    def last_rows(self) -> NDArray[np.int64]:
+        """Which row of what is kept is each run's last."""
+        return self.first_row[1:] - 1
 
     def events_of(self, run: int) -> NDArray[Any]:
         """Return the events of one run."""
         return self.events[self.first_event[run] : self.first_event[run + 1]]
 
     def log_of(self, run: int) -> Floats:
-        """Return the log of one run; columns as `layout.row` names them."""
-        if self.log is None:
+        """Return the log of one run; columns as `layout.row` names them, in internal units."""
+        if self.kept.rows != self.ends["rows"].sum():
             raise InputError("no logs were kept; march with logs=True")
-        return self.log[:, self.first_row[run] : self.first_row[run + 1]]
+        return self.kept.log.rows[:, self.first_row[run] : self.first_row[run + 1]]
 
 
 def march_many(
@@ -140,12 +188,13 @@ def march_many(
 
 @dataclass
 class _Part:
-    """What one thread marched, in internal units."""
+    """What one thread marched, in internal units; of the log the pieces."""
 
     ends: NDArray[Any]
-    states: Floats
-    events: list[NDArray[Any]]
-    rows: list[Floats]
+    lasts: Floats
+    largest: Floats
+    parameters: Floats
+    logs: list[Log]
 
 
 def _march(
@@ -154,11 +203,12 @@ def _march(
     n, log = len(next(iter(arrays.values()))), allocate(law.layout, LOG_ROWS, sampled=0)
     run = posed(model, settings, law, log, addresses_of(law))
     inputs = _inputs(model, settings, law, run, arrays)
-    part = _Part(np.zeros(n, NOW), np.zeros((n, len(law.layout.used))), [], [])
+    used, row = len(law.layout.used), len(law.layout.row)
+    part = _Part(np.zeros(n, NOW), np.zeros((n, row)), np.zeros((n, used)), inputs[2], [])
     first = 0
     while True:
-        first = engine().march_many(run, *inputs, part.ends, part.states, first, logs)
-        _empty(run, log, part, logs=logs)
+        first = engine().march_many(run, *inputs, part.ends, part.lasts, part.largest, first, logs)
+        part.logs.append(_emptied(run, log, logs=logs))
         if first == n:
             return part
 
@@ -188,31 +238,38 @@ def _inputs(
     return plans, starts, parameters, atols
 
 
-def _empty(run: Run, log: Log, part: _Part, *, logs: bool) -> None:
+def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
     """Take out of the log what is kept, and let it be filled from its beginning."""
     now, base = run.now[0], log.base[0]
-    part.events.append(log.events[: int(now.events - base.events)].copy())
-    if logs:
-        part.rows.append(log.rows[:, : int(now.rows - base.rows)].copy())
+    rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
     base.rows, base.trials, base.events, base.samples = now.rows, now.trials, now.events, now.samples
+    return Log(
+        log.base, log.rows[:, :rows].copy(), log.flags[:, :rows].copy(), log.samples[:, :0], log.trials[:0],
+        log.events[:events].copy(), log.rates[:, :events].copy(), log.impulses[:, :events].copy(),
+    )  # fmt: skip
 
 
 def _joined(law: Law, settings: Settings, parts: list[_Part], *, logs: bool) -> Runs:
-    ends, states = np.concatenate([one.ends for one in parts]), np.vstack([one.states for one in parts])
-    layout, scales = law.layout, settings.scales
-    factors = np.array([scales.of(layout.model.dimensions[name]) for name in layout.used])
+    """Put the pieces of the logs, or the last rows alone, behind each other."""
+    ends, pieces = np.concatenate([one.ends for one in parts]), [one for part in parts for one in part.logs]
+    rows, flags, counts = [one.rows for one in pieces], [one.flags for one in pieces], ends["rows"]
+    if not logs:
+        rows, counts = [np.ascontiguousarray(one.lasts.T) for one in parts], np.ones(len(ends), np.int64)
+        flags = [np.zeros((len(pieces[0].flags), len(ends)), np.int8)]
+    log = Log(
+        pieces[0].base, np.hstack(rows), np.hstack(flags), pieces[0].samples, pieces[0].trials,
+        np.concatenate([one.events for one in pieces]), np.hstack([one.rates for one in pieces]),
+        np.hstack([one.impulses for one in pieces]),
+    )  # fmt: skip
     return Runs(
-        layout,
-        ends["t"] * scales.of(TIME),
-        states * factors,
-        ends["status"],
-        ends["rows"],
-        ends["trials"],
-        ends["evaluations"],
-        np.concatenate([np.zeros(0, EVENT_ROW), *(one for part in parts for one in part.events)]),
+        law.layout,
+        settings.scales,
+        ends,
+        np.concatenate([one.largest for one in parts]),
+        Block(log, log.rows.shape[1], 0, len(log.events), 0),
+        np.concatenate([one.parameters for one in parts]),
         np.concatenate([[0], np.cumsum(ends["events"])]),
-        np.concatenate([[0], np.cumsum(ends["rows"])]),
-        np.hstack([one for part in parts for one in part.rows]) if logs else None,
+        np.concatenate([[0], np.cumsum(counts)]),
     )
 
 

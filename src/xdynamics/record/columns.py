@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.expressions import text_of
-from xdynamics.march import Block, March
+from xdynamics.kernels import Layout
+from xdynamics.march import Block, March, Settings
 from xdynamics.march.memory import numbers_at_end
 from xdynamics.model import Model
 from xdynamics.model.parts import Contact, Friction
@@ -28,6 +29,11 @@ Array = NDArray[Any]
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
     return _columns(About(march.layout, march.settings.scales, march.settings.tolerances, march.settings.samples))
+
+
+def columns_of(layout: Layout, settings: Settings) -> list[Column]:
+    """Return the same of marches that keep no force samples."""
+    return _columns(About(layout, settings.scales, settings.tolerances, samples=False))
 
 
 @lru_cache(maxsize=64)

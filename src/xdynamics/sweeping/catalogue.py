@@ -1,0 +1,149 @@
+"""A sweep in a folder: blocks as they are done, then one catalogue of all members, and whole runs beside it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from xdynamics import archive
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.faults import ArchiveError, InputError
+from xdynamics.files import made_folder
+from xdynamics.schema import EVIDENCE
+from xdynamics.sweeping.collection import DIGEST, SWEEP, collected
+from xdynamics.sweeping.members import Block, Plan, marched
+from xdynamics.sweeping.tasks import Chunks, blocks_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CATALOGUE = "catalogue.nc"
+UNFINISHED = ".unfinished"
+PART = "sweep part"
+Progress = Callable[[float, float, int], None]
+
+
+def open_sweep(path: str | Path) -> xr.Dataset:
+    """Open the catalogue of a sweep, verified: every member with its axes, outcome, digest and what was kept of it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder that `sweep` marched into.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is not finished: the same `sweep` goes on with it.
+    ArchiveError
+        If the catalogue is damaged.
+    """
+    folder = Path(path)
+    file = folder / CATALOGUE
+    if not file.is_file() and (folder / UNFINISHED).is_dir():
+        raise InputError(f"the sweep in '{folder}' is not finished; call the same sweep again, and it goes on")
+    if not file.is_file():
+        raise InputError(f"'{folder}' holds no sweep; there is no {CATALOGUE} in it")
+    found = archive.open_run(file)
+    if found.attrs.get(EVIDENCE) != SWEEP:
+        raise ArchiveError(f"'{file}' is no catalogue of a sweep")
+    return found
+
+
+def filled(plan: Plan, chunks: Chunks, folder: Path, progress: Progress | None) -> xr.Dataset:
+    """March a sweep into a folder, or what of it is not there, and return its catalogue.
+
+    Raises
+    ------
+    InputError
+        If the folder holds another sweep, or is none.
+    """
+    made_folder(folder)
+    if (folder / CATALOGUE).is_file():
+        found = open_sweep(folder)
+        if found.attrs[DIGEST] != plan.digest:
+            raise InputError(f"'{folder}' holds another sweep, '{found.attrs['title']}'; name another folder, or remove it")  # fmt: skip
+        return found
+    work = made_folder(folder / UNFINISHED / plan.digest[:16])
+    others = [one.name for one in work.parent.iterdir() if one != work]
+    if others:
+        raise InputError(f"'{folder}' holds a part of another sweep; name another folder, or remove '{work.parent}'")
+    parts = [
+        work / f"{'-'.join(map(str, at))}-of-{'-'.join(str(len(one)) for one in chunks)}.nc"
+        for at, _ in blocks_of(chunks)
+    ]
+    _march(plan, [block for _, block in blocks_of(chunks)], parts, progress)
+    archive.save(collected(plan, _joined(plan, chunks, parts)), folder / CATALOGUE)
+    shutil.rmtree(work.parent, ignore_errors=True)
+    return open_sweep(folder)
+
+
+def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None) -> None:
+    """March the blocks that are not there, on whatever schedules."""
+    import dask
+
+    todo = [(block, part) for block, part in zip(blocks, parts, strict=True) if not _is_there(part)]
+    if not todo:
+        return
+    told = dask.delayed(plan)
+    tasks = [dask.delayed(_keep)(told, list(block), str(part.absolute())) for block, part in todo]
+    with _watching(parts, progress):
+        dask.compute(*tasks)
+
+
+def _keep(plan: Plan, block: Block, part: str) -> None:
+    """March a block into a file of its own."""
+    found = marched(plan, block)
+    dims = [*plan.grid.dims]
+    variables = {one.name: ((*dims, *one.dims), found[one.name], about(one.units, one.said, one.role)) for one in plan.variables}  # fmt: skip
+    archive.save(exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest}), part)
+
+
+def _is_there(part: Path) -> bool:
+    """Whether a block is done: its file is whole."""
+    if not part.is_file():
+        return False
+    with suppress(ArchiveError, InputError):
+        archive.verify(part)
+        return True
+    return False
+
+
+def _joined(plan: Plan, chunks: Chunks, parts: list[Path]) -> dict[str, Any]:
+    """Read the blocks into whole arrays."""
+    import numpy as np
+
+    found = {one.name: np.empty((*plan.grid.shape, *one.sizes), one.dtype) for one in plan.variables}
+    for (_, block), part in zip(blocks_of(chunks), parts, strict=True):
+        with archive.open_run(part, check=False) as one:
+            for name, whole in found.items():
+                whole[tuple(block)] = one[name].values
+    return found
+
+
+class _watching:  # noqa: N801 - used as a statement
+    """Tells how many blocks are done, by the files that are there: whoever marches them."""
+
+    def __init__(self, parts: list[Path], progress: Progress | None) -> None:
+        import threading
+
+        self.parts, self.progress, self.over = parts, progress, threading.Event()
+        self.thread = threading.Thread(target=self._tell, daemon=True) if progress else None
+
+    def __enter__(self) -> None:
+        if self.thread:
+            self.thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.over.set()
+        if self.thread:
+            self.thread.join()
+
+    def _tell(self) -> None:
+        while not self.over.wait(1.0):
+            done = sum(part.is_file() for part in self.parts)
+            if self.progress:
+                self.progress(done / len(self.parts), 0.0, done)

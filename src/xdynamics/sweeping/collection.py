@@ -1,0 +1,152 @@
+"""A sweep as a Dataset: axes with units, what is kept along them, and all that its members can be marched again from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.elementary import NAME
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.faults import InputError
+from xdynamics.model import Model
+from xdynamics.schema import AT, AT_TIME, EVIDENCE
+from xdynamics.sweeping.axes import TABLE, Axis, Column
+from xdynamics.sweeping.grid import Grid
+from xdynamics.sweeping.keeping import Keeping, keeping_of
+from xdynamics.sweeping.members import Plan
+from xdynamics.units import parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SWEEP = "sweep"
+AXES, ASKED, KEEP, OCCURRENCES, DIGEST = (
+    "sweep_axes",
+    "sweep_settings",
+    "sweep_keep",
+    "sweep_occurrences",
+    "sweep_digest",
+)
+VARIES, WHAT, AXIS = "varies", "varies_what", "axis_of"  # attributes of values: the kind of thing, its name, its axis
+_SAID = {
+    "parameter": "parameter {0}", "initial": "initial value of {0}", "start": "time at which runs begin",
+    "step": "step of the grid, or the first one", "rtol": "relative tolerance", "table": "table of drive {0}",
+    "setting": "setting {0} of the march",
+}  # fmt: skip
+
+
+def collected(plan: Plan, arrays: Mapping[str, Any]) -> xr.Dataset:
+    """Put arrays of members into a Dataset along the axes.
+
+    Raises
+    ------
+    InputError
+        If a kept variable bears the name of an axis.
+    """
+    grid = plan.grid
+    coordinates = _coordinates(grid)
+    kept = {one.name: ((*grid.dims, *one.dims), arrays[one.name], about(one.units, one.said, one.role)) for one in plan.variables if one.name in arrays}  # fmt: skip
+    if both := sorted({*kept} & {*coordinates, *grid.dims}):
+        name = both[0]
+        raise InputError(f"'{name}' is an axis and kept too; call the axis 'initial_{name}'")
+    varying = {one.label for _, one in grid.columns}
+    shared = {
+        name: (
+            (),
+            part.quantity.value,
+            about(part.quantity.unit.text, part.description or f"parameter {name}", "parameter"),
+        )
+        for name, part in grid.model.parameters.items()
+        if name not in varying and name not in kept
+    }
+    times = plan.keeping.times
+    more = {AT_TIME: ((AT,), times, about("s", "wanted time", "time"))} if times.size else {}
+    toml = {"model_toml": ((), grid.model.to_toml(), about("1", "the model that members share, as TOML", "model"))}
+    said = ", ".join(grid.dims)
+    found = exhibit(
+        SWEEP,
+        f"{grid.model.name}: a sweep over {said}",
+        [],
+        coordinates | kept | more | shared | toml,
+        _attributes(plan),
+    )
+    return found.set_coords([*coordinates])
+
+
+def _coordinates(grid: Grid) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for axis in grid.axes:
+        for one in axis.columns:
+            said = about(one.unit.text, _SAID[one.kind].format(one.name), "axis") | {
+                VARIES: one.kind,
+                WHAT: one.name,
+                AXIS: axis.dim,
+            }
+            if axis.design is not None:
+                said |= {"design": axis.design.design, "seed": axis.design.seed}
+            numbers = np.issubdtype(one.values.dtype, np.number)
+            found[one.label] = ((axis.dim,), one.values if numbers else one.values.astype(str), said)
+            if one.kind == TABLE:
+                texts = np.array(one.tables)
+                found[f"{one.label}_table"] = ((axis.dim,), texts, about("1", f"tables of drive {one.name}, as CSV", "table"))  # fmt: skip
+    return found
+
+
+def _attributes(plan: Plan) -> dict[str, Any]:
+    keeping = plan.keeping
+    return {
+        "summary": plan.grid.model.description or f"Runs of {plan.grid.model.name}",
+        "sweep_members": plan.grid.size,
+        AXES: " ".join(plan.grid.dims),
+        ASKED: json.dumps(plan.grid.asked, sort_keys=True),
+        KEEP: " ".join(keeping.words),
+        OCCURRENCES: keeping.occurrences,
+        "math_functions": NAME,
+        "model_digest": plan.grid.model.digest,
+        DIGEST: plan.digest,
+    }
+
+
+def check_sweep(sweep: Any) -> None:
+    """Refuse what is no sweep.
+
+    Raises
+    ------
+    InputError
+    """
+    if getattr(sweep, "attrs", {}).get(EVIDENCE) != SWEEP or "model_toml" not in sweep:
+        raise InputError(f"{type(sweep).__name__} is no sweep; give what sweep or open_sweep returned")
+
+
+def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Plan:
+    """Read again what a sweep, or a part of one, was marched from.
+
+    Raises
+    ------
+    InputError
+        If the Dataset is no sweep.
+    """
+    check_sweep(sweep)
+    model = Model.from_text(str(sweep["model_toml"].values), functions=functions)
+    keeping = keeping_of(str(sweep.attrs[KEEP]).split(), None, int(sweep.attrs[OCCURRENCES]))
+    if AT_TIME in sweep.variables:
+        keeping = Keeping(keeping.words, np.atleast_1d(sweep[AT_TIME].values).astype(float), keeping.occurrences)
+    return Plan(Grid(model, tuple(_axis(sweep, dim) for dim in str(sweep.attrs[AXES]).split()), json.loads(sweep.attrs[ASKED])), keeping)  # fmt: skip
+
+
+def _axis(sweep: xr.Dataset, dim: str) -> Axis:
+    """Read an axis again; where a part of a sweep is without it, with the one value that is left."""
+    columns = []
+    for name, one in sweep.coords.items():
+        if one.attrs.get(AXIS) != dim:
+            continue
+        values, kind = np.atleast_1d(one.values), str(one.attrs[VARIES])
+        tables = tuple(map(str, np.atleast_1d(sweep[f"{name}_table"].values))) if kind == TABLE else ()
+        known = values if np.issubdtype(values.dtype, np.number) else values.astype(object)
+        columns.append(Column(str(one.attrs[WHAT]), kind, known, parse_unit(one.attrs["units"]), str(name), tables))
+    if not columns:
+        raise InputError(f"the sweep has no values of its axis '{dim}'; take them along")
+    return Axis(dim, tuple(columns))

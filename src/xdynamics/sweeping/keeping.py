@@ -1,0 +1,233 @@
+"""What is kept of every member of a grid: words, and the numbers they stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.observing import comparable, observables_of
+from xdynamics.faults import InputError
+from xdynamics.model import Model
+from xdynamics.record.columns import columns_of
+from xdynamics.schema import AT, OCCURRENCE
+from xdynamics.sweeping.extrema import extremes
+from xdynamics.sweeping.harvest import Harvest
+
+Values = NDArray[Any]
+Take = Callable[[Harvest], Values]
+
+END, LOG = "end", "log"
+EVENT_TIME, EVENT_COUNT, AFTER, BEFORE = "event_time_", "event_count_", "after_", "before_"
+LARGEST, LEAST = "maximum_", "minimum_"
+DIAGNOSTIC, EVENT, COUNT = "diagnostic", "event", "effort"
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A variable of a sweep.
+
+    Attributes
+    ----------
+    name : str
+    dims : tuple of str
+        Behind those of the axes.
+    sizes : tuple of int
+    units, said, role : str
+    take : callable
+        From a `Harvest` to an array, shape (members, *sizes).
+    logged : bool
+        Whether it takes whole logs.
+    dtype : str
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    sizes: tuple[int, ...]
+    units: str
+    said: str
+    role: str
+    take: Take
+    logged: bool = False
+    dtype: str = "f8"
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """What is kept.
+
+    Attributes
+    ----------
+    words : tuple of str
+        As they were asked for.
+    times : ndarray, shape (n,), s
+    occurrences : int
+        How many of each event.
+    """
+
+    words: tuple[str, ...]
+    times: NDArray[np.float64]
+    occurrences: int
+
+    @property
+    def whole(self) -> bool:
+        """Whether full records are kept."""
+        return LOG in self.words
+
+    def variables(self, model: Model, settings: Any) -> tuple[Kept, ...]:
+        """Return the variables that the words stand for.
+
+        Raises
+        ------
+        InputError
+            If a word stands for nothing of the model; with every one.
+        """
+        reader = _Reader(self, model, settings)
+        found: dict[str, Kept] = {}
+        unknown = []
+        for word in (*self.words, *reader.sampled()):
+            kept = list(reader.read(word))
+            unknown += [] if kept or word == LOG else [word]
+            found |= {one.name: one for one in kept}
+        if unknown:
+            raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {', '.join(reader.known())}")
+        return tuple(found.values())
+
+
+class _Reader:
+    """Finds out what a word means for a model."""
+
+    def __init__(self, keeping: Keeping, model: Model, settings: Any) -> None:
+        self.keeping, self.model = keeping, model
+        self.layout = settings.layout(model)
+        self.columns = {one.variable.name: one.variable for one in columns_of(self.layout, settings)}
+        detectors = str(self.columns["event_detector"].more["flag_meanings"]).split()
+        self.detectors = detectors if self.layout.watched else []
+        self.quantities = observables_of(model)
+
+    def known(self) -> list[str]:
+        """List the words."""
+        events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
+        quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in self.quantities]
+        behind = [f"{word}{name}_…" for name in self.detectors for word in (AFTER, BEFORE)]
+        return [END, LOG, *events, *behind, *quantities]
+
+    def sampled(self) -> list[str]:
+        """Name what is kept at times where nothing says what."""
+        named = {*self.keeping.words} & {*self.quantities}
+        return [] if named or not self.keeping.times.size else list(self.layout.used)
+
+    def read(self, word: str) -> list[Kept]:
+        """Return what a word stands for; nothing of one that is not known."""
+        if word == END:
+            return [self._end(name) for name in self.layout.used]
+        if word in self.quantities:
+            return [self._at(word)]
+        for head, make in (("end_", self._end), (EVENT_TIME, self._event_time), (EVENT_COUNT, self._event_count), (LARGEST, self._extreme), (LEAST, self._extreme)):  # fmt: skip
+            name = word.removeprefix(head)
+            if name != word and name in (self.detectors if head in (EVENT_TIME, EVENT_COUNT) else self.quantities):
+                return self._both(word, name) if make == self._extreme else [make(name)]
+        for head in (AFTER, BEFORE):
+            for detector in self.detectors:
+                name = word.removeprefix(f"{head}{detector}_")
+                if name != word and name in self.columns:
+                    return [self._beside(word, head, detector, name)]
+        return []
+
+    def _end(self, name: str) -> Kept:
+        about = self.columns[name]
+        return Kept(f"end_{name}", (), (), about.units, f"{about.long_name}, where the run ended", about.role, lambda runs: runs.last(name))  # fmt: skip
+
+    def _at(self, name: str) -> Kept:
+        times, about = self.keeping.times, self.columns[name]
+        if not times.size:
+            raise InputError(f"keep has '{name}', which needs times=[…]; or keep 'end_{name}'")
+        if name not in comparable(self.model):
+            raise InputError(f"keep has '{name}', which reads accelerations, which contacts change; keep what it is made of")  # fmt: skip
+
+        def take(runs: Harvest) -> Values:
+            found = np.full((runs.size, times.size), np.nan)
+            first, last = runs["time"][runs.runs.first_row[:-1]], runs.last("time")
+            members, which = np.nonzero((times >= first[:, None]) & (times <= last[:, None]))
+            if members.size:
+                found[members, which] = runs.observed(name, members, times[which])
+            return found
+
+        return Kept(name, (AT,), (times.size,), about.units, f"{about.long_name}; nan behind the end of a run", about.role, take, logged=True)  # fmt: skip
+
+    def _event_time(self, detector: str) -> Kept:
+        return self._occurrences(f"{EVENT_TIME}{detector}", detector, "s", f"time at which '{detector}' was met", lambda runs, places: runs["event_time"][places])  # fmt: skip
+
+    def _event_count(self, detector: str) -> Kept:
+        def take(runs: Harvest) -> Values:
+            return np.bincount(runs.met(detector)[1], minlength=runs.size)
+
+        return Kept(f"{EVENT_COUNT}{detector}", (), (), "1", f"how often '{detector}' was met", EVENT, take, dtype="i8")
+
+    def _beside(self, word: str, head: str, detector: str, name: str) -> Kept:
+        about, side = self.columns[name], "event_row_after" if head == AFTER else "event_row_before"
+
+        def take(runs: Harvest, places: Values) -> Values:
+            first = np.repeat(runs.runs.first_row[:-1], np.diff(runs.runs.first_event))
+            found: Values = runs[name][(first + runs[side])[places]]
+            return found
+
+        said = f"{about.long_name}, {head.removesuffix('_')} '{detector}' was met"
+        kept = self._occurrences(word, detector, about.units, said, take)
+        return Kept(kept.name, kept.dims, kept.sizes, kept.units, kept.said, about.role, kept.take, logged=True)
+
+    def _occurrences(
+        self, name: str, detector: str, units: str, said: str, value: Callable[[Harvest, Values], Values]
+    ) -> Kept:
+        """Return something of each of the first occurrences of an event; of the first alone, without a dimension."""
+        most = self.keeping.occurrences
+
+        def take(runs: Harvest) -> Values:
+            found = np.full((runs.size, most), np.nan)
+            places, members, which = runs.met(detector)
+            kept = which < most
+            found[members[kept], which[kept]] = value(runs, places[kept])
+            return found if most > 1 else found[:, 0]
+
+        dims, sizes = ((OCCURRENCE,), (most,)) if most > 1 else ((), ())
+        return Kept(name, dims, sizes, units, f"{said}{', first' if most == 1 else ''}; nan where it was not", EVENT, take)  # fmt: skip
+
+    def _extreme(self, name: str) -> Kept:  # a way to tell it from the others; `_both` makes it
+        raise NotImplementedError(name)
+
+    def _both(self, word: str, name: str) -> list[Kept]:
+        """Return the largest or least value of a quantity, and when it was reached."""
+        sign, about = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name]
+        said = f"{'largest' if sign > 0 else 'least'} {name} of the run"
+        value = Kept(word, (), (), about.units, said, DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[0], logged=True)  # fmt: skip
+        when = Kept(f"{word}_time", (), (), "s", f"when {name} was {said.split(maxsplit=1)[0]}", DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[1], logged=True)  # fmt: skip
+        return [value, when]
+
+
+def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any) -> Keeping:
+    """Read what is asked for.
+
+    Raises
+    ------
+    InputError
+        If it is no row of words, no row of times, or no number of occurrences.
+    """
+    from xdynamics.evidence.inside import wanted_times
+    from xdynamics.units import parse_time
+
+    row = [words] if isinstance(words, str) else list(words)
+    wrong = [one for one in row if not isinstance(one, str)]
+    if wrong or not row:
+        raise InputError(f"keep is {str(words)[:60]}, needs words like 'end'")
+    if isinstance(occurrences, bool) or not isinstance(occurrences, int) or occurrences < 1:
+        raise InputError(f"occurrences is {occurrences!r}, needs a positive whole number")
+    if times is None:
+        given = np.zeros(0)
+    else:
+        if not isinstance(times, str | np.ndarray) and hasattr(times, "__iter__"):
+            times = [parse_time(one, "times") for one in times]
+        given = wanted_times(times)
+    return Keeping(tuple(dict.fromkeys(row)), given, occurrences)

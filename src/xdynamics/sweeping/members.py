@@ -1,0 +1,199 @@
+"""A block of members marched: what is kept of each, its outcome, and a digest of what it came to."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import record
+from xdynamics.elementary import NAME
+from xdynamics.faults import InputError
+from xdynamics.march import March, Runs, march_many
+from xdynamics.march.diagnosis import ending
+from xdynamics.march.doubts import uncontrolled
+from xdynamics.march.outcomes import OUTCOMES, WORDS
+from xdynamics.record.provenance import xdynamics_version
+from xdynamics.schema import REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE
+from xdynamics.sweeping.grid import Grid, Group
+from xdynamics.sweeping.harvest import Harvest
+from xdynamics.sweeping.keeping import COUNT, DIAGNOSTIC, Keeping, Kept
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Values = NDArray[Any]
+Block = Sequence[slice]
+
+LOG_BYTES = 24_000_000  # of whole logs that are held at once
+FEW, MOST = 8, 16_384  # members whose logs are, at first and at most
+REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # of which the cause is found out by making the step again
+LONGEST_WORD = max(map(len, WORDS))
+_GOLDEN = 0x9E3779B97F4A7C15
+
+OUTCOME, DIGEST, UNCONTROLLED = "run_outcome", "run_digest", "run_uncontrolled"
+DIGEST_OF = "sha256 of time and state at the run's end, its counts, the time of every event"
+COUNTS: dict[str, Callable[[Harvest], Values]] = {
+    "run_accepted_steps": lambda runs: runs.runs.accepted,
+    "run_rejected_trials": lambda runs: runs.runs.trials,
+    "run_force_evaluations": lambda runs: runs.runs.evaluations,
+}  # as attributes of a record call them
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is marched, and what is kept of it.
+
+    Attributes
+    ----------
+    grid : Grid
+    keeping : Keeping
+    check : float
+        Part of the members that are marched alone too, and compared bit for bit.
+    """
+
+    grid: Grid
+    keeping: Keeping
+    check: float = 0.0
+
+    def __reduce__(self) -> Any:
+        return Plan, (self.grid, self.keeping, self.check)
+
+    @cached_property
+    def digest(self) -> str:
+        """sha256 of all that the numbers of the sweep depend on."""
+        grid, keeping = self.grid, self.keeping
+        axes = [[axis.dim, [[one.name, one.kind, one.unit.text, one.values.tolist(), one.tables] for one in axis.columns]] for axis in grid.axes]  # fmt: skip
+        words = [grid.model.digest, grid.asked, axes, keeping.words, keeping.times.tolist(), keeping.occurrences]
+        said = json.dumps([*words, NAME, xdynamics_version()], sort_keys=True)
+        return hashlib.sha256(said.encode()).hexdigest()
+
+    @cached_property
+    def variables(self) -> tuple[Kept, ...]:
+        """What is kept of every member; of each with a `take` of its own."""
+        first = self.grid.settings_of((0,) * len(self.grid.shape))
+        own = [
+            Kept("end_time", (), (), "s", "time at which the run ended", "time", lambda runs: runs.last("time")),
+            *self.keeping.variables(self.grid.model, first),
+        ]
+        counts = [Kept(name, (), (), "1", name.removeprefix("run_").replace("_", " "), COUNT, take, dtype="i8") for name, take in COUNTS.items()]  # fmt: skip
+        return (*own, *counts, *self._judged)
+
+    @property
+    def _judged(self) -> list[Kept]:
+        """What is said of every member as a run."""
+        said = "how many variables were so small throughout that the absolute tolerances let pass any error of theirs"
+        return [
+            Kept(UNCONTROLLED, (), (), "1", said, DIAGNOSTIC, lambda runs: np.zeros(runs.size), dtype="i4"),
+            Kept(OUTCOME, (), (), "1", "how the run ended", "outcome", _outcomes, dtype=f"U{LONGEST_WORD}"),
+            Kept(DIGEST, (), (), "1", DIGEST_OF, "digest", _digests, dtype="U64"),
+        ]
+
+
+def marched(plan: Plan, block: Block) -> dict[str, Values]:
+    """March the members of a block.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Every variable, shape of the block and behind it what is kept of each member.
+    """
+    shape = plan.grid.shape_of(block)
+    size = int(np.prod(shape))
+    found = {one.name: np.empty((size, *one.sizes), one.dtype) for one in plan.variables}
+    for group in plan.grid.groups(block):
+        for part, runs in _batches(group, logged=any(one.logged for one in plan.variables)):
+            harvest = Harvest(group.model, group.settings, runs)
+            for one in plan.variables:
+                found[one.name][group.places[part]] = one.take(harvest)
+            found[UNCONTROLLED][group.places[part]] = _uncontrolled(group, harvest, part)
+    _settle(plan, block, found)
+    return {name: values.reshape(*shape, *values.shape[1:]) for name, values in found.items()}
+
+
+def _batches(group: Group, *, logged: bool) -> Iterator[tuple[slice, Runs]]:
+    """March a group; where whole logs are looked at, as many at a time as memory is to hold."""
+    begin, count = 0, FEW if logged else len(group.places)
+    while begin < len(group.places):
+        part = slice(begin, begin + count)
+        runs = march_many(group.model, group.settings, **group.part(part), logs=logged)
+        yield part, runs
+        begin += count
+        rows = max(1, int(runs.rows.max()) * len(runs.layout.row) * 8)
+        count = min(4 * count, MOST, max(1, LOG_BYTES // rows)) if logged else count
+
+
+def _outcomes(runs: Harvest) -> Values:
+    return np.array(runs.runs.outcomes)
+
+
+def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
+    """Count the variables that the tolerances did not control, of every member by its own tolerance."""
+    asked, layout, rtols = group.settings.tolerances, runs.layout, group.arrays["rtols"]
+    if not group.settings.adaptive or asked is None:
+        return np.zeros(runs.size)
+    scales = group.settings.scales
+    largest = runs.runs.largest * np.array([scales.of(layout.model.dimensions[name]) for name in layout.used])
+    if rtols is None:
+        return uncontrolled(asked, layout.used, largest).sum(axis=1)
+    each = zip(rtols[part].tolist(), largest, strict=True)
+    return np.array([uncontrolled(replace(asked, rtol=rtol), layout.used, one).sum() for rtol, one in each])
+
+
+def _digests(runs: Harvest) -> Values:
+    """Digest what every member came to."""
+    ends = np.stack([runs.last(name) for name in ("time", *runs.layout.used)], axis=1)
+    counts = np.stack([counted(runs) for counted in COUNTS.values()], axis=1)
+    first = runs.runs.first_event.tolist()
+    events = [runs["event_time"][begin:end] for begin, end in pairwise(first)]
+    return np.array([_digest(*one) for one in zip(ends, counts, events, strict=True)])
+
+
+def _digest(end: Values, counts: Values, events: Values) -> str:
+    parts = (end.astype("<f8"), counts.astype("<i8"), events.astype("<f8"))
+    return hashlib.sha256(b"".join(one.tobytes() for one in parts)).hexdigest()
+
+
+def digest_of_end(run: xr.Dataset, names: Sequence[str]) -> str:
+    """Return the digest that a record's run has in a sweep: names are those of coordinates, velocities and states."""
+    end = np.array([float(run[name][-1]) for name in ("time", *names)])
+    counts = np.array([int(run.attrs[name]) for name in COUNTS])
+    return _digest(end, counts, np.asarray(run["event_time"]))
+
+
+def _settle(plan: Plan, block: Block, found: Mapping[str, Values]) -> None:
+    """Find out the causes of bad ends, and march those alone that are to be checked."""
+    grid = plan.grid
+    at = grid.places(block)
+    refined = [OUTCOMES[status].word for status in REFINED]
+    for i in np.flatnonzero(np.isin(found[OUTCOME], refined)).tolist():
+        march = March(grid.model_of(at[i]), grid.settings_of(at[i]))
+        for _ in march.blocks():
+            pass
+        found[OUTCOME][i] = ending(march).outcome.word
+    numbers = np.asarray(np.ravel_multi_index(tuple(at.T), grid.shape))
+    for i in np.flatnonzero(chosen(numbers, plan.check)).tolist():
+        _check(grid, at[i], {name: found[name][i] for name in (DIGEST, OUTCOME)})
+
+
+def chosen(numbers: Values, part: float) -> Values:
+    """Choose members by their numbers alone, spread evenly: a part of them, whatever the blocks."""
+    spread = (numbers.astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN)  # wraps around, as it is meant to
+    return spread.astype(float) / 2.0**64 < part
+
+
+def _check(grid: Grid, at: Values, found: Mapping[str, Any]) -> None:
+    """Compare a member with its run alone."""
+    march = March(grid.model_of(at), grid.settings_of(at))
+    run = record.dataset(march, march.blocks())
+    alone = {DIGEST: digest_of_end(run, march.layout.used), OUTCOME: run.attrs[OUTCOME]}
+    apart = [f"{name} is {found[name]} in the sweep and {alone[name]} alone" for name in alone if alone[name] != found[name]]  # fmt: skip
+    if apart:
+        raise InputError(f"member {grid.said(at)}: {'; '.join(apart)}: this is a fault of xdynamics; please report it")

@@ -1,0 +1,146 @@
+"""Runs over a grid of parameters, initial values, methods, steps: one lazy Dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.entrance import load_dask_whole
+from xdynamics.faults import InputError
+from xdynamics.model import Model
+from xdynamics.sweeping import catalogue
+from xdynamics.sweeping.axes import axes_of
+from xdynamics.sweeping.collection import collected
+from xdynamics.sweeping.grid import Grid
+from xdynamics.sweeping.keeping import END, keeping_of
+from xdynamics.sweeping.members import Plan
+from xdynamics.sweeping.tasks import arrays_of, chunks_of, cut
+from xdynamics.units import Quantity
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def sweep(
+    model: Model,
+    axes: Mapping[str, Any],
+    *,
+    keep: Sequence[str] | str = (END,),
+    times: Any = None,
+    occurrences: int = 1,
+    path: str | Path | None = None,
+    check: float = 0.0,
+    members_per_task: int | None = None,
+    progress: Callable[[float, float, int], None] | None = None,
+    **settings: Any,
+) -> xr.Dataset:
+    """March a model once for every combination of values along its axes; each member has the bits that it has alone.
+
+    Parameters
+    ----------
+    model : Model
+    axes : mapping
+        What varies, by name: parameters, initial values (``initial_x`` calls the axis so), drives, ``method``, ``step``,
+        ``rtol`` and other settings of `simulate` that are one word or number. Values are a row of texts with units or of
+        numbers in the declared unit, an array with `units`, or a text: ``"0:2e-3:41 kg m-1"`` (first, last, how many),
+        ``"1, 2, 5 kg"``. A drive takes CSV files, or one with a column for each value. What varies together stands in a
+        mapping under a name of its own, ``{"body": {"m": […], "c": […]}}``; what is drawn in `Draws`.
+    keep : sequence of str
+        ``end`` (coordinates, velocities, states where each run ended), ``end_x``, ``event_time_ground``,
+        ``event_count_ground``, ``after_ground_x``, ``before_ground_x``, ``maximum_x``, ``minimum_x`` (with their times),
+        ``x`` or any energy or observable at `times`, ``log`` for whole runs, one file each.
+    times : array_like, s, or of texts
+        Along `at`; of every coordinate, velocity and state, or of those that `keep` names. nan behind the end of a run.
+    occurrences : int
+        Of every event, along `occurrence` if more than the first are kept.
+    path : str or Path, optional
+        A folder to march into, and to go on in where a process was stopped: what is there is not marched again.
+    check : float
+        Part of the members that are marched alone too and compared, bit for bit: ``0.01``.
+    members_per_task : int, optional
+        How many a task marches; else as many as fill about a second.
+    progress : callable, optional
+        Called with the part done, 0 and the tasks done, of a sweep into a folder.
+    **settings
+        Of `simulate`, for all members.
+
+    Returns
+    -------
+    xarray.Dataset
+        On the axes' own dimensions, lazy: computed by dask's threads, or on a cluster where there is a
+        `dask.distributed` client. With `path` marched, and opened from there. For every member `end_time`,
+        `run_outcome`, counts, `run_uncontrolled` (how many variables the tolerances let pass any error of), and
+        `run_digest`. A member that fails is a row with its outcome. `member` marches one again, to its whole run.
+
+    Raises
+    ------
+    InputError
+        If an axis, a word or a setting cannot be used, before anything is marched; with every fault. If the folder holds
+        another sweep.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/ball_drag.toml")
+    >>> found = sweep(model, {"v_y": "10:30:3 m s-1", "method": ["heun", "dop853"]}, keep=["event_time_ground"], rtol=1e-6)
+    >>> dict(found.sizes), found.event_time_ground.attrs["units"]
+    ({'v_y': 3, 'method': 2}, 's')
+    >>> bool((found.event_time_ground.diff("v_y") > 0).all())
+    True
+    """
+    load_dask_whole()
+    if not isinstance(model, Model):
+        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    grid = Grid(
+        model,
+        axes_of(model, axes),
+        {name: _plain(name, value) for name, value in settings.items() if value is not None},
+    )
+    grid.check()
+    plan = Plan(grid, keeping_of(keep, times, occurrences), _part(check))
+    collected(plan, {})  # refuses words that mean nothing
+    if plan.keeping.whole and path is None:
+        raise InputError("keep has 'log', and whole runs are kept in files; give path='a folder'")
+    chunks = chunks_of(plan) if members_per_task is None else cut(grid, _count(members_per_task))
+    if path is None:
+        return collected(plan, arrays_of(plan, chunks))
+    if not isinstance(path, str | PathLike):
+        raise InputError(f"path is {path!r}, needs the name of a folder")
+    return catalogue.filled(plan, chunks, Path(path), progress)
+
+
+def _count(members: Any) -> int:
+    if isinstance(members, bool) or not isinstance(members, int) or members < 1:
+        raise InputError(f"members_per_task is {members!r}, needs a positive whole number")
+    return members
+
+
+def _part(check: Any) -> float:
+    if isinstance(check, bool) or not isinstance(check, int | float) or not 0.0 <= check <= 1.0:
+        raise InputError(f"check is {check!r}, needs a part of the members from 0 to 1")
+    return float(check)
+
+
+def _plain(name: str, value: Any) -> Any:
+    """Return a setting as a text could hold it.
+
+    Raises
+    ------
+    InputError
+        If it is nothing that a file of a sweep keeps.
+    """
+    if isinstance(value, Quantity):
+        return str(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(name, one) for key, one in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(name, one) for one in value]
+    if isinstance(value, str | int | float):
+        return value
+    raise InputError(f"setting '{name}' is {value!r}, needs words or numbers")

@@ -1,0 +1,98 @@
+"""A grid cut into blocks, each enough work for a task; the scheduling is dask's."""
+
+from __future__ import annotations
+
+import os
+import time
+from itertools import product
+from operator import getitem
+from typing import Any
+
+import numpy as np
+
+from xdynamics.sweeping.grid import Grid
+from xdynamics.sweeping.members import Block, Plan, marched
+
+SECOND = 1.0  # of work in a task, of which a scheduler costs a millisecond
+LEAST = 0.05  # s, where there are few members for many workers
+EACH = 4  # tasks a worker, so that none is idle for long
+MOST = 1 << 16  # members of a task
+PROBED = 8
+
+Chunks = tuple[tuple[int, ...], ...]
+
+
+def chunks_of(plan: Plan) -> Chunks:
+    """Choose how many members a task marches, from the time that some of them take; no number depends on it."""
+    grid = plan.grid
+    cost = _cost(plan)
+    fewest = max(grid.size // (EACH * (os.cpu_count() or 1)), int(LEAST / cost))
+    return cut(grid, max(1, min(MOST, int(SECOND / cost), fewest)))
+
+
+def cut(grid: Grid, members: int) -> Chunks:
+    """Cut a grid into blocks of so many members at most; along words there is one value in each."""
+    found: list[tuple[int, ...]] = []
+    left = max(1, members)
+    for k in reversed(range(len(grid.shape))):
+        size = grid.shape[k]
+        width = 1 if k in grid.words else min(size, left)
+        found.append((*[width] * (size // width), *([size % width] if size % width else [])))
+        left = max(1, left // width) if width == size or k in grid.words else 1
+    return tuple(reversed(found))
+
+
+def blocks_of(chunks: Chunks) -> list[tuple[tuple[int, ...], Block]]:
+    """Return the blocks, each with its place among them."""
+    ends = [np.cumsum(one).tolist() for one in chunks]
+    parts = [
+        [slice(end - width, end) for width, end in zip(one, last, strict=True)]
+        for one, last in zip(chunks, ends, strict=True)
+    ]
+    places = product(*(range(len(one)) for one in parts))
+    return [(at, tuple(part[i] for part, i in zip(parts, at, strict=True))) for at in places]
+
+
+def arrays_of(plan: Plan, chunks: Chunks) -> dict[str, Any]:
+    """Return every variable as a dask array; a block is marched once for all of them."""
+    import dask.array as da
+    from dask.base import tokenize
+    from dask.highlevelgraph import HighLevelGraph
+
+    token = tokenize(plan.digest, chunks, plan.check)
+    told, name = f"plan-{token}", f"march-{token}"
+    blocks = blocks_of(chunks)
+    layers: dict[str, Any] = {
+        told: {told: plan},
+        name: {(name, *at): (marched, told, list(block)) for at, block in blocks},
+    }
+    below: dict[str, set[str]] = {told: set(), name: {told}}
+    found = {}
+    for one in plan.variables:
+        own = f"{one.name}-{token}"
+        behind = (0,) * len(one.sizes)
+        graph = {(own, *at, *behind): (getitem, (name, *at), one.name) for at, _ in blocks}
+        whole = HighLevelGraph(layers | {own: graph}, below | {own: {name}})
+        found[one.name] = da.Array(whole, own, (*chunks, *((n,) for n in one.sizes)), dtype=np.dtype(one.dtype))
+    return found
+
+
+def _cost(plan: Plan) -> float:
+    """March a member, and if that is short some more, spread over the grid; return how long one takes, s."""
+    grid = plan.grid
+    first = tuple(slice(0, 1) for _ in grid.shape)
+    marched(plan, first)  # compiles
+    started = time.perf_counter()
+    marched(plan, first)
+    taken = time.perf_counter() - started
+    if taken * PROBED > SECOND or grid.size == 1:
+        return taken
+    k = max((i for i in range(len(grid.shape)) if i not in grid.words), key=lambda i: grid.shape[i], default=0)
+    spread = max(1, grid.shape[k] // PROBED)
+    some = tuple(
+        slice(None, None, spread) if i == k and i not in grid.words else slice(0, 1) for i in range(len(grid.shape))
+    )
+    started = time.perf_counter()
+    marched(plan, some)
+    taken = time.perf_counter() - started
+    return max(1e-7, taken / max(1, int(np.prod(grid.shape_of(some)))))
