@@ -83,15 +83,19 @@ def filled(plan: Plan, chunks: Chunks, folder: Path, progress: Progress | None) 
 
 def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None) -> None:
     """March the blocks that are not there, on whatever schedules."""
-    import dask
+    import dask.base
+    import dask.delayed
+
+    base: Any = dask.base  # its functions are not typed
+    delayed: Any = dask.delayed.delayed
 
     todo = [(block, part) for block, part in zip(blocks, parts, strict=True) if not _is_there(part)]
     if not todo:
         return
-    told = dask.delayed(plan)
-    tasks = [dask.delayed(_keep)(told, list(block), str(part.absolute())) for block, part in todo]
+    told = delayed(plan)
+    tasks = [delayed(_keep)(told, list(block), str(part.absolute())) for block, part in todo]
     with _watching(parts, progress):
-        dask.compute(*tasks)
+        base.compute(*tasks)
 
 
 def _keep(plan: Plan, block: Block, part: str) -> None:

@@ -62,7 +62,7 @@ def member(
     where = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
     said = sweep[[one for one in (DIGEST, OUTCOME) if one in sweep]].isel(where).compute()
     came_to = {DIGEST: digest_of_end(run, list(grid.model.units)), OUTCOME: run.attrs[OUTCOME]}
-    apart = [f"{name} is {came_to[name]}, in the sweep {value}" for name, one in said.items() if (value := str(one.values)) != came_to[str(name)]]  # fmt: skip
+    apart = [f"{name} is {came_to[str(name)]}, in the sweep {value}" for name, one in said.items() if (value := str(one.values)) != came_to[str(name)]]  # fmt: skip
     if apart:
         raise ArchiveError(f"member {grid.said(at)}, marched again, comes to something else: {'; '.join(apart)}")
     return run

@@ -138,11 +138,11 @@ def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
     """Count the variables that the tolerances did not control, of every member by its own tolerance."""
     asked, layout, rtols = group.settings.tolerances, runs.layout, group.arrays["rtols"]
     if not group.settings.adaptive or asked is None:
-        return np.zeros(runs.size)
+        return np.zeros(runs.size, np.int64)
     scales = group.settings.scales
     largest = runs.runs.largest * np.array([scales.of(layout.model.dimensions[name]) for name in layout.used])
     if rtols is None:
-        return uncontrolled(asked, layout.used, largest).sum(axis=1)
+        return np.asarray(np.count_nonzero(uncontrolled(asked, layout.used, largest), axis=1))
     each = zip(rtols[part].tolist(), largest, strict=True)
     return np.array([uncontrolled(replace(asked, rtol=rtol), layout.used, one).sum() for rtol, one in each])
 

@@ -55,10 +55,11 @@ def blocks_of(chunks: Chunks) -> list[tuple[tuple[int, ...], Block]]:
 
 def arrays_of(plan: Plan, chunks: Chunks) -> dict[str, Any]:
     """Return every variable as a dask array; a block is marched once for all of them."""
-    import dask.array as da
+    import dask.array
     from dask.base import tokenize
     from dask.highlevelgraph import HighLevelGraph
 
+    da: Any = dask.array  # its functions are not typed
     token = tokenize(plan.digest, chunks, plan.check)
     told, name = f"plan-{token}", f"march-{token}"
     blocks = blocks_of(chunks)
