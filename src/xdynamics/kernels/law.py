@@ -24,6 +24,7 @@ from xdynamics.kernels.operations import PYTHON
 from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.stepping import Equations, Steps
+from xdynamics.kernels.striding import STRIDE, stride
 from xdynamics.kernels.tables import PYTHON_TABLES
 from xdynamics.methods.scheme import EXACT, Scheme
 
@@ -36,6 +37,7 @@ HEADER = (
 )
 
 _KEYS = count(1)
+_STRIDES: list[machine.Code] = []  # code behind an address lives as long as this
 _LOCK = threading.RLock()
 
 
@@ -149,6 +151,18 @@ class Law:
         functions = {f"_{quantities.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
         names = [one.name for one in self.entries if one not in without]
         return machine.compiled(self.text(lanes, without), names, functions)
+
+    def striding(self, lanes: int, *, adaptive: bool) -> int:
+        """Return where one ordinary step in so many lanes begins, compiled."""
+        with _LOCK:
+            return self._striding(lanes, adaptive)
+
+    @lru_cache(maxsize=8)  # noqa: B019 - laws are kept as long as they are used
+    def _striding(self, lanes: int, adaptive: bool) -> int:  # noqa: FBT001
+        programs = (self.entries[0], *self.steps.programs, *stride(self.layout, adaptive=adaptive))
+        code = machine.compiled(llvm_of(programs, lanes, entered=(STRIDE,)), [STRIDE])
+        _STRIDES.append(code)
+        return code.addresses[STRIDE]
 
     @cached_property
     def _marching(self) -> machine.Code:

@@ -7,7 +7,7 @@ is summed across lanes, contracted or reordered, so that a lane holds the bits t
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from string import ascii_lowercase
 
 from xdynamics.elementary import FUNCTIONS, PAIRS
@@ -114,7 +114,12 @@ define internal double @slope_at(double %x, i64 %piece, ptr %origin, i64 %count)
 """
 
 
-def llvm_of(programs: Iterable[Program], lanes: int = 1, functions: Iterable[tuple[str, int]] = ()) -> str:
+def llvm_of(
+    programs: Iterable[Program],
+    lanes: int = 1,
+    functions: Iterable[tuple[str, int]] = (),
+    entered: Container[str] | None = None,
+) -> str:
     """Print programs as one LLVM module.
 
     Parameters
@@ -125,6 +130,8 @@ def llvm_of(programs: Iterable[Program], lanes: int = 1, functions: Iterable[tup
         Runs that go side by side, each number of theirs an element of a vector.
     functions : iterable of (str, int)
         Python functions that are called, with how many arguments each takes.
+    entered : container of str, optional
+        Programs that are called from outside; all, where it is not given.
     """
     known = {one.name: one for one in programs}
     text = [declarations(lanes), _TABLES if any(map(_looks_up, known.values())) else ""]
@@ -135,10 +142,9 @@ def llvm_of(programs: Iterable[Program], lanes: int = 1, functions: Iterable[tup
     calls = {name: sum(_calls(one, name) for one in known.values()) for name in known}
     for one in known.values():
         called = calls[one.name] and weights[one.name] * calls[one.name] <= INLINED
-        text += [
-            _Printer(one, lanes).function("#2" if called or not calls[one.name] else "#0"),
-            _Printer(one, lanes).entry(),
-        ]
+        text.append(_Printer(one, lanes).function("#2" if called or not calls[one.name] else "#0"))
+        if entered is None or one.name in entered:
+            text.append(_Printer(one, lanes).entry())
     # "prefer-vector-width": without it 16 lanes are made of 256 bits each where 512 are there
     text.append('attributes #0 = { nounwind "prefer-vector-width"="512" }')
     text.append("attributes #1 = { nounwind alwaysinline }")
@@ -305,6 +311,8 @@ class _Printer:
         """Return the address of an element: of an array that is given, of a view of one, or of a local array."""
         if place.array == UNSOUND:
             return f"%{UNSOUND}"
+        if place.same:
+            index, shift = "", 0
         views = self._program.views
         array, first, _ = views.get(place.array, (place.array, 0, 0))
         base = f"%_{array}" if array in ARRAYS else f"%{array}"

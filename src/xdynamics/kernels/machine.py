@@ -131,6 +131,13 @@ def _processor() -> tuple[str, str, str]:
     return version, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
+@lru_cache
+def vector_lanes() -> int:
+    """Return how many runs go side by side on this processor: two of its widest vectors."""
+    features = llvm.get_host_cpu_features()
+    return 16 if features.get("avx512f") else 8 if features.get("avx") else 4
+
+
 def _machine(level: int = 2) -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()

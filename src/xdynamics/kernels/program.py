@@ -25,10 +25,11 @@ T, T1, H, S, REGIME, NORM, TURNS, UNSOUND = range(len(AT))
 
 @dataclass(frozen=True)
 class Place:
-    """An element of an array or of a view; inside `Each` the element this far behind the i-th."""
+    """An element of an array or of a view; inside `Each` the element this far behind the i-th, or the same for every i."""
 
     array: str
     index: int = 0
+    same: bool = False
 
 
 @dataclass(frozen=True)

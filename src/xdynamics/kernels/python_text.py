@@ -102,7 +102,8 @@ class _Printer:
         return repr(operand), _ATOM if operand >= 0 else 3
 
     def _place(self, place: Place) -> str:
-        at = f"{place.index} + {self._index}" if self._index and place.index else self._index or str(place.index)
+        index = "" if place.same else self._index
+        at = f"{place.index} + {index}" if index and place.index else index or str(place.index)
         return f"{_array(place.array)}[{at}]"
 
 

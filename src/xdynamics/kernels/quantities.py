@@ -69,6 +69,12 @@ def resets(layout: Layout) -> Program:
     return _returning("resets", "What events set the state to.", layout, trees)
 
 
+def derived(layout: Layout) -> Program:
+    """Write energies, observables and gaps of a state."""
+    about = "Energies, observables and gaps of a state."
+    return _returning("derived", about, layout, layout.derived.values(), known=layout.record)
+
+
 def row(layout: Layout) -> Program:
     """Write a row of the log: the state with energies and observables, and of a step its error and its effort."""
     lines = Assignments(_Names(layout, layout.record))

@@ -9,6 +9,7 @@ import numpy as np
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import EXP, FORCES, LOG
 from xdynamics.kernels.program import T
+from xdynamics.kernels.striding import LEAST_LOGARITHM
 from xdynamics.march.evaluating import slope_of
 from xdynamics.march.handle import applied, called
 from xdynamics.march.log import note_sample
@@ -16,8 +17,6 @@ from xdynamics.march.run import Run
 
 SPACINGS = 10.0  # of t that the shortest step has at least, like scipy's
 NONFINITE_FACTOR = 0.25
-STRETCH = 1.01  # of a step that would end just before a node
-LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
 CONTROLLER = "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1 (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
 PREDICTIVE = "predictive: safety*min(norm**(-1/4)*15/(i + 14), h/h_before*(norm_before/norm**2)**(1/4)), i = Newton iterations; a growth of up to 1.2 is left out after at most 2 of them or where they converge by theta < 0.001, for the sake of what is kept (Hairer, Wanner, Solving ODEs II, IV.8; Gustafsson 1994, doi:10.1145/198429.198437)"
 ERROR_NORM = "largest component of |error|/(atol + rtol*max(|value before|, |value after|))"

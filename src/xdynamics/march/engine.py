@@ -12,19 +12,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import config, from_dtype, types
 
+from xdynamics.faults import InputError
 from xdynamics.kernels import cache
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.march import entries, loop, proposing
 from xdynamics.march.contacts import touch
 from xdynamics.march.events import enclosures, transition
 from xdynamics.march.kept import Kept
+from xdynamics.march.lanes import march_lanes
 from xdynamics.march.run import NOW, PLAN
 
-SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS, CONTACTS_SECONDS = (
+SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS, CONTACTS_SECONDS, LANES_SECONDS = (
     10,
     8,
     12,
     15,
+    3,
 )  # that compiling takes on a machine of 2026
 NEWTON, RADAU, ENCLOSING, PARTING, HAPPENING, TOUCHING = (
     -1,
@@ -45,6 +48,7 @@ class Engine(NamedTuple):
     march: Callable[..., None]
     march_many: Callable[..., int]
     states_inside: Callable[..., None]
+    march_at: int  # where the compiled `loop.march` begins
 
 
 class Solvers(NamedTuple):
@@ -86,6 +90,13 @@ def contacts() -> int:
     return found
 
 
+def lanes() -> Callable[..., None]:
+    """Return what marches runs side by side, to be called with the runs; compiled if that was not done on this machine."""
+    march_at = engine().march_at
+    function = _part("lanes", "marches side by side", LANES_SECONDS, _lanes, _no_lanes)
+    return lambda runs, *given: function(runs, march_at, *given)
+
+
 def _part(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any], plain: Callable[[], Any]) -> Any:
     with _LOCK:
         if name not in _FOUND:
@@ -115,7 +126,7 @@ def _loaded(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any]
 
 def _plain_entries() -> Engine:
     many = entries.march_many
-    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside)
+    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside, 0)
 
 
 def _plain_solvers() -> Solvers:
@@ -136,6 +147,7 @@ def _entries(kept: Kept) -> Engine:
         lambda run, rows: call(run.address, rows),
         lambda run, *given: march_many(run.address, address, *given),
         lambda run, *given: states_inside(run.address, *given),
+        address,
     )
 
 
@@ -176,6 +188,16 @@ def _contacts(kept: Kept) -> int:
     return int(found.address)
 
 
+def _lanes(kept: Kept) -> Callable[..., None]:
+    """The same for marches side by side."""
+    found: Callable[..., None] = kept.function(march_lanes, _LANES)
+    return found
+
+
+def _no_lanes() -> Callable[..., None]:
+    raise InputError("without a compiler there are no lanes")
+
+
 def _array(dtype: Any, dims: int) -> Any:
     return types.Array(from_dtype(np.dtype(dtype)), dims, "C")
 
@@ -183,6 +205,13 @@ def _array(dtype: Any, dims: int) -> Any:
 _STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
 _MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), *[_array("f8", 2)] * 2, types.int64, types.boolean)
 _SIGNATURES = ((types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 5, types.boolean))
+
+
+_WHOLE, _BLOCK = _array("i8", 1), _array("f8", 2)
+_LANES = types.void(
+    _WHOLE, types.int64, types.int64, _WHOLE, *[_BLOCK] * 3, _array("i8", 2), *[_BLOCK] * 2, _WHOLE, _array(PLAN, 1),
+    *[_BLOCK] * 3, _array(NOW, 1), *[_BLOCK] * 2,
+)  # fmt: skip
 
 
 def _key() -> str:

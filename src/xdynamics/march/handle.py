@@ -301,6 +301,17 @@ def _march_by(_typing: Any, march: Any, address: Any, rows: Any) -> Any:
     return types.void(march, address, rows), generate
 
 
+def _strode_by(_typing: Any, stride: Any, table: Any, y: Any, z: Any, samples: Any) -> Any:
+    """Call the program of lanes at an address."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [_WORD] * 4)
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
+        return context.get_dummy_value()
+
+    return types.void(stride, table, y, z, samples), generate
+
+
 _LAW = ir.FunctionType(ir.VoidType(), [_POINTER] * 4)  # a run, and where y, z and the samples begin
 
 
@@ -382,6 +393,7 @@ stepped_by: Any = _by_key if _PLAINLY else intrinsic(_stepped_by)
 enclosed_by: Any = _by_key if _PLAINLY else intrinsic(_enclosed_by)
 entered_by: Any = _by_key if _PLAINLY else intrinsic(_entered_by)
 march_by: Any = _march_by_plainly if _PLAINLY else intrinsic(_march_by)
+strode_by: Any = _by_key if _PLAINLY else intrinsic(_strode_by)  # without a compiler there are no lanes
 applied: Any = applied_plainly if _PLAINLY else intrinsic(_applied)
 called: Any = called_plainly if _PLAINLY else intrinsic(_called)
 noted: Any = noted_plainly if _PLAINLY else intrinsic(_noted)

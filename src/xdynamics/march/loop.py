@@ -13,8 +13,9 @@ import numpy as np
 from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import REGIME, UNSOUND, T
+from xdynamics.kernels.striding import STRETCH
 from xdynamics.kernels.tables import enter_pieces
-from xdynamics.march.control import STRETCH, first_step, grow, reduce, shortest
+from xdynamics.march.control import first_step, grow, reduce, shortest
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events.certainty import renew_constants
 from xdynamics.march.events.isolation import quiet

@@ -9,11 +9,16 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
+from xdynamics.kernels.machine import vector_lanes
+from xdynamics.kernels.program import TABLE, WORDS
+from xdynamics.kernels.striding import lane_width
 from xdynamics.march.engine import engine
+from xdynamics.march.engine import lanes as march_side_by_side
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.posing import addresses_of, posed, widened
@@ -26,6 +31,8 @@ from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
 LOG_ROWS = 1 << 14  # of the log that is filled again and again
+LANE_ROWS = 1 << 5  # of that of a lane, which the single march writes to now and then
+FEWEST_A_LANE = 4  # runs from which on lanes pay
 
 
 @dataclass(frozen=True)
@@ -137,6 +144,7 @@ def march_many(
     rtols: Any = None,
     logs: bool = False,
     threads: int = 1,
+    lanes: int | None = None,
 ) -> Runs:
     """March a model many times, each with numbers of its own; each run has the bits that it has when it is marched alone.
 
@@ -155,6 +163,9 @@ def march_many(
         Whether to keep every row of every run, or the last states and the events alone.
     threads : int
         Threads that share the runs; the result does not depend on it.
+    lanes : int, optional
+        Runs that go side by side in vector code, where the method, the model and what is kept allow it; as many as the
+        processor is good for, where it is not given. The result does not depend on it either.
 
     Returns
     -------
@@ -177,8 +188,13 @@ def march_many(
     cuts = np.linspace(0, n, max(1, min(threads, n)) + 1).astype(int)
     parts = [slice(a, b) for a, b in pairwise(cuts.tolist())]
 
+    side_by_side = 1 if logs else lanes_for(law, settings, n, lanes)
+
     def marched(part: slice) -> _Part:
-        return _march(model, settings, law, {key: one[part] for key, one in arrays.items()}, logs=logs)
+        mine = {key: one[part] for key, one in arrays.items()}
+        if side_by_side > 1:
+            return _march_lanes(model, settings, law, mine, side_by_side)
+        return _march(model, settings, law, mine, logs=logs)
 
     if len(parts) == 1:
         return _joined(law, settings, [marched(parts[0])], logs=logs)
@@ -211,6 +227,46 @@ def _march(
         part.logs.append(_emptied(run, log, logs=logs))
         if first == n:
             return part
+
+
+def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int:
+    """Return how many runs may go side by side: one, where a step is more than a program, or nothing is gained."""
+    scheme, layout = law.scheme, law.layout
+    plain = not (scheme.method.implicit or scheme.halved or scheme.method.stepping or isinstance(settings.step, tuple))
+    if not plain or layout.watched or layout.model.python_functions or config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return 1
+    if asked is not None:
+        return max(1, asked)
+    return vector_lanes() if runs >= FEWEST_A_LANE * vector_lanes() else 1
+
+
+def _march_lanes(
+    model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], lanes: int
+) -> _Part:
+    n, layout = len(next(iter(arrays.values()))), law.layout
+    logs = [allocate(layout, LANE_ROWS, sampled=0) for _ in range(lanes)]
+    runs = [posed(model, settings, law, log, addresses_of(law)) for log in logs]
+    inputs = _inputs(model, settings, law, runs[0], arrays)
+    used, row, one = len(layout.used), len(layout.row), runs[0]
+    part = _Part(np.zeros(n, NOW), np.zeros((n, row)), np.zeros((n, used)), inputs[2], [_emptied(one, logs[0], logs=False)])  # fmt: skip
+    blocks = {name: np.zeros((len(getattr(one, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
+    blocks |= {"pieces": np.zeros((len(one.places), lanes), np.int64), "w": np.zeros((lane_width(layout), lanes))}
+    table = _table(blocks | {"tables": one.tables})
+    given = [blocks[name] for name in ("at", "y", "p", "pieces", "z", "w")]
+    march_side_by_side()(
+        np.array([each.address for each in runs]), law.striding(lanes, adaptive=settings.adaptive), table, *given,
+        np.zeros(lanes, np.int64), *inputs, part.ends, part.lasts, part.largest,
+    )  # fmt: skip
+    return part
+
+
+def _table(blocks: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
+    """Return where a program in lanes finds its arrays."""
+    table = np.zeros(WORDS * len(TABLE), np.int64)
+    for i, name in enumerate(TABLE):
+        if name in blocks:
+            table[WORDS * i] = blocks[name].ctypes.data
+    return table
 
 
 def _inputs(

@@ -1,0 +1,192 @@
+"""One ordinary step in every lane: aim, propose, judge and accept or reject, as `march.loop` does them, without a branch.
+
+What is not ordinary (a node, an event, a step that cannot be shortened, a number that is none) changes nothing in its
+lane and is said: there the single march makes the step. So each line here has the operations of one in `march.loop`,
+`march.landing` or `march.control`, in their order, and a lane has the bits of a run alone.
+"""
+
+from __future__ import annotations
+
+from xdynamics.expressions import parse
+from xdynamics.kernels import quantities
+from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.program import (
+    AT,
+    UNSOUND,
+    Call,
+    Compute,
+    Each,
+    Instruction,
+    Load,
+    Operand,
+    Place,
+    Program,
+    Store,
+)
+
+# What a lane knows besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
+# run goes on; `done` counts accepted and rejected trials, `most` is how many there may be; h and norm are those of the
+# last accepted step. Behind them stand absolute tolerances, largest values, and the error of that step.
+LANE = (
+    "t", "h", "norm", "step", "step_log", "rejected", "grid", "on_grid", "done", "accepted", "most", "lives",
+    "node", "snap", "start", "step_size", "rtol", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
+)  # fmt: skip
+STRIDE, DERIVED = "stride", "derived"
+STRETCH = 1.01  # of a step that would end just before a node
+LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
+
+_AIM_FREELY = """
+rest = node - t
+reach = t + step
+width = reach - t
+lands = where(reach >= node - snap, 1, where(rest <= stretch*step, where(rest <= max_step, 1, 0), 0))
+"""
+_AIM_AT_GRID = """
+reach = start + (grid + 1)*step_size
+width = step_size
+lands = where(node > reach + snap, where(on_grid > 0, 0, 1), 1)
+"""
+_READY = """
+advances = where(t + width > t, where(reach > t, 1, 0), 0)
+ready = lives*(1 - lands)*advances*where(done <= most, 1, 0)
+"""
+_JUDGE = """
+logarithm = log(judged)
+beta = 0.2/k
+allowed = safety*exp((0.75*beta - 1/k)*logarithm + beta*step_log)
+factor = where(judged > 0, min(greatest, max(least, allowed)), greatest)
+grown = width*where(rejected > 0, min(factor, 1), factor)
+next_step = min(max_step, max(min_step, grown))
+next_log = max(where(judged > 0, logarithm, least_logarithm), least_logarithm)
+shorter = width*max(least, min(0.9, safety*exp(-logarithm/k)))
+bound = max(min_step, max(1e-14*abs(t), 1e-300))
+repeats = where(judged > 1, where(judged < 1e300, where(least*width > bound, where(least*step > bound, 1, 0), 0), 0), 0)
+moves = ready*sound*where(judged <= 1, 1, 0)
+turns_back = ready*sound*repeats
+"""
+_MOVE = """
+t = where(moves > 0, reach, t)
+h = where(moves > 0, width, h)
+grid = where(moves > 0, grid + 1, grid)
+done = done + moves + turns_back
+accepted = accepted + moves
+ordinary = where(moves + turns_back > 0, 1, 1 - lives)
+"""
+_PACE = """
+norm = where(moves > 0, judged, norm)
+step = where(moves > 0, next_step, where(turns_back > 0, shorter, step))
+step_log = where(moves > 0, next_log, step_log)
+rejected = where(moves > 0, 0, where(turns_back > 0, 1, rejected))
+"""
+
+
+def lane_width(layout: Layout) -> int:
+    """Return how many numbers a lane has in `w`."""
+    return len(LANE) + 3 * len(layout.used)
+
+
+def stride(layout: Layout, *, adaptive: bool) -> tuple[Program, ...]:
+    """Write the step, and behind which it stands: what a row of the log has besides the state, which is to be finite."""
+    write = _Writing(layout)
+    write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
+    write.lines(_READY)
+    write.store("at", {"t": "t", "t1": "reach", "h": "width"})
+    write.body.append(Call("propose", "at", "y", "z"))
+    write.load("finite_step", Place("at", UNSOUND))
+    if layout.derived:
+        write.store("at", {"t": "reach"})
+        write.body.append(Call(DERIVED, "at", "z", "noted"))
+    write.load("finite_row", Place("at", UNSOUND))
+    write.lines("sound = where(finite_step == 0, where(finite_row == 0, 1, 0), 0)")
+    if adaptive:
+        write.error_norm()
+        write.load("judged", Place("norm", same=True))
+        write.lines(_JUDGE)
+    else:
+        write.lines("moves = ready*sound\nturns_back = 0*ready")
+    write.move(adaptive=adaptive)
+    write.lines(_MOVE + (_PACE if adaptive else ""), kept=True)
+    local = {"noted": max(1, len(layout.derived)), "norm": 1}
+    own = Program(STRIDE, "One step in every lane.", tuple(write.body), {}, local)
+    return (*((quantities.derived(layout),) if layout.derived else ()), own)
+
+
+class _Writing:
+    """Writes lines of text, whose names are those of a lane or of lines before."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.body: list[Instruction] = []
+        self._layout = layout
+        self._known: dict[str, Operand] = {"stretch": STRETCH, "least_logarithm": LEAST_LOGARITHM}
+        self._parts = 0
+
+    def lines(self, text: str, *, kept: bool = False) -> None:
+        """Write lines; what is kept goes to the lane, and each line sees what the lane had before."""
+        self._parts += 1
+        write = Assignments(self._found, f"_{self._parts}_")
+        stores = []
+        for line in filter(None, text.split("\n")):
+            target, expression = line.split(" = ")
+            value = write.value(parse(expression))
+            if kept:
+                stores.append(Store(Place("w", LANE.index(target)), value))
+            else:
+                self._known[target] = write.name(target, value)
+        self.body += [*write.lines, *stores]
+
+    def _found(self, lines: Assignments, name: str) -> Operand:
+        if name in self._known:
+            return self._known[name]
+        return lines.load(Place("w", LANE.index(name)), f"_{self._parts}_{name}")
+
+    def load(self, name: str, place: Place) -> None:
+        """Read a number that was written since it was read last."""
+        self._known[name] = name  # printed Python puts what has an underscore where it is used, behind other lines
+        self.body.append(Load(name, place))
+
+    def store(self, array: str, values: dict[str, str]) -> None:
+        """Write numbers to `at`."""
+        self._parts += 1
+        write = Assignments(self._found, f"_{self._parts}_")
+        stores = [Store(Place(array, AT.index(name)), write.named(value)) for name, value in values.items()]
+        self.body += [*write.lines, *stores]
+
+    def error_norm(self) -> None:
+        """Find the largest error over its scale: `march.control.error_norm`."""
+        first, used = len(LANE), len(self._layout.used)
+        self._parts += 1
+        write = Assignments(self._found, f"_{self._parts}_")
+        rtol = write.named("rtol")
+        self.body += [*write.lines, Store(Place("norm", same=True), 0.0)]
+        body: tuple[Compute | Load | Store, ...] = (
+            Load("_e", Place("e")), Load("_y", Place("y")), Load("_z", Place("z")), Load("_atol", Place("w", first)),
+            Load("_norm", Place("norm", same=True)),
+            Compute("_before", "abs", ("_y",)), Compute("_behind", "abs", ("_z",)),
+            Compute("_size", "greatest", ("_before", "_behind")),
+            Compute("_relative", "multiply", (rtol, "_size")), Compute("_scale", "add", ("_atol", "_relative")),
+            Compute("_error", "abs", ("_e",)), Compute("_ratio", "divide", ("_error", "_scale")),
+            Compute("_there", "unequal", ("_e", 0.0)), Compute("_mine", "choose", ("_there", "_ratio", 0.0)),
+            Compute("_largest", "greatest", ("_norm", "_mine")), Store(Place("norm", same=True), "_largest"),
+        )  # fmt: skip
+        self.body.append(Each(used, body))
+
+    def move(self, *, adaptive: bool) -> None:
+        """Put the new state in the place of the old one, where the lane moves."""
+        self._parts += 1
+        moving = f"_{self._parts}_moving"
+        self.body.append(Compute(moving, "more", (self._known["moves"], 0.0)))
+        first, used = len(LANE) + len(self._layout.used), len(self._layout.used)
+
+        def chosen(new: str, to: Place, old: str) -> tuple[Compute | Load | Store, ...]:
+            return Compute(f"{old}_now", "choose", (moving, new, old)), Store(to, f"{old}_now")
+
+        if adaptive:
+            larger = (
+                Load("_largest", Place("w", first)), Load("_z", Place("z")), Compute("_size", "abs", ("_z",)),
+                Compute("_most", "greatest", ("_largest", "_size")), *chosen("_most", Place("w", first), "_largest"),
+            )  # fmt: skip
+            error = (Load("_e", Place("e")), Load("_kept", Place("w", first + used)), *chosen("_e", Place("w", first + used), "_kept"))  # fmt: skip
+            self.body += [Each(used, larger), Each(used, error)]
+        state = (Load("_new", Place("z")), Load("_old", Place("y")), *chosen("_new", Place("y"), "_old"))
+        self.body.append(Each(len(self._layout.record), state))
