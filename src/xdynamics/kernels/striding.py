@@ -27,9 +27,9 @@ from xdynamics.kernels.program import (
 
 # What a lane knows besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
 # run goes on; `done` counts accepted and rejected trials, `most` is how many there may be; h and norm are those of the
-# last accepted step. Behind them stand absolute tolerances, largest values, and the error of that step.
+# last accepted step, tried is the norm of the last trial. Behind them stand absolute tolerances, largest values, and the error of that step.
 LANE = (
-    "t", "h", "norm", "step", "step_log", "rejected", "grid", "on_grid", "done", "accepted", "most", "lives",
+    "t", "h", "norm", "tried", "step", "step_log", "rejected", "grid", "on_grid", "done", "accepted", "most", "lives",
     "node", "snap", "start", "step_size", "rtol", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
 )  # fmt: skip
 STRIDE, DERIVED = "stride", "derived"
@@ -54,12 +54,12 @@ ready = lives*(1 - lands)*advances*where(done <= most, 1, 0)
 _JUDGE = """
 logarithm = log(judged)
 beta = 0.2/k
-allowed = safety*exp((0.75*beta - 1/k)*logarithm + beta*step_log)
+allowed = safety*exp(where(judged > 1, -logarithm/k, (0.75*beta - 1/k)*logarithm + beta*step_log))
 factor = where(judged > 0, min(greatest, max(least, allowed)), greatest)
 grown = width*where(rejected > 0, min(factor, 1), factor)
 next_step = min(max_step, max(min_step, grown))
 next_log = max(where(judged > 0, logarithm, least_logarithm), least_logarithm)
-shorter = width*max(least, min(0.9, safety*exp(-logarithm/k)))
+shorter = width*max(least, min(0.9, allowed))
 bound = max(min_step, max(1e-14*abs(t), 1e-300))
 repeats = where(judged > 1, where(judged < 1e300, where(least*width > bound, where(least*step > bound, 1, 0), 0), 0), 0)
 moves = ready*sound*where(judged <= 1, 1, 0)
@@ -73,8 +73,11 @@ done = done + moves + turns_back
 accepted = accepted + moves
 ordinary = where(moves + turns_back > 0, 1, 1 - lives)
 """
-_PACE = """
+_JUDGED = """
 norm = where(moves > 0, judged, norm)
+tried = where(moves + turns_back > 0, judged, tried)
+"""
+_PACE = """
 step = where(moves > 0, next_step, where(turns_back > 0, shorter, step))
 step_log = where(moves > 0, next_log, step_log)
 rejected = where(moves > 0, 0, where(turns_back > 0, 1, rejected))
@@ -99,14 +102,12 @@ def stride(layout: Layout, *, adaptive: bool) -> tuple[Program, ...]:
         write.body.append(Call(DERIVED, "at", "z", "noted"))
     write.load("finite_row", Place("at", UNSOUND))
     write.lines("sound = where(finite_step == 0, where(finite_row == 0, 1, 0), 0)")
-    if adaptive:
+    if layout.estimates:
         write.error_norm()
         write.load("judged", Place("norm", same=True))
-        write.lines(_JUDGE)
-    else:
-        write.lines("moves = ready*sound\nturns_back = 0*ready")
+    write.lines(_JUDGE if adaptive else "moves = ready*sound\nturns_back = 0*ready")
     write.move(adaptive=adaptive)
-    write.lines(_MOVE + (_PACE if adaptive else ""), kept=True)
+    write.lines(_MOVE + (_JUDGED if layout.estimates else "") + (_PACE if adaptive else ""), kept=True)
     local = {"noted": max(1, len(layout.derived)), "norm": 1}
     own = Program(STRIDE, "One step in every lane.", tuple(write.body), {}, local)
     return (*((quantities.derived(layout),) if layout.derived else ()), own)
@@ -186,7 +187,9 @@ class _Writing:
                 Load("_largest", Place("w", first)), Load("_z", Place("z")), Compute("_size", "abs", ("_z",)),
                 Compute("_most", "greatest", ("_largest", "_size")), *chosen("_most", Place("w", first), "_largest"),
             )  # fmt: skip
+            self.body.append(Each(used, larger))
+        if self._layout.estimates:
             error = (Load("_e", Place("e")), Load("_kept", Place("w", first + used)), *chosen("_e", Place("w", first + used), "_kept"))  # fmt: skip
-            self.body += [Each(used, larger), Each(used, error)]
+            self.body.append(Each(used, error))
         state = (Load("_new", Place("z")), Load("_old", Place("y")), *chosen("_new", Place("y"), "_old"))
         self.body.append(Each(len(self._layout.record), state))

@@ -26,7 +26,7 @@ Whole = NDArray[np.int64]
 Records = NDArray[Any]
 
 (
-    L_T, L_H, L_NORM, L_STEP, L_STEP_LOG, L_REJECTED, L_GRID, L_ON_GRID, L_DONE, L_ACCEPTED, L_MOST, L_LIVES,
+    L_T, L_H, L_NORM, L_TRIED, L_STEP, L_STEP_LOG, L_REJECTED, L_GRID, L_ON_GRID, L_DONE, L_ACCEPTED, L_MOST, L_LIVES,
     L_NODE, L_SNAP, L_START, L_STEP_SIZE, L_RTOL, L_ORDER, L_SAFETY, L_LEAST, L_GREATEST, L_MIN_STEP, L_MAX_STEP, L_ORDINARY,
 ) = range(len(LANE))  # fmt: skip
 NONE = -1  # no run is in the lane
@@ -107,7 +107,7 @@ def enter(run: Run, at: Floats, y: Floats, p: Floats, pieces: Whole, w: Floats, 
     """Put a run into a lane, from where it stands."""
     now, plan, used = run.now[0], run.plan[0], run.plan[0].used
     inner = now.node < run.nodes.shape[0]
-    w[L_T, lane], w[L_H, lane], w[L_NORM, lane] = now.t, now.h, now.norm
+    w[L_T, lane], w[L_H, lane], w[L_NORM, lane], w[L_TRIED, lane] = now.t, now.h, now.norm, now.norm
     w[L_STEP, lane], w[L_STEP_LOG, lane], w[L_REJECTED, lane] = now.step, now.step_log, float(now.rejected)
     w[L_GRID, lane], w[L_ON_GRID, lane] = float(now.grid), float(now.on_grid)
     w[L_DONE, lane], w[L_ACCEPTED, lane], w[L_MOST, lane] = float(now.rows + now.trials), 0.0, plan.most_steps
@@ -158,6 +158,7 @@ def leave(run: Run, y: Floats, w: Floats, lane: int) -> None:
     run.kept[0].since, run.trial[0].iterations = MOVED, 0
     now.rows -= 1  # the last row is noted, and counted, now
     note(run, STEP, now.t, now.h, run.y)
+    now.norm = w[L_TRIED, lane]
 
 
 @shared

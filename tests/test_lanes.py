@@ -1,0 +1,150 @@
+"""Runs side by side in vector code: each has the bits that it has alone, for any number of lanes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from problems import MODELS, particle
+from xdynamics.march import Runs, march_many
+from xdynamics.march.asking import settings_for
+from xdynamics.march.settings import Settings
+from xdynamics.methods import METHODS
+
+N = 37
+COMPARED = ("time", "state", "status", "rows", "trials", "evaluations", "largest", "ends", "events")
+
+
+def asked(model: xd.Model, **more: Any) -> Settings:
+    """Settings without force samples."""
+    return settings_for(model, force_samples="none", **more)
+
+
+def assert_same(one: Runs, other: Runs) -> None:
+    """Assert that two results agree in every bit, the last rows of the logs included."""
+    for name in COMPARED:
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+    assert one.kept.log.rows.tobytes() == other.kept.log.rows.tobytes()
+
+
+def duffing(*, damped: bool = True) -> xd.Model:
+    """Return an oscillator with a cubic spring, damped or not."""
+    damping = {"damping": {"x": "-c*v_x"}} if damped else {}
+    return xd.Model(
+        name="duffing",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg", "k": "0.5 N m-3", "c": "0.1 N s m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "newton/metre*x**2/2"}, "cubic": {"x": "-k*x**3"}} | damping,
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )
+
+
+@pytest.mark.parametrize("method", [name for name, one in METHODS.items() if not (one.implicit or one.stepping)])
+@pytest.mark.parametrize("lanes", [2, 8])
+def test_every_explicit_method(method: str, lanes: int) -> None:
+    """Assert the bits of one lane, on a grid and, with an embedded formula, with chosen steps."""
+    model = duffing(damped=not METHODS[method].refusals(duffing()))
+    ways = [{"step": 0.03}] + ([{"rtol": 1e-7, "atol": 1e-9}] if METHODS[method].estimate else [])
+    given = {"parameters": {"k": np.linspace(0.0, 8.0, N)}, "initial": {"x": np.linspace(0.5, 2.0, N)}}
+    for way in ways:
+        settings = asked(model, method=method, until=4.0, **way)
+        alone = march_many(model, settings, lanes=1, **given)
+        assert_same(march_many(model, settings, lanes=lanes, **given), alone)
+
+
+@pytest.mark.parametrize(
+    ("name", "varied", "more"),
+    [
+        ("kepler", "x", {"method": "dop853", "rtol": 1e-9, "until": 6.0}),
+        ("kepler", "x", {"method": "dprkn6", "rtol": 1e-7, "until": 6.0}),
+        ("pendulum", "theta", {"method": "dormand_prince", "rtol": 1e-6, "until": 3.0}),
+        ("double_pendulum", "theta1", {"method": "dop853", "rtol": 1e-8, "until": 2.0}),
+        ("coupled_masses", "x1", {"method": "yoshida6", "step": 0.01, "until": 2.0}),
+        ("cart_spring", "x", {"method": "pefrl", "step": 0.011, "until": 2.0, "scales": {"time": "3 s"}, "switches": "stepped over"}),
+    ],
+)  # fmt: skip
+def test_models_with_angles_tables_and_scales(name: str, varied: str, more: dict[str, Any]) -> None:
+    """Assert the bits of one lane for models in the data folder."""
+    model = xd.Model.from_toml(MODELS / f"{name}.toml")
+    settings = asked(model, **more)
+    start = next(
+        (one for one in (varied, varied.replace("1", "_1")) if one in model.initial), settings.layout(model).used[0]
+    )
+    if settings.layout(model).watched:
+        pytest.skip("looks for events")
+    values = model.initial[start].si + np.linspace(0.0, 0.2, N) * (abs(model.initial[start].si) or 1.0)
+    alone = march_many(model, settings, lanes=1, initial={start: values})
+    for lanes in (3, 16):
+        assert_same(march_many(model, settings, lanes=lanes, initial={start: values}), alone)
+
+
+def driven() -> xd.Model:
+    """Return a particle that a measured force pushes, with jumps in time."""
+    return xd.Model(
+        name="driven",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={"push": {"x": "push"}, "spring": {"potential": "newton/metre*x**2/2"}},
+        drives={"push": {"table": "p.csv", "csv": "t [s],p [N]\n0,0\n0.5,1\n0.6,-1\n1.7,2\n3,0\n", "interpolation": "previous"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("way", [{"method": "dop853", "rtol": 1e-8}, {"method": "heun", "step": 0.07}])
+def test_nodes_of_drives(way: dict[str, Any]) -> None:
+    """Assert the bits of one lane where the march lands on breakpoints, and on nodes that are asked for."""
+    model = driven()
+    settings = asked(model, until=2.9, nodes=[0.55, 1.0, 1.0000001], **way)
+    given = {"initial": {"x": np.linspace(-1.0, 1.0, N)}}
+    assert_same(march_many(model, settings, lanes=4, **given), march_many(model, settings, lanes=1, **given))
+
+
+def test_members_that_fail_and_members_that_are_over_at_once() -> None:
+    """Assert that forces that become infinite, step limits and first steps beyond the end end one lane alone."""
+    model = particle("F/where(x > 5*metre, 0, 1)")
+    settings = asked(model, method="dop853", rtol=1e-6, until=3.0)
+    given = {"initial": {"x": np.linspace(-30.0, 6.0, N)}}
+    alone = march_many(model, settings, lanes=1, **given)
+    assert len({*alone.outcomes}) > 1
+    assert_same(march_many(model, settings, lanes=8, **given), alone)
+    limited = asked(duffing(), method="dop853", rtol=1e-9, until=30.0, max_steps=60)
+    given = {"parameters": {"k": np.linspace(0.0, 50.0, N)}}
+    alone = march_many(duffing(), limited, lanes=1, **given)
+    assert {*alone.outcomes} >= {"step_limit"}
+    assert_same(march_many(duffing(), limited, lanes=8, **given), alone)
+
+
+def test_steps_and_tolerances_of_their_own() -> None:
+    """Assert that each lane has its own step or tolerance, with any number of threads."""
+    model = duffing()
+    judged = asked(model, method="dormand_prince", rtol=1e-6, until=9.0)
+    rtols = np.geomspace(1e-3, 1e-10, N)
+    alone = march_many(model, judged, lanes=1, rtols=rtols)
+    assert_same(march_many(model, judged, lanes=8, rtols=rtols, threads=2), alone)
+    grid = asked(model, method="rk4", step=0.1, until=2.0)
+    steps = np.linspace(0.01, 0.3, N)
+    assert_same(march_many(model, grid, lanes=8, steps=steps), march_many(model, grid, lanes=1, steps=steps))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_forces(seed: int) -> None:
+    """Assert the bits of one lane for forces put together at random from the functions of the language."""
+    random = np.random.default_rng(seed)
+    X, V = "(x/metre)", "(v_x*second/metre)"
+    parts = [f"sin(3*{X})", f"exp(-{X}**2)", f"cos({V})", f"tanh({X}*{V})", f"atan2({X}, 1 + {V}**2)", f"log(1 + {X}**2)",
+             f"hypot({X}, {V})", f"sqrt(1 + {X}**2)", f"min({X}, {V})", f"where({X} > 0.3, 1, -0.5)", f"abs({V})", f"{X}**3", "t/second"]  # fmt: skip
+    chosen = random.choice(parts, 4, replace=False)
+    text = " + ".join(f"{float(w)!r}*{part}" for w, part in zip(random.normal(size=4), chosen, strict=True))
+    model = xd.Model(
+        name="random", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}, "strange": {"x": f"newton*({text})", "smooth": True}},
+        initial={"x": "0.3 m", "v_x": "0 m s-1"}, observables={"power": "v_x*k*x"},
+    )  # fmt: skip
+    given = {"initial": {"x": random.uniform(-1.0, 1.0, N)}, "parameters": {"k": random.uniform(1.0, 9.0, N)}}
+    settings = asked(model, method="dop853", rtol=1e-8, until=5.0)
+    assert_same(march_many(model, settings, lanes=16, **given), march_many(model, settings, lanes=1, **given))
