@@ -148,3 +148,58 @@ def test_random_forces(seed: int) -> None:
     given = {"initial": {"x": random.uniform(-1.0, 1.0, N)}, "parameters": {"k": random.uniform(1.0, 9.0, N)}}
     settings = asked(model, method="dop853", rtol=1e-8, until=5.0)
     assert_same(march_many(model, settings, lanes=16, **given), march_many(model, settings, lanes=1, **given))
+
+
+def watched(name: str) -> xd.Model:
+    """Return a model of the data folder."""
+    return xd.Model.from_toml(MODELS / f"{name}.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("bouncing_ball", {"method": "velocity_verlet", "step": 0.01, "until": 10.0}),
+        ("bouncing_ball", {"method": "dop853", "rtol": 1e-7, "until": 10.0}),
+        ("ball_drag", {"method": "heun", "rtol": 1e-5}),
+        ("ball_in_box", {"method": "dormand_prince", "rtol": 1e-7, "until": 3.0}),
+        ("impact_oscillator", {"method": "dop853", "rtol": 1e-8, "until": 5.0}),
+        ("moving_table", {"method": "dop853", "rtol": 1e-7, "until": 2.0}),
+        ("block_on_incline", {"method": "dormand_prince", "rtol": 1e-7, "until": 2.0}),
+        ("stick_slip_belt", {"method": "dormand_prince", "rtol": 1e-6, "until": 5.0}),
+        ("relay_oscillator", {"method": "dormand_prince", "rtol": 1e-7, "until": 5.0}),
+        ("staged_rocket", {"method": "dormand_prince", "rtol": 1e-7}),
+        ("rocket_c6", {"method": "heun", "rtol": 1e-4}),
+        ("woodpecker", {"method": "dormand_prince", "rtol": 1e-6, "until": 0.3}),
+    ],
+)  # fmt: skip
+def test_events_contacts_and_switches(name: str, more: dict[str, Any]) -> None:
+    """Assert the bits of one lane, every event with its bracket, rates and impulses among them."""
+    model = watched(name)
+    settings = asked(model, **more)
+    start = settings.layout(model).used[0]
+    values = model.initial[start].si + np.linspace(0.0, 0.02, N) * (abs(model.initial[start].si) or 1.0)
+    alone = march_many(model, settings, lanes=1, initial={start: values})
+    for lanes in (2, 16):
+        found = march_many(model, settings, lanes=lanes, initial={start: values})
+        assert_same(found, alone)
+        assert found.kept.log.rates.tobytes() == alone.kept.log.rates.tobytes()
+        assert found.kept.log.impulses.tobytes() == alone.kept.log.impulses.tobytes()
+
+
+@pytest.mark.parametrize("function", [
+    "x - 0.2*metre", "sin(3*x/metre) - 0.5", "x*v_x", "x/(2*metre + x) - 0.1", "exp(-x/metre) - 0.9", "x**2 - 0.3*metre**2",
+    "min(x, 0.4*metre) - 0.1*metre", "abs(v_x) - 0.5*metre/second", "cos(t/second) - 0.3", "-x*abs(x)", "tanh(v_x*second/metre) - 0.2",
+])  # fmt: skip
+def test_event_functions_in_lanes(function: str) -> None:
+    """Assert that a lane looks no less closely than the single march, for the operations that are written for lanes."""
+    model = xd.Model(
+        name="watched", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "0.7 m", "v_x": "0.1 m s-1"},
+        events={"met": {"function": function}},
+    )  # fmt: skip
+    given = {"parameters": {"k": np.linspace(1.0, 30.0, N)}}
+    for way in ({"method": "velocity_verlet", "step": 0.02}, {"method": "dop853", "rtol": 1e-9}):
+        settings = asked(model, until=6.0, **way)
+        alone = march_many(model, settings, lanes=1, **given)
+        assert len(alone.events) > N
+        assert_same(march_many(model, settings, lanes=8, **given), alone)

@@ -8,7 +8,7 @@ lane and is said: there the single march makes the step. So each line here has t
 from __future__ import annotations
 
 from xdynamics.expressions import parse
-from xdynamics.kernels import quantities
+from xdynamics.kernels import quantities, watching
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import (
@@ -27,7 +27,9 @@ from xdynamics.kernels.program import (
 
 # What a lane knows besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
 # run goes on; `done` counts accepted and rejected trials, `most` is how many there may be; h and norm are those of the
-# last accepted step, tried is the norm of the last trial. Behind them stand absolute tolerances, largest values, and the error of that step.
+# last accepted step, tried is the norm of the last trial. Behind them stand absolute tolerances, largest values,
+# the error of that step; of each event function on which side of zero it is to stay (2: wherever, 0: it is not known),
+# and of a gap how large it was.
 LANE = (
     "t", "h", "norm", "tried", "step", "step_log", "rejected", "grid", "on_grid", "done", "accepted", "most", "lives",
     "node", "snap", "start", "step_size", "rtol", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
@@ -47,6 +49,7 @@ reach = start + (grid + 1)*step_size
 width = step_size
 lands = where(node > reach + snap, where(on_grid > 0, 0, 1), 1)
 """
+_SIDE = "silent{0} = silent*where(side > 1.5, 1, where(side > 0.5, where(under > 0, 1, 0), where(side < -0.5, where(over < 0, 1, 0), 0)))"
 _READY = """
 advances = where(t + width > t, where(reach > t, 1, 0), 0)
 ready = lives*(1 - lands)*advances*where(done <= most, 1, 0)
@@ -62,7 +65,7 @@ next_log = max(where(judged > 0, logarithm, least_logarithm), least_logarithm)
 shorter = width*max(least, min(0.9, allowed))
 bound = max(min_step, max(1e-14*abs(t), 1e-300))
 repeats = where(judged > 1, where(judged < 1e300, where(least*width > bound, where(least*step > bound, 1, 0), 0), 0), 0)
-moves = ready*sound*where(judged <= 1, 1, 0)
+moves = ready*sound*silent*where(judged <= 1, 1, 0)
 turns_back = ready*sound*repeats
 """
 _MOVE = """
@@ -86,7 +89,7 @@ rejected = where(moves > 0, 0, where(turns_back > 0, 1, rejected))
 
 def lane_width(layout: Layout) -> int:
     """Return how many numbers a lane has in `w`."""
-    return len(LANE) + 3 * len(layout.used)
+    return len(LANE) + 3 * len(layout.used) + 2 * len(layout.watched)
 
 
 def stride(layout: Layout, *, adaptive: bool) -> tuple[Program, ...]:
@@ -105,7 +108,8 @@ def stride(layout: Layout, *, adaptive: bool) -> tuple[Program, ...]:
     if layout.estimates:
         write.error_norm()
         write.load("judged", Place("norm", same=True))
-    write.lines(_JUDGE if adaptive else "moves = ready*sound\nturns_back = 0*ready")
+    write.watch()
+    write.lines(_JUDGE if adaptive else "moves = ready*sound*silent\nturns_back = 0*ready")
     write.move(adaptive=adaptive)
     write.lines(_MOVE + (_JUDGED if layout.estimates else "") + (_PACE if adaptive else ""), kept=True)
     local = {"noted": max(1, len(layout.derived)), "norm": 1}
@@ -172,6 +176,23 @@ class _Writing:
         )  # fmt: skip
         self.body.append(Each(used, body))
 
+    def watch(self) -> None:
+        """Find out whether every event function is known to keep its side: `march.events.isolation.quiet`."""
+        self._known["silent"] = 1.0
+        if not self._layout.watched:
+            return
+        lines, found = watching.bounds(self._layout, self._known["width"], self._known["reach"])
+        self.body += lines
+        first = len(LANE) + 3 * len(self._layout.used)
+        for i, (under, over) in enumerate(found):
+            self.load(f"side{i}", Place("w", first + i))
+            self._known |= {"under": under, "over": over, "side": f"side{i}"}
+            self.lines(_SIDE.format(i))
+            self._known["silent"] = self._known[f"silent{i}"]
+            if watching.is_gap(self._layout)[i]:
+                self.load(f"gap{i}", Place("w", first + len(found) + i))
+                self.lines(f"gap{i}_now = max(gap{i}, under)")
+
     def move(self, *, adaptive: bool) -> None:
         """Put the new state in the place of the old one, where the lane moves."""
         self._parts += 1
@@ -191,5 +212,12 @@ class _Writing:
         if self._layout.estimates:
             error = (Load("_e", Place("e")), Load("_kept", Place("w", first + used)), *chosen("_e", Place("w", first + used), "_kept"))  # fmt: skip
             self.body.append(Each(used, error))
+        first += 2 * used + len(self._layout.watched)
+        for i, gap in enumerate(watching.is_gap(self._layout)):
+            if gap:
+                self._parts += 1
+                write = Assignments(self._found, f"_{self._parts}_")
+                value = write.value(parse(f"where(moves > 0, gap{i}_now, gap{i})"))
+                self.body += [*write.lines, Store(Place("w", first + i), value)]
         state = (Load("_new", Place("z")), Load("_old", Place("y")), *chosen("_new", Place("y"), "_old"))
         self.body.append(Each(len(self._layout.record), state))

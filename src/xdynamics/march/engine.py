@@ -20,7 +20,7 @@ from xdynamics.march.contacts import touch
 from xdynamics.march.events import enclosures, transition
 from xdynamics.march.kept import Kept
 from xdynamics.march.lanes import march_lanes
-from xdynamics.march.run import NOW, PLAN
+from xdynamics.march.run import EVENT_ROW, NOW, PLAN
 
 SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS, CONTACTS_SECONDS, LANES_SECONDS = (
     10,
@@ -90,7 +90,7 @@ def contacts() -> int:
     return found
 
 
-def lanes() -> Callable[..., None]:
+def lanes() -> Callable[..., bool]:
     """Return what marches runs side by side, to be called with the runs; compiled if that was not done on this machine."""
     march_at = engine().march_at
     function = _part("lanes", "marches side by side", LANES_SECONDS, _lanes, _no_lanes)
@@ -188,13 +188,13 @@ def _contacts(kept: Kept) -> int:
     return int(found.address)
 
 
-def _lanes(kept: Kept) -> Callable[..., None]:
+def _lanes(kept: Kept) -> Callable[..., bool]:
     """The same for marches side by side."""
-    found: Callable[..., None] = kept.function(march_lanes, _LANES)
+    found: Callable[..., bool] = kept.function(march_lanes, _LANES)
     return found
 
 
-def _no_lanes() -> Callable[..., None]:
+def _no_lanes() -> Callable[..., bool]:
     raise InputError("without a compiler there are no lanes")
 
 
@@ -208,9 +208,9 @@ _SIGNATURES = ((types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 
 
 
 _WHOLE, _BLOCK = _array("i8", 1), _array("f8", 2)
-_LANES = types.void(
-    _WHOLE, types.int64, types.int64, _WHOLE, *[_BLOCK] * 3, _array("i8", 2), *[_BLOCK] * 2, _WHOLE, _array(PLAN, 1),
-    *[_BLOCK] * 3, _array(NOW, 1), *[_BLOCK] * 2,
+_LANES = types.boolean(
+    _WHOLE, types.int64, types.int64, _WHOLE, *[_BLOCK] * 3, _array("i8", 2), *[_BLOCK] * 2, _WHOLE, _WHOLE,
+    _array(PLAN, 1), *[_BLOCK] * 3, _array(NOW, 1), *[_BLOCK] * 2, _array(EVENT_ROW, 1), *[_BLOCK] * 2, _WHOLE,
 )  # fmt: skip
 
 

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import REGIME
 from xdynamics.kernels.striding import LANE
+from xdynamics.march.contacts.holding import choose
 from xdynamics.march.entries import begin, keep_last
 from xdynamics.march.handle import march_by, run_at, strode_by
-from xdynamics.march.log import note
+from xdynamics.march.log import has_room, note
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import MOVED, Run
+from xdynamics.model.detectors import GAP
 from xdynamics.schema import STEP
 
 Floats = NDArray[np.float64]
@@ -30,9 +32,10 @@ Records = NDArray[Any]
     L_NODE, L_SNAP, L_START, L_STEP_SIZE, L_RTOL, L_ORDER, L_SAFETY, L_LEAST, L_GREATEST, L_MIN_STEP, L_MAX_STEP, L_ORDINARY,
 ) = range(len(LANE))  # fmt: skip
 NONE = -1  # no run is in the lane
+LIVING, FOLLOWING, EVENTS = range(3)  # of `standing`: lanes with a run, the next run, events that were handed out
 
 
-def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, at: Floats, y: Floats, p: Floats, pieces: Whole, z: Floats, w: Floats, members: Whole, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats) -> None:  # fmt: skip
+def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, at: Floats, y: Floats, p: Floats, pieces: Whole, z: Floats, w: Floats, members: Whole, standing: Whole, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, met: Records, rates: Floats, impulses: Floats, owners: Whole) -> bool:  # fmt: skip
     """March runs from their starts and parameters to their ends.
 
     Parameters
@@ -47,47 +50,84 @@ def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, a
     pieces : ndarray of int, shape (…, lanes)
     members : ndarray of int, shape (lanes,)
         Which run is in which lane.
+    standing : ndarray of int, shape (3,)
+        `LIVING`, `FOLLOWING`, `EVENTS`.
     plans, starts, parameters, atols, ends, lasts, largest
         Of the runs, as for `entries.march_many`.
+    met, rates, impulses, owners
+        Events as they come, and which run each is of.
+
+    Returns
+    -------
+    bool
+        Whether all are over; else there is no room for events, which are to be taken out.
     """
-    lanes, following, living = addresses.shape[0], 0, addresses.shape[0]
-    for lane in range(lanes):
-        members[lane], w[L_LIVES, lane], w[L_ORDINARY, lane] = NONE, 0.0, 0.0
-    while living > 0:
+    lanes = addresses.shape[0]
+    while standing[LIVING] > 0:
         for lane in range(lanes):
             if w[L_ORDINARY, lane] != 0.0:
                 continue
             run = run_at(addresses[lane])
+            if standing[EVENTS] + lanes * run.log_events.shape[0] > met.shape[0]:
+                return False
             if members[lane] != NONE:
                 leave(run, y, w, lane)
                 go_on(run, march_at, addresses[lane])
+                hand_out(run, members[lane], standing, met, rates, impulses, owners)
             while members[lane] == NONE or run.now[0].status != RUNNING:
                 if members[lane] != NONE:
                     close(run, members[lane], ends, lasts, largest)
-                members[lane] = following if following < starts.shape[0] else NONE
-                if members[lane] == NONE:
+                members[lane] = NONE
+                if standing[EVENTS] + run.log_events.shape[0] > met.shape[0]:
+                    return False
+                if standing[FOLLOWING] == starts.shape[0]:
                     break
-                begin(run, plans, starts, parameters, atols, following)
+                members[lane] = standing[FOLLOWING]
+                begin(run, plans, starts, parameters, atols, members[lane])
                 base = run.base[0]
                 base.rows, base.trials, base.events, base.samples = 0, 0, 0, 0
                 go_on(run, march_at, addresses[lane])
-                following += 1
+                hand_out(run, members[lane], standing, met, rates, impulses, owners)
+                standing[FOLLOWING] += 1
             if members[lane] != NONE:
                 enter(run, at, y, p, pieces, w, lane)
             else:
-                living -= 1
+                standing[LIVING] -= 1
                 w[L_LIVES, lane], w[L_ORDINARY, lane] = 0.0, 1.0
-        if living > 0:
+        if standing[LIVING] > 0:
             strode_by(stride_at, table.ctypes.data, y.ctypes.data, z.ctypes.data, z.ctypes.data)
+    return True
+
+
+@shared
+def hand_out(run: Run, member: int, standing: Whole, met: Records, rates: Floats, impulses: Floats, owners: Whole) -> None:  # fmt: skip
+    """Take the events out of a run's log, and note whose they are."""
+    now, base = run.now[0], run.base[0]
+    for k in range(now.events - base.events):
+        to = standing[EVENTS]
+        met[to] = run.log_events[k]
+        for i in range(rates.shape[0]):
+            rates[i, to] = run.log_rates[i, k]
+        for i in range(impulses.shape[0]):
+            impulses[i, to] = run.log_impulses[i, k]
+        owners[to] = member
+        standing[EVENTS] += 1
+    base.events = now.events
 
 
 @shared
 def go_on(run: Run, march_at: Any, address: Any) -> None:
-    """Make a step by the single march, and further ones from nodes, behind which forces are other ones."""
+    """Make a step by the single march, and further ones where forces are other ones behind a node, or contacts hold."""
     march_by(march_at, address, 1)
-    while run.now[0].status == RUNNING and run.now[0].crossed != run.now[0].node:
+    while run.now[0].status == RUNNING and waits(run) and has_room(run):
         rebase(run)
         march_by(march_at, address, 1)
+
+
+@shared
+def waits(run: Run) -> bool:
+    """Whether forces are to be evaluated behind a node, or a contact or friction holds the state, behind every step."""
+    return run.now[0].crossed != run.now[0].node or (run.touches.shape[0] > 0 and choose(run, True) > 0)
 
 
 @shared
@@ -117,6 +157,8 @@ def enter(run: Run, at: Floats, y: Floats, p: Floats, pieces: Whole, w: Floats, 
     w[L_LEAST, lane], w[L_GREATEST, lane] = plan.least, plan.greatest
     w[L_MIN_STEP, lane], w[L_MAX_STEP, lane] = plan.min_step, plan.max_step
     w[L_LIVES, lane], w[L_ORDINARY, lane] = 1.0, 1.0
+    if waits(run):
+        w[L_MOST, lane] = -1.0  # no step of a lane
     at[REGIME, lane] = run.at[REGIME]
     for i in range(run.y.shape[0]):
         y[i, lane] = run.y[i]
@@ -150,6 +192,10 @@ def leave(run: Run, y: Floats, w: Floats, lane: int) -> None:
         run.y[i] = y[i, lane]
     for i in range(used):
         run.largest[i], run.e[i] = w[first + used + i, lane], w[first + 2 * used + i, lane]
+    first += 3 * used + run.detectors.shape[0]
+    for i in range(run.detectors.shape[0]):
+        if run.detectors[i].role == GAP:
+            run.touches[run.detectors[i].reaction].largest = w[first + i, lane]
     if accepted == 0:
         rebase(run)
         return

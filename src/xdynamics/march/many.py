@@ -17,12 +17,13 @@ from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.kernels.machine import vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
 from xdynamics.kernels.striding import lane_width
+from xdynamics.kernels.watching import can_be_watched
 from xdynamics.march.engine import engine
 from xdynamics.march.engine import lanes as march_side_by_side
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.posing import addresses_of, posed, widened
-from xdynamics.march.run import NOW, Run
+from xdynamics.march.run import EVENT_ROW, NOW, Run
 from xdynamics.march.runner import Block
 from xdynamics.march.settings import LEAST_RTOL, Settings
 from xdynamics.model import Model
@@ -32,6 +33,7 @@ from xdynamics.units import TIME, Scales
 Floats = NDArray[np.float64]
 LOG_ROWS = 1 << 14  # of the log that is filled again and again
 LANE_ROWS = 1 << 5  # of that of a lane, which the single march writes to now and then
+EVENT_ROOM = 1 << 16  # events that lanes hold before they are taken out
 FEWEST_A_LANE = 4  # runs from which on lanes pay
 
 
@@ -233,7 +235,7 @@ def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int
     """Return how many runs may go side by side: one, where a step is more than a program, or nothing is gained."""
     scheme, layout = law.scheme, law.layout
     plain = not (scheme.method.implicit or scheme.halved or scheme.method.stepping or isinstance(settings.step, tuple))
-    if not plain or layout.watched or layout.model.python_functions or config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if not plain or layout.model.python_functions or config.DISABLE_JIT or not can_be_watched(layout):  # type: ignore[attr-defined]
         return 1
     if asked is not None:
         return max(1, asked)
@@ -248,15 +250,28 @@ def _march_lanes(
     runs = [posed(model, settings, law, log, addresses_of(law)) for log in logs]
     inputs = _inputs(model, settings, law, runs[0], arrays)
     used, row, one = len(layout.used), len(layout.row), runs[0]
-    part = _Part(np.zeros(n, NOW), np.zeros((n, row)), np.zeros((n, used)), inputs[2], [_emptied(one, logs[0], logs=False)])  # fmt: skip
+    part = _Part(np.zeros(n, NOW), np.zeros((n, row)), np.zeros((n, used)), inputs[2], [])
     blocks = {name: np.zeros((len(getattr(one, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
     blocks |= {"pieces": np.zeros((len(one.places), lanes), np.int64), "w": np.zeros((lane_width(layout), lanes))}
     table = _table(blocks | {"tables": one.tables})
     given = [blocks[name] for name in ("at", "y", "p", "pieces", "z", "w")]
-    march_side_by_side()(
-        np.array([each.address for each in runs]), law.striding(lanes, adaptive=settings.adaptive), table, *given,
-        np.zeros(lanes, np.int64), *inputs, part.ends, part.lasts, part.largest,
-    )  # fmt: skip
+    room = 2 * lanes * len(logs[0].events) + min(n, EVENT_ROOM) if layout.watched else 0
+    met = Log(logs[0].base, logs[0].rows[:, :0], logs[0].flags[:, :0], logs[0].samples[:, :0], logs[0].trials[:0],
+              np.zeros(room, EVENT_ROW), np.zeros((len(logs[0].rates), room)), np.zeros((len(logs[0].impulses), room)))  # fmt: skip
+    owners, standing = np.zeros(room, np.int64), np.array([lanes, 0, 0])
+    over, whose, members = False, [], np.full(lanes, -1)
+    while not over:
+        over = march_side_by_side()(
+            np.array([each.address for each in runs]), law.striding(lanes, adaptive=settings.adaptive), table, *given,
+            members, standing, *inputs, part.ends, part.lasts, part.largest, met.events, met.rates, met.impulses, owners,
+        )  # fmt: skip
+        count, standing[2] = int(standing[2]), 0
+        taken = {"events": met.events[:count].copy(), "rates": met.rates[:, :count].copy(), "impulses": met.impulses[:, :count].copy()}  # fmt: skip
+        part.logs.append(met._replace(**taken))
+        whose.append(owners[:count].copy())
+    order = np.argsort(np.concatenate(whose), kind="stable")  # a run's own stand in their order
+    whole = {name: np.concatenate([getattr(each, name) for each in part.logs], axis=-1)[..., order] for name in ("events", "rates", "impulses")}  # fmt: skip
+    part.logs = [met._replace(**whole)]
     return part
 
 
