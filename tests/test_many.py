@@ -37,6 +37,9 @@ def asked(model: xd.Model, **more: Any) -> Settings:
         ("kepler", {"method": "dprkn6", "rtol": 1e-7, "until": 3.0}),
         ("pendulum", {"method": "implicit_midpoint", "step": 0.05, "until": 3.0}),
         ("rocket_c6", {"method": "heun", "rtol": 1e-4, "until": 4.0}),
+        ("block_on_incline", {"method": "dormand_prince", "rtol": 1e-7, "until": 2.0}),
+        ("ball_in_box", {"method": "dormand_prince", "rtol": 1e-7, "until": 2.0}),
+        ("stick_slip_belt", {"method": "dormand_prince", "rtol": 1e-6, "until": 3.0}),
         ("cart_spring", {"method": "pefrl", "rtol": 1e-5, "estimator": "step_doubling", "until": 2.0, "scales": {"time": "3 s"}}),
     ],
 )  # fmt: skip

@@ -50,6 +50,7 @@ width = step_size
 lands = where(node > reach + snap, where(on_grid > 0, 0, 1), 1)
 """
 _SIDE = "silent{0} = silent*where(side > 1.5, 1, where(side > 0.5, where(under > 0, 1, 0), where(side < -0.5, where(over < 0, 1, 0), 0)))"
+_ASLEEP = "silent{0} = silent*where(side > 1.5, 1, 0)"
 _READY = """
 advances = where(t + width > t, where(reach > t, 1, 0), 0)
 ready = lives*(1 - lands)*advances*where(done <= most, 1, 0)
@@ -183,11 +184,11 @@ class _Writing:
             return
         lines, found = watching.bounds(self._layout, self._known["width"], self._known["reach"])
         self.body += lines
-        first = len(LANE) + 3 * len(self._layout.used)
-        for i, (under, over) in enumerate(found):
+        first, bounded = len(LANE) + 3 * len(self._layout.used), watching.is_bounded(self._layout)
+        for i, (under, over, _) in enumerate(found):
             self.load(f"side{i}", Place("w", first + i))
             self._known |= {"under": under, "over": over, "side": f"side{i}"}
-            self.lines(_SIDE.format(i))
+            self.lines((_SIDE if bounded[i] else _ASLEEP).format(i))
             self._known["silent"] = self._known[f"silent{i}"]
             if watching.is_gap(self._layout)[i]:
                 self.load(f"gap{i}", Place("w", first + len(found) + i))

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from xdynamics.expressions import parse
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.enclosing import (
+    COMPARED,
     CONSTANT,
     COORDINATE,
     NUMBER,
@@ -23,13 +24,14 @@ from xdynamics.kernels.enclosing import (
 )
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import AT, Compute, Load, Operand, Place, Store
-from xdynamics.model.detectors import GAP
+from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
 
 Line = Compute | Load | Store
+Bounds = tuple[Operand, Operand, Operand]  # what a value is not under and not over, and its flaw
 EPS = 2.220446049250313e-16
 NUMBERS: dict[str, Operand] = {
     "eps": EPS, "ulps": 4.0 * EPS, "rounded": 4.0 * EPS, "least": 5e-324, "most": 1.7976931348623157e308,
-    "arched": 1.571, "bent_by": 0.1053, "two_pi": 6.283185307179586, "inf": float("inf"),
+    "arched": 1.571, "bent_by": 0.1053, "unbounded": 2.0, "two_pi": 6.283185307179586, "inf": float("inf"),
 }  # fmt: skip
 # Lines that end in `low` and `high`, of what an operation is given in a_low, a_high, b_low, b_high: bounds, rounded outward
 # where `outward` comes next. What is no interval may be anything.
@@ -40,6 +42,7 @@ high = where(high < -most, -most, high + (abs(high)*eps + least))
 _SETTLED = """
 under = where(low <= high, low, -inf)
 over = where(low <= high, high, inf)
+flaw = where(low <= high, flaw, unbounded)
 """
 _PRODUCT = """
 w = a_low*b_low
@@ -58,6 +61,7 @@ c_low = where(c_low > most, most, c_low - (abs(c_low)*eps + least))
 c_high = 1/b_low
 c_high = where(c_high < -most, -most, c_high + (abs(c_high)*eps + least))
 spans = where(b_low <= 0, where(0 <= b_high, 1, 0), 0)
+flaw = where(spans > 0, unbounded, flaw)
 a_low = where(spans > 0, -inf, a_low)
 a_high = where(spans > 0, inf, a_high)
 b_low = where(spans > 0, 1, c_low)
@@ -78,7 +82,32 @@ middle = {0}((a_low + a_high)/2)
 half = (a_high - a_low)/2 + ulps*(abs(a_low) + abs(a_high) + 1)
 low = where(narrow > 0, max(-1, middle - half), -1)
 high = where(narrow > 0, min(1, middle + half), 1)
+finite = where(abs(a_low) <= most, where(abs(a_high) <= most, 1, 0), 0)
+flaw = where(finite > 0, flaw, unbounded)
 """
+_SQRT = """
+low = sqrt(a_low)
+low = where(a_low < 0, 0, max(0, low - (abs(low)*eps + least)))
+flaw = where(a_low < 0, unbounded, flaw)
+high = sqrt(a_high)
+high = high + (abs(high)*eps + least)
+"""
+_CHOICE = """
+low = where(a_low == 1, b_low, where(a_high == 0, c_low, min(b_low, c_low)))
+high = where(a_low == 1, b_high, where(a_high == 0, c_high, max(b_high, c_high)))
+flaw = where(a_low == 1, b_flaw, where(a_high == 0, c_flaw, max(1, max(b_flaw, c_flaw))))
+"""
+# whether a comparison always holds, and whether it never does
+_COMPARISON = """
+always = {0}
+never = {1}
+told = where(flaw < unbounded, 1, 0)
+low = told*always
+high = 1 - told*never
+flaw = 0
+"""
+_EQUAL = "where(a_low == a_high, where(a_high == b_low, where(b_low == b_high, 1, 0), 0), 0)"
+_APART = "where(a_high < b_low, 1, where(a_low > b_high, 1, 0))"
 _MONOTONE = """
 one = {0}(a_low)
 other = {0}(a_high)
@@ -98,7 +127,15 @@ _ROWS = {
     "low = where(a_low < 0, where(0 < a_high, 0, least_size), least_size)\nhigh = max(one, other)",
     "least": "low = min(a_low, b_low)\nhigh = min(a_high, b_high)",
     "greatest": "low = max(a_low, b_low)\nhigh = max(a_high, b_high)",
-    "positive": "low = a_low\nhigh = a_high",
+    "positive": "low = a_low\nhigh = a_high\nflaw = where(a_low > 0, flaw, unbounded)",
+    "sqrt": _SQRT,
+    "choose": _CHOICE,
+    "less": _COMPARISON.format("where(a_high < b_low, 1, 0)", "where(a_low >= b_high, 1, 0)"),
+    "at_most": _COMPARISON.format("where(a_high <= b_low, 1, 0)", "where(a_low > b_high, 1, 0)"),
+    "more": _COMPARISON.format("where(a_low > b_high, 1, 0)", "where(a_high <= b_low, 1, 0)"),
+    "at_least": _COMPARISON.format("where(a_low >= b_high, 1, 0)", "where(a_high < b_low, 1, 0)"),
+    "equal": _COMPARISON.format(_EQUAL, _APART),
+    "unequal": _COMPARISON.format(_APART, _EQUAL),
     "sin": _WAVE.format("sin"),
     "cos": _WAVE.format("cos"),
     **{name: _MONOTONE.format(name) + _OUTWARD for name in ("exp", "tanh", "sinh", "atan")},
@@ -170,6 +207,8 @@ off = off + rounded*max(abs(r0), abs(r1))
 """
     + _WIDENED,
 )
+_TWO = ("add", "subtract", "multiply", "divide", "least", "greatest", *COMPARED)
+_ARGUMENTS = dict.fromkeys(_TWO, 2) | {"choose": 3}
 _KNOWN = {NUMBER, CONSTANT, TIME, PHASE, COORDINATE, STATE}
 
 
@@ -180,7 +219,7 @@ def can_be_watched(layout: Layout) -> bool:
     return all(row in _KNOWN or (row < len(OPERATIONS) and OPERATIONS[row] in _ROWS) for row in rows)
 
 
-def bounds(layout: Layout, width: Operand, end: Operand) -> tuple[list[Line], list[tuple[Operand, Operand]]]:
+def bounds(layout: Layout, width: Operand, end: Operand) -> tuple[list[Line], list[Bounds]]:
     """Write lines that bound the event functions between the state `y` and the state `z`.
 
     Parameters
@@ -193,7 +232,7 @@ def bounds(layout: Layout, width: Operand, end: Operand) -> tuple[list[Line], li
     -------
     list of instruction
     list of (operand, operand)
-        What each function is not under and not over.
+        Of each function.
     """
     write = _Writing(layout, width, end)
     return write.lines, [write.known[place] for place in write.said.functions]
@@ -205,13 +244,13 @@ class _Writing:
     def __init__(self, layout: Layout, width: Operand, end: Operand) -> None:
         self.said: Enclosing = enclosing(layout)
         self.lines: list[Line] = []
-        self.known: dict[int, tuple[Operand, Operand]] = {}
+        self.known: dict[int, Bounds] = {}
         self._layout, self._width, self._end, self._count = layout, width, end, 0
-        makes: dict[int, Callable[[list[int]], tuple[Operand, Operand]]] = {
+        makes: dict[int, Callable[[list[int]], Bounds]] = {
             NUMBER: lambda row: self._point(float(self.said.numbers[row[2]])),
             CONSTANT: lambda row: self._point(self._loaded(Place("p", row[2]))),
             PHASE: lambda _: self._point(self._loaded(Place("at", AT.index("regime")))),
-            TIME: lambda _: (self._loaded(Place("w", 0)), self._end),
+            TIME: lambda _: (self._loaded(Place("w", 0)), self._end, 0.0),
             COORDINATE: self._coordinate,
             STATE: self._state,
         }
@@ -219,37 +258,41 @@ class _Writing:
             self.known[row[1]] = makes[row[0]](row) if row[0] in makes else self._operation(row)
 
     @staticmethod
-    def _point(value: Operand) -> tuple[Operand, Operand]:
-        return value, value
+    def _point(value: Operand) -> Bounds:
+        return value, value, 0.0
 
-    def _operation(self, row: list[int]) -> tuple[Operand, Operand]:
-        name, a, b = OPERATIONS[row[0]], self.known[row[2]], self.known.get(row[3], (0.0, 0.0))
+    def _operation(self, row: list[int]) -> Bounds:
+        name = OPERATIONS[row[0]]
         if name == "multiply" and row[2] == row[3]:
             name = "square"
-        return self._written(_ROWS[name], {"a_low": a[0], "a_high": a[1], "b_low": b[0], "b_high": b[1]})
+        given: dict[str, Operand] = {}
+        for letter, place in zip("abc"[: _ARGUMENTS.get(name, 1)], row[2:], strict=False):
+            given |= dict(zip((f"{letter}_low", f"{letter}_high", f"{letter}_flaw"), self.known[place], strict=True))
+        first = "flaw = max(a_flaw, b_flaw)\n" if "b_flaw" in given else "flaw = a_flaw\n"
+        return self._written(first + _ROWS[name], given)
 
-    def _coordinate(self, row: list[int]) -> tuple[Operand, Operand]:
+    def _coordinate(self, row: list[int]) -> Bounds:
         n, used, i = len(self._layout.coordinates), len(self._layout.used), row[2]
         given = {f"{letter}{end}": self._loaded(Place(array, first + i))
                  for end, array in enumerate("yz") for letter, first in (("q", 0), ("v", n), ("a", used))}  # fmt: skip
         return self._written(_COORDINATE[row[3]], given)
 
-    def _state(self, row: list[int]) -> tuple[Operand, Operand]:
+    def _state(self, row: list[int]) -> Bounds:
         n, used, i = len(self._layout.coordinates), len(self._layout.used), row[2]
         given = {f"{letter}{end}": self._loaded(Place(array, first + i))
                  for end, array in enumerate("yz") for letter, first in (("x", 2 * n), ("r", used + n))}  # fmt: skip
         return self._written(_STATE[row[3]], given)
 
-    def _written(self, text: str, given: dict[str, Operand]) -> tuple[Operand, Operand]:
+    def _written(self, text: str, given: dict[str, Operand]) -> Bounds:
         """Write lines, in which a name may be given another value."""
-        known = NUMBERS | {"w": self._width} | given
+        known = NUMBERS | {"w": self._width, "flaw": 0.0} | given
         for line in filter(None, (text + _SETTLED).split("\n")):
             target, expression = line.split(" = ")
             self._count += 1
             write = Assignments(lambda _, name: known[name], f"_b{self._count}_")
             known[target] = write.value(parse(expression))
             self.lines += write.lines
-        return known["under"], known["over"]
+        return known["under"], known["over"], known["flaw"]
 
     def _loaded(self, place: Place) -> Operand:
         self._count += 1
@@ -260,3 +303,8 @@ class _Writing:
 def is_gap(layout: Layout) -> list[bool]:
     """Tell of every event function whether it is the gap of a contact."""
     return [one.role == GAP for one in layout.watched]
+
+
+def is_bounded(layout: Layout) -> list[bool]:
+    """Tell which are looked at in lanes: not those that sleep but where a reaction holds, whose steps are no lane's."""
+    return [one.role not in (PULL, LIMIT, GRIP) for one in layout.watched]

@@ -18,12 +18,14 @@ from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.proposing import copy, propose_apart
-from xdynamics.march.run import BEGUN, HAPPEN, INFORM, SETTLE, SIDES, TOUCHED, Run
+from xdynamics.march.run import BEGUN, HAPPEN, INFORM, KEPT, PIECE, SETTLE, SIDES, TOUCH, TOUCHED, TRIAL, WATCH, Run
 
 Floats = NDArray[np.float64]
 Records = NDArray[Any]
 
 END = 1 << 62  # rows that no run has
+_NO_TRIAL, _NO_PIECE, _NOT_KEPT = np.zeros(1, TRIAL), np.zeros(1, PIECE), np.zeros(1, KEPT)
+_NO_WATCH, _NO_TOUCH = np.zeros(1, WATCH), np.zeros(1, TOUCH)
 
 
 def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, first: int, kept: bool) -> int:  # fmt: skip
@@ -93,12 +95,27 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
     now.grid, now.node, now.crossed, now.on_grid, now.rejected = 0, 0, 0, 1, 0
     now.evaluations, now.jacobians, now.factorisations = 0, 0, 0
     now.regime = plans[k].regime
+    forget(run)
     for i in range(run.y.shape[0]):  # nothing is carried along yet
         run.y[i] = starts[k, i] if i < starts.shape[1] else 0.0
     for i in range(parameters.shape[1]):
         run.p[i] = parameters[k, i]
     for i in range(atols.shape[1]):
         run.atol[i] = atols[k, i]
+
+
+@shared
+def forget(run: Run) -> None:
+    """Have nothing left of the run that was marched here before."""
+    run.trial[0], run.piece[0], run.kept[0] = _NO_TRIAL[0], _NO_PIECE[0], _NOT_KEPT[0]
+    for i in range(run.watches.shape[0]):
+        run.watches[i] = _NO_WATCH[0]
+    for i in range(run.touches.shape[0]):
+        run.touches[i] = _NO_TOUCH[0]
+    for i in range(run.at.shape[0]):
+        run.at[i] = 0.0
+    for i in range(run.e.shape[0]):
+        run.e[i] = 0.0
 
 
 def states_inside(address: Any, parameters: Floats, steps: Floats, states: Floats, ends: Floats, found: Floats, reintegrated: bool) -> None:  # fmt: skip

@@ -168,11 +168,21 @@ def enter(run: Run, at: Floats, y: Floats, p: Floats, pieces: Whole, w: Floats, 
         pieces[i, lane] = run.places[i]
     first = L_ORDINARY + 1
     for i in range(used):
-        w[first + i, lane], w[first + used + i, lane], w[first + 2 * used + i, lane] = (
-            run.atol[i],
-            run.largest[i],
-            run.e[i],
-        )
+        w[first + i, lane], w[first + used + i, lane] = run.atol[i], run.largest[i]
+        w[first + 2 * used + i, lane] = run.e[i]
+    watch_sides(run, w, first + 3 * used, lane)
+
+
+@shared
+def watch_sides(run: Run, w: Floats, first: int, lane: int) -> None:
+    """Tell a lane on which side of zero each event function is to stay, and how large gaps were."""
+    events = run.detectors.shape[0]
+    for i in range(events):
+        watch = run.watches[i]
+        side = watch.armed if watch.guard == 0 or watch.armed == watch.guard else 0
+        w[first + i, lane] = 2.0 if watch.asleep else float(side)
+        if run.detectors[i].role == GAP:
+            w[first + events + i, lane] = run.touches[run.detectors[i].reaction].largest
 
 
 @shared

@@ -100,9 +100,9 @@ def note_trial(run: Run, h: float, norm: float, reason: int) -> None:
 
 @shared
 def first_of_group(run: Run, row: int) -> int:
-    """The first of the newest events, those behind a row of states."""
-    first = run.now[0].events - run.base[0].events
-    while first > 0 and run.log_events[first - 1].row_before == row:
+    """The first of the newest events, those behind a row of states; of runs before in the same log there are others."""
+    first, least = run.now[0].events - run.base[0].events, max(0, -run.base[0].events)
+    while first > least and run.log_events[first - 1].row_before == row:
         first -= 1
     return first
 

@@ -233,9 +233,8 @@ def go_on(run: Run, reached: bool) -> None:
 def break_off(run: Run, row: int) -> None:
     """Stop before events that have no other side."""
     now = run.now[0]
-    for k in range(now.events - run.base[0].events):
-        if run.log_events[k].row_before == row:
-            run.log_events[k].row_after = row
+    for k in range(first_of_group(run, row), now.events - run.base[0].events):
+        run.log_events[k].row_after = row
     move_apart(run)
 
 
