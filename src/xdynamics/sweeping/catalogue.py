@@ -14,6 +14,7 @@ from xdynamics.faults import ArchiveError, InputError
 from xdynamics.files import made_folder
 from xdynamics.schema import EVIDENCE
 from xdynamics.sweeping.collection import DIGEST, SWEEP, collected
+from xdynamics.sweeping.files import archived
 from xdynamics.sweeping.members import Block, Plan, marched
 from xdynamics.sweeping.tasks import Chunks, blocks_of
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 CATALOGUE = "catalogue.nc"
 UNFINISHED = ".unfinished"
+RUNS = "runs"
 PART = "sweep part"
 Progress = Callable[[float, float, int], None]
 
@@ -83,26 +85,26 @@ def filled(plan: Plan, chunks: Chunks, folder: Path, progress: Progress | None) 
 
 def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None) -> None:
     """March the blocks that are not there, on whatever schedules."""
-    import dask.base
-    import dask.delayed
+    from dask import base
+    from dask.delayed import delayed
 
-    base: Any = dask.base  # its functions are not typed
-    delayed: Any = dask.delayed.delayed
-
+    compute: Any = base.compute  # dask's functions are not typed
     todo = [(block, part) for block, part in zip(blocks, parts, strict=True) if not _is_there(part)]
     if not todo:
         return
-    told = delayed(plan)
-    tasks = [delayed(_keep)(told, list(block), str(part.absolute())) for block, part in todo]
+    told, keep = delayed(plan), delayed(_keep)
     with _watching(parts, progress):
-        base.compute(*tasks)
+        compute(*(keep(told, list(block), str(part.absolute())) for block, part in todo))
 
 
 def _keep(plan: Plan, block: Block, part: str) -> None:
-    """March a block into a file of its own."""
+    """March a block into a file of its own; whole runs into files of theirs, which go before."""
     found = marched(plan, block)
-    dims = [*plan.grid.dims]
-    variables = {one.name: ((*dims, *one.dims), found[one.name], about(one.units, one.said, one.role)) for one in plan.variables}  # fmt: skip
+    if plan.keeping.whole:
+        files = Path(part).parents[2] / RUNS
+        files.mkdir(exist_ok=True)
+        archived(plan, block, files, found)
+    variables = {one.name: ((*plan.grid.dims, *one.dims), found[one.name], about(one.units, one.said, one.role)) for one in plan.variables}  # fmt: skip
     archive.save(exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest}), part)
 
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics import archive
 from xdynamics.evidence.marching import march
 from xdynamics.faults import ArchiveError, InputError
+from xdynamics.schema import ROOT_DIGEST
 from xdynamics.sweeping.axes import numbers_of
 from xdynamics.sweeping.collection import plan_of
 from xdynamics.sweeping.grid import Grid
-from xdynamics.sweeping.members import DIGEST, OUTCOME, digest_of_end
+from xdynamics.sweeping.members import DIGEST, FILE, OUTCOME, digest_of_end
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,13 +61,31 @@ def member(
     plan = plan_of(sweep, functions)
     grid = plan.grid
     at = _place(grid, labels)
-    run = march(grid.model_of(at), **grid.asked_of(at))
     where = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
-    said = sweep[[one for one in (DIGEST, OUTCOME) if one in sweep]].isel(where).compute()
-    came_to = {DIGEST: digest_of_end(run, list(grid.model.units)), OUTCOME: run.attrs[OUTCOME]}
-    apart = [f"{name} is {came_to[str(name)]}, in the sweep {value}" for name, one in said.items() if (value := str(one.values)) != came_to[str(name)]]  # fmt: skip
+    said = sweep[[one for one in (DIGEST, OUTCOME, FILE) if one in sweep]].isel(where).compute()
+    if FILE in said and (folder := _folder_of(sweep)):
+        return _opened(folder / str(said[FILE].values), str(said[DIGEST].values))
+    run = march(grid.model_of(at), **grid.asked_of(at))
+    digest = archive.digest_of_run(run) if FILE in said else digest_of_end(run, list(grid.model.units))
+    came_to = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]}
+    apart = [f"{name} is {one}, in the sweep {value}" for name, one in came_to.items() if name in said and (value := str(said[name].values)) != one]  # fmt: skip
     if apart:
         raise ArchiveError(f"member {grid.said(at)}, marched again, comes to something else: {'; '.join(apart)}")
+    return run
+
+
+def _folder_of(sweep: xr.Dataset) -> Path | None:
+    """Return the folder that a sweep was opened from."""
+    source = sweep.encoding.get("source")
+    return Path(source).parent if source else None
+
+
+def _opened(file: Path, digest: str) -> xr.Dataset:
+    """Open a member's archive, which is to hold the run that the catalogue says."""
+    run = archive.open_run(file)
+    if run.attrs[ROOT_DIGEST] != digest:
+        run.close()
+        raise ArchiveError(f"'{file}' has the content digest {run.attrs[ROOT_DIGEST]}, in the catalogue {digest}")
     return run
 
 

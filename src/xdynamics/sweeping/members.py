@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +38,7 @@ LONGEST_WORD = max(map(len, WORDS))
 _GOLDEN = 0x9E3779B97F4A7C15
 
 OUTCOME, DIGEST, UNCONTROLLED = "run_outcome", "run_digest", "run_uncontrolled"
+FILE, CONTENT_DIGEST = "run_file", "content digest of the run's archive"
 DIGEST_OF = "sha256 of time and state at the run's end, its counts, the time of every event"
 COUNTS: dict[str, Callable[[Harvest], Values]] = {
     "run_accepted_steps": lambda runs: runs.runs.accepted,
@@ -73,7 +73,7 @@ class Plan:
         axes = [[axis.dim, [[one.name, one.kind, one.unit.text, one.values.tolist(), one.tables] for one in axis.columns]] for axis in grid.axes]  # fmt: skip
         words = [grid.model.digest, grid.asked, axes, keeping.words, keeping.times.tolist(), keeping.occurrences]
         said = json.dumps([*words, NAME, xdynamics_version()], sort_keys=True)
-        return hashlib.sha256(said.encode()).hexdigest()
+        return sha256(said.encode()).hexdigest()
 
     @cached_property
     def variables(self) -> tuple[Kept, ...]:
@@ -90,10 +90,13 @@ class Plan:
     def _judged(self) -> list[Kept]:
         """What is said of every member as a run."""
         said = "how many variables were so small throughout that the absolute tolerances let pass any error of theirs"
+        whole = self.keeping.whole
+        files = [Kept(FILE, (), (), "1", "archive of the run, named by a digest of all that it is marched from", "file", _none, dtype="U72")]  # fmt: skip
         return [
+            *(files if whole else []),
             Kept(UNCONTROLLED, (), (), "1", said, DIAGNOSTIC, lambda runs: np.zeros(runs.size), dtype="i4"),
             Kept(OUTCOME, (), (), "1", "how the run ended", "outcome", _outcomes, dtype=f"U{LONGEST_WORD}"),
-            Kept(DIGEST, (), (), "1", DIGEST_OF, "digest", _digests, dtype="U64"),
+            Kept(DIGEST, (), (), "1", CONTENT_DIGEST if whole else DIGEST_OF, "digest", _digests, dtype="U64"),
         ]
 
 
@@ -130,8 +133,13 @@ def _batches(group: Group, *, logged: bool) -> Iterator[tuple[slice, Runs]]:
         count = min(4 * count, MOST, max(1, LOG_BYTES // rows)) if logged else count
 
 
+def _none(runs: Harvest) -> Values:
+    return np.full(runs.size, "")
+
+
 def _outcomes(runs: Harvest) -> Values:
-    return np.array(runs.runs.outcomes)
+    words = np.array([OUTCOMES[one].word if one in OUTCOMES else "" for one in range(max(OUTCOMES) + 1)])
+    return words[runs.runs.status]
 
 
 def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
@@ -151,21 +159,23 @@ def _digests(runs: Harvest) -> Values:
     """Digest what every member came to."""
     ends = np.stack([runs.last(name) for name in ("time", *runs.layout.used)], axis=1)
     counts = np.stack([counted(runs) for counted in COUNTS.values()], axis=1)
-    first = runs.runs.first_event.tolist()
-    events = [runs["event_time"][begin:end] for begin, end in pairwise(first)]
-    return np.array([_digest(*one) for one in zip(ends, counts, events, strict=True)])
+    rows, events = _bytes(ends, counts), runs["event_time"].astype("<f8").tobytes()
+    width, first = len(rows) // runs.size, (8 * runs.runs.first_event).tolist()
+    return np.array([
+        sha256(rows[i * width : (i + 1) * width] + events[first[i] : first[i + 1]]).hexdigest() for i in range(runs.size)
+    ], "U64")  # fmt: skip
 
 
-def _digest(end: Values, counts: Values, events: Values) -> str:
-    parts = (end.astype("<f8"), counts.astype("<i8"), events.astype("<f8"))
-    return hashlib.sha256(b"".join(one.tobytes() for one in parts)).hexdigest()
+def _bytes(ends: Values, counts: Values) -> bytes:
+    """Return numbers and whole numbers of rows as bytes, little end first."""
+    return np.concatenate([ends.astype("<f8").view("<i8"), counts.astype("<i8")], axis=-1).tobytes()
 
 
 def digest_of_end(run: xr.Dataset, names: Sequence[str]) -> str:
     """Return the digest that a record's run has in a sweep: names are those of coordinates, velocities and states."""
     end = np.array([float(run[name][-1]) for name in ("time", *names)])
     counts = np.array([int(run.attrs[name]) for name in COUNTS])
-    return _digest(end, counts, np.asarray(run["event_time"]))
+    return sha256(_bytes(end, counts) + np.asarray(run["event_time"]).astype("<f8").tobytes()).hexdigest()
 
 
 def _settle(plan: Plan, block: Block, found: Mapping[str, Values]) -> None:
