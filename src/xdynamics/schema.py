@@ -87,6 +87,7 @@ DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL = (
 )  # fmt: skip
 # of what was made from runs to judge them by: a word for what it is, and the content digests of the runs, coarse to fine
 EVIDENCE, RUNS = "evidence", "runs"
+SWEEP = "sweep"  # the evidence that is many runs
 SEALED = "archive_seal"  # of files only: that the seal must be there
 SEAL_WORDS = "the file ends with a seal, a sha256 of every byte before it"
 

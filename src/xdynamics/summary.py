@@ -12,13 +12,15 @@ import xarray as xr
 from xdynamics.faults import escaped
 from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, said_of
 from xdynamics.record.words import words_of
-from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, TRIALS
+from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, SWEEP, TRIALS
 
 MOST_EVENTS = 20
 # kind of evidence -> the room that says what it tells
 TOLD = {
-    "companion": "companion", "comparison": "comparing.comparison", "diagnosis": "diagnosing.diagnosis",
-    "ledger": "validating.ledger", "limiting case": "validating.limiting", "refinement": "refining.refinement",
+    "companion": "evidence.companion", "comparison": "evidence.comparing.comparison",
+    "diagnosis": "evidence.diagnosing.diagnosis", "ledger": "evidence.validating.ledger",
+    "limiting case": "evidence.validating.limiting", "refinement": "evidence.refining.refinement",
+    "sweep": "sweeping.told",
 }  # fmt: skip
 LONGEST = 400  # characters of a setting that are shown
 
@@ -53,9 +55,10 @@ def _evidence(found: xr.Dataset) -> Iterator[str]:
     """Say what evidence tells."""
     kind = str(found.attrs[EVIDENCE])
     yield str(found.attrs.get("title", kind))
-    yield f"kind      {said_of(found.attrs)}"
+    if kind != SWEEP:
+        yield f"kind      {said_of(found.attrs)}"
     if kind in TOLD:
-        yield from import_module(f"xdynamics.evidence.{TOLD[kind]}").lines_of(found)
+        yield from import_module(f"xdynamics.{TOLD[kind]}").lines_of(found)
 
 
 def _partly(run: xr.Dataset) -> Iterator[str]:

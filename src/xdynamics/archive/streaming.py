@@ -29,6 +29,11 @@ BLOCK_NUMBERS = 32_000_000  # of a block, which has fewer rows where there are m
 
 
 def stream(march: March, path: str | Path, *, before: Iterable[Part] = (), resume: bool = False) -> Path:
+    """March straight into a file, and return where it is; see `streamed`."""
+    return streamed(march, path, before=before, resume=resume).path
+
+
+def streamed(march: March, path: str | Path, *, before: Iterable[Part] = (), resume: bool = False) -> Writer:
     """March straight into a file, in bounded memory; one block is written while the next is marched.
 
     Every ten seconds or so the rows since are kept in a segment beside the file, with the march's memory.
@@ -62,7 +67,7 @@ def stream(march: March, path: str | Path, *, before: Iterable[Part] = (), resum
             writer.finish(provenance.attributes(march))
         if not march.unfinished:
             segments.remove()
-    return writer.path
+    return writer
 
 
 def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Part]) -> None:

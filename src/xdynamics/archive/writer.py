@@ -34,10 +34,13 @@ class Writer:
         Where it will be, once it has taken its name.
     complete : bool
         Whether the run ended well; known when it is finished.
+    digest : str
+        The content digest; known then too.
     """
 
     path: Path
     complete: bool
+    digest: str
 
     def __init__(self, file: netCDF4.Dataset) -> None:
         self._file = file
@@ -141,7 +144,7 @@ class Writer:
 
     @alone
     def finish(self, attributes: Mapping[str, Any]) -> None:
-        """Write every attribute and digest, and keep in mind whether the run ended well."""
+        """Write every attribute and digest; keep the content digest in mind, and whether the run ended well."""
         self.complete = is_evidence(attributes) or attributes.get("run_outcome") in GOOD
         kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST)}
         kept[SEALED] = SEAL_WORDS
@@ -151,5 +154,6 @@ class Writer:
             kept_as = {"coordinates": coordinates} if coordinates else {}
             self._file.variables[name].setncatts(own | kept_as | {DIGEST: digests[name]})
         self._file.setncatts(kept)
-        self._file.setncattr(ROOT_DIGEST, root_digest(digests, self._attributes, kept))
+        self.digest = root_digest(digests, self._attributes, kept)
+        self._file.setncattr(ROOT_DIGEST, self.digest)
         self._file.setncattr(VOLATILE_DIGEST, volatile_digest(kept))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -10,17 +11,26 @@ import click
 from xdynamics.cli.command import main, say
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from xdynamics.methods import Method
 
 
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
 def show(archive: str) -> None:
-    """Print what an archive holds: outcome, events, parameters, settings, digests."""
-    from xdynamics.archive import open_run
+    """Print what an archive holds: outcome, events, parameters, settings, digests; of a sweep's folder its members."""
     from xdynamics.summary import details
 
-    say(details(open_run(archive)))
+    say(details(_opened(archive)))
+
+
+def _opened(name: str) -> xr.Dataset:
+    """Open an archive, or the catalogue of a sweep's folder."""
+    from xdynamics.archive import open_run
+    from xdynamics.sweeping.catalogue import open_sweep
+
+    return open_sweep(name) if Path(name).is_dir() else open_run(name)
 
 
 @main.command()
@@ -29,11 +39,10 @@ def show(archive: str) -> None:
     "-o", "--output", required=True, metavar="FIGURE", help="The figure to write: PNG, SVG or PDF by its ending."
 )
 def plot(archive: str, output: str) -> None:
-    """Draw trajectory, velocity, energy error, phase portrait and step size."""
-    from xdynamics.archive import open_run
+    """Draw trajectory, velocity, energy error, phase portrait and step size; of a sweep's folder maps of its members."""
     from xdynamics.figures import plot as draw
 
-    draw(open_run(archive), output)
+    draw(_opened(archive), output)
     say([f"figure    {output}"])
 
 

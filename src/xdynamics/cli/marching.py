@@ -91,7 +91,7 @@ def run(
     What a long run has done is kept in segments beside the archive, until it is whole: --resume goes on from there.
     """
     model = changed_model(model_file, changes, tables)
-    asked: dict[str, Any] = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": _absolute(atols), "estimator": estimator,
+    asked: dict[str, Any] = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": absolute(atols), "estimator": estimator,
              "min_step": min_step, "max_step": max_step, "max_steps": max_steps, "force_samples": force_samples}  # fmt: skip
     from xdynamics.simulation import simulate
 
@@ -161,7 +161,7 @@ def pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
     return found
 
 
-def _absolute(texts: tuple[str, ...]) -> dict[str, Any] | None:
+def absolute(texts: tuple[str, ...]) -> dict[str, Any] | None:
     """Sort absolute tolerances: a bare number is for every variable that has none of its own."""
     from xdynamics.faults import InputError
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -23,6 +24,9 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
     damaged = False
     for archive in archives:
         try:
+            if Path(archive).is_dir():
+                say(_verified_sweep(archive))
+                continue
             digest = signatures.verify_signature(archive, key) if key else digest_of(archive)
             shown = f"signed, by '{key}'" if key else signatures.protection(Path(archive))
             with open_run(archive, check=False) as run:
@@ -34,6 +38,14 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
             complain(error)
             damaged = True
     sys.exit(BADLY if damaged else DONE)
+
+
+def _verified_sweep(folder: str) -> Iterator[str]:
+    """Verify a sweep's catalogue and every run that it names."""
+    from xdynamics.sweeping.catalogue import verify_sweep
+
+    digest, files = verify_sweep(folder)
+    yield f"verified  {folder}  {digest}: a sweep{f' and its {files} archived runs' if files else ''}"
 
 
 @main.command()

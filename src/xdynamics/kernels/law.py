@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import count
 from typing import Any
@@ -194,5 +194,23 @@ def _alone(names: tuple[str, ...]) -> machine.Code:
 
 @lru_cache(maxsize=128)
 def law_of(layout: Layout, *, sampled: bool) -> Law:
-    """Return a law, made once for a model, a method and what is kept."""
-    return Law(layout, sampled)
+    """Return a law, made once for all models that differ in numbers alone, for a method and what is kept.
+
+    Its layout is that of the first of them: names and places are theirs too, numbers are not.
+    """
+    if layout.model.python_functions:
+        return Law(layout, sampled)
+    return _law_of_form(_Form((type(layout.model), layout.model.form, layout.scheme, sampled), layout))
+
+
+@dataclass(frozen=True)
+class _Form:
+    """What a law is written from; the layout is one of those that have it."""
+
+    key: tuple[Any, ...]
+    layout: Layout = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _law_of_form(form: _Form) -> Law:
+    return Law(form.layout, form.key[-1])

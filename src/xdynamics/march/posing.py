@@ -43,7 +43,7 @@ _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArray[np.int64]) -> Run:
     """Return a run that has not begun."""
-    model = law.layout.model  # the one that is told its sides
+    model = settings.layout(model).model  # the one that is told its sides
     scales, plan = settings.scales, planned(model, settings, law)
     start, end = float(plan["start"][0]), float(plan["end"][0])
     tables, places = flattened(tables_of(model, scales))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -202,6 +203,19 @@ class Model:
     def digest(self) -> str:
         """sha256 of the model as TOML."""
         return hashlib.sha256(self.to_toml().encode()).hexdigest()
+
+    @cached_property
+    def form(self) -> str:
+        """The model as TOML without the numbers of parameters and of the start: what programs are written from."""
+        parameters = {
+            name: replace(one, quantity=Quantity(0.0, one.quantity.unit), uncertainty=None)
+            for name, one in self.parameters.items()
+        }
+        initial = {name: Quantity(0.0, one.unit) for name, one in self.initial.items()}
+        said = replace(
+            self.statement, name="", description="", parameters=parameters, initial=initial, run={}, validation={}
+        )
+        return toml.write(said)
 
     @cached_property
     def units(self) -> dict[str, Unit]:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
+from xdynamics.archive.library import DAMAGE, attributes, opened, words_of
+from xdynamics.archive.seals import tail_of
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.faults import ArchiveError, InputError
+from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.files import made_folder
-from xdynamics.schema import EVIDENCE
-from xdynamics.sweeping.collection import DIGEST, SWEEP, collected
+from xdynamics.schema import EVIDENCE, ROOT_DIGEST, SWEEP
+from xdynamics.sweeping.collection import DIGEST, collected
 from xdynamics.sweeping.files import archived
-from xdynamics.sweeping.members import Block, Plan, marched
+from xdynamics.sweeping.members import DIGEST as RUN_DIGEST
+from xdynamics.sweeping.members import FILE, Block, Plan, marched
 from xdynamics.sweeping.tasks import Chunks, blocks_of
 
 if TYPE_CHECKING:
@@ -53,6 +58,53 @@ def open_sweep(path: str | Path) -> xr.Dataset:
     if found.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{file}' is no catalogue of a sweep")
     return found
+
+
+def verify_sweep(path: str | Path) -> tuple[str, int]:
+    """Verify a sweep's catalogue, and of every whole run the seal over its bytes and its content digest.
+
+    Returns
+    -------
+    tuple of str and int
+        Content digest of the catalogue, and how many files of runs there are.
+
+    Raises
+    ------
+    ArchiveError
+        Naming every file that is damaged, missing or of another run.
+    """
+    folder = Path(path)
+    digest = archive.verify(folder / CATALOGUE) if (folder / CATALOGUE).is_file() else ""
+    with open_sweep(folder) as sweep:
+        if FILE not in sweep:
+            return digest, 0
+        named = dict(zip(map(str, sweep[FILE].values.ravel()), map(str, sweep[RUN_DIGEST].values.ravel()), strict=True))
+    with ThreadPoolExecutor() as pool:
+        faults = [one for one in pool.map(partial(_fault_of, folder), named.items()) if one]
+    if faults:
+        raise ArchiveError(f"'{folder}' is damaged:{numbered(faults)}", tuple(faults))
+    return digest, len(named)
+
+
+def _fault_of(folder: Path, named: tuple[str, str]) -> str:
+    """Say what is wrong with the file of a run, whose digest the catalogue tells."""
+    name, digest = named
+    file = folder / name
+    if not file.is_file():
+        return f"{name} is missing"
+    if fault := tail_of(file).fault:
+        return f"{name}: {fault}"
+    found = content_digest_in(file)
+    return "" if found == digest else f"{name} has the content digest {found}, in the catalogue {digest}"
+
+
+def content_digest_in(file: Path) -> str:
+    """Read the content digest that a file bears."""
+    try:
+        with opened(file) as run:
+            return str(attributes(run).get(ROOT_DIGEST, ""))
+    except DAMAGE as error:
+        return f"none: {words_of(error)}"
 
 
 def filled(plan: Plan, chunks: Chunks, folder: Path, progress: Progress | None) -> xr.Dataset:

@@ -12,7 +12,7 @@ from xdynamics.elementary import NAME
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.schema import AT, AT_TIME, EVIDENCE
+from xdynamics.schema import AT, AT_TIME, EVIDENCE, SWEEP
 from xdynamics.sweeping.axes import TABLE, Axis, Column
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.keeping import Keeping, keeping_of
@@ -22,7 +22,6 @@ from xdynamics.units import parse_unit
 if TYPE_CHECKING:
     import xarray as xr
 
-SWEEP = "sweep"
 AXES, ASKED, KEEP, OCCURRENCES, DIGEST = (
     "sweep_axes",
     "sweep_settings",

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import archive, record
+from xdynamics import record
+from xdynamics.archive.reading import verified
+from xdynamics.archive.streaming import streamed
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import March
-from xdynamics.schema import ROOT_DIGEST
-from xdynamics.sweeping.members import DIGEST, FILE, OUTCOME, Block, Plan, digest_of_end
+from xdynamics.sweeping.members import COUNTS, DIGEST, FILE, Block, Plan
+
+Values = dict[str, NDArray[Any]]
 
 
 def input_digest(march: March) -> str:
@@ -23,7 +26,7 @@ def input_digest(march: March) -> str:
     return sha256(json.dumps(record.identity(march), sort_keys=True).encode()).hexdigest()
 
 
-def archived(plan: Plan, block: Block, folder: Path, found: dict[str, NDArray[Any]]) -> None:
+def archived(plan: Plan, block: Block, folder: Path, found: Values) -> None:
     """Archive every member of a block, and note its file and its content digest in what was found.
 
     A file that is there, and whole, is not marched again.
@@ -36,24 +39,29 @@ def archived(plan: Plan, block: Block, folder: Path, found: dict[str, NDArray[An
     grid = plan.grid
     shape = grid.shape_of(block)
     for i, at in enumerate(grid.places(block)):
+        where = np.unravel_index(i, shape)
         march = March(grid.model_of(at), grid.settings_of(at))
         file = folder / f"{input_digest(march)}.nc"
-        if not _is_whole(file):
-            archive.stream(march, file)
-        where = np.unravel_index(i, shape)
-        with archive.open_run(file, check=False) as run:
-            alone = {DIGEST: digest_of_end(run, march.layout.used), OUTCOME: run.attrs[OUTCOME]}
-            content = str(run.attrs[ROOT_DIGEST])
-        apart = [f"{name} is {one}, side by side {found[name][where]}" for name, one in alone.items() if found[name][where] != one]  # fmt: skip
-        if apart:
-            raise InputError(f"member {grid.said(at)}: {'; '.join(apart)}: this is a fault of xdynamics; please report it")  # fmt: skip
-        found[FILE][where], found[DIGEST][where] = f"{folder.name}/{file.name}", content
+        digest = _digest_of(file)
+        if not digest:
+            digest = streamed(march, file).digest
+            if apart := _apart(march, {name: values[where] for name, values in found.items()}):
+                raise InputError(f"member {grid.said(at)}: {apart}: this is a fault of xdynamics; please report it")
+        found[FILE][where], found[DIGEST][where] = f"{folder.name}/{file.name}", digest
 
 
-def _is_whole(file: Path) -> bool:
-    if not file.is_file():
-        return False
-    with suppress(ArchiveError, InputError):
-        archive.verify(file)
-        return True
-    return False
+def _apart(march: March, found: dict[str, Any]) -> str:
+    """Say what a run alone has come to that is not what it came to side by side."""
+    now, scales = march.now, record.factors(march.model, march.settings.scales)
+    alone: dict[str, Any] = dict(zip(COUNTS, (march.accepted, now.trials, now.evaluations), strict=True))
+    state = zip(march.layout.used, march.run.y.tolist(), strict=False)
+    alone |= {f"end_{name}": value * scales[name] for name, value in state}
+    return ", ".join(f"{name} is {one}, side by side {found[name]}" for name, one in alone.items() if name in found and found[name] != one)  # fmt: skip
+
+
+def _digest_of(file: Path) -> str:
+    """Return the content digest of a file that is whole; nothing of another."""
+    if file.is_file():
+        with suppress(ArchiveError, InputError):
+            return verified(file)
+    return ""

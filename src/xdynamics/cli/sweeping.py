@@ -1,0 +1,145 @@
+"""The verb of grids: sweep."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+
+from xdynamics.cli.command import BADLY, DONE, main, say
+from xdynamics.cli.marching import absolute, changed_model, pairs
+from xdynamics.faults import InputError
+
+SETTINGS = ("method", "step", "until", "rtol", "estimator", "min_step", "max_step", "max_steps", "jacobian", "summation",
+            "switches", "time_tolerance")  # fmt: skip
+
+
+@main.command()
+@click.argument("model_file", metavar="MODEL.toml")
+@click.option("-o", "--output", required=True, metavar="FOLDER", help="Where to keep the sweep; what is there already is not marched again.")  # fmt: skip
+@click.option("--axis", "axes", multiple=True, metavar="NAME=VALUES", help="What varies: c=0:2e-3:41 kg m-1 (first:last:count), m='1, 2, 5 kg', method=heun,dop853, thrust=motors.csv.")  # fmt: skip
+@click.option("--together", "groups", multiple=True, metavar="NAME=A,B", help="Axes that vary together, along one dimension.")  # fmt: skip
+@click.option("--draw", "ranges", multiple=True, metavar="NAME=LOW:HIGH", help="What is drawn: m='1:2 kg'; of the design normal a parameter's name alone.")  # fmt: skip
+@click.option("--draws", type=int, help="How many draws; of Sobol points a power of two.")
+@click.option("--design", default="sobol", show_default=True, help="sobol, latin_hypercube or normal.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the draws.")
+@click.option("--keep", "kept", multiple=True, metavar="WORD", help="end (default), event_time_NAME, event_count_NAME, maximum_NAME, NAME at --at, log …")  # fmt: skip
+@click.option("--at", "times", multiple=True, metavar="TIME", help="A time to keep states at.")
+@click.option("--occurrences", type=int, default=1, show_default=True, help="Of every event that are kept.")
+@click.option("--check", type=float, default=0.0, help="Part of the members that are marched alone too, and compared.")
+@click.option("--scheduler", metavar="tcp://…", help="A dask cluster to march on; else this machine's processors.")
+@click.option("--atol", "atols", multiple=True, metavar="[NAME=]VALUE", help="Absolute tolerance, as of `run`.")
+@click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+@click.option("--method", help="Name of a method, for all members.")
+@click.option("--step", help="Step of the time grid.")
+@click.option("--until", help="End of the runs.")
+@click.option("--rtol", help="Relative tolerance.")
+@click.option("--estimator", help="As of `run`, like the options that follow.")
+@click.option("--min-step")
+@click.option("--max-step")
+@click.option("--max-steps")
+@click.option("--jacobian")
+@click.option("--summation")
+@click.option("--switches")
+@click.option("--time-tolerance")
+def sweep(
+    model_file: str,
+    output: str,
+    axes: tuple[str, ...],
+    groups: tuple[str, ...],
+    ranges: tuple[str, ...],
+    draws: int | None,
+    design: str,
+    seed: int,
+    kept: tuple[str, ...],
+    times: tuple[str, ...],
+    occurrences: int,
+    check: float,
+    scheduler: str | None,
+    atols: tuple[str, ...],
+    changes: tuple[str, ...],
+    **settings: str | None,
+) -> None:
+    """March a model over a grid of parameters, initial values, methods or steps; every member is kept with its outcome."""
+    from xdynamics.march.outcomes import GOOD
+    from xdynamics.summary import summary
+    from xdynamics.sweeping.sweep import sweep as swept
+
+    model = changed_model(model_file, changes)
+    given = _grouped(pairs(axes, "--axis"), pairs(groups, "--together"))
+    if ranges or draws is not None:
+        given["draw"] = _drawn(ranges, draws, design, seed)
+    words = [word.strip() for one in kept for word in one.split(",") if word.strip()] or ["end"]
+    asked: dict[str, Any] = {name: settings[name] for name in SETTINGS if settings[name] is not None}
+    asked |= {"atol": absolute(atols)} if atols else {}
+    with _cluster(scheduler), _told() as told:
+        found = swept(model, given, keep=words, times=list(times) or None, occurrences=occurrences, path=output,
+                      check=check, progress=told, **asked)  # fmt: skip
+    say([*summary(found), f"sweep     {output}"])
+    sys.exit(DONE if {*map(str, found["run_outcome"].values.ravel().tolist())} <= GOOD else BADLY)
+
+
+def _grouped(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:
+    """Put axes that vary together into one."""
+    found: dict[str, Any] = dict(axes)
+    for name, members in groups.items():
+        names = [one.strip() for one in members.split(",")]
+        missing = [one for one in names if one not in found]
+        if missing:
+            raise InputError(f"--together {name} names {missing[0]!r}, of which there is no --axis")
+        found[name] = {one: found.pop(one) for one in names}
+    return found
+
+
+def _drawn(ranges: tuple[str, ...], draws: int | None, design: str, seed: int) -> Any:
+    from xdynamics.sweeping.designs import NORMAL, Draws
+
+    if draws is None or not ranges:
+        raise InputError("--draw NAME=LOW:HIGH and --draws N go together")
+    if design == NORMAL:
+        return Draws(draws, [one.partition("=")[0] for one in ranges], design=design, seed=seed)
+    ends = {}
+    for name, text in pairs(ranges, "--draw").items():
+        low, colon, rest = text.partition(":")
+        high, _, unit = rest.strip().partition(" ")
+        if not colon:
+            raise InputError(f"--draw {name}={text!r} needs LOW:HIGH, like '1:2 kg'")
+        ends[name] = (f"{low.strip()} {unit}".strip(), f"{high} {unit}".strip())
+    return Draws(draws, ends, design=design, seed=seed)
+
+
+@contextmanager
+def _cluster(scheduler: str | None) -> Iterator[None]:
+    """March on a cluster, where one is named."""
+    if scheduler is None:
+        yield
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("--scheduler needs dask's distributed: pip install xdynamics[distributed]") from None
+    try:
+        client = Client(scheduler, timeout="10s")
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"--scheduler {scheduler!r} cannot be reached: {error}") from None
+    with client:
+        yield
+
+
+@contextmanager
+def _told() -> Iterator[Callable[[float, float, int], None]]:
+    """A line on the terminal that counts the tasks that are done."""
+    started = time.monotonic()
+
+    def tell(done: float, _: float, tasks: int) -> None:
+        if sys.stderr.isatty():
+            left = (time.monotonic() - started) * (1.0 - done) / done if done else float("nan")
+            click.echo(f"\r\033[K{done:4.0%}  {tasks} tasks done, {left:.0f} s to go", nl=False, err=True)
+
+    yield tell
+    if sys.stderr.isatty():
+        click.echo("\r\033[K", nl=False, err=True)

@@ -1,0 +1,67 @@
+"""What a person wants to know first of a sweep, in lines of text."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xdynamics.march.outcomes import GOOD
+from xdynamics.sweeping.collection import ASKED, AXES, AXIS, KEEP
+from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST = 12  # values of an axis, and variables, that are told
+_FIRST = ("run_", "end_time")  # what every sweep has
+
+
+def lines_of(sweep: xr.Dataset) -> list[str]:
+    """Say what was varied, how the members ended, and between which bounds what was kept of them lies."""
+    lines = [line for dim in str(sweep.attrs[AXES]).split() for line in _axis(sweep, dim)]
+    lines.append(f"members   {sweep[OUTCOME].size}, with {sweep.attrs[ASKED]}, of each {sweep.attrs[KEEP]}")
+    outcomes = Counter(map(str, sweep[OUTCOME].values.ravel().tolist()))
+    said = ", ".join(
+        f"{count} {word}{'' if word in GOOD else ' (ended badly)'}" for word, count in outcomes.most_common()
+    )
+    lines.append(f"outcomes  {said}")
+    loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
+    if loose:
+        lines.append(
+            f"doubt     of {loose} members the tolerances did not control every variable; give smaller ones by atol"
+        )
+    return [*lines, *_kept(sweep)]
+
+
+def _axis(sweep: xr.Dataset, dim: str) -> Iterator[str]:
+    for name, one in sweep.coords.items():
+        if one.attrs.get(AXIS) != dim:
+            continue
+        values, units = np.atleast_1d(one.values), one.attrs["units"]
+        numbers = values.dtype.kind in "fi"
+        unit = "" if units == "1" else f" {units}"
+        if len(values) <= MOST:
+            shown = ", ".join(f"{float(value):.9g}" if numbers else str(value) for value in values)
+        else:
+            shown = f"{values.min():.9g} to {values.max():.9g}" if numbers else f"{values[0]} … {values[-1]}"
+        along = "" if name == dim else f" (along {dim})"
+        yield f"axis      {name}{along}: {len(values)} values, {shown}{unit}"
+
+
+def _kept(sweep: xr.Dataset) -> Iterator[str]:
+    names = [str(name) for name, one in sweep.data_vars.items()
+             if one.dtype.kind in "fi" and one.attrs.get("role") != "parameter" and not str(name).startswith(_FIRST)]  # fmt: skip
+    for name in names[:MOST]:
+        values, units = np.asarray(sweep[name]), sweep[name].attrs["units"]
+        unit = "" if units == "1" else f" {units}"
+        known = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+        if not known.size:
+            yield f"{name} is not there in any member"
+            continue
+        missing = "" if known.size == values.size else f", not there in {values.size - known.size} of {values.size}"
+        yield f"{name} from {known.min():.9g} to {known.max():.9g}{unit}{missing}"
+    if len(names) > MOST:
+        yield f"… and {len(names) - MOST} more variables"
