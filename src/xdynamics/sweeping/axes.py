@@ -110,7 +110,7 @@ def axes_of(model: Model, given: Mapping[str, Any]) -> tuple[Axis, ...]:
         With every fault.
     """
     if not isinstance(given, Mapping) or not given:
-        raise InputError(f"axes are {str(given)[:60]!r}, need a mapping like {{'c': ['1 kg', '2 kg']}}")
+        raise InputError(f"axes are {str(given)[:60]}, need a mapping like {{'c': ['1 kg', '2 kg']}}")
     ledger, found = Ledger(f"the axes of a sweep of '{model.name}'"), []
     for name, values in given.items():
         with ledger.entry(f"axis {name!r}"):
@@ -124,7 +124,13 @@ def _axis(model: Model, dim: str, given: Any) -> Axis:
     if isinstance(given, Draws):
         return Axis(dim, _drawn(model, given), given)
     if not isinstance(given, Mapping):
-        return Axis(dim, (column_of(model, dim, given),))
+        column = column_of(model, dim, given)
+        seen: set[Any] = set()
+        for one in column.values.tolist():
+            if one in seen:
+                raise InputError(f"has {one!r} more than once")
+            seen.add(one)
+        return Axis(dim, (column,))
     if not given:
         raise InputError("varies nothing; give names with as many values each")
     columns = tuple(column_of(model, str(name), values) for name, values in given.items())
@@ -190,9 +196,6 @@ def column_of(model: Model, name: str, given: Any) -> Column:
 def _quantities(name: str, kind: str, given: Any, declared: Unit, label: str) -> Column:
     """Read numbers with a unit; those without have the declared one."""
     values, unit = numbers_of(given, declared)
-    twice = [one for one, count in zip(*np.unique(values, return_counts=True), strict=True) if count > 1]
-    if twice and label == name and isinstance(given, str):
-        raise InputError(f"has {twice[0]!r} more than once")
     return Column(name, kind, values, unit, label)
 
 
@@ -288,8 +291,6 @@ def _settings(name: str, given: Any) -> Column:
         return Column(name, SETTING, numbers, unit, name)
     words = any(isinstance(one, str) for one in values)
     found = np.array([str(one) for one in values], object) if words else np.array(values, float)
-    if len({*found.tolist()}) < len(found):
-        raise InputError(f"has a value more than once: {', '.join(map(str, values))}")
     return Column(name, SETTING, found, Unit("1", NONE), name)
 
 
