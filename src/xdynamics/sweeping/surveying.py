@@ -1,0 +1,376 @@
+"""What a grid of runs tells: where choices part, what changes an outcome, slopes, shares of variance, convergence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
+from xdynamics.faults import InputError
+from xdynamics.methods import METHODS
+from xdynamics.model import Model
+from xdynamics.schema import AT, OCCURRENCE, flags
+from xdynamics.sweeping.axes import RTOL, STEP, numbers_of
+from xdynamics.sweeping.collection import AXES, AXIS, VARIES, check_sweep, plan_of
+from xdynamics.sweeping.designs import Draws
+from xdynamics.sweeping.keeping import EVENT_COUNT
+from xdynamics.sweeping.members import OUTCOME
+from xdynamics.units import parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+EPS = float(np.finfo(float).eps)
+ROLE = "survey"
+LEVELS = 3  # that an order is told from
+
+
+def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Dataset:
+    """Say how far members along one axis are from one of them: where two methods part, or two tables.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        What `sweep` or `open_sweep` returned.
+    dim : str
+        The axis, ``"method"`` say.
+    reference : optional
+        The value that the others are compared with; the last one where it is not given.
+
+    Returns
+    -------
+    xarray.Dataset
+        Lazy where the sweep is. For every number ``difference_end_y``, and ``outcome_differs``: 1 where the run ended in
+        another way.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis, or no such value of it.
+    """
+    _check_axis(sweep, dim)
+    at = sweep.sizes[dim] - 1 if reference is None else _place(sweep, dim, reference)
+    one = sweep.isel({dim: at})
+    found: dict[str, Any] = {
+        f"difference_{name}": (sweep[name].dims, (sweep[name] - one[name]).transpose(*sweep[name].dims).data, _about(sweep, name, f"{sweep[name].attrs['long_name']}, less that of the reference"))
+        for name in numbers(sweep)
+    }  # fmt: skip
+    differs = (sweep[OUTCOME] != one[OUTCOME]).transpose(*sweep[OUTCOME].dims).astype(np.int8)
+    found["outcome_differs"] = (differs.dims, differs.data, about("1", "1 where the run ended in another way than the reference", ROLE))  # fmt: skip
+    label = str(one[dim].values) if dim in sweep.coords else str(at)
+    return _exhibited("contrast", f"members along {dim}, compared with {label}", sweep, found, {"reference": label})
+
+
+def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
+    """Differentiate every number of a sweep along every axis of numbers, by differences of second order.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+
+    Returns
+    -------
+    xarray.Dataset
+        Lazy where the sweep is: ``slope_end_y_k``, in the unit of end_y over that of k.
+
+    Raises
+    ------
+    InputError
+        If no axis has two numbers or more.
+
+    Notes
+    -----
+    Second-order differences on uneven grids as by `numpy.gradient`: at a member they are as good as the grid is fine there,
+    and mean nothing across a change of outcome; see `influences`.
+    """
+    check_sweep(sweep)
+    axes = [
+        dim for dim in _axes(sweep) if dim in sweep.coords and sweep[dim].dtype.kind == "f" and sweep.sizes[dim] > 1
+    ]
+    if not axes:
+        raise InputError("no axis of the sweep has two numbers or more to differentiate by")
+    found: dict[str, Any] = {}
+    for name in numbers(sweep):
+        for dim in (one for one in axes if one in sweep[name].dims):
+            slope = sweep[name].chunk({dim: -1}) if sweep[name].chunks else sweep[name]
+            slope = slope.astype(float).differentiate(dim).transpose(*sweep[name].dims)
+            units = _quotient(str(sweep[name].attrs["units"]), str(sweep[dim].attrs["units"]))
+            found[f"slope_{name}_{dim}"] = (
+                slope.dims,
+                slope.data,
+                about(units, f"derivative of {name} by {dim}", ROLE),
+            )
+    return _exhibited("sensitivities", f"slopes along {', '.join(axes)}", sweep, found, {})
+
+
+def influences(sweep: xr.Dataset) -> xr.Dataset:
+    """Say which axes change how runs end, how often events are met, and every number.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `axis`: ``outcome_changes``, the share of neighbours along the axis that ended in different ways;
+        ``event_count_ground_changes`` the same of a count; ``main_effect_end_y``, the share of variance that the axis has
+        alone, of members that came to a number.
+
+    Notes
+    -----
+    The main effect is the variance of means over all other axes, over the variance of all: the first-order index of Sobol
+    for values that are spread over the axes as the grid is (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2).
+    """
+    check_sweep(sweep)
+    axes = [dim for dim in _axes(sweep) if dim in sweep.dims]
+    names = numbers(sweep)
+    counts = [name for name in names if name.startswith(EVENT_COUNT)]
+    found: dict[str, Any] = {"axis_name": (("axis",), np.array(axes), about("1", "the axis", "name"))}
+    for name in (OUTCOME, *counts):
+        values = sweep[name].values
+        word = "outcome" if name == OUTCOME else name
+        shares = [_share_of_changes(values, sweep[name].dims.index(dim)) for dim in axes]
+        found[f"{word}_changes"] = (("axis",), np.array(shares), about("1", f"share of neighbours along the axis that differ in {name}", ROLE))  # fmt: skip
+    for name in (one for one in names if one not in counts and not {AT, OCCURRENCE} & {*sweep[one].dims}):
+        one = sweep[name].astype(float)
+        whole = float(one.var())
+        effects = [float(one.mean([other for other in one.dims if other != dim]).var()) / whole if whole > 0.0 else 0.0 for dim in axes]  # fmt: skip
+        found[f"main_effect_{name}"] = (("axis",), np.array(effects), about("1", f"share of the variance of {name} that the axis has alone", ROLE))  # fmt: skip
+    return _exhibited("influences", f"what {', '.join(axes)} change", sweep, found, {})
+
+
+def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
+    """Judge every member by its levels along an axis of steps or tolerances: order, verdict, limit, uncertainty.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        With an axis ``step`` or ``rtol`` of three values or more.
+    dim : str
+        That axis.
+
+    Returns
+    -------
+    xarray.Dataset
+        On the other axes, lazy where the sweep is: for every number ``order_end_y``, ``verdict_end_y``, ``limit_end_y``,
+        ``uncertainty_end_y`` of the finest level, as `refine` finds them for one model.
+
+    Raises
+    ------
+    InputError
+        If the axis is none of steps or tolerances, or has fewer levels, or methods vary in it.
+    """
+    import xarray as xr
+
+    _check_axis(sweep, dim)
+    kind = str(sweep[dim].attrs.get(VARIES)) if dim in sweep.coords else ""
+    if kind not in (STEP, RTOL) or sweep.sizes[dim] < LEVELS:
+        raise InputError(f"'{dim}' has {sweep.sizes[dim]} values of a {kind or 'thing'}, needs {LEVELS} or more of step or rtol")  # fmt: skip
+    fine = sweep.sortby(dim, ascending=False)
+    fine = fine.chunk({dim: -1}) if any(one.chunks for one in fine.data_vars.values()) else fine
+    steps, formal = fine[dim].values.astype(float), _formal(sweep, kind)
+    found: dict[str, Any] = {}
+    for name in (one for one in numbers(sweep) if sweep[one].dtype.kind == "f" and dim in sweep[one].dims):
+        parts = xr.apply_ufunc(
+            lambda values, orders: _judged(values, steps, orders, smooth=kind == STEP), fine[name].astype(float), formal,
+            input_core_dims=[[dim], []], output_core_dims=[["told"]], dask="parallelized", output_dtypes=[float],
+            dask_gufunc_kwargs={"output_sizes": {"told": 4}},
+        )  # fmt: skip
+        dims = tuple(str(one) for one in parts.dims if one != "told")
+        verdict = parts.isel(told=1)
+        judged = {
+            "order": (parts.isel(told=0), "1", f"observed order of {name} in its last three levels", {}),
+            "verdict": (verdict.astype(np.int8), "1", f"what the levels tell of {name}", flags(dict(enumerate(VERDICTS)))),
+            "limit": (parts.isel(told=2), sweep[name].attrs["units"], f"{name} with an ever smaller {dim}", {}),
+            "uncertainty": (parts.isel(told=3), sweep[name].attrs["units"], f"uncertainty of {name} at the finest level, at about 95 %", {}),
+        }  # fmt: skip
+        found |= {f"{word}_{name}": (dims, one.data, about(units, said, "flag" if more else ROLE) | more) for word, (one, units, said, more) in judged.items()}  # fmt: skip
+    return _exhibited("convergence", f"levels along {dim}", sweep.isel({dim: -1}, drop=True), found, {"varied": dim})
+
+
+def sobol_indices(
+    model: Model,
+    ranges: Mapping[str, Sequence[Any]],
+    quantity: str,
+    *,
+    draws: int = 1024,
+    seed: int = 0,
+    resamples: int = 200,
+    **settings: Any,
+) -> xr.Dataset:
+    """Say which share of a number's variance each parameter has, alone and with all that it acts together with.
+
+    Parameters
+    ----------
+    model : Model
+    ranges : mapping of str to (lowest, highest)
+        Parameters or initial values, spread evenly between.
+    quantity : str
+        A word of `keep` that stands for one number: ``"end_y"``, ``"event_time_ground"``, ``"maximum_y"``.
+    draws : int
+        A power of two; draws*(2 + parameters) members are marched.
+    seed : int
+    resamples : int
+        Of the bootstrap that the intervals are from.
+    **settings
+        Of `simulate`, for all members.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `parameter`: ``parameter_name``, ``first_order``, ``total_order`` and their 95 % intervals along `bound`.
+
+    Raises
+    ------
+    InputError
+        If a range or the quantity cannot be used, or a member does not come to a number.
+
+    Notes
+    -----
+    Saltelli et al. 2010 (doi:10.1016/j.cpc.2009.09.018), by `scipy.stats.sobol_indices`.
+    """
+    from scipy.stats import sobol_indices as indices
+
+    from xdynamics.sweeping.sweep import sweep as swept
+
+    names = list(ranges)
+    # two designs at once: columns of independent points, and each of the first with one column of the second
+    points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
+    a, b = points[:, : len(names)], points[:, len(names) :]
+    mixed = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
+    spread = np.concatenate([a, b, *mixed])
+    ends = {name: numbers_of(list(ranges[name]), _unit_of(model, name)) for name in names}
+    values = {}
+    for i, name in enumerate(names):
+        (low, high), unit = ends[name][0].tolist(), ends[name][1]
+        values[name] = [f"{low + (high - low) * u!r} {unit.text}" for u in spread[:, i].tolist()]
+    found = swept(model, {"draw": values}, keep=[quantity], **settings)
+    if quantity not in found or found[quantity].dims != ("draw",):
+        raise InputError(f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'")  # fmt: skip
+    f = found[quantity].values.astype(float)
+    if not np.isfinite(f).all():
+        i = int(np.flatnonzero(~np.isfinite(f))[0])
+        raise InputError(f"member {i} has no {quantity}: it ended as '{found[OUTCOME].values[i]}'; narrow the ranges")
+    parts = {
+        "f_A": f[None, :draws],
+        "f_B": f[None, draws : 2 * draws],
+        "f_AB": f[2 * draws :].reshape(len(names), 1, draws),
+    }
+    told = indices(func=parts, n=draws)
+    interval = told.bootstrap(n_resamples=resamples)
+    said = {"first_order": ("share of the variance that the parameter has alone", told.first_order, interval.first_order), "total_order": ("share that it has with all that it acts together with", told.total_order, interval.total_order)}  # fmt: skip
+    variables: dict[str, Any] = {
+        "parameter_name": (("parameter",), np.array(names), about("1", "what was varied", "name"))
+    }
+    for name, (words, value, bounds) in said.items():
+        limits = np.stack(
+            [np.ravel(bounds.confidence_interval.low), np.ravel(bounds.confidence_interval.high)], axis=-1
+        )
+        variables[name] = (("parameter",), np.ravel(value), about("1", words, ROLE))
+        variables[f"{name}_interval"] = (
+            ("parameter", "bound"),
+            limits,
+            about("1", f"95 % interval of {name}, by bootstrap", ROLE),
+        )
+    more = {"quantity": quantity, "draws": draws, "seed": seed, "model_digest": model.digest}
+    return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, more)
+
+
+def _unit_of(model: Model, name: str) -> Any:
+    """Return the declared unit of a parameter or an initial value."""
+    if name in model.parameters:
+        return model.parameters[name].quantity.unit
+    if name in model.initial:
+        return model.initial[name].unit
+    raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join([*model.parameters, *model.initial])}")  # fmt: skip
+
+
+def numbers(sweep: xr.Dataset) -> list[str]:
+    """Name what was kept of members as numbers."""
+    along = {*_axes(sweep)}
+    return [
+        str(name)
+        for name, one in sweep.data_vars.items()
+        if one.dtype.kind in "fi" and along & {*map(str, one.dims)} and not str(name).startswith("run_")
+    ]
+
+
+def _axes(sweep: xr.Dataset) -> list[str]:
+    return str(sweep.attrs[AXES]).split()
+
+
+def _check_axis(sweep: Any, dim: str) -> None:
+    check_sweep(sweep)
+    if dim not in sweep.dims or dim not in _axes(sweep):
+        raise InputError(f"the sweep has no axis '{dim}'; there are {', '.join(_axes(sweep))}")
+
+
+def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
+    """Find a value of an axis."""
+    values: list[Any] = sweep[dim].values.tolist()
+    if label not in values:
+        raise InputError(f"axis '{dim}' has no {label!r}; there are {', '.join(map(str, values))}")
+    return values.index(label)
+
+
+def _about(sweep: xr.Dataset, name: str, said: str) -> dict[str, Any]:
+    return about(str(sweep[name].attrs["units"]), said, ROLE)
+
+
+def _quotient(unit: str, by: str) -> str:
+    """Spell one unit over another."""
+    inverse = []
+    for one in by.split():
+        name = one.rstrip("-0123456789")
+        power = int(one[len(name) :] or 1)
+        inverse.append(f"{name}{-power}")
+    return parse_unit(" ".join(one for one in (unit, *inverse) if one not in ("1", "1-1")) or "1").text
+
+
+def _share_of_changes(values: NDArray[Any], axis: int) -> float:
+    """Return the share of neighbours along an axis that differ."""
+    if values.shape[axis] < 2:
+        return 0.0
+    moved = np.moveaxis(values, axis, 0)
+    return float(np.mean(moved[1:] != moved[:-1]))
+
+
+def _formal(sweep: xr.Dataset, kind: str) -> Any:
+    """Return the order that errors have in what is varied, of every method."""
+    import xarray as xr
+
+    if kind == RTOL:
+        return xr.DataArray(1.0)
+    plan = plan_of(sweep)
+    if "method" in sweep.dims:
+        return xr.DataArray([float(METHODS[str(one)].order) for one in sweep["method"].values], dims="method")
+    return xr.DataArray(float(plan.grid.settings_of((0,) * len(plan.grid.shape)).method.order))
+
+
+def _judged(values: Floats, steps: Floats, orders: Floats, *, smooth: bool) -> Floats:
+    """Judge rows of levels; order, verdict, limit and uncertainty of each."""
+    shape = values.shape[:-1]
+    rows, formal = values.reshape(-1, values.shape[-1]), np.broadcast_to(orders, shape).ravel()
+    found = np.full((len(rows), 4), np.nan)
+    observed = observed_orders(rows, steps)[:, -2]
+    for i, row in enumerate(rows):
+        if np.isfinite(row).all():
+            one = judge(row, steps, float(formal[i]), 4.0 * EPS * float(np.abs(row).max()), 0.0, 0.0, smooth=smooth)
+            found[i] = observed[i], one.verdict, one.limit, one.uncertainty
+    found[np.isnan(found[:, 1]), 1] = VERDICTS.index("not_converging")
+    return found.reshape(*shape, 4)
+
+
+def _exhibited(kind: str, title: str, sweep: xr.Dataset, found: dict[str, Any], more: dict[str, Any]) -> xr.Dataset:
+    """Put a survey together, with the axes it is on."""
+    dims = {dim for one in found.values() for dim in one[0]}
+    coordinates = {str(name): (one.dims, one.data, dict(one.attrs)) for name, one in sweep.coords.items() if AXIS in one.attrs and {*one.dims} <= dims}  # fmt: skip
+    said = {key: sweep.attrs[key] for key in ("model_digest", "sweep_digest", "sweep_settings") if key in sweep.attrs}
+    title = f"{str(sweep.attrs['title']).split(':')[0]}: {title}"
+    return exhibit(kind, title, [], coordinates | found, said | more).set_coords([*coordinates])
