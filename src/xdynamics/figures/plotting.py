@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.faults import InputError
-from xdynamics.figures import comparison, diagnosis, ledger, refinement, run, several
+from xdynamics.figures import comparison, diagnosis, ledger, refinement, run, several, sweep
 from xdynamics.figures.sheet import HEIGHT, check_path, sheet, write
 from xdynamics.schema import EVIDENCE
 
@@ -15,7 +15,13 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-PAGES: dict[str, Any] = {"comparison": comparison, "diagnosis": diagnosis, "ledger": ledger, "refinement": refinement}
+PAGES: dict[str, Any] = {
+    "comparison": comparison,
+    "diagnosis": diagnosis,
+    "ledger": ledger,
+    "refinement": refinement,
+    "sweep": sweep,
+}
 
 
 def plot(record: xr.Dataset | Mapping[str, xr.Dataset], path: str | Path | None = None) -> Figure:
@@ -24,7 +30,7 @@ def plot(record: xr.Dataset | Mapping[str, xr.Dataset], path: str | Path | None 
     Parameters
     ----------
     record : xarray.Dataset, or mapping of str to xarray.Dataset
-        A run record, or what `refine`, `compare`, `diagnose` or `validate` returns; several refinements or diagnoses by
+        A run record, or what `refine`, `compare`, `diagnose`, `validate` or `sweep` returns; several refinements or diagnoses by
         name, to be drawn together.
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.

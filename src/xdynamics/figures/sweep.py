@@ -1,0 +1,227 @@
+"""Figures of sweeps: maps over two parameters with the regions of outcomes, lines over one, bands of what was drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics.figures.curves import thinned
+from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.sheet import Panel
+from xdynamics.march.outcomes import GOOD
+from xdynamics.schema import AT, AT_TIME, OCCURRENCE
+from xdynamics.sweeping.collection import AXES, AXIS
+from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED
+from xdynamics.sweeping.surveying import numbers
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Values = NDArray[Any]
+
+MOST_PANELS, MOST_LINES = 8, 8
+SHADES = "cividis"
+FEW = 12  # whole numbers up to which each has a colour of its own
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+BANDS = ("#dbe6f3", "#a9c4e2")
+BAD = "#c8452f"
+DASHES = ("-", "--", ":", "-.")
+LARGE = 20_000  # members from which on points are small
+HEIGHT = 3.6  # inches of a panel
+
+
+def panels_of(sweep: xr.Dataset) -> list[Panel]:
+    """Return what draws a sweep: a panel for each number that was kept, and of maps one for each word that varies."""
+    wide = _axes(sweep)
+    names = _names(sweep)
+    if len(wide) >= 2 and all(one in sweep.coords for one in wide[:2]):
+        return [partial(_map, sweep.isel(part), name, wide[:2]) for name, part in _parts(sweep, names, wide[:2])]
+    if len(wide) == 1 and wide[0] in sweep.coords:
+        return [partial(_line, sweep, name, wide[0]) for name in names[:MOST_PANELS]]
+    if wide:
+        return [partial(_drawn, sweep, name, wide[0]) for name in names[:MOST_PANELS]]
+    return [partial(_words, sweep, name) for name in names[:MOST_PANELS]]
+
+
+def foot_of(sweep: xr.Dataset) -> str:
+    """Say how members ended."""
+    outcomes, counts = np.unique(sweep[OUTCOME].values.astype(str), return_counts=True)
+    said = ", ".join(f"{count} {word}" for word, count in zip(outcomes, counts, strict=True))
+    loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
+    doubt = f"; of {loose} the tolerances did not control every variable" if loose else ""
+    return f"{sweep[OUTCOME].size} runs: {said}{doubt}; settings {sweep.attrs['sweep_settings']}"
+
+
+def _axes(sweep: xr.Dataset) -> list[str]:
+    """Name the axes of numbers, those that are drawn or vary together last."""
+    axes = [dim for dim in str(sweep.attrs[AXES]).split() if dim in sweep.dims]
+    of_words = [dim for dim in axes if dim in sweep.coords and sweep[dim].dtype.kind not in "fi"]
+    wide = [dim for dim in axes if dim not in of_words and sweep.sizes[dim] > 1]
+    return sorted(wide, key=lambda dim: (dim not in sweep.coords, axes.index(dim)))
+
+
+def _names(sweep: xr.Dataset) -> list[str]:
+    """Name what is worth a panel: what is not the same everywhere; ends last, if there is more."""
+    names = [name for name in numbers(sweep) if not name.endswith("_time")] or ["end_time"]
+    telling = [name for name in names if _varies(np.asarray(sweep[name]))]
+    asked = [name for name in telling if not name.startswith("end_")]
+    return [*asked, *(name for name in telling if name not in asked)] or names
+
+
+def _varies(values: Values) -> bool:
+    known = values[np.isfinite(values)] if values.dtype.kind == "f" else values.ravel()
+    return bool(known.size and known.max() > known.min())
+
+
+def _parts(sweep: xr.Dataset, names: list[str], shown: list[str]) -> Iterator[tuple[str, dict[str, int]]]:
+    """Yield what panels show: each number, and of what varies besides each value, as many as there is room for."""
+    others = [dim for dim in sweep[OUTCOME].dims if dim not in shown]
+    choices = list(product(*(range(sweep.sizes[dim]) for dim in others)))
+    if len(choices) * len(names) > MOST_PANELS:
+        choices = choices[: max(1, MOST_PANELS // max(1, len(names)))]
+    found = [(name, {str(dim): k for dim, k in zip(others, at, strict=True)}) for name in names for at in choices]
+    yield from found[:MOST_PANELS]
+
+
+def _map(sweep: xr.Dataset, name: str, shown: list[str], axes: Axes) -> None:
+    """Draw a number over two axes; where runs ended otherwise than most, in a colour of the outcome."""
+    one = sweep[name]
+    for dim in (AT, OCCURRENCE):
+        one = one.isel({dim: -1 if dim == AT else 0}) if dim in one.dims else one
+    x, y = shown
+    values = one.transpose(y, x).values
+    across, up = sweep[x].values.astype(float), sweep[y].values.astype(float)
+    shades, ticks = _shades(values)
+    drawn = axes.pcolormesh(across, up, np.ma.masked_invalid(values.astype(float)), shading="nearest", rasterized=True, **shades)  # fmt: skip
+    bar = axes.figure.colorbar(drawn, ax=axes, pad=0.02, ticks=ticks)
+    bar.set_label(_labelled(sweep, name), fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+    _regions(axes, sweep[OUTCOME].transpose(y, x).values.astype(str), across, up)
+    axes.set(xlabel=_labelled(sweep, x), ylabel=_labelled(sweep, y))
+    axes.set_title(words(f"{name}{_said(sweep, shown)}"), loc="left", fontsize=10)
+    axes.grid(visible=False)
+
+
+def _shades(values: Values) -> tuple[dict[str, Any], Any]:
+    """Return colours: of a few whole numbers one each, else from dark to light between what nearly all lie between."""
+    from matplotlib import colormaps
+    from matplotlib.colors import BoundaryNorm
+
+    known = values[np.isfinite(values)] if values.dtype.kind == "f" else values.ravel()
+    met = np.unique(known)
+    if known.size and len(met) <= FEW and (met == np.round(met)).all():
+        edges = np.arange(met.min() - 0.5, met.max() + 1.0)
+        scale = colormaps[SHADES].resampled(max(2, len(edges) - 1))
+        return {"cmap": scale, "norm": BoundaryNorm(edges, scale.N)}, met
+    low, high = np.quantile(known, (0.005, 0.995)) if known.size else (0.0, 1.0)
+    return {"cmap": SHADES, "vmin": low, "vmax": high}, None
+
+
+def _regions(axes: Axes, outcomes: Values, across: Values, up: Values) -> None:
+    """Frame where runs ended badly, or otherwise than most."""
+    met, counts = np.unique(outcomes, return_counts=True)
+    order = sorted(zip(met.tolist(), counts.tolist(), strict=True), key=lambda one: (one[0] not in GOOD, -one[1]))
+    colours = [COLOURS[1], COLOURS[2], COLOURS[3]]
+    handles = []
+    for (word, _), colour in zip(order[1:4], colours, strict=False):
+        inside = (outcomes == word).astype(float)
+        if min(inside.shape) > 1 and 0.0 < inside.mean() < 1.0:
+            axes.contour(across, up, inside, levels=[0.5], colors=[colour], linewidths=1.4)
+            handles.append(axes.plot([], [], color=colour, label=words(word.replace("_", " ")))[0])
+    if handles:
+        axes.legend(handles=handles, fontsize=7, framealpha=0.85, edgecolor="none", loc="upper right")
+
+
+def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
+    """Draw a number over one axis, a line for each word; of occurrences points, one below the other."""
+    others = [one for one in sweep[OUTCOME].dims if one != dim]
+    x = sweep[dim].values.astype(float)
+    choices = list(product(*(range(sweep.sizes[one]) for one in others)))[:MOST_LINES]
+    for k, at in enumerate(choices):
+        part = sweep.isel(dict(zip(others, at, strict=True)))
+        one, label = part[name], _said(part, [dim]).removeprefix(", ")
+        colour, dashes = COLOURS[k % len(COLOURS)], DASHES[k % len(DASHES)]
+        if OCCURRENCE in one.dims:
+            values = one.transpose(dim, OCCURRENCE).values
+            size = 0.15 if values.size > LARGE else 2.0
+            axes.plot(np.repeat(x, values.shape[1]), values.ravel(), ".", color=colour, markersize=size, markeredgewidth=0, alpha=0.8, label=label, rasterized=True)  # fmt: skip
+        elif AT in one.dims:
+            chosen = np.unique(np.linspace(0, one.sizes[AT] - 1, min(MOST_LINES, one.sizes[AT])).astype(int))
+            for j, i in enumerate(chosen.tolist()):
+                axes.plot(x, one.isel({AT: i}).values, color=COLOURS[j % len(COLOURS)], linestyle=dashes, linewidth=1.1, label=f"t = {float(sweep[AT_TIME][i]):.4g} s {label}".strip())  # fmt: skip
+        else:
+            values = one.values.astype(float)
+            rows = thinned(values)
+            axes.plot(x[rows], values[rows], "" if len(x) > 40 else ".", linestyle=dashes, color=colour, linewidth=1.2, markersize=4, label=label)  # fmt: skip
+        _mark_bad(axes, part, name, x)
+    axes.set(xlabel=_labelled(sweep, dim), ylabel=_labelled(sweep, name))
+    axes.set_title(words(name), loc="left", fontsize=10)
+    if axes.get_legend_handles_labels()[1] and (len(choices) > 1 or AT in sweep[name].dims):
+        axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
+
+
+def _mark_bad(axes: Axes, part: xr.Dataset, name: str, x: Values) -> None:
+    """Mark members that ended badly, below the lines."""
+    bad = ~np.isin(part[OUTCOME].values.astype(str), [*GOOD])
+    if bad.any():
+        low = float(np.nanmin(np.asarray(part[name], dtype=float)))
+        axes.plot(x[bad], np.full(int(bad.sum()), low), "x", color=BAD, markersize=4, label="ended badly")
+
+
+def _drawn(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
+    """Draw what was drawn: bands of quantiles over times, else how often values came."""
+    one = sweep[name].stack(members=[str(each) for each in sweep[OUTCOME].dims])
+    if AT in one.dims and sweep.sizes[AT] > 1:
+        times, values = sweep[AT_TIME].values, one.transpose(AT, "members").values
+        low, lower, middle, upper, high = np.nanquantile(values, QUANTILES, axis=1)
+        axes.fill_between(times, low, high, color=BANDS[0], label="95 %")
+        axes.fill_between(times, lower, upper, color=BANDS[1], label="50 %")
+        axes.plot(times, middle, color=COLOURS[0], linewidth=1.2, label="median")
+        axes.set(xlabel="time (s)", ylabel=_labelled(sweep, name))
+        axes.legend(fontsize=7, frameon=False)
+    else:
+        values = one.values.astype(float).ravel()
+        known = values[np.isfinite(values)]
+        axes.hist(
+            known, bins=min(60, max(5, int(np.sqrt(known.size)))), color=BANDS[1], edgecolor="white", linewidth=0.4
+        )
+        for q in (QUANTILES[0], QUANTILES[2], QUANTILES[4]) if known.size else ():
+            axes.axvline(float(np.quantile(known, q)), color=COLOURS[0], linewidth=1.0, linestyle="-" if q == QUANTILES[2] else "--")  # fmt: skip
+        axes.set(xlabel=_labelled(sweep, name), ylabel="members")
+    drawn = ", ".join(str(key) for key, each in sweep.coords.items() if each.attrs.get(AXIS) == dim)
+    axes.set_title(words(f"{name}, {sweep.sizes[dim]} draws of {drawn}"), loc="left", fontsize=10)
+
+
+def _words(sweep: xr.Dataset, name: str, axes: Axes) -> None:
+    """Draw a number of each word."""
+    one = sweep[name].stack(members=[str(each) for each in sweep[OUTCOME].dims])
+    while one.ndim > 1:
+        one = one.isel({next(dim for dim in one.dims if dim != "members"): 0})
+    labels = [" ".join(map(str, at if isinstance(at, tuple) else (at,))) for at in one["members"].values.tolist()]
+    axes.plot(one.values.astype(float), np.arange(len(labels)), "o", color=COLOURS[0], markersize=4)
+    axes.set_yticks(np.arange(len(labels)), [words(label) for label in labels], fontsize=7)
+    axes.invert_yaxis()
+    axes.set(xlabel=_labelled(sweep, name))
+    axes.set_title(words(name), loc="left", fontsize=10)
+
+
+def _labelled(sweep: xr.Dataset, name: str) -> str:
+    units = str(sweep[name].attrs["units"])
+    return words(name if units == "1" else f"{name} ({units})")
+
+
+def _said(part: xr.Dataset, shown: list[str]) -> str:
+    """Name the values that a part of a sweep has besides what is shown."""
+    said: list[str] = []
+    for name, one in part.coords.items():
+        if AXIS in one.attrs and not one.dims and str(name) not in shown:
+            value, units = one.values, str(one.attrs["units"])
+            text = f"{float(value):.6g}" if one.dtype.kind in "fi" else str(value)
+            said.append(text if one.dtype.kind not in "fi" else f"{name} = {text}{'' if units == '1' else f' {units}'}")
+    return f", {', '.join(said)}" if said else ""
