@@ -21,6 +21,7 @@ TOLD = {
     "diagnosis": "evidence.diagnosing.diagnosis", "ledger": "evidence.validating.ledger",
     "limiting case": "evidence.validating.limiting", "refinement": "evidence.refining.refinement",
     "sweep": "sweeping.told",
+    **dict.fromkeys(("contrast", "convergence", "influences", "precision", "sensitivities", "sobol indices"), "sweeping.surveyed"),
 }  # fmt: skip
 LONGEST = 400  # characters of a setting that are shown
 

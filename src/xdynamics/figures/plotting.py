@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.faults import InputError
-from xdynamics.figures import comparison, diagnosis, ledger, refinement, run, several, sweep
+from xdynamics.figures import comparison, diagnosis, ledger, precision, refinement, run, several, sweep
 from xdynamics.figures.sheet import HEIGHT, check_path, sheet, write
 from xdynamics.schema import EVIDENCE
 
@@ -19,6 +19,7 @@ PAGES: dict[str, Any] = {
     "comparison": comparison,
     "diagnosis": diagnosis,
     "ledger": ledger,
+    "precision": precision,
     "refinement": refinement,
     "sweep": sweep,
 }

@@ -16,7 +16,7 @@ from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
-from xdynamics.sweeping.collection import AXES, AXIS
+from xdynamics.sweeping.collection import AXES, AXIS, settings_said
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED
 from xdynamics.sweeping.surveying import numbers
 
@@ -55,7 +55,7 @@ def foot_of(sweep: xr.Dataset) -> str:
     said = ", ".join(f"{count} {word}" for word, count in zip(outcomes, counts, strict=True))
     loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
     doubt = f"; of {loose} the tolerances did not control every variable" if loose else ""
-    return f"{sweep[OUTCOME].size} runs: {said}{doubt}; settings {sweep.attrs['sweep_settings']}"
+    return f"{sweep[OUTCOME].size} runs: {said}{doubt}; {settings_said(sweep)}"
 
 
 def _axes(sweep: xr.Dataset) -> list[str]:
@@ -104,6 +104,8 @@ def _map(sweep: xr.Dataset, name: str, shown: list[str], axes: Axes) -> None:
     bar.ax.tick_params(labelsize=7)
     _regions(axes, sweep[OUTCOME].transpose(y, x).values.astype(str), across, up)
     axes.set(xlabel=_labelled(sweep, x), ylabel=_labelled(sweep, y))
+    if sweep[x].attrs["units"] == sweep[y].attrs["units"] and 0.5 < np.ptp(across) / np.ptp(up) < 2.0:
+        axes.set_aspect("equal")
     axes.set_title(words(f"{name}{_said(sweep, shown)}"), loc="left", fontsize=10)
     axes.grid(visible=False)
 
@@ -149,7 +151,7 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
         colour, dashes = COLOURS[k % len(COLOURS)], DASHES[k % len(DASHES)]
         if OCCURRENCE in one.dims:
             values = one.transpose(dim, OCCURRENCE).values
-            size = 0.15 if values.size > LARGE else 2.0
+            size = 0.9 if values.size > LARGE else 2.0
             axes.plot(np.repeat(x, values.shape[1]), values.ravel(), ".", color=colour, markersize=size, markeredgewidth=0, alpha=0.8, label=label, rasterized=True)  # fmt: skip
         elif AT in one.dims:
             chosen = np.unique(np.linspace(0, one.sizes[AT] - 1, min(MOST_LINES, one.sizes[AT])).astype(int))
@@ -158,7 +160,7 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
         else:
             values = one.values.astype(float)
             rows = thinned(values)
-            axes.plot(x[rows], values[rows], "" if len(x) > 40 else ".", linestyle=dashes, color=colour, linewidth=1.2, markersize=4, label=label)  # fmt: skip
+            axes.plot(x[rows], values[rows], marker="" if len(x) > 40 else ".", linestyle=dashes, color=colour, linewidth=1.2, markersize=4, label=label)  # fmt: skip
         _mark_bad(axes, part, name, x)
     axes.set(xlabel=_labelled(sweep, dim), ylabel=_labelled(sweep, name))
     axes.set_title(words(name), loc="left", fontsize=10)
@@ -194,7 +196,7 @@ def _drawn(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
         for q in (QUANTILES[0], QUANTILES[2], QUANTILES[4]) if known.size else ():
             axes.axvline(float(np.quantile(known, q)), color=COLOURS[0], linewidth=1.0, linestyle="-" if q == QUANTILES[2] else "--")  # fmt: skip
         axes.set(xlabel=_labelled(sweep, name), ylabel="members")
-    drawn = ", ".join(str(key) for key, each in sweep.coords.items() if each.attrs.get(AXIS) == dim)
+    drawn = ", ".join(str(key) for key, each in sweep.variables.items() if each.attrs.get(AXIS) == dim)
     axes.set_title(words(f"{name}, {sweep.sizes[dim]} draws of {drawn}"), loc="left", fontsize=10)
 
 

@@ -40,7 +40,8 @@ def said_of(attributes: Mapping[Any, Any]) -> str:
     if is_derived(attributes):
         return f"derived data, no run: {attributes[DERIVED]}; from run {attributes.get(DERIVED_FROM, 'unknown')}"
     if is_evidence(attributes):
-        return f"evidence, no run: a {attributes[EVIDENCE]} from {len(str(attributes.get(RUNS, '')).split())} runs"
+        runs = len(str(attributes.get(RUNS, "")).split())
+        return f"evidence, no run: {f'a {attributes[EVIDENCE]} from {runs} runs' if runs else attributes[EVIDENCE]}"
     if is_selection(attributes):
         return f"a selection of run {attributes[SELECTION_OF]}: {attributes.get(SELECTION, 'a part')}"
     return ""

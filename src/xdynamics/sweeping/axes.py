@@ -95,11 +95,6 @@ class Axis:
         """How many values there are."""
         return len(self.columns[0].values)
 
-    @property
-    def is_plain(self) -> bool:
-        """Whether its values are those of one thing whose name it bears."""
-        return len(self.columns) == 1 and self.columns[0].label == self.dim
-
 
 def axes_of(model: Model, given: Mapping[str, Any]) -> tuple[Axis, ...]:
     """Read the axes of a grid.

@@ -17,7 +17,7 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.files import made_folder
 from xdynamics.schema import EVIDENCE, ROOT_DIGEST, SWEEP
-from xdynamics.sweeping.collection import DIGEST, collected
+from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.files import archived
 from xdynamics.sweeping.members import DIGEST as RUN_DIGEST
 from xdynamics.sweeping.members import FILE, Block, Plan, marched
@@ -57,6 +57,9 @@ def open_sweep(path: str | Path) -> xr.Dataset:
     found = archive.open_run(file)
     if found.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{file}' is no catalogue of a sweep")
+    source = found.encoding.get("source")
+    found = with_axes(found)
+    found.encoding["source"] = source
     return found
 
 

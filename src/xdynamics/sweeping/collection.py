@@ -12,7 +12,7 @@ from xdynamics.elementary import NAME
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.schema import AT, AT_TIME, EVIDENCE, SWEEP
+from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, SWEEP
 from xdynamics.sweeping.axes import TABLE, Axis, Column
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.keeping import Keeping, keeping_of
@@ -29,6 +29,7 @@ AXES, ASKED, KEEP, OCCURRENCES, DIGEST = (
     "sweep_occurrences",
     "sweep_digest",
 )
+NUMBER = "occurrence_number"
 VARIES, WHAT, AXIS = "varies", "varies_what", "axis_of"  # attributes of values: the kind of thing, its name, its axis
 _SAID = {
     "parameter": "parameter {0}", "initial": "initial value of {0}", "start": "time at which runs begin",
@@ -62,7 +63,14 @@ def collected(plan: Plan, arrays: Mapping[str, Any]) -> xr.Dataset:
         if name not in varying and name not in kept
     }
     times = plan.keeping.times
-    more = {AT_TIME: ((AT,), times, about("s", "wanted time", "time"))} if times.size else {}
+    more: dict[str, Any] = {AT_TIME: ((AT,), times, about("s", "wanted time", "time"))} if times.size else {}
+    if any(OCCURRENCE in one.dims for one in plan.variables):
+        begin, end = plan.keeping.occurrences
+        more[NUMBER] = (
+            (OCCURRENCE,),
+            np.arange(begin + 1, end + 1),
+            about("1", "which occurrence it is, from 1", "index"),
+        )
     toml = {"model_toml": ((), grid.model.to_toml(), about("1", "the model that members share, as TOML", "model"))}
     said = ", ".join(grid.dims)
     found = exhibit(
@@ -102,11 +110,24 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         AXES: " ".join(plan.grid.dims),
         ASKED: json.dumps(plan.grid.asked, sort_keys=True),
         KEEP: " ".join(keeping.words),
-        OCCURRENCES: keeping.occurrences,
+        OCCURRENCES: np.array(keeping.occurrences),
         "math_functions": NAME,
         "model_digest": plan.grid.model.digest,
         DIGEST: plan.digest,
     }
+
+
+def with_axes(sweep: xr.Dataset) -> xr.Dataset:
+    """Have the values of axes as coordinates, of which a file keeps those alone that bear the name of a dimension."""
+    mine = [name for name, one in sweep.variables.items() if AXIS in one.attrs and name not in sweep.coords]
+    return sweep.set_coords([*mine, *(f"{name}_table" for name in mine if f"{name}_table" in sweep)])
+
+
+def settings_said(sweep: xr.Dataset) -> str:
+    """Say which settings all members of a sweep share."""
+    asked = json.loads(str(sweep.attrs[ASKED]))
+    said = ", ".join(f"{name} {value}" for name, value in asked.items())
+    return said or "settings of the model's own"
 
 
 def check_sweep(sweep: Any) -> None:
@@ -130,7 +151,7 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
     """
     check_sweep(sweep)
     model = Model.from_text(str(sweep["model_toml"].values), functions=functions)
-    keeping = keeping_of(str(sweep.attrs[KEEP]).split(), None, int(sweep.attrs[OCCURRENCES]))
+    keeping = keeping_of(str(sweep.attrs[KEEP]).split(), None, tuple(map(int, sweep.attrs[OCCURRENCES])))
     if AT_TIME in sweep.variables:
         keeping = Keeping(keeping.words, np.atleast_1d(sweep[AT_TIME].values).astype(float), keeping.occurrences)
     return Plan(Grid(model, tuple(_axis(sweep, dim) for dim in str(sweep.attrs[AXES]).split()), json.loads(sweep.attrs[ASKED])), keeping)  # fmt: skip
@@ -139,7 +160,8 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
 def _axis(sweep: xr.Dataset, dim: str) -> Axis:
     """Read an axis again; where a part of a sweep is without it, with the one value that is left."""
     columns = []
-    for name, one in sweep.coords.items():
+    for name in sweep.variables:
+        one = sweep[name]
         if one.attrs.get(AXIS) != dim:
             continue
         values, kind = np.atleast_1d(one.values), str(one.attrs[VARIES])

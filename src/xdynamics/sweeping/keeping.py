@@ -64,13 +64,13 @@ class Keeping:
     words : tuple of str
         As they were asked for.
     times : ndarray, shape (n,), s
-    occurrences : int
-        How many of each event.
+    occurrences : (int, int)
+        Of each event: the first that is kept, counted from 0, and the first that is not any more.
     """
 
     words: tuple[str, ...]
     times: NDArray[np.float64]
-    occurrences: int
+    occurrences: tuple[int, int]
 
     @property
     def whole(self) -> bool:
@@ -182,18 +182,20 @@ class _Reader:
     def _occurrences(
         self, name: str, detector: str, units: str, said: str, value: Callable[[Harvest, Values], Values]
     ) -> Kept:
-        """Return something of each of the first occurrences of an event; of the first alone, without a dimension."""
-        most = self.keeping.occurrences
+        """Return something of each occurrence of an event that is kept; of the first alone, without a dimension."""
+        begin, end = self.keeping.occurrences
+        most = end - begin
 
         def take(runs: Harvest) -> Values:
             found = np.full((runs.size, most), np.nan)
             places, members, which = runs.met(detector)
-            kept = which < most
-            found[members[kept], which[kept]] = value(runs, places[kept])
-            return found if most > 1 else found[:, 0]
+            kept = (which >= begin) & (which < end)
+            found[members[kept], which[kept] - begin] = value(runs, places[kept])
+            return found[:, 0] if alone else found
 
-        dims, sizes = ((OCCURRENCE,), (most,)) if most > 1 else ((), ())
-        return Kept(name, dims, sizes, units, f"{said}{', first' if most == 1 else ''}; nan where it was not", EVENT, take)  # fmt: skip
+        alone = (begin, end) == (0, 1)
+        dims, sizes = ((), ()) if alone else ((OCCURRENCE,), (most,))
+        return Kept(name, dims, sizes, units, f"{said}{', first' if alone else ''}; nan where it was not", EVENT, take)  # fmt: skip
 
     def _extreme(self, name: str) -> Kept:  # a way to tell it from the others; `_both` makes it
         raise NotImplementedError(name)
@@ -222,12 +224,14 @@ def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any) -> Keep
     wrong = [one for one in row if not isinstance(one, str)]
     if wrong or not row:
         raise InputError(f"keep is {str(words)[:60]}, needs words like 'end'")
-    if isinstance(occurrences, bool) or not isinstance(occurrences, int) or occurrences < 1:
-        raise InputError(f"occurrences is {occurrences!r}, needs a positive whole number")
+    both = (0, occurrences) if isinstance(occurrences, int) else occurrences
+    whole = isinstance(both, tuple | list) and len(both) == 2 and all(type(one) is int for one in both)
+    if isinstance(occurrences, bool) or not whole or not 0 <= both[0] < both[1]:
+        raise InputError(f"occurrences is {occurrences!r}, needs a positive whole number, or a pair like (100, 160)")
     if times is None:
         given = np.zeros(0)
     else:
         if not isinstance(times, str | np.ndarray) and hasattr(times, "__iter__"):
             times = [parse_time(one, "times") for one in times]
         given = wanted_times(times)
-    return Keeping(tuple(dict.fromkeys(row)), given, occurrences)
+    return Keeping(tuple(dict.fromkeys(row)), given, (int(both[0]), int(both[1])))

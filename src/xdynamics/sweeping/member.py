@@ -100,8 +100,8 @@ def _place(grid: Grid, labels: Mapping[str, Any]) -> list[int]:
             found.append(0)
         elif axis.dim not in labels:
             raise InputError(f"a member needs a value of every axis, and of '{axis.dim}' there is none")
-        elif axis.is_plain:
-            found.append(_nearest(axis.columns[0], labels[axis.dim]))
+        elif own := [one for one in axis.columns if one.label == axis.dim]:
+            found.append(_nearest(own[0], labels[axis.dim]))
         else:
             found.append(_number(axis.dim, axis.size, labels[axis.dim]))
     return found

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 ROLE = "survey"
+EVALUATIONS = "run_force_evaluations"
 LEVELS = 3  # that an order is told from
 
 
@@ -194,6 +195,45 @@ def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
     return _exhibited("convergence", f"levels along {dim}", sweep.isel({dim: -1}, drop=True), found, {"varied": dim})
 
 
+def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] | None = None) -> xr.Dataset:
+    """Set what runs cost against how far they are off: work and precision of methods, from coarse to fine.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        With an axis of steps or tolerances, and perhaps one of methods.
+    dim : str
+        The axis of steps or tolerances.
+    exact : mapping of str to float, optional
+        The right values, in the units of the sweep; of what is not named, the finest level of the method of the highest
+        order stands for it.
+
+    Returns
+    -------
+    xarray.Dataset
+        Lazy where the sweep is: ``off_end_y``, the absolute error, and ``run_force_evaluations``.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis, or a name is no number of the sweep.
+    """
+    _check_axis(sweep, dim)
+    known, given = numbers(sweep), dict(exact or {})
+    if unknown := [name for name in given if name not in known]:
+        raise InputError(f"exact names '{unknown[0]}', which is none of {', '.join(known)}")
+    best: dict[str, int] = {dim: int(np.argmin(sweep[dim].values))}
+    if "method" in sweep.dims:
+        best["method"] = int(np.argmax([METHODS[str(one)].order for one in sweep["method"].values]))
+    found: dict[str, Any] = {}
+    for name in (one for one in known if dim in sweep[one].dims and sweep[one].dtype.kind == "f"):
+        off = abs(sweep[name] - given.get(name, sweep[name].isel(best, drop=True))).transpose(*sweep[name].dims)
+        found[f"off_{name}"] = (off.dims, off.data, _about(sweep, name, f"distance of {name} from {'the right value' if name in given else 'the finest one'}"))  # fmt: skip
+    work = sweep[EVALUATIONS]
+    found[EVALUATIONS] = (work.dims, work.data, dict(work.attrs))
+    return _exhibited("precision", f"work against precision along {dim}", sweep, found, {"varied": dim})
+
+
 def sobol_indices(
     model: Model,
     ranges: Mapping[str, Sequence[Any]],
@@ -297,7 +337,10 @@ def numbers(sweep: xr.Dataset) -> list[str]:
     return [
         str(name)
         for name, one in sweep.data_vars.items()
-        if one.dtype.kind in "fi" and along & {*map(str, one.dims)} and not str(name).startswith("run_")
+        if one.dtype.kind in "fi"
+        and along & {*map(str, one.dims)}
+        and not str(name).startswith("run_")
+        and AXIS not in one.attrs
     ]
 
 

@@ -31,7 +31,7 @@ def sweep(
     *,
     keep: Sequence[str] | str = (END,),
     times: Any = None,
-    occurrences: int = 1,
+    occurrences: int | tuple[int, int] = 1,
     path: str | Path | None = None,
     check: float = 0.0,
     members_per_task: int | None = None,
@@ -55,8 +55,9 @@ def sweep(
         ``x`` or any energy or observable at `times`, ``log`` for whole runs, one file each.
     times : array_like, s, or of texts
         Along `at`; of every coordinate, velocity and state, or of those that `keep` names. nan behind the end of a run.
-    occurrences : int
-        Of every event, along `occurrence` if more than the first are kept.
+    occurrences : int, or (int, int)
+        How many of every event, along `occurrence` if more than the first are kept; ``(100, 160)`` leaves out the first
+        hundred.
     path : str or Path, optional
         A folder to march into, and to go on in where a process was stopped: what is there is not marched again.
     check : float

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics.march.outcomes import GOOD
-from xdynamics.sweeping.collection import ASKED, AXES, AXIS, KEEP
+from xdynamics.sweeping.collection import AXES, AXIS, KEEP, settings_said
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ _FIRST = ("run_", "end_time")  # what every sweep has
 def lines_of(sweep: xr.Dataset) -> list[str]:
     """Say what was varied, how the members ended, and between which bounds what was kept of them lies."""
     lines = [line for dim in str(sweep.attrs[AXES]).split() for line in _axis(sweep, dim)]
-    lines.append(f"members   {sweep[OUTCOME].size}, with {sweep.attrs[ASKED]}, of each {sweep.attrs[KEEP]}")
+    lines.append(f"members   {sweep[OUTCOME].size}, with {settings_said(sweep)}; kept of each: {sweep.attrs[KEEP]}")
     outcomes = Counter(map(str, sweep[OUTCOME].values.ravel().tolist()))
     said = ", ".join(
         f"{count} {word}{'' if word in GOOD else ' (ended badly)'}" for word, count in outcomes.most_common()
@@ -37,7 +37,8 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
 
 
 def _axis(sweep: xr.Dataset, dim: str) -> Iterator[str]:
-    for name, one in sweep.coords.items():
+    for name in sweep.variables:
+        one = sweep[name]
         if one.attrs.get(AXIS) != dim:
             continue
         values, units = np.atleast_1d(one.values), one.attrs["units"]
@@ -53,7 +54,7 @@ def _axis(sweep: xr.Dataset, dim: str) -> Iterator[str]:
 
 def _kept(sweep: xr.Dataset) -> Iterator[str]:
     names = [str(name) for name, one in sweep.data_vars.items()
-             if one.dtype.kind in "fi" and one.attrs.get("role") != "parameter" and not str(name).startswith(_FIRST)]  # fmt: skip
+             if one.dtype.kind in "fi" and one.attrs.get("role") not in ("parameter", "axis") and not str(name).startswith(_FIRST)]  # fmt: skip
     for name in names[:MOST]:
         values, units = np.asarray(sweep[name]), sweep[name].attrs["units"]
         unit = "" if units == "1" else f" {units}"

@@ -1,0 +1,52 @@
+"""Figures of work against precision: how far off a number is, over what it cost, a line for each method."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.sheet import Panel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_PANELS, MARKERS = 6, "os^Dv<>P"
+EVALUATIONS, OFF = "run_force_evaluations", "off_"
+HEIGHT = 3.8
+
+
+def panels_of(found: xr.Dataset) -> list[Panel]:
+    """Return what draws each number."""
+    names = [str(name) for name in found.data_vars if str(name).startswith(OFF) and bool((found[name] > 0).any())]
+    return [partial(_work, found, name) for name in names[:MOST_PANELS]]
+
+
+def foot_of(found: xr.Dataset) -> str:
+    """Say what is drawn."""
+    varied = str(found.attrs["varied"])
+    sizes = ", ".join(f"{float(one):.6g}" for one in found[varied].values)
+    return f"each point a run; along a line {varied} = {sizes} {found[varied].attrs['units']}"
+
+
+def _work(found: xr.Dataset, name: str, axes: Axes) -> None:
+    varied = str(found.attrs["varied"])
+    one = found[name]
+    while set(one.dims) - set(found[EVALUATIONS].dims):
+        one = one.isel({next(dim for dim in one.dims if dim not in found[EVALUATIONS].dims): -1})
+    others = [str(dim) for dim in one.dims if dim != varied]
+    for k, at in enumerate(product(*(range(found.sizes[dim]) for dim in others))):
+        here = dict(zip(others, at, strict=True))
+        work, off = found[EVALUATIONS].isel(here).values, one.isel(here).values
+        order = np.argsort(work)
+        shown = order[off[order] > 0.0]
+        label = " ".join(str(found[dim].values[i]) for dim, i in here.items() if dim in found.coords)
+        axes.plot(work[shown], off[shown], f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=4, linewidth=1.0, label=words(label))  # fmt: skip
+    axes.set(xscale="log", yscale="log", xlabel="force evaluations", ylabel=words(f"|error| ({one.attrs['units']})"))
+    axes.set_title(words(name.removeprefix(OFF)), loc="left", fontsize=10)
+    if others:
+        axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
