@@ -246,23 +246,24 @@ def _march_lanes(
     model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], lanes: int
 ) -> _Part:
     n, layout = len(next(iter(arrays.values()))), law.layout
-    logs = [allocate(layout, LANE_ROWS, sampled=0) for _ in range(lanes)]
-    runs = [posed(model, settings, law, log, addresses_of(law)) for log in logs]
-    inputs = _inputs(model, settings, law, runs[0], arrays)
-    used, row, one = len(layout.used), len(layout.row), runs[0]
+    log = allocate(layout, LANE_ROWS, sampled=0)
+    one = posed(model, settings, law, log, addresses_of(law))
+    twins = one.twins(lanes)
+    inputs = _inputs(model, settings, law, one, arrays)
+    used, row = len(layout.used), len(layout.row)
     part = _Part(np.zeros(n, NOW), np.zeros((n, row)), np.zeros((n, used)), inputs[2], [])
     blocks = {name: np.zeros((len(getattr(one, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
     blocks |= {"pieces": np.zeros((len(one.places), lanes), np.int64), "w": np.zeros((lane_width(layout), lanes))}
     table = _table(blocks | {"tables": one.tables})
     given = [blocks[name] for name in ("at", "y", "p", "pieces", "z", "w")]
-    room = 2 * lanes * len(logs[0].events) + min(n, EVENT_ROOM) if layout.watched else 0
-    met = Log(logs[0].base, logs[0].rows[:, :0], logs[0].flags[:, :0], logs[0].samples[:, :0], logs[0].trials[:0],
-              np.zeros(room, EVENT_ROW), np.zeros((len(logs[0].rates), room)), np.zeros((len(logs[0].impulses), room)))  # fmt: skip
+    room = 2 * lanes * len(log.events) + min(n, EVENT_ROOM) if layout.watched else 0
+    met = Log(log.base, log.rows[:, :0], log.flags[:, :0], log.samples[:, :0], log.trials[:0],
+              np.zeros(room, EVENT_ROW), np.zeros((len(log.rates), room)), np.zeros((len(log.impulses), room)))  # fmt: skip
     owners, standing = np.zeros(room, np.int64), np.array([lanes, 0, 0])
     over, whose, members = False, [], np.full(lanes, -1)
     while not over:
         over = march_side_by_side()(
-            np.array([each.address for each in runs]), law.striding(lanes, adaptive=settings.adaptive), table, *given,
+            twins.addresses, law.striding(lanes, adaptive=settings.adaptive), table, *given,
             members, standing, *inputs, part.ends, part.lasts, part.largest, met.events, met.rates, met.impulses, owners,
         )  # fmt: skip
         count, standing[2] = int(standing[2]), 0

@@ -6,7 +6,7 @@ read and set as ``run.now[0].t``. The bytes of everything but the log and the la
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,6 +122,14 @@ FIXED = (
 )  # fmt: skip
 
 
+class Twins(NamedTuple):
+    """Runs that compiled code alone sees: where their tables stand, and the memory of both."""
+
+    addresses: NDArray[np.int64]
+    memory: NDArray[np.uint8]
+    tables: NDArray[np.int64]
+
+
 class Run:
     """A march of one model by one method. States are in the order of `Layout.record`.
 
@@ -220,6 +228,22 @@ class Run:
         self.address = int(self._table.ctypes.data)
         self.put(**arrays)
 
+    def twins(self, count: int) -> Twins:
+        """Return runs like this one, to be marched beside each other: what changes is copied, the rest is shared."""
+        own = [name for name in ARRAYS if name not in SHARED]
+        parts = [getattr(self, name) for name in own]
+        sizes = np.array([-(-part.nbytes // _ALIGNED) * _ALIGNED for part in parts])
+        offsets = np.concatenate([[0], np.cumsum(sizes)])
+        memory, tables = np.zeros((count, int(offsets[-1])), np.uint8), np.tile(self._table, (count, 1, 1))
+        for part, begin in zip(parts, offsets.tolist(), strict=False):
+            memory[:, begin : begin + part.nbytes] = np.frombuffer(part.tobytes(), np.uint8)
+        begins = memory.ctypes.data + memory.shape[1] * np.arange(count)[:, None] + offsets[:-1]
+        tables[:, [_PLACES[name] for name in own], 0] = begins
+        # modes are the end of the parameters, and not an array of their own
+        end = self.p.nbytes - self.modes.nbytes
+        tables[:, _PLACES["modes"], 0] = tables[:, _PLACES["p"], 0] + end
+        return Twins(tables.ctypes.data + tables[0].nbytes * np.arange(count), memory, tables)
+
     def put(self, **arrays: NDArray[Any]) -> None:
         """Put arrays in their places, for compiled code too; new blocks of a log, say."""
         for name, array in arrays.items():
@@ -233,4 +257,8 @@ _PLACES = {name: i for i, name in enumerate(ARRAYS)}
 _OF_LAWS = [{"places": "pieces", "log_rows": "rows"}.get(name, name) for name in ARRAYS][: len(TABLE)]
 if tuple(_OF_LAWS) != TABLE:
     raise AssertionError("laws would find other arrays than they look for")
+# of runs side by side; modes are in p
+SHARED = ("tables", "of_time", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts",
+          "reactions", "equations", "unknowns", "entries", "law", "functions", "modes")  # fmt: skip
+_ALIGNED = 64  # bytes
 CHANGING = tuple(name for name in ARRAYS if name not in {*FLEETING, *FIXED} and not name.startswith("log_"))
