@@ -91,6 +91,23 @@ def test_any_blocks_and_workers_give_the_same_bits(swept: xr.Dataset) -> None:
             assert again[name].values.tobytes() == swept[name].values.tobytes(), name
 
 
+def test_a_computed_sweep_is_saved_without_a_second_march(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that what came of the blocks is known when it is saved, and that an edited value is refused."""
+    from xdynamics.sweeping import tasks
+
+    found = xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, rtol=1e-6, method="heun", members_per_task=4).compute()
+    monkeypatch.setattr(tasks, "marched", lambda *_: pytest.fail("marched"))
+    xd.save(found, tmp_path / "s.nc")
+    with xd.open_run(tmp_path / "s.nc") as kept:
+        assert kept.end_y.values.tolist() == found.end_y.values.tolist()
+        assert xd.member(kept, vt=20.0).attrs["run_outcome"] == str(found.run_outcome.values[0])
+    monkeypatch.undo()
+    edited = found.copy(deep=True)
+    edited.end_y[3] += 1e-9
+    with pytest.raises(xd.InputError, match="not the sweep as it was made"):
+        xd.save(edited, tmp_path / "t.nc")
+
+
 def test_nothing_is_marched_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that with a given number of members a task nothing is computed when a sweep is set up."""
     from xdynamics.sweeping import tasks
@@ -202,6 +219,17 @@ def test_events_in_a_row_along_their_occurrences() -> None:
     assert found.event_time_floor.dims == ("e", "occurrence")
     assert found.event_time_floor.values[1, :2] == pytest.approx([first, first * (1 + 2 * 0.9)], rel=1e-10)
     assert np.isnan(found.event_time_floor.values[1, 3])
+    later = xd.sweep(
+        model,
+        {"e": [0.5, 0.9]},
+        keep=["event_time_floor"],
+        occurrences=(1, 3),
+        method="dop853",
+        rtol=1e-10,
+        until="2 s",
+    ).compute()
+    assert later.event_time_floor.values.tolist() == found.event_time_floor.values[:, 1:3].tolist()
+    assert later.occurrence_number.values.tolist() == [2, 3]
 
 
 def test_a_folder_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

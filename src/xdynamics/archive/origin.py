@@ -26,6 +26,7 @@ OUTSIDE = (
 
 
 Source = Callable[[], "xr.Dataset | None"]
+Unchanged = Callable[["xr.Variable"], bool]
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class Part:
     known: str = ""
     # what a variable of an opened archive holds, as long as nobody puts something else there
     held: Any = field(default=None, compare=False)
+    # of values that were lazy: whether those at hand are what came of them, where that was noted
+    unchanged: Unchanged | None = field(default=None, compare=False)
 
     @cached_property
     def digest(self) -> str:
@@ -103,21 +106,32 @@ def _restored(parts: dict[str, Part], attributes: dict[str, Any], source: Source
     return Origin.of(lambda: parts, attributes, source)
 
 
-def marched(run: xr.Dataset) -> xr.Dataset:
-    """Close the arrays of a record to writing, and let it remember them: nothing is copied or hashed for it."""
+def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -> xr.Dataset:
+    """Close the arrays of a record to writing, and let it remember them: nothing is copied or hashed for it.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+    unchanged : mapping, optional
+        For lazy variables what tells whether values are those that came of them, without computing them again.
+    """
     arrays = {str(name): (one.dims, one.data, dict(one.attrs)) for name, one in run.variables.items()}
     for _, data, _ in arrays.values():
         if isinstance(data, np.ndarray):  # what is not computed yet is closed as it is
             data.flags.writeable = False
-    run.attrs[ORIGIN] = Origin.of(partial(_of_arrays, arrays), run.attrs, None)
+    run.attrs[ORIGIN] = Origin.of(partial(_of_arrays, arrays, unchanged or {}), run.attrs, None)
     return run
 
 
-def _of_arrays(arrays: Mapping[str, tuple[Any, Any, dict[str, Any]]]) -> dict[str, Part]:
+def _of_arrays(
+    arrays: Mapping[str, tuple[Any, Any, dict[str, Any]]], unchanged: Mapping[str, Unchanged]
+) -> dict[str, Part]:
     import xarray as xr
 
     return {
-        name: Part(name, dims, data.shape, about, xr.Variable(dims, data, about, fastpath=True))
+        name: Part(
+            name, dims, data.shape, about, xr.Variable(dims, data, about, fastpath=True), unchanged=unchanged.get(name)
+        )
         for name, (dims, data, about) in arrays.items()
     }
 

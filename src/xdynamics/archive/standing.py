@@ -142,7 +142,7 @@ def _values(part: Part, now: xr.Variable, origin: Origin) -> Iterator[str]:
         return
     if part.held is not None and now._data is part.held:  # noqa: SLF001 - as it was opened, read or not
         return
-    if digest_of(part.name, now) == part.digest:
+    if (part.unchanged is not None and part.unchanged(now)) or digest_of(part.name, now) == part.digest:
         return
     whole = origin.whole()
     then = None if whole is None else whole.variables.get(part.name)

@@ -14,7 +14,12 @@ if TYPE_CHECKING:
 
 
 def exhibit(
-    kind: str, title: str, runs: Sequence[str], variables: Mapping[str, Any], attributes: Mapping[str, Any]
+    kind: str,
+    title: str,
+    runs: Sequence[str],
+    variables: Mapping[str, Any],
+    attributes: Mapping[str, Any],
+    unchanged: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """Put evidence together, ready to be saved.
 
@@ -29,6 +34,8 @@ def exhibit(
         Each with `units`, `long_name` and `role`.
     attributes : mapping
         What else is said of the whole.
+    unchanged : mapping, optional
+        For lazy variables what tells whether values came of them; see `archive.marched`.
     """
     import xarray as xr
 
@@ -43,7 +50,7 @@ def exhibit(
         RUNS: " ".join(runs),
     }
     found.attrs = about | dict(attributes) | circumstances(f"{kind} made")
-    return archive.marched(found)
+    return archive.marched(found, unchanged)
 
 
 def about(units: str, said: str, role: str) -> dict[str, Any]:

@@ -50,8 +50,9 @@ def plot(record: xr.Dataset | Mapping[str, xr.Dataset], path: str | Path | None 
         page, title = PAGES.get(kind, run), str(record.attrs.get("title", "run"))
     else:
         page, title = several, f"{', '.join(record)}, side by side"
-    height = float(getattr(page, "HEIGHT", HEIGHT))
-    figure = sheet(page.panels_of(record), title, page.foot_of(record), height)
+    panels = page.panels_of(record)
+    height = page.height_of(len(panels)) if hasattr(page, "height_of") else float(getattr(page, "HEIGHT", HEIGHT))
+    figure = sheet(panels, title, page.foot_of(record), height)
     if path is not None:
         write(figure, Path(path))
     return figure

@@ -33,7 +33,7 @@ BANDS = ("#dbe6f3", "#a9c4e2")
 BAD = "#c8452f"
 DASHES = ("-", "--", ":", "-.")
 LARGE = 20_000  # members from which on points are small
-HEIGHT = 3.6  # inches of a panel
+HEIGHT, ALONE = 3.6, 7.0  # inches of a panel, and of one that is alone on its sheet
 
 
 def panels_of(sweep: xr.Dataset) -> list[Panel]:
@@ -56,6 +56,11 @@ def foot_of(sweep: xr.Dataset) -> str:
     loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
     doubt = f"; of {loose} the tolerances did not control every variable" if loose else ""
     return f"{sweep[OUTCOME].size} runs: {said}{doubt}; {settings_said(sweep)}"
+
+
+def height_of(panels: int) -> float:
+    """Return how many inches high a panel is among so many."""
+    return ALONE if panels == 1 else HEIGHT
 
 
 def _axes(sweep: xr.Dataset) -> list[str]:
@@ -105,7 +110,7 @@ def _map(sweep: xr.Dataset, name: str, shown: list[str], axes: Axes) -> None:
     _regions(axes, sweep[OUTCOME].transpose(y, x).values.astype(str), across, up)
     axes.set(xlabel=_labelled(sweep, x), ylabel=_labelled(sweep, y))
     if sweep[x].attrs["units"] == sweep[y].attrs["units"] and 0.5 < np.ptp(across) / np.ptp(up) < 2.0:
-        axes.set_aspect("equal")
+        axes.set_aspect("equal", anchor="W")
     axes.set_title(words(f"{name}{_said(sweep, shown)}"), loc="left", fontsize=10)
     axes.grid(visible=False)
 

@@ -38,7 +38,7 @@ _SAID = {
 }  # fmt: skip
 
 
-def collected(plan: Plan, arrays: Mapping[str, Any]) -> xr.Dataset:
+def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Put arrays of members into a Dataset along the axes.
 
     Raises
@@ -79,6 +79,7 @@ def collected(plan: Plan, arrays: Mapping[str, Any]) -> xr.Dataset:
         [],
         coordinates | kept | more | shared | toml,
         _attributes(plan),
+        unchanged,
     )
     return found.set_coords([*coordinates])
 

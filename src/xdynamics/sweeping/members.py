@@ -39,7 +39,8 @@ _GOLDEN = 0x9E3779B97F4A7C15
 
 OUTCOME, DIGEST, UNCONTROLLED = "run_outcome", "run_digest", "run_uncontrolled"
 FILE, CONTENT_DIGEST = "run_file", "content digest of the run's archive"
-DIGEST_OF = "sha256 of time and state at the run's end, its counts, the time of every event"
+DIGITS = 32  # of a digest of an end: enough to tell a million runs apart, and half the memory
+DIGEST_OF = "first 32 digits of a sha256 of time and state at the run's end, its counts, the time of every event"
 COUNTS: dict[str, Callable[[Harvest], Values]] = {
     "run_accepted_steps": lambda runs: runs.runs.accepted,
     "run_rejected_trials": lambda runs: runs.runs.trials,
@@ -96,7 +97,16 @@ class Plan:
             *(files if whole else []),
             Kept(UNCONTROLLED, (), (), "1", said, DIAGNOSTIC, lambda runs: np.zeros(runs.size), dtype="i4"),
             Kept(OUTCOME, (), (), "1", "how the run ended", "outcome", _outcomes, dtype=f"U{LONGEST_WORD}"),
-            Kept(DIGEST, (), (), "1", CONTENT_DIGEST if whole else DIGEST_OF, "digest", _digests, dtype="U64"),
+            Kept(
+                DIGEST,
+                (),
+                (),
+                "1",
+                CONTENT_DIGEST if whole else DIGEST_OF,
+                "digest",
+                _digests,
+                dtype="U64" if whole else f"U{DIGITS}",
+            ),
         ]
 
 
@@ -162,8 +172,8 @@ def _digests(runs: Harvest) -> Values:
     rows, events = _bytes(ends, counts), runs["event_time"].astype("<f8").tobytes()
     width, first = len(rows) // runs.size, (8 * runs.runs.first_event).tolist()
     return np.array([
-        sha256(rows[i * width : (i + 1) * width] + events[first[i] : first[i + 1]]).hexdigest() for i in range(runs.size)
-    ], "U64")  # fmt: skip
+        sha256(rows[i * width : (i + 1) * width] + events[first[i] : first[i + 1]]).hexdigest()[:DIGITS] for i in range(runs.size)
+    ], f"U{DIGITS}")  # fmt: skip
 
 
 def _bytes(ends: Values, counts: Values) -> bytes:
@@ -175,7 +185,7 @@ def digest_of_end(run: xr.Dataset, names: Sequence[str]) -> str:
     """Return the digest that a record's run has in a sweep: names are those of coordinates, velocities and states."""
     end = np.array([float(run[name][-1]) for name in ("time", *names)])
     counts = np.array([int(run.attrs[name]) for name in COUNTS])
-    return sha256(_bytes(end, counts) + np.asarray(run["event_time"]).astype("<f8").tobytes()).hexdigest()
+    return sha256(_bytes(end, counts) + np.asarray(run["event_time"]).astype("<f8").tobytes()).hexdigest()[:DIGITS]
 
 
 def _settle(plan: Plan, block: Block, found: Mapping[str, Values]) -> None:

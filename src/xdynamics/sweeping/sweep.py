@@ -108,7 +108,7 @@ def sweep(
         raise InputError("keep has 'log', and whole runs are kept in files; give path='a folder'")
     chunks = chunks_of(plan) if members_per_task is None else cut(grid, _count(members_per_task))
     if path is None:
-        return collected(plan, arrays_of(plan, chunks))
+        return collected(plan, *arrays_of(plan, chunks))
     if not isinstance(path, str | PathLike):
         raise InputError(f"path is {path!r}, needs the name of a folder")
     return catalogue.filled(plan, chunks, Path(path), progress)
