@@ -104,7 +104,7 @@ def _map(sweep: xr.Dataset, name: str, shown: list[str], axes: Axes) -> None:
     across, up = sweep[x].values.astype(float), sweep[y].values.astype(float)
     shades, ticks = _shades(values)
     drawn = axes.pcolormesh(across, up, np.ma.masked_invalid(values.astype(float)), shading="nearest", rasterized=True, **shades)  # fmt: skip
-    bar = axes.figure.colorbar(drawn, ax=axes, pad=0.02, ticks=ticks)
+    bar = axes.figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), ticks=ticks)
     bar.set_label(_labelled(sweep, name), fontsize=8)
     bar.ax.tick_params(labelsize=7)
     _regions(axes, sweep[OUTCOME].transpose(y, x).values.astype(str), across, up)
