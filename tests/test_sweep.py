@@ -381,3 +381,43 @@ def test_labels_that_are_not_there() -> None:
     ):
         with pytest.raises(xd.InputError, match=message):
             xd.member(found, **labels)
+
+
+def test_all_rows_behind_each_other(swept: xr.Dataset) -> None:
+    """Assert that a ragged collection holds every member's record, row by row, members as along the axes."""
+    found = xd.ragged(swept)
+    first = np.concatenate([[0], np.cumsum(found.row_size.values)])
+    for i in (0, 7, 19):
+        at = tuple(map(int, np.unravel_index(i, (5, 2, 2))))
+        _, run = alone(swept, at)
+        rows = slice(int(first[i]), int(first[i + 1]))
+        for name in ("time", "y", "a_y", "total_energy", "row_kind"):
+            assert found[name].values[rows].tobytes() == run[name].values.tobytes(), name
+        assert float(found.run_v_y[i]) == float(swept.v_y[at[0]])
+        assert str(found.run_method.values[i]) == str(swept["method"].values[at[2]])
+
+
+def test_an_earlier_sweep_with_something_else_kept(swept: xr.Dataset, tmp_path: Path) -> None:
+    """Assert the same members on common times, from a sweep in memory, from a file, and from a part of one."""
+    assert xd.sweep(swept, keep=["y"], times=[0.25, 0.5]).y.chunks is not None
+    xd.save(swept, tmp_path / "s.nc")
+    with xd.open_run(tmp_path / "s.nc") as kept:
+        found = xd.sweep(kept.isel(vt=[1]), keep=["y"], times=[0.5]).compute()
+    assert found.sizes["vt"] == 1
+    assert found.y.values[:, 0, :, 0].tobytes() == swept.y.values[:, 1, :, 0].tobytes()
+    with pytest.raises(xd.InputError, match="an earlier sweep has its axes and settings"):
+        xd.sweep(swept, keep=["y"], times=[0.5], rtol=1e-3)
+
+
+def test_xarray_opens_a_folder_of_runs(tmp_path: Path) -> None:
+    """Assert the documented call of `open_mfdataset`: rows of all runs, in the order of their files."""
+    found = xd.sweep(
+        ball(), {"vt": "20:40:3 m s-1"}, keep=["end", "log"], method="dop853", rtol=1e-6, path=tmp_path / "s"
+    )
+    files = sorted((tmp_path / "s" / "runs").glob("*.nc"))
+    with xr.open_mfdataset(files, engine="netcdf4", combine="nested", concat_dim="step", parallel=False, preprocess=lambda run: run[["time", "y", "v_y"]], decode_times=False) as rows:  # fmt: skip
+        each = [xd.open_run(one) for one in files]
+        assert rows.y.values.tolist() == np.concatenate([one.y.values for one in each]).tolist()
+        for one in each:
+            one.close()
+    assert found.sizes["vt"] == 3

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from xdynamics.sweeping.catalogue import open_sweep
     from xdynamics.sweeping.designs import Draws
     from xdynamics.sweeping.member import member
+    from xdynamics.sweeping.ragged import ragged
     from xdynamics.sweeping.surveying import contrast, convergence, influences, precision, sensitivities, sobol_indices
     from xdynamics.sweeping.sweep import sweep
 
@@ -53,13 +54,13 @@ _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
     "check": "record", "companion": "evidence.companion", "Draws": "sweeping.designs", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
-    "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "sweep": "sweeping.sweep", "contrast": "sweeping.surveying", "convergence": "sweeping.surveying", "influences": "sweeping.surveying", "precision": "sweeping.surveying", "sensitivities": "sweeping.surveying", "sobol_indices": "sweeping.surveying", "validate": "evidence.validating.ledger", "verify": "archive",
+    "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "sweep": "sweeping.sweep", "contrast": "sweeping.surveying", "convergence": "sweeping.surveying", "influences": "sweeping.surveying", "precision": "sweeping.surveying", "ragged": "sweeping.ragged", "sensitivities": "sweeping.surveying", "sobol_indices": "sweeping.surveying", "validate": "evidence.validating.ledger", "verify": "archive",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 
 __all__ = [
     "METHODS", "AccuracyWarning", "ArchiveError", "Draws", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "StabilityWarning", "check", "companion", "compare", "content_digest", "contrast", "convergence", "diagnose", "discard", "extend", "influences", "limiting", "manufactured", "member", "modes", "open_run", "open_sweep",
-    "plot", "precision", "refine", "report", "reproduce", "sample", "save", "sensitivities", "sign", "simulate", "sobol_indices", "sweep", "validate", "verify", "verify_signature",
+    "plot", "precision", "ragged", "refine", "report", "reproduce", "sample", "save", "sensitivities", "sign", "simulate", "sobol_indices", "sweep", "validate", "verify", "verify_signature",
 ]  # fmt: skip
 
 

@@ -119,11 +119,12 @@ def _cluster(scheduler: str | None) -> Iterator[None]:
         yield
         return
     try:
-        from distributed import Client
+        import distributed
     except ImportError:
         raise InputError("--scheduler needs dask's distributed: pip install xdynamics[distributed]") from None
+    connected: Any = distributed.Client  # its functions are not typed
     try:
-        client = Client(scheduler, timeout="10s")
+        client = connected(scheduler, timeout="10s")
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"--scheduler {scheduler!r} cannot be reached: {error}") from None
     with client:

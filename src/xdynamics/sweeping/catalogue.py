@@ -47,6 +47,15 @@ def open_sweep(path: str | Path) -> xr.Dataset:
         If there is none, or it is not finished: the same `sweep` goes on with it.
     ArchiveError
         If the catalogue is damaged.
+
+    Notes
+    -----
+    Of a sweep with ``keep=["log"]``, `member` opens one run; `ragged` gives the rows of all behind each other, and
+    ``sweep(found, keep=["y"], times=[…])`` all on common times, without the files. xarray itself opens a folder of runs
+    as rows behind each other, one file after the other (``parallel=True`` breaks the netCDF library)::
+
+        xr.open_mfdataset("folder/runs/*.nc", engine="netcdf4", combine="nested", concat_dim="step", parallel=False,
+                          preprocess=lambda run: run[["time", "y", "v_y"]], decode_times=False)
     """
     folder = Path(path)
     file = folder / CATALOGUE

@@ -14,7 +14,7 @@ from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.sweeping import catalogue
 from xdynamics.sweeping.axes import axes_of
-from xdynamics.sweeping.collection import collected
+from xdynamics.sweeping.collection import collected, plan_of
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.keeping import END, keeping_of
 from xdynamics.sweeping.members import Plan
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 
 def sweep(
-    model: Model,
-    axes: Mapping[str, Any],
+    model: Model | xr.Dataset,
+    axes: Mapping[str, Any] | None = None,
     *,
     keep: Sequence[str] | str = (END,),
     times: Any = None,
@@ -42,7 +42,9 @@ def sweep(
 
     Parameters
     ----------
-    model : Model
+    model : Model, or xarray.Dataset
+        Or an earlier sweep, or a part of one, whose members are marched again with its settings, for something else to be
+        kept: ``sweep(found, keep=["y"], times=[1.0])`` puts all runs on common times.
     axes : mapping
         What varies, by name: parameters, initial values (``initial_x`` calls the axis so), drives, ``method``, ``step``,
         ``rtol`` and other settings of `simulate` that are one word or number. Values are a row of texts with units or of
@@ -87,20 +89,14 @@ def sweep(
     --------
     >>> import xdynamics as xd
     >>> model = xd.Model.from_toml("data/models/ball_drag.toml")
-    >>> found = sweep(model, {"v_y": "10:30:3 m s-1", "method": ["heun", "dop853"]}, keep=["event_time_ground"], rtol=1e-6)
+    >>> found = sweep(model, {"v_y": "10:20:3 m s-1", "method": ["heun", "dop853"]}, keep=["event_time_ground"], rtol=1e-6)
     >>> dict(found.sizes), found.event_time_ground.attrs["units"]
     ({'v_y': 3, 'method': 2}, 's')
     >>> bool((found.event_time_ground.diff("v_y") > 0).all())
     True
     """
     load_dask_whole()
-    if not isinstance(model, Model):
-        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
-    grid = Grid(
-        model,
-        axes_of(model, axes),
-        {name: _plain(name, value) for name, value in settings.items() if value is not None},
-    )
+    grid = _grid(model, axes, settings)
     grid.check()
     plan = Plan(grid, keeping_of(keep, times, occurrences), _part(check))
     collected(plan, {})  # refuses words that mean nothing
@@ -112,6 +108,18 @@ def sweep(
     if not isinstance(path, str | PathLike):
         raise InputError(f"path is {path!r}, needs the name of a folder")
     return catalogue.filled(plan, chunks, Path(path), progress)
+
+
+def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:
+    """Read what is to be marched: a model over axes, or the members of an earlier sweep."""
+    if hasattr(model, "attrs") and hasattr(model, "data_vars"):
+        if axes is not None or settings:
+            raise InputError("an earlier sweep has its axes and settings; give keep, times and occurrences alone")
+        return plan_of(model).grid
+    if not isinstance(model, Model):
+        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    said = {name: _plain(name, value) for name, value in settings.items() if value is not None}
+    return Grid(model, axes_of(model, axes or {}), said)
 
 
 def _count(members: Any) -> int:

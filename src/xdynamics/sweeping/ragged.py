@@ -1,0 +1,90 @@
+"""All members of a sweep as whole runs in one Dataset: rows of all, one run behind the other (CF contiguous ragged arrays)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.faults import InputError
+from xdynamics.march import march_many
+from xdynamics.schema import STEPS
+from xdynamics.sweeping.collection import plan_of
+from xdynamics.sweeping.harvest import Harvest
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RUN, ROW, SIZE = "run", "row", "row_size"
+MOST = 2_000_000_000  # bytes that are put together
+
+
+def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
+    """Return every accepted state of every member, one run behind the other.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        What `sweep` or `open_sweep` returned, or a part of it: ``found.isel(k=slice(0, 100))``.
+    functions : mapping of str to callable, optional
+        The Python functions that the model's forces call.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `row` what a record has along `step`: `time`, coordinates, velocities, forces, energies …; along `run`
+        `row_size`, and what varies. Member i's rows are those behind the first i `row_size` (CF 1.11, section 9.3.3);
+        members stand as their values do along the axes, the last one fastest.
+
+    Raises
+    ------
+    InputError
+        If all rows would take more than two gigabytes; a part of the sweep will do.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/ball_drag.toml")
+    >>> found = ragged(xd.sweep(model, {"v_y": "10:30:3 m s-1"}, method="heun", rtol=1e-6))
+    >>> int(found.row_size.sum()) == found.sizes["row"]
+    True
+    """
+    plan = plan_of(sweep, functions)
+    grid = plan.grid
+    parts: list[tuple[Any, Harvest]] = []
+    bytes_ = 0
+    for group in grid.groups([slice(None)] * len(grid.shape)):
+        runs = march_many(group.model, group.settings, **group.arrays, logs=True)
+        parts.append((group.places, Harvest(group.model, group.settings, runs)))
+        bytes_ += runs.kept.log.rows.nbytes
+        if bytes_ > MOST:
+            raise InputError(f"the rows of {grid.size} members take more than {MOST / 1e9:g} GB; take a part of the sweep, like isel(…)")  # fmt: skip
+    names = [name for name in _names(parts[0][1]) if all(name in one.columns for _, one in parts)]
+    sizes = np.zeros(grid.size, np.int64)
+    for places, one in parts:
+        sizes[places] = np.diff(one.runs.first_row)
+    first = np.concatenate([[0], np.cumsum(sizes)])
+    values = {name: np.empty(int(first[-1]), parts[0][1][name].dtype) for name in names}
+    for places, one in parts:
+        to = np.concatenate([np.arange(first[i], first[i + 1]) for i in places.tolist()])
+        for name in names:
+            values[name][to] = one[name]
+    spec = parts[0][1].columns
+    variables: dict[str, Any] = {name: ((ROW,), values[name], dict(spec[name].variable.attributes)) for name in names}
+    size = about("1", "accepted states of the run", "index") | {"sample_dimension": ROW}
+    variables[SIZE] = ((RUN,), sizes, size)
+    at = grid.places([slice(None)] * len(grid.shape))
+    for k, column in grid.columns:
+        told = column.values[at[:, k]]
+        numbers = np.issubdtype(told.dtype, np.number)
+        said = about(column.unit.text, f"{column.name} of the run", "axis")
+        variables[f"{RUN}_{column.label}"] = ((RUN,), told if numbers else told.astype(str), said)
+    title = f"{grid.model.name}: every state of {grid.size} runs"
+    said = {key: sweep.attrs[key] for key in ("sweep_digest", "sweep_settings", "model_digest") if key in sweep.attrs}
+    return exhibit("ragged sweep", title, [], variables, {"featureType": "timeSeries"} | said)
+
+
+def _names(one: Harvest) -> list[str]:
+    return [name for name, column in one.columns.items() if column.variable.dims == (STEPS,)]
