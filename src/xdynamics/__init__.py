@@ -44,9 +44,10 @@ if TYPE_CHECKING:
     from xdynamics.simulation import reproduce, simulate
     from xdynamics.sweeping.catalogue import open_sweep
     from xdynamics.sweeping.designs import Draws
+    from xdynamics.sweeping.indices import sobol_indices
     from xdynamics.sweeping.member import member
     from xdynamics.sweeping.ragged import ragged
-    from xdynamics.sweeping.surveying import contrast, convergence, influences, precision, sensitivities, sobol_indices
+    from xdynamics.sweeping.surveying import contrast, convergence, influences, precision, sensitivities
     from xdynamics.sweeping.sweep import sweep
 
 # public name -> the room it lives in, entered when the name is first used
@@ -54,7 +55,7 @@ _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
     "check": "record", "companion": "evidence.companion", "Draws": "sweeping.designs", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
-    "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "sweep": "sweeping.sweep", "contrast": "sweeping.surveying", "convergence": "sweeping.surveying", "influences": "sweeping.surveying", "precision": "sweeping.surveying", "ragged": "sweeping.ragged", "sensitivities": "sweeping.surveying", "sobol_indices": "sweeping.surveying", "validate": "evidence.validating.ledger", "verify": "archive",
+    "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "sweep": "sweeping.sweep", "contrast": "sweeping.surveying", "convergence": "sweeping.surveying", "influences": "sweeping.surveying", "precision": "sweeping.surveying", "ragged": "sweeping.ragged", "sensitivities": "sweeping.surveying", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "archive",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 

@@ -9,32 +9,24 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
-from xdynamics.kernels.machine import vector_lanes
-from xdynamics.kernels.program import TABLE, WORDS
-from xdynamics.kernels.striding import lane_width
-from xdynamics.kernels.watching import can_be_watched
+from xdynamics.march.abreast import lanes_for, march_abreast
 from xdynamics.march.engine import engine
-from xdynamics.march.engine import lanes as march_side_by_side
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import OUTCOMES
-from xdynamics.march.posing import addresses_of, posed, widened
-from xdynamics.march.run import EVENT_ROW, NOW, Run
+from xdynamics.march.parts import Part, inputs_of
+from xdynamics.march.posing import addresses_of, posed
+from xdynamics.march.run import Run
 from xdynamics.march.runner import Block
 from xdynamics.march.settings import LEAST_RTOL, Settings
 from xdynamics.model import Model
-from xdynamics.model.motion import constants
 from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
 LOG_ROWS = 1 << 14  # of the log that is filled again and again
-LANE_ROWS = 1 << 5  # of that of a lane, which the single march writes to now and then
-EVENT_ROOM = 1 << 16  # events that lanes hold before they are taken out
-FEWEST_A_LANE = 4  # runs from which on lanes pay
 
 
 @dataclass(frozen=True)
@@ -192,10 +184,10 @@ def march_many(
 
     side_by_side = 1 if logs else lanes_for(law, settings, n, lanes)
 
-    def marched(part: slice) -> _Part:
+    def marched(part: slice) -> Part:
         mine = {key: one[part] for key, one in arrays.items()}
         if side_by_side > 1:
-            return _march_lanes(model, settings, law, mine, side_by_side)
+            return march_abreast(model, settings, law, mine, side_by_side)
         return _march(model, settings, law, mine, logs=logs)
 
     if len(parts) == 1:
@@ -204,110 +196,17 @@ def march_many(
         return _joined(law, settings, list(pool.map(marched, parts)), logs=logs)
 
 
-@dataclass
-class _Part:
-    """What one thread marched, in internal units; of the log the pieces."""
-
-    ends: NDArray[Any]
-    lasts: Floats
-    largest: Floats
-    parameters: Floats
-    logs: list[Log]
-
-
-def _march(
-    model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], *, logs: bool
-) -> _Part:
+def _march(model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], *, logs: bool) -> Part:
     n, log = len(next(iter(arrays.values()))), allocate(law.layout, LOG_ROWS, sampled=0)
     run = posed(model, settings, law, log, addresses_of(law))
-    inputs = _inputs(model, settings, law, run, arrays)
-    used, row = len(law.layout.used), len(law.layout.row)
-    part = _Part(np.zeros(n, NOW), np.zeros((n, row)), np.zeros((n, used)), inputs[2], [])
+    inputs = inputs_of(model, settings, law, run, arrays)
+    part = Part.of(n, law, inputs[2])
     first = 0
     while True:
         first = engine().march_many(run, *inputs, part.ends, part.lasts, part.largest, first, logs)
         part.logs.append(_emptied(run, log, logs=logs))
         if first == n:
             return part
-
-
-def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int:
-    """Return how many runs may go side by side: one, where a step is more than a program, or nothing is gained."""
-    scheme, layout = law.scheme, law.layout
-    plain = not (scheme.method.implicit or scheme.halved or scheme.method.stepping or isinstance(settings.step, tuple))
-    if not plain or layout.model.python_functions or config.DISABLE_JIT or not can_be_watched(layout):  # type: ignore[attr-defined]
-        return 1
-    if asked is not None:
-        return max(1, asked)
-    return vector_lanes() if runs >= FEWEST_A_LANE * vector_lanes() else 1
-
-
-def _march_lanes(
-    model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], lanes: int
-) -> _Part:
-    n, layout = len(next(iter(arrays.values()))), law.layout
-    log = allocate(layout, LANE_ROWS, sampled=0)
-    one = posed(model, settings, law, log, addresses_of(law))
-    twins = one.twins(lanes)
-    inputs = _inputs(model, settings, law, one, arrays)
-    used, row = len(layout.used), len(layout.row)
-    part = _Part(np.zeros(n, NOW), np.zeros((n, row)), np.zeros((n, used)), inputs[2], [])
-    blocks = {name: np.zeros((len(getattr(one, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
-    blocks |= {"pieces": np.zeros((len(one.places), lanes), np.int64), "w": np.zeros((lane_width(layout), lanes))}
-    table = _table(blocks | {"tables": one.tables})
-    given = [blocks[name] for name in ("at", "y", "p", "pieces", "z", "w")]
-    room = 2 * lanes * len(log.events) + min(n, EVENT_ROOM) if layout.watched else 0
-    met = Log(log.base, log.rows[:, :0], log.flags[:, :0], log.samples[:, :0], log.trials[:0],
-              np.zeros(room, EVENT_ROW), np.zeros((len(log.rates), room)), np.zeros((len(log.impulses), room)))  # fmt: skip
-    owners, standing = np.zeros(room, np.int64), np.array([lanes, 0, 0])
-    over, whose, members = False, [], np.full(lanes, -1)
-    while not over:
-        over = march_side_by_side()(
-            twins.addresses, law.striding(lanes, adaptive=settings.adaptive), table, *given,
-            members, standing, *inputs, part.ends, part.lasts, part.largest, met.events, met.rates, met.impulses, owners,
-        )  # fmt: skip
-        count, standing[2] = int(standing[2]), 0
-        taken = {"events": met.events[:count].copy(), "rates": met.rates[:, :count].copy(), "impulses": met.impulses[:, :count].copy()}  # fmt: skip
-        part.logs.append(met._replace(**taken))
-        whose.append(owners[:count].copy())
-    order = np.argsort(np.concatenate(whose), kind="stable")  # a run's own stand in their order
-    whole = {name: np.concatenate([getattr(each, name) for each in part.logs], axis=-1)[..., order] for name in ("events", "rates", "impulses")}  # fmt: skip
-    part.logs = [met._replace(**whole)]
-    return part
-
-
-def _table(blocks: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
-    """Return where a program in lanes finds its arrays."""
-    table = np.zeros(WORDS * len(TABLE), np.int64)
-    for i, name in enumerate(TABLE):
-        if name in blocks:
-            table[WORDS * i] = blocks[name].ctypes.data
-    return table
-
-
-def _inputs(
-    model: Model, settings: Settings, law: Law, run: Run, arrays: Mapping[tuple[str, str], Floats]
-) -> tuple[NDArray[Any], Floats, Floats, Floats]:
-    """Return plan, start, parameters and absolute tolerances of every run, in internal units."""
-    n, scales, layout = len(next(iter(arrays.values()))), settings.scales, law.layout
-    plans = np.repeat(run.plan, n)
-    starts = np.tile(run.y[: len(layout.used)], (n, 1))
-    parameters, atols = np.tile(run.p, (n, 1)), np.tile(run.atol, (n, 1))
-    places = {name: i for i, name in enumerate(constants(model))}
-    for (kind, name), values in arrays.items():
-        if kind == "parameter":
-            parameters[:, places[name]] = values / scales.of(model.dimensions[name])
-        elif kind == "initial value":
-            starts[:, layout.used.index(name)] = values / scales.of(model.dimensions[name])
-        elif kind == "step":
-            plans["first_step" if settings.adaptive else "step_size"] = values / scales.of(TIME)
-        elif settings.tolerances is not None:
-            plans["rtol"] = [law.scheme.inner(one) for one in values.tolist()]
-            factors = np.array([widened(law, one) for one in values.tolist()])
-            each = [replace(settings.tolerances, rtol=one) for one in values.tolist()]  # unnamed ones follow rtol
-            for i, one in enumerate(layout.used):
-                atols[:, i] = np.array([asked.of(one) for asked in each]) / scales.of(model.dimensions[one]) * factors
-    return plans, starts, parameters, atols
 
 
 def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
@@ -321,7 +220,7 @@ def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
     )  # fmt: skip
 
 
-def _joined(law: Law, settings: Settings, parts: list[_Part], *, logs: bool) -> Runs:
+def _joined(law: Law, settings: Settings, parts: list[Part], *, logs: bool) -> Runs:
     """Put the pieces of the logs, or the last rows alone, behind each other."""
     ends, pieces = np.concatenate([one.ends for one in parts]), [one for part in parts for one in part.logs]
     rows, flags, counts = [one.rows for one in pieces], [one.flags for one in pieces], ends["rows"]

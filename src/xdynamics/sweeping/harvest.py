@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import record, schema
 from xdynamics.kernels import Layout, law_of
+from xdynamics.kernels.layout import layout_of
 from xdynamics.march import Runs, Settings
 from xdynamics.march.within import states_within
 from xdynamics.model import Model
@@ -19,6 +20,7 @@ from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tab
 from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
 from xdynamics.record.columns import columns_of, state_name
+from xdynamics.units import parse_unit
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -110,8 +112,9 @@ class Harvest:
         units = {one: float(unit.factor) for one, unit in self.model.units.items()}
         at: dict[str, Any] = {one: states[one] * units[one] for one in self.layout.used}
         at |= {"t": times, REGIME_NUMBER: self["regime"][rows].astype(float)} | self._own(members)
-        known, tables = constants(self.layout.model), tables_of(self.model)
-        value = evaluated_many(self.layout.model, [self.layout.derived[name]], at, known, tables)[0]
+        # as `observe` does: no forces that are told on which side of a switch they are
+        tree, known, tables = layout_of(self.model).derived[name], constants(self.model), tables_of(self.model)
+        value = evaluated_many(self.model, [tree], at, known, tables)[0]
         unit = self.columns[name].variable.units
         return np.broadcast_to(value, times.shape) / _factor_of(unit)
 
@@ -126,8 +129,6 @@ class Harvest:
 
 
 def _factor_of(unit: str) -> float:
-    from xdynamics.units import parse_unit
-
     return float(parse_unit(unit).factor)
 
 

@@ -126,10 +126,13 @@ class _Reader:
             return [self._end(name) for name in self.layout.used]
         if word in self.quantities:
             return [self._at(word)]
-        for head, make in (("end_", self._end), (EVENT_TIME, self._event_time), (EVENT_COUNT, self._event_count), (LARGEST, self._extreme), (LEAST, self._extreme)):  # fmt: skip
+        for head, make in ((EVENT_TIME, self._event_time), (EVENT_COUNT, self._event_count)):
+            if word.removeprefix(head) in self.detectors and word.startswith(head):
+                return [make(word.removeprefix(head))]
+        for head in ("end_", LARGEST, LEAST):
             name = word.removeprefix(head)
-            if name != word and name in (self.detectors if head in (EVENT_TIME, EVENT_COUNT) else self.quantities):
-                return self._both(word, name) if make == self._extreme else [make(name)]
+            if name in self.quantities and word.startswith(head):
+                return [self._end(name)] if head == "end_" else self._extreme(word, name)
         for head in (AFTER, BEFORE):
             for detector in self.detectors:
                 name = word.removeprefix(f"{head}{detector}_")
@@ -197,10 +200,7 @@ class _Reader:
         dims, sizes = ((), ()) if alone else ((OCCURRENCE,), (most,))
         return Kept(name, dims, sizes, units, f"{said}{', first' if alone else ''}; nan where it was not", EVENT, take)  # fmt: skip
 
-    def _extreme(self, name: str) -> Kept:  # a way to tell it from the others; `_both` makes it
-        raise NotImplementedError(name)
-
-    def _both(self, word: str, name: str) -> list[Kept]:
+    def _extreme(self, word: str, name: str) -> list[Kept]:
         """Return the largest or least value of a quantity, and when it was reached."""
         sign, about = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name]
         said = f"{'largest' if sign > 0 else 'least'} {name} of the run"

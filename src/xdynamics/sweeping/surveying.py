@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,11 +12,9 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
-from xdynamics.model import Model
 from xdynamics.schema import AT, OCCURRENCE, flags
-from xdynamics.sweeping.axes import RTOL, STEP, numbers_of
+from xdynamics.sweeping.axes import RTOL, STEP
 from xdynamics.sweeping.collection import AXES, AXIS, VARIES, check_sweep, plan_of
-from xdynamics.sweeping.designs import Draws
 from xdynamics.sweeping.keeping import EVENT_COUNT
 from xdynamics.sweeping.members import OUTCOME
 from xdynamics.units import parse_unit
@@ -232,103 +230,6 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
     work = sweep[EVALUATIONS]
     found[EVALUATIONS] = (work.dims, work.data, dict(work.attrs))
     return _exhibited("precision", f"work against precision along {dim}", sweep, found, {"varied": dim})
-
-
-def sobol_indices(
-    model: Model,
-    ranges: Mapping[str, Sequence[Any]],
-    quantity: str,
-    *,
-    draws: int = 1024,
-    seed: int = 0,
-    resamples: int = 200,
-    **settings: Any,
-) -> xr.Dataset:
-    """Say which share of a number's variance each parameter has, alone and with all that it acts together with.
-
-    Parameters
-    ----------
-    model : Model
-    ranges : mapping of str to (lowest, highest)
-        Parameters or initial values, spread evenly between.
-    quantity : str
-        A word of `keep` that stands for one number: ``"end_y"``, ``"event_time_ground"``, ``"maximum_y"``.
-    draws : int
-        A power of two; draws*(2 + parameters) members are marched.
-    seed : int
-    resamples : int
-        Of the bootstrap that the intervals are from.
-    **settings
-        Of `simulate`, for all members.
-
-    Returns
-    -------
-    xarray.Dataset
-        Along `parameter`: ``parameter_name``, ``first_order``, ``total_order`` and their 95 % intervals along `bound`.
-
-    Raises
-    ------
-    InputError
-        If a range or the quantity cannot be used, or a member does not come to a number.
-
-    Notes
-    -----
-    Saltelli et al. 2010 (doi:10.1016/j.cpc.2009.09.018), by `scipy.stats.sobol_indices`.
-    """
-    from scipy.stats import sobol_indices as indices
-
-    from xdynamics.sweeping.sweep import sweep as swept
-
-    names = list(ranges)
-    # two designs at once: columns of independent points, and each of the first with one column of the second
-    points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
-    a, b = points[:, : len(names)], points[:, len(names) :]
-    mixed = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
-    spread = np.concatenate([a, b, *mixed])
-    ends = {name: numbers_of(list(ranges[name]), _unit_of(model, name)) for name in names}
-    values = {}
-    for i, name in enumerate(names):
-        (low, high), unit = ends[name][0].tolist(), ends[name][1]
-        values[name] = [f"{low + (high - low) * u!r} {unit.text}" for u in spread[:, i].tolist()]
-    found = swept(model, {"draw": values}, keep=[quantity], **settings)
-    if quantity not in found or found[quantity].dims != ("draw",):
-        raise InputError(f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'")  # fmt: skip
-    f = found[quantity].values.astype(float)
-    if not np.isfinite(f).all():
-        i = int(np.flatnonzero(~np.isfinite(f))[0])
-        raise InputError(f"member {i} has no {quantity}: it ended as '{found[OUTCOME].values[i]}'; narrow the ranges")
-    parts = {
-        "f_A": f[None, :draws],
-        "f_B": f[None, draws : 2 * draws],
-        "f_AB": f[2 * draws :].reshape(len(names), 1, draws),
-    }
-    told = indices(func=parts, n=draws)
-    interval = told.bootstrap(n_resamples=resamples)
-    said = {"first_order": ("share of the variance that the parameter has alone", told.first_order, interval.first_order), "total_order": ("share that it has with all that it acts together with", told.total_order, interval.total_order)}  # fmt: skip
-    variables: dict[str, Any] = {
-        "parameter_name": (("parameter",), np.array(names), about("1", "what was varied", "name"))
-    }
-    for name, (words, value, bounds) in said.items():
-        limits = np.stack(
-            [np.ravel(bounds.confidence_interval.low), np.ravel(bounds.confidence_interval.high)], axis=-1
-        )
-        variables[name] = (("parameter",), np.ravel(value), about("1", words, ROLE))
-        variables[f"{name}_interval"] = (
-            ("parameter", "bound"),
-            limits,
-            about("1", f"95 % interval of {name}, by bootstrap", ROLE),
-        )
-    more = {"quantity": quantity, "draws": draws, "seed": seed, "model_digest": model.digest}
-    return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, more)
-
-
-def _unit_of(model: Model, name: str) -> Any:
-    """Return the declared unit of a parameter or an initial value."""
-    if name in model.parameters:
-        return model.parameters[name].quantity.unit
-    if name in model.initial:
-        return model.initial[name].unit
-    raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join([*model.parameters, *model.initial])}")  # fmt: skip
 
 
 def numbers(sweep: xr.Dataset) -> list[str]:
