@@ -421,3 +421,20 @@ def test_xarray_opens_a_folder_of_runs(tmp_path: Path) -> None:
         for one in each:
             one.close()
     assert found.sizes["vt"] == 3
+
+
+@pytest.mark.parametrize("name", ["rocket_c6", "cart_spring", "stick_slip_belt"])
+def test_everything_that_can_be_observed_at_times(name: str) -> None:
+    """Assert states, energies and observables of members at times against those of the runs alone."""
+    from xdynamics.evidence.observing import comparable, observe
+
+    model = xd.Model.from_toml(MODELS / f"{name}.toml")
+    words, times, parameter = comparable(model), [0.2, 0.9, 1.0], next(iter(model.parameters))
+    values = model.parameters[parameter].quantity.value * np.array([0.95, 1.0, 1.1])
+    asked = {"method": "dormand_prince", "rtol": 1e-7, "until": 1.5}
+    found = xd.sweep(model, {parameter: values}, keep=list(words), times=times, **asked).compute()
+    for i, value in enumerate(values.tolist()):
+        one = model.replace(parameters={parameter: value})
+        alone = observe(xd.simulate(one, **asked), one, words, np.array(times))
+        for word in words:
+            assert found[word].values[i].tolist() == alone[word][0].tolist(), word

@@ -116,6 +116,8 @@ def _file_digest(path: Path, size: int) -> str:
             file.seek(start)
             return hashlib.sha256(file.read(min(_PART, size - start))).digest()
 
+    if size <= _PART:
+        return hashlib.sha256(b"".join(map(of_part, range(0, size, _PART)))).hexdigest()
     with ThreadPoolExecutor() as pool:
         return hashlib.sha256(b"".join(pool.map(of_part, range(0, size, _PART)))).hexdigest()
 

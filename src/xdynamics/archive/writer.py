@@ -36,11 +36,14 @@ class Writer:
         Whether the run ended well; known when it is finished.
     digest : str
         The content digest; known then too.
+    seal : str
+        The digest of the file's bytes; known when it has its name.
     """
 
     path: Path
     complete: bool
     digest: str
+    seal: str
 
     def __init__(self, file: netCDF4.Dataset) -> None:
         self._file = file

@@ -134,7 +134,7 @@ def new_file(path: Path) -> Iterator[Writer]:
             writer = Writer(file)
             writer.path = path
             yield writer
-        _finish(new.part)
+        writer.seal = _finish(new.part)
         if not writer.complete:
             new.name = beside(new.name)
     if new.name != path.resolve():
@@ -151,8 +151,8 @@ def beside(path: Path) -> Path:
     return path
 
 
-def _finish(part: Path) -> None:
-    """Seal a new file, and read it back."""
+def _finish(part: Path) -> str:
+    """Seal a new file, read it back, and return the seal."""
     digest = seal_file(part)
     if part.stat().st_size <= READ_BACK:
         if faults := examine(part, Tail(digest)).faults:
@@ -161,6 +161,7 @@ def _finish(part: Path) -> None:
         with opened(part):
             pass
     know(digest)
+    return digest
 
 
 def _tables(run: xr.Dataset) -> list[str]:

@@ -11,16 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
-from xdynamics.archive.library import DAMAGE, attributes, opened, words_of
 from xdynamics.archive.seals import tail_of
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.files import made_folder
-from xdynamics.schema import EVIDENCE, ROOT_DIGEST, SWEEP
+from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.files import archived
-from xdynamics.sweeping.members import DIGEST as RUN_DIGEST
-from xdynamics.sweeping.members import FILE, Block, Plan, marched
+from xdynamics.sweeping.members import FILE, SEAL, Block, Plan, marched
 from xdynamics.sweeping.tasks import Chunks, blocks_of
 
 if TYPE_CHECKING:
@@ -73,7 +71,7 @@ def open_sweep(path: str | Path) -> xr.Dataset:
 
 
 def verify_sweep(path: str | Path) -> tuple[str, int]:
-    """Verify a sweep's catalogue, and of every whole run the seal over its bytes and its content digest.
+    """Verify a sweep's catalogue, and of every whole run all bytes of its file, by the seal that the catalogue tells.
 
     Returns
     -------
@@ -90,7 +88,7 @@ def verify_sweep(path: str | Path) -> tuple[str, int]:
     with open_sweep(folder) as sweep:
         if FILE not in sweep:
             return digest, 0
-        named = dict(zip(map(str, sweep[FILE].values.ravel()), map(str, sweep[RUN_DIGEST].values.ravel()), strict=True))
+        named = dict(zip(map(str, sweep[FILE].values.ravel()), map(str, sweep[SEAL].values.ravel()), strict=True))
     with ThreadPoolExecutor() as pool:
         faults = [one for one in pool.map(partial(_fault_of, folder), named.items()) if one]
     if faults:
@@ -99,24 +97,15 @@ def verify_sweep(path: str | Path) -> tuple[str, int]:
 
 
 def _fault_of(folder: Path, named: tuple[str, str]) -> str:
-    """Say what is wrong with the file of a run, whose digest the catalogue tells."""
-    name, digest = named
-    file = folder / name
-    if not file.is_file():
-        return f"{name} is missing"
-    if fault := tail_of(file).fault:
-        return f"{name}: {fault}"
-    found = content_digest_in(file)
-    return "" if found == digest else f"{name} has the content digest {found}, in the catalogue {digest}"
-
-
-def content_digest_in(file: Path) -> str:
-    """Read the content digest that a file bears."""
+    """Say what is wrong with the file of a run, whose seal the catalogue tells."""
+    name, seal = named
     try:
-        with opened(file) as run:
-            return str(attributes(run).get(ROOT_DIGEST, ""))
-    except DAMAGE as error:
-        return f"none: {words_of(error)}"
+        found = tail_of(folder / name)
+    except OSError as error:
+        return f"{name} cannot be read: {error.strerror or error}"
+    if found.digest == seal:
+        return ""
+    return f"{name}: {found.fault or f'its seal is {found.digest or None}, in the catalogue {seal}'}"
 
 
 def filled(plan: Plan, chunks: Chunks, folder: Path, progress: Progress | None) -> xr.Dataset:

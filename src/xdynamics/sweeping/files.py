@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.archive.reading import verified
+from xdynamics.archive.seals import tail_of
 from xdynamics.archive.streaming import streamed
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import March
-from xdynamics.sweeping.members import COUNTS, DIGEST, FILE, Block, Plan
+from xdynamics.sweeping.members import COUNTS, DIGEST, FILE, SEAL, Block, Plan
 
 Values = dict[str, NDArray[Any]]
 
@@ -42,12 +43,13 @@ def archived(plan: Plan, block: Block, folder: Path, found: Values) -> None:
         where = np.unravel_index(i, shape)
         march = March(grid.model_of(at), grid.settings_of(at))
         file = folder / f"{input_digest(march)}.nc"
-        digest = _digest_of(file)
+        digest, seal = _digests_of(file)
         if not digest:
-            digest = streamed(march, file).digest
+            written = streamed(march, file)
+            digest, seal = written.digest, written.seal
             if apart := _apart(march, {name: values[where] for name, values in found.items()}):
                 raise InputError(f"member {grid.said(at)}: {apart}: this is a fault of xdynamics; please report it")
-        found[FILE][where], found[DIGEST][where] = f"{folder.name}/{file.name}", digest
+        found[FILE][where], found[DIGEST][where], found[SEAL][where] = f"{folder.name}/{file.name}", digest, seal
 
 
 def _apart(march: March, found: dict[str, Any]) -> str:
@@ -59,9 +61,9 @@ def _apart(march: March, found: dict[str, Any]) -> str:
     return ", ".join(f"{name} is {one}, side by side {found[name]}" for name, one in alone.items() if name in found and found[name] != one)  # fmt: skip
 
 
-def _digest_of(file: Path) -> str:
-    """Return the content digest of a file that is whole; nothing of another."""
+def _digests_of(file: Path) -> tuple[str, str]:
+    """Return the content digest and the seal of a file that is whole; nothing of another."""
     if file.is_file():
         with suppress(ArchiveError, InputError):
-            return verified(file)
-    return ""
+            return verified(file), tail_of(file).digest
+    return "", ""

@@ -38,7 +38,7 @@ LONGEST_WORD = max(map(len, WORDS))
 _GOLDEN = 0x9E3779B97F4A7C15
 
 OUTCOME, DIGEST, UNCONTROLLED = "run_outcome", "run_digest", "run_uncontrolled"
-FILE, CONTENT_DIGEST = "run_file", "content digest of the run's archive"
+FILE, SEAL, CONTENT_DIGEST = "run_file", "run_seal", "content digest of the run's archive"
 DIGITS = 32  # of a digest of an end: enough to tell a million runs apart, and half the memory
 DIGEST_OF = "first 32 digits of a sha256 of time and state at the run's end, its counts, the time of every event"
 COUNTS: dict[str, Callable[[Harvest], Values]] = {
@@ -92,7 +92,10 @@ class Plan:
         """What is said of every member as a run."""
         said = "how many variables were so small throughout that the absolute tolerances let pass any error of theirs"
         whole = self.keeping.whole
-        files = [Kept(FILE, (), (), "1", "archive of the run, named by a digest of all that it is marched from", "file", _none, dtype="U72")]  # fmt: skip
+        files = [
+            Kept(FILE, (), (), "1", "archive of the run, named by a digest of all that it is marched from", "file", _none, dtype="U72"),
+            Kept(SEAL, (), (), "1", "sha256 of the archive's bytes, that it ends with", "digest", _none, dtype="U64"),
+        ]  # fmt: skip
         return [
             *(files if whole else []),
             Kept(UNCONTROLLED, (), (), "1", said, DIAGNOSTIC, lambda runs: np.zeros(runs.size), dtype="i4"),
