@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import xarray as xr
 
 from xdynamics.archive import seals
 from xdynamics.archive.origin import digest_of
-from xdynamics.archive.seals import content_digest
+from xdynamics.archive.seals import content_digest, letters
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS, Variable
 
 NUMBERS = np.arange(6.0).reshape(2, 3)
@@ -143,3 +144,17 @@ def test_a_seal_is_of_every_part_of_a_file(tmp_path: Path) -> None:
             file.seek(place)
             file.write(whole[place : place + 1])
     assert seals.tail_of(path).digest
+
+
+@pytest.mark.parametrize(
+    "texts", [["a", "bcd"], ["", ""], ["", "x"], ["é", "ab"], [["one", "two"], ["three", ""]], ["\x7f", "\x80"]]
+)
+def test_letters_are_the_bytes_of_utf_8(texts: Any) -> None:
+    """Assert bytes and width against numpy's own encoding, whatever the width that texts are kept with."""
+    for kind in (str, "U40", object):
+        text = np.array(texts, kind)
+        encoded = np.char.encode(text.astype(str), "utf-8")
+        expected = np.ascontiguousarray(encoded).view("S1").reshape(*text.shape, encoded.dtype.itemsize)
+        found = letters(text)
+        assert found.shape == expected.shape
+        assert found.tobytes() == expected.tobytes()

@@ -58,6 +58,7 @@ _SEALED = re.compile(re.escape(MARK) + rb"[0-9a-f]{64}\n")
 _LENGTH = len(MARK) + 64 + 1
 _SEARCHED = 1 << 16  # bytes at the end of a file among which a seal is looked for that is not where it should be
 _PART = 1 << 22
+_ASCII = 128
 
 
 def seal_file(path: Path) -> str:
@@ -174,7 +175,12 @@ def letters(text: Array) -> Array:
         return text
     if not text.ndim:
         return np.frombuffer(str(text[()]).encode(), dtype="S1")
-    encoded = np.char.encode(text.astype(str), "utf-8")
+    text = np.ascontiguousarray(text.astype(str))
+    codes = text.view(np.uint32).reshape(*text.shape, -1)
+    if text.size and codes.max(initial=0) < _ASCII:  # as most are: no letter takes more than a byte
+        longest = max(1, int(np.flatnonzero(codes.reshape(-1, codes.shape[-1]).any(axis=0)).max(initial=0)) + 1)
+        return np.ascontiguousarray(codes[..., :longest].astype(np.uint8)).view("S1")
+    encoded = np.char.encode(text, "utf-8")
     return np.ascontiguousarray(encoded).view("S1").reshape(*text.shape, encoded.dtype.itemsize)
 
 

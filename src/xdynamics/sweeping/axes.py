@@ -210,9 +210,12 @@ def numbers_of(given: Any, declared: Unit) -> tuple[Values, Unit]:
         attrs = getattr(given, "attrs", {})
         unit = parse_unit(str(attrs["units"])) if "units" in attrs else declared
         try:
-            row = list(getattr(given, "values", given))
+            row = getattr(given, "values", given)
+            row = row if isinstance(row, np.ndarray) and row.dtype.kind in "fiu" and row.ndim == 1 else list(row)
         except TypeError:
             raise InputError(f"is {str(given)[:60]!r}, needs values like ['1 {declared.text}']") from None
+        if isinstance(row, np.ndarray):
+            return _plain(row, unit, declared), unit
         quantities = [_quantity(one, unit) for one in row]
     if not quantities:
         raise InputError("has no values")
@@ -223,6 +226,18 @@ def numbers_of(given: Any, declared: Unit) -> tuple[Values, Unit]:
             raise InputError(f"has {one.value!r} {one.unit.text}, needs the unit '{declared.text}'")
     unit = quantities[0].unit
     return np.array([_in(one, unit) for one in quantities]), unit
+
+
+def _plain(values: Values, unit: Unit, declared: Unit) -> Values:
+    """Check an array of numbers in one unit."""
+    if not values.size:
+        raise InputError("has no values")
+    bad = values[~np.isfinite(values)]
+    if bad.size:
+        raise InputError(f"has {float(bad[0])!r}, needs finite numbers")
+    if unit.dimension != declared.dimension:
+        raise InputError(f"has {float(values[0])!r} {unit.text}, needs the unit '{declared.text}'")
+    return values.astype(float)
 
 
 def _in(one: Quantity, unit: Unit) -> float:
