@@ -87,7 +87,7 @@ def test_reports_of_what_cannot_be_reported(tmp_path: Path) -> None:
     with pytest.raises(xd.InputError, match="report needs at least one record"):
         xd.report(tmp_path)
     (tmp_path / "file").write_text("")
-    with pytest.raises(xd.InputError, match="folder '.*file' is no path for a file: File exists"):
+    with pytest.raises(xd.InputError, match="'.*file' is a file; name a folder"):
         xd.report(tmp_path / "file", run=run)
     for other in (xd.Model.from_toml(MODELS / "kepler.toml"), {}, {"a": 1}, 3):
         with pytest.raises(xd.InputError, match="'other' is .*, needs a run, evidence, or several of them by name"):

@@ -273,7 +273,7 @@ def test_runs_of_levels_are_kept_in_files(tmp_path: Path) -> None:
     assert xd.content_digest(inside) == xd.content_digest(outside)
     assert [xd.verify(tmp_path / "levels" / f"level_{k}.nc") for k in range(3)] == list(inside.run_digest.values)
     (tmp_path / "file").write_text("")
-    with pytest.raises(xd.InputError, match="folder '.*file' is no path for a file: File exists"):
+    with pytest.raises(xd.InputError, match="'.*file' is a file; name a folder"):
         xd.refine(model, **asked, keep=tmp_path / "file")
 
 

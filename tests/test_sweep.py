@@ -265,6 +265,23 @@ def test_a_folder_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pyte
     assert [one.name for one in (tmp_path / "s").iterdir()] == ["catalogue.nc"]
 
 
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ("file", "is a file; name a folder"),
+        ("/dev/null", "is a device; name a folder"),
+        (7, "path is 7, needs the name of a folder"),
+    ],
+)
+def test_what_is_no_folder(tmp_path: Path, target: Any, message: str) -> None:
+    """Assert that a file, a device and a number are refused as folders, and stay."""
+    (tmp_path / "file").write_text("mine")
+    path = tmp_path / target if isinstance(target, str) else target
+    with pytest.raises(xd.InputError, match=message):
+        xd.sweep(ball(), {"vt": [20.0]}, method="heun", rtol=1e-6, path=path)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
 def test_another_sweep_keeps_out_of_a_folder(tmp_path: Path) -> None:
     """Assert that a folder with another sweep is refused, and stays as it is."""
     path = tmp_path / "s"

@@ -94,6 +94,9 @@ def made_folder(folder: str | Path) -> Path:
         If it cannot be made.
     """
     found = Path(folder)
+    there = asked(found, kind_of)
+    if there not in ("", KINDS[stat.S_IFDIR]):
+        raise InputError(f"'{folder}' is {there or 'a file'}; name a folder")
     try:
         asked(found, lambda one: one.mkdir(parents=True, exist_ok=True))
     except InputError as error:
