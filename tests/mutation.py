@@ -81,6 +81,10 @@ TOUCHED = {
     ),
     "evidence/diagnosing/cycles.py": ("test_diagnosis.py -k verlet or references or beating",),
     "evidence/validating/ledger.py": ("test_ledger.py -k not (planted or manufactured or limit)",),
+    "sweeping/axes.py": ("test_sweep.py -k wrong or drawn or tables or settings",),
+    "sweeping/designs.py": ("test_sweep.py -k draws or drawn",),
+    "sweeping/extrema.py": ("test_sweep.py -k alone and not file",),
+    "sweeping/surveying.py": ("test_surveying.py",),
     "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py"),
     "record/dataset.py": (
         "test_record.py",

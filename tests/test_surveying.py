@@ -149,3 +149,21 @@ def test_wrong_questions_are_named(free: xr.Dataset, call: Any, message: str) ->
     """Assert one clear error for what cannot be asked of a sweep."""
     with pytest.raises(xd.InputError, match=message):
         call(free)
+
+
+def test_work_against_precision() -> None:
+    """Assert errors against the closed form and against the finest of the highest order, beside what each run cost."""
+    model = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    grid = xd.sweep(model, {"method": ["velocity_verlet", "rk4"], "step": "100, 50, 25 ms"}, until=2.0)
+    found = xd.precision(grid, exact={"end_x": np.cos(4.0)})
+    assert found.off_end_x.chunks is not None
+    found, grid = found.compute(), grid.compute()
+    np.testing.assert_array_equal(found.off_end_x, np.abs(grid.end_x - np.cos(4.0)))
+    np.testing.assert_array_equal(found.off_end_v_x, np.abs(grid.end_v_x - grid.end_v_x[1, 2]))
+    assert found.run_force_evaluations.values.tolist() == [[21, 41, 81], [81, 161, 321]]
+    halved = found.off_end_x.values[:, :-1] / found.off_end_x.values[:, 1:]
+    assert np.log2(halved[0]) == pytest.approx(2.0, abs=0.1)
+    assert np.log2(halved[1]) == pytest.approx(4.0, abs=0.4)
+    assert xd.plot(found).axes[0].get_xlabel() == "force evaluations"
+    with pytest.raises(xd.InputError, match="exact names 'end_y', which is none of"):
+        xd.precision(grid, exact={"end_y": 1.0})

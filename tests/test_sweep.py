@@ -177,6 +177,18 @@ def test_what_varies_together_and_what_is_drawn() -> None:
     assert float(normal.k.std()) == pytest.approx(0.1, rel=0.05)
 
 
+@pytest.mark.parametrize("design", ["sobol", "latin_hypercube"])
+def test_designs_are_those_of_scipy(design: str) -> None:
+    """Assert the points of both designs: reproducible, one in each stratum, and not those of the other."""
+    from scipy.stats import qmc
+
+    maker = {"sobol": qmc.Sobol, "latin_hypercube": qmc.LatinHypercube}[design]
+    expected = maker(2, seed=np.random.default_rng(4)).random(16)
+    points = xd.Draws(16, {"a": (0, 1), "b": (0, 1)}, design=design, seed=4).points()
+    assert points.tolist() == expected.tolist()
+    assert sorted(np.floor(16 * points[:, 0])) == list(range(16))
+
+
 def _with_uncertainty() -> dict[str, Any]:
     return {
         "name": "spring", "coordinates": {"x": {"unit": "m"}}, "mass": {"x": "m"},
