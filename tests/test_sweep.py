@@ -452,6 +452,33 @@ def test_xarray_opens_a_folder_of_runs(tmp_path: Path) -> None:
     assert found.sizes["vt"] == 3
 
 
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"method": "radau_iia", "rtol": 1e-6},
+        {"method": "implicit_midpoint", "step": 0.05},
+        {"method": "velocity_verlet", "rtol": 1e-4},
+        {"method": "rk4", "step": 0.05, "estimator": "step_doubling"},
+    ],
+)
+def test_methods_that_solve_and_halve(how: dict[str, Any]) -> None:
+    """Assert members, states at times and extremes of methods whose runs go one by one."""
+    model = xd.Model.from_toml(MODELS / "kepler.toml")
+    found = xd.sweep(
+        model,
+        {"initial_x": [0.3, 0.4, 0.5]},
+        keep=["end", "x", "maximum_y"],
+        times=[0.7, 1.0],
+        until=3.0,
+        check=1.0,
+        **how,
+    ).compute()
+    run = xd.simulate(model.replace(initial={"x": 0.4}), until=3.0, **how)
+    assert float(found.end_x[1]) == float(run.x[-1])
+    assert found.x.values[1].tolist() == xd.sample(run, [0.7, 1.0]).x.values.tolist()
+    assert float(found.maximum_y[1]) == float(xd.diagnose(run, companion=False).maximum_y)
+
+
 @pytest.mark.parametrize("name", ["rocket_c6", "cart_spring", "stick_slip_belt"])
 def test_everything_that_can_be_observed_at_times(name: str) -> None:
     """Assert states, energies and observables of members at times against those of the runs alone."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from xdynamics import record, schema
 from xdynamics.kernels import Layout, law_of
 from xdynamics.kernels.layout import layout_of
-from xdynamics.march import Runs, Settings
+from xdynamics.march import Pacing, Runs, Settings
 from xdynamics.march.within import states_within
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of
@@ -97,12 +97,17 @@ class Harvest:
         columns = np.stack([self[name][which] for name, which in wanted])
         factors = record.factors(self.model, self.settings.scales)
         found = states_within(
-            self.model, self.settings, law_of(self.layout, sampled=False), np.stack([times, time[rows], time[following]]),
+            self.model, self._of_one_step, law_of(self.layout, sampled=False), np.stack([times, time[rows], time[following]]),
             columns, np.array([[factors[name]] for name in used]), reintegrated=True, parameters=self.runs.parameters,
             runs=members,
         )  # fmt: skip
         errors = dict(zip(map(schema.error, used), found[len(used) :], strict=True))
         return dict(zip(used, found, strict=False)) | errors, rows
+
+    @cached_property
+    def _of_one_step(self) -> Settings:
+        """What a single step is made with, as by `sample`: equations are solved as well as they can be, whatever the tolerances."""
+        return replace(self.settings, until=self.model.initial["t"].si, step=None, tolerances=None, pacing=Pacing())
 
     def observed(self, name: str, members: Rows, times: Floats) -> Floats:
         """Evaluate a coordinate, velocity, state, energy or observable of members at times, in the unit of a record."""
