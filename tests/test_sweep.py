@@ -494,3 +494,24 @@ def test_everything_that_can_be_observed_at_times(name: str) -> None:
         alone = observe(xd.simulate(one, **asked), one, words, np.array(times))
         for word in words:
             assert found[word].values[i].tolist() == alone[word][0].tolist(), word
+
+
+@pytest.mark.parametrize("name", sorted(one.stem for one in MODELS.glob("*.toml")))
+@pytest.mark.filterwarnings("ignore::xdynamics.AccuracyWarning")
+def test_every_model_of_the_data_folder(name: str) -> None:
+    """Assert a member's states at times, and the largest of each variable, against its run by `sample` and `diagnose`."""
+    model = xd.Model.from_toml(MODELS / f"{name}.toml")
+    parameter, used = next(iter(model.parameters)), list(model.units)
+    value = model.parameters[parameter].quantity.value
+    asked: dict[str, Any] = {"method": "dormand_prince", "rtol": 1e-7, "until": 2.0}
+    keep = [*used, *(f"maximum_{one}" for one in used)]
+    found = xd.sweep(
+        model, {parameter: [0.97 * value, value]}, keep=keep, times=np.linspace(0.0, 2.0, 5), check=1.0, **asked
+    ).compute()
+    run = xd.simulate(model, **asked)
+    times = found.at_time.values[found.at_time.values <= float(run.time[-1])]
+    sampled, told = xd.sample(run, times), xd.diagnose(run, companion=False)
+    for one in used:
+        assert found[one].values[1, : times.size].tobytes() == sampled[one].values.tobytes(), one
+        if f"maximum_{one}" in told:
+            assert float(found[f"maximum_{one}"][1]) == float(told[f"maximum_{one}"]), one
