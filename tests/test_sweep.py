@@ -244,8 +244,11 @@ def test_events_in_a_row_along_their_occurrences() -> None:
     assert later.occurrence_number.values.tolist() == [2, 3]
 
 
-def test_a_folder_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Assert that a sweep that broke off goes on with what is not there, and that nothing is marched a second time."""
+@pytest.mark.parametrize("members", [2, 4, 9, None], ids=str)
+def test_a_folder_goes_on_where_it_was_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, members: int | None
+) -> None:
+    """Assert that a sweep goes on with what is not there, in whatever tasks it would be cut now; nothing twice."""
     from xdynamics.sweeping import catalogue
 
     marched, made = catalogue.marched, []
@@ -266,7 +269,7 @@ def test_a_folder_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pyte
         with pytest.raises(xd.InputError, match="is not finished; call the same sweep again"):
             xd.open_sweep(tmp_path / "s")
         monkeypatch.setattr(catalogue, "marched", lambda plan, block: made.append(block) or marched(plan, block))
-        found = xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, **asked)
+        found = xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, **asked | {"members_per_task": members})
         assert len(made) == 5
         again = xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, **asked)
         assert len(made) == 5
@@ -275,6 +278,24 @@ def test_a_folder_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pyte
         assert one.end_v_y.values.tobytes() == whole.end_v_y.values.tobytes()
         assert list(map(str, one.run_digest.values)) == list(map(str, whole.run_digest.values))
     assert [one.name for one in (tmp_path / "s").iterdir()] == ["catalogue.nc"]
+
+
+@pytest.mark.parametrize("said", ["", "[[3, 3, 3", "[[4, 4, 4]]", "7"], ids=str)
+def test_a_damaged_cut_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str) -> None:
+    """Assert that blocks cut in another way, or nobody knows how, are not mixed."""
+    from xdynamics.sweeping import catalogue
+
+    asked: dict[str, Any] = {"method": "heun", "rtol": 1e-6, "path": tmp_path / "s"}
+    monkeypatch.setattr(catalogue, "_joined", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, **asked, members_per_task=4)
+    monkeypatch.undo()
+    (cut,) = (tmp_path / "s").glob(".unfinished/*/blocks.json")
+    assert cut.read_text() == "[[4, 4, 1]]"
+    cut.write_text(said)
+    found = xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, **asked, members_per_task=3)
+    whole = xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, method="heun", rtol=1e-6)
+    assert found.end_v_y.values.tobytes() == whole.end_v_y.values.tobytes()
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -12,20 +13,22 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
 from xdynamics.archive.seals import tail_of
+from xdynamics.archive.target import taking_name
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.files import made_folder
 from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
-from xdynamics.sweeping.files import archived
+from xdynamics.sweeping.files import archived, digests_of
 from xdynamics.sweeping.members import FILE, SEAL, Block, Plan, marched
-from xdynamics.sweeping.tasks import Chunks, blocks_of
+from xdynamics.sweeping.tasks import Chunks, blocks_of, chunks_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
 CATALOGUE = "catalogue.nc"
 UNFINISHED = ".unfinished"
+CUT = "blocks.json"  # how many members along each axis the parts hold
 RUNS = "runs"
 PART = "sweep part"
 Progress = Callable[[float, float, int], None]
@@ -108,8 +111,16 @@ def _fault_of(folder: Path, named: tuple[str, str]) -> str:
     return f"{name}: {found.fault or f'its seal is {found.digest or None}, in the catalogue {seal}'}"
 
 
-def filled(plan: Plan, chunks: Chunks, folder: Path, progress: Progress | None) -> xr.Dataset:
+def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | None) -> xr.Dataset:
     """March a sweep into a folder, or what of it is not there, and return its catalogue.
+
+    Parameters
+    ----------
+    plan : Plan
+    members : int, optional
+        Of a task; what was begun goes on in the tasks that it was begun in.
+    folder : Path
+    progress : callable, optional
 
     Raises
     ------
@@ -126,14 +137,25 @@ def filled(plan: Plan, chunks: Chunks, folder: Path, progress: Progress | None) 
     others = [one.name for one in work.parent.iterdir() if one != work]
     if others:
         raise InputError(f"'{folder}' holds a part of another sweep; name another folder, or remove '{work.parent}'")
-    parts = [
-        work / f"{'-'.join(map(str, at))}-of-{'-'.join(str(len(one)) for one in chunks)}.nc"
-        for at, _ in blocks_of(chunks)
-    ]
-    _march(plan, [block for _, block in blocks_of(chunks)], parts, progress)
-    archive.save(collected(plan, _joined(plan, chunks, parts)), folder / CATALOGUE)
+    blocks = [block for _, block in blocks_of(_begun(plan, members, work))]
+    parts = [work / f"{'_'.join(f'{one.start}-{one.stop}' for one in block)}.nc" for block in blocks]
+    _march(plan, blocks, parts, progress)
+    archive.save(collected(plan, _joined(plan, blocks, parts)), folder / CATALOGUE)
     shutil.rmtree(work.parent, ignore_errors=True)
     return open_sweep(folder)
+
+
+def _begun(plan: Plan, members: int | None, work: Path) -> Chunks:
+    """Return the cut that a sweep was begun with, whose blocks are there, or begin one."""
+    file = work / CUT
+    with suppress(OSError, ValueError, TypeError):  # none, or a damaged one
+        found = tuple(tuple(map(int, one)) for one in json.loads(file.read_text()))
+        if tuple(map(sum, found)) == plan.grid.shape:
+            return found
+    chunks = chunks_of(plan, members)
+    with taking_name(file) as new:
+        new.part.write_text(json.dumps(chunks))
+    return chunks
 
 
 def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None) -> None:
@@ -142,7 +164,7 @@ def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progres
     from dask.delayed import delayed
 
     compute: Any = base.compute  # dask's functions are not typed
-    todo = [(block, part) for block, part in zip(blocks, parts, strict=True) if not _is_there(part)]
+    todo = [(block, part) for block, part in zip(blocks, parts, strict=True) if not digests_of(part)[0]]
     if not todo:
         return
     told, keep = delayed(plan), delayed(_keep)
@@ -161,22 +183,12 @@ def _keep(plan: Plan, block: Block, part: str) -> None:
     archive.save(exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest}), part)
 
 
-def _is_there(part: Path) -> bool:
-    """Whether a block is done: its file is whole."""
-    if not part.is_file():
-        return False
-    with suppress(ArchiveError, InputError):
-        archive.verify(part)
-        return True
-    return False
-
-
-def _joined(plan: Plan, chunks: Chunks, parts: list[Path]) -> dict[str, Any]:
+def _joined(plan: Plan, blocks: list[Block], parts: list[Path]) -> dict[str, Any]:
     """Read the blocks into whole arrays."""
     import numpy as np
 
     found = {one.name: np.empty((*plan.grid.shape, *one.sizes), one.dtype) for one in plan.variables}
-    for (_, block), part in zip(blocks_of(chunks), parts, strict=True):
+    for block, part in zip(blocks, parts, strict=True):
         with archive.open_run(part, check=False) as one:
             for name, whole in found.items():
                 whole[tuple(block)] = one[name].values

@@ -43,7 +43,7 @@ def archived(plan: Plan, block: Block, folder: Path, found: Values) -> None:
         where = np.unravel_index(i, shape)
         march = March(grid.model_of(at), grid.settings_of(at))
         file = folder / f"{input_digest(march)}.nc"
-        digest, seal = _digests_of(file)
+        digest, seal = digests_of(file)
         if not digest:
             written = streamed(march, file)
             digest, seal = written.digest, written.seal
@@ -61,7 +61,7 @@ def _apart(march: March, found: dict[str, Any]) -> str:
     return ", ".join(f"{name} is {one}, side by side {found[name]}" for name, one in alone.items() if name in found and found[name] != one)  # fmt: skip
 
 
-def _digests_of(file: Path) -> tuple[str, str]:
+def digests_of(file: Path) -> tuple[str, str]:
     """Return the content digest and the seal of a file that is whole; nothing of another."""
     if file.is_file():
         with suppress(ArchiveError, InputError):

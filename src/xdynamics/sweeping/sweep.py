@@ -18,7 +18,7 @@ from xdynamics.sweeping.collection import collected, plan_of
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.keeping import END, keeping_of
 from xdynamics.sweeping.members import Plan
-from xdynamics.sweeping.tasks import arrays_of, chunks_of, cut
+from xdynamics.sweeping.tasks import arrays_of, chunks_of
 from xdynamics.units import Quantity
 
 if TYPE_CHECKING:
@@ -102,12 +102,12 @@ def sweep(
     collected(plan, {})  # refuses words that mean nothing
     if plan.keeping.whole and path is None:
         raise InputError("keep has 'log', and whole runs are kept in files; give path='a folder'")
-    chunks = chunks_of(plan) if members_per_task is None else cut(grid, _count(members_per_task))
+    members = None if members_per_task is None else _count(members_per_task)
     if path is None:
-        return collected(plan, *arrays_of(plan, chunks))
+        return collected(plan, *arrays_of(plan, chunks_of(plan, members)))
     if not isinstance(path, str | PathLike):
         raise InputError(f"path is {path!r}, needs the name of a folder")
-    return catalogue.filled(plan, chunks, Path(path), progress)
+    return catalogue.filled(plan, members, Path(path), progress)
 
 
 def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:

@@ -23,9 +23,11 @@ PROBED = 8
 Chunks = tuple[tuple[int, ...], ...]
 
 
-def chunks_of(plan: Plan) -> Chunks:
-    """Choose how many members a task marches, from the time that some of them take; no number depends on it."""
+def chunks_of(plan: Plan, members: int | None = None) -> Chunks:
+    """Cut a sweep into tasks of so many members, else of as many as fill about a second; no number depends on it."""
     grid = plan.grid
+    if members is not None:
+        return cut(grid, members)
     cost = _cost(plan)
     fewest = max(grid.size // (EACH * (os.cpu_count() or 1)), int(LEAST / cost))
     return cut(grid, max(1, min(MOST, int(SECOND / cost), fewest)))
