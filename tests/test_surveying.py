@@ -142,6 +142,9 @@ def test_evidence_of_grids_is_saved(tmp_path: Any, free: xr.Dataset) -> None:
         (lambda grid: xd.sensitivities(grid.isel(v_y=[0], g=[0])), "no axis of the sweep has two numbers"),
         (lambda _: xd.influences(xr.Dataset()), "Dataset is no sweep"),
         (lambda _: xd.sobol_indices(falling(), {"k": (1, 2)}, "end_y"), "'k' is no parameter or initial value"),
+        (lambda _: xd.sobol_indices(falling(), {"g": (1.0, 2.0, 3.0)}, "end_y"), "'g' needs two numbers, the lowest and the highest"),
+        (lambda _: xd.sobol_indices(falling(), {"g": (2.0, 1.0)}, "end_y"), "'g' needs two numbers, the lowest and the highest"),
+        (lambda _: xd.sobol_indices(falling(), {"g": ("1 kg", "2 kg")}, "end_y"), "needs the unit 'm s-2'"),
         (lambda _: xd.sobol_indices(falling(), {"g": (1.0, 2.0)}, "end", step=0.1, until=1.0, method="heun"), "needs a word that stands for one number"),
     ],
 )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -143,12 +144,24 @@ def _drawn(model: Model, draws: Draws) -> tuple[Column, ...]:
         if draws.design == NORMAL:
             column, middle, width = _around(model, name)
         else:
-            column = column_of(model, name, list(draws.ends[name]))
-            if len(column.values) != 2 or column.kind not in NUMBERS or not column.values[0] < column.values[1]:
-                raise InputError(f"'{name}' needs two numbers, the lowest and the highest, got {[*map(str, column.values)]}")  # fmt: skip
+            column = range_of(model, name, draws.ends[name])
             middle, width = float(column.values[0]), float(column.values[1] - column.values[0])
         found.append(replace(column, values=middle + width * points[:, i]))
     return tuple(found)
+
+
+def range_of(model: Model, name: str, ends: Sequence[Any]) -> Column:
+    """Return the lowest and the highest number that something is to have.
+
+    Raises
+    ------
+    InputError
+        If it means nothing, or the ends are no two numbers in that order.
+    """
+    column = column_of(model, name, list(ends))
+    if len(column.values) != 2 or column.kind not in NUMBERS or not column.values[0] < column.values[1]:
+        raise InputError(f"'{name}' needs two numbers, the lowest and the highest, got {[*map(str, column.values)]}")
+    return column
 
 
 def _around(model: Model, name: str) -> tuple[Column, float, float]:
@@ -219,11 +232,9 @@ def numbers_of(given: Any, declared: Unit) -> tuple[Values, Unit]:
         quantities = [_quantity(one, unit) for one in row]
     if not quantities:
         raise InputError("has no values")
-    bare = parse_unit("1")
-    quantities = [Quantity(one.value, declared) if one.unit == bare else one for one in quantities]
+    quantities = _with_unit(quantities, declared)
     for one in quantities:
-        if one.unit.dimension != declared.dimension:
-            raise InputError(f"has {one.value!r} {one.unit.text}, needs the unit '{declared.text}'")
+        _check_unit(one.value, one.unit, declared)
     unit = quantities[0].unit
     return np.array([_in(one, unit) for one in quantities]), unit
 
@@ -235,16 +246,24 @@ def _plain(values: Values, unit: Unit, declared: Unit) -> Values:
     bad = values[~np.isfinite(values)]
     if bad.size:
         raise InputError(f"has {float(bad[0])!r}, needs finite numbers")
-    if unit.dimension != declared.dimension:
-        raise InputError(f"has {float(values[0])!r} {unit.text}, needs the unit '{declared.text}'")
+    _check_unit(float(values[0]), unit, declared)
     return values.astype(float)
+
+
+def _check_unit(value: float, unit: Unit, declared: Unit) -> None:
+    if unit.dimension != declared.dimension:
+        raise InputError(f"has {value!r} {unit.text}, needs the unit '{declared.text}'")
+
+
+def _with_unit(quantities: list[Quantity], unit: Unit) -> list[Quantity]:
+    """Give a unit to those that were told without."""
+    bare = parse_unit("1")
+    return [Quantity(one.value, unit) if one.unit == bare else one for one in quantities]
 
 
 def _in(one: Quantity, unit: Unit) -> float:
     if one.unit.factor == unit.factor:
         return float(one.value)
-    from fractions import Fraction
-
     return float(Fraction(repr(one.value)) * one.unit.factor / unit.factor)
 
 
@@ -274,8 +293,7 @@ def _of_text(text: str) -> list[Quantity]:
     if ":" in text:
         raise InputError(f"is {text!r}, needs start:stop:count unit, like '0:2e-3:41 kg m-1'")
     parts = [parse_quantity(one) for one in text.split(",")]
-    bare, last = parse_unit("1"), parts[-1].unit
-    return [Quantity(one.value, last) if one.unit == bare else one for one in parts]
+    return _with_unit(parts, parts[-1].unit)
 
 
 def _positive(column: Column) -> Column:

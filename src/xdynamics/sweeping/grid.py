@@ -33,7 +33,7 @@ class Group:
     places : ndarray of int, shape (n,)
         Which members of the block they are.
     arrays : dict
-        `parameters`, `initial`, `steps` and `rtols` for `march_many`, SI.
+        Of `parameters`, `initial`, `steps` and `rtols` for `march_many` those that vary, SI.
     """
 
     model: Model
@@ -43,14 +43,7 @@ class Group:
 
     def part(self, which: slice) -> Arrays:
         """Return the numbers of some of them."""
-        return {
-            key: {name: values[which] for name, values in one.items()}
-            if isinstance(one, dict)
-            else None
-            if one is None
-            else one[which]
-            for key, one in self.arrays.items()
-        }
+        return {key: {name: values[which] for name, values in one.items()} if isinstance(one, dict) else one[which] for key, one in self.arrays.items()}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -157,20 +150,15 @@ class Grid:
 
     def _arrays(self, at: Places) -> Arrays:
         """Return the numbers of members, SI."""
-        found: Arrays = {"parameters": {}, "initial": {}, "steps": None, "rtols": None}
+        found: Arrays = {}
         for k, one in self.columns:
-            if one.kind not in NUMBERS:
-                continue
-            values = one.si[at[:, k]]
-            if one.kind == PARAMETER:
-                found["parameters"][one.name] = values
-            elif one.kind == INITIAL:
-                found["initial"][one.name] = values
-            else:
-                found[{STEP: "steps", RTOL: "rtols"}[one.kind]] = values
-        if not any(len(one) for one in found.values() if one is not None):  # words alone vary
+            if one.kind in (PARAMETER, INITIAL):
+                found.setdefault(OF_MODEL[one.kind], {})[one.name] = one.si[at[:, k]]
+            elif one.kind in NUMBERS:
+                found[{STEP: "steps", RTOL: "rtols"}[one.kind]] = one.si[at[:, k]]
+        if not found:  # words alone vary
             name = next(iter(self.model.units))
-            found["initial"][name] = np.full(len(at), self.model.initial[name].si)
+            found["initial"] = {name: np.full(len(at), self.model.initial[name].si)}
         return found
 
     def _common(self, at: At) -> Model:

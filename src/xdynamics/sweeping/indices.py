@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.sweeping.axes import numbers_of
+from xdynamics.sweeping.axes import range_of
 from xdynamics.sweeping.designs import Draws
 from xdynamics.sweeping.members import OUTCOME
 from xdynamics.sweeping.surveying import ROLE
@@ -69,11 +70,7 @@ def sobol_indices(
     a, b = points[:, : len(names)], points[:, len(names) :]
     mixed = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
     spread = np.concatenate([a, b, *mixed])
-    ends = {name: numbers_of(list(ranges[name]), _unit_of(model, name)) for name in names}
-    values = {}
-    for i, name in enumerate(names):
-        (low, high), unit = ends[name][0].tolist(), ends[name][1]
-        values[name] = [f"{low + (high - low) * u!r} {unit.text}" for u in spread[:, i].tolist()]
+    values = {name: _spread(model, name, ranges[name], spread[:, i]) for i, name in enumerate(names)}
     found = swept(model, {"draw": values}, keep=[quantity], **settings)
     if quantity not in found or found[quantity].dims != ("draw",):
         raise InputError(f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'")  # fmt: skip
@@ -106,10 +103,13 @@ def sobol_indices(
     return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, more)
 
 
-def _unit_of(model: Model, name: str) -> Any:
-    """Return the declared unit of a parameter or an initial value."""
-    if name in model.parameters:
-        return model.parameters[name].quantity.unit
-    if name in model.initial:
-        return model.initial[name].unit
-    raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join([*model.parameters, *model.initial])}")  # fmt: skip
+def _spread(model: Model, name: str, ends: Sequence[Any], points: NDArray[np.float64]) -> xr.DataArray:
+    """Put points from 0 to 1 between the ends of a range, in its unit."""
+    import xarray as xr
+
+    known = [*model.parameters, *model.initial]
+    if name not in known:
+        raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(known)}")
+    column = range_of(model, name, ends)
+    low, high = column.values.tolist()
+    return xr.DataArray(low + (high - low) * points, attrs={"units": column.unit.text})

@@ -157,7 +157,7 @@ def _outcomes(runs: Harvest) -> Values:
 
 def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
     """Count the variables that the tolerances did not control, of every member by its own tolerance."""
-    asked, layout, rtols = group.settings.tolerances, runs.layout, group.arrays["rtols"]
+    asked, layout, rtols = group.settings.tolerances, runs.layout, group.arrays.get("rtols")
     if not group.settings.adaptive or asked is None:
         return np.zeros(runs.size, np.int64)
     scales = group.settings.scales
