@@ -20,6 +20,11 @@ from xdynamics.sweeping.sweep import sweep as swept
 if TYPE_CHECKING:
     import xarray as xr
 
+SHARES = {
+    "first_order": "share of the variance that the parameter has alone",
+    "total_order": "share that it has with all that it acts together with",
+}
+
 
 def sobol_indices(
     model: Model,
@@ -60,10 +65,10 @@ def sobol_indices(
 
     Notes
     -----
-    Saltelli et al. 2010 (doi:10.1016/j.cpc.2009.09.018), by `scipy.stats.sobol_indices`.
+    Saltelli et al. 2010 (doi:10.1016/j.cpc.2009.09.018), by `scipy.stats.sobol_indices`. The intervals are percentiles
+    of the indices of draws that are drawn again (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section
+    13.3), by `seed`: its own bootstrap takes none, and would give others in each call.
     """
-    from scipy.stats import sobol_indices as indices
-
     names = list(ranges)
     # two designs at once: columns of independent points, and each of the first with one column of the second
     points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
@@ -78,29 +83,29 @@ def sobol_indices(
     if not np.isfinite(f).all():
         i = int(np.flatnonzero(~np.isfinite(f))[0])
         raise InputError(f"member {i} has no {quantity}: it ended as '{found[OUTCOME].values[i]}'; narrow the ranges")
-    parts = {
-        "f_A": f[None, :draws],
-        "f_B": f[None, draws : 2 * draws],
-        "f_AB": f[2 * draws :].reshape(len(names), 1, draws),
-    }
-    told = indices(func=parts, n=draws)
-    interval = told.bootstrap(n_resamples=resamples)
-    said = {"first_order": ("share of the variance that the parameter has alone", told.first_order, interval.first_order), "total_order": ("share that it has with all that it acts together with", told.total_order, interval.total_order)}  # fmt: skip
+    told = _shares(f.reshape(2 + len(names), draws))
+    again = np.random.default_rng(seed).integers(draws, size=(resamples, draws))
+    low, high = np.quantile([_shares(f.reshape(2 + len(names), draws)[:, one]) for one in again], [0.025, 0.975], axis=0)  # fmt: skip
     variables: dict[str, Any] = {
         "parameter_name": (("parameter",), np.array(names), about("1", "what was varied", "name"))
     }
-    for name, (words, value, bounds) in said.items():
-        limits = np.stack(
-            [np.ravel(bounds.confidence_interval.low), np.ravel(bounds.confidence_interval.high)], axis=-1
-        )
-        variables[name] = (("parameter",), np.ravel(value), about("1", words, ROLE))
+    for i, (name, words) in enumerate(SHARES.items()):
+        variables[name] = (("parameter",), told[i], about("1", words, ROLE))
         variables[f"{name}_interval"] = (
             ("parameter", "bound"),
-            limits,
-            about("1", f"95 % interval of {name}, by bootstrap", ROLE),
+            np.stack([low[i], high[i]], axis=-1),
+            about("1", f"95 % interval of {name}, percentiles of {resamples} resamples of the draws", ROLE),
         )
     more = {"quantity": quantity, "draws": draws, "seed": seed, "model_digest": model.digest}
     return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, more)
+
+
+def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return first and total orders of each parameter from what came at both designs and at each mixed one."""
+    from scipy.stats import sobol_indices as indices
+
+    told = indices(func={"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}, n=f.shape[-1])
+    return np.stack([np.ravel(told.first_order), np.ravel(told.total_order)])
 
 
 def _spread(model: Model, name: str, ends: Sequence[Any], points: NDArray[np.float64]) -> xr.DataArray:
