@@ -129,8 +129,7 @@ class _Writing:
 
     def lines(self, text: str, *, kept: bool = False) -> None:
         """Write lines; what is kept goes to the lane, and each line sees what the lane had before."""
-        self._parts += 1
-        write = Assignments(self._found, f"_{self._parts}_")
+        write = self._next()
         stores = []
         for line in filter(None, text.split("\n")):
             target, expression = line.split(" = ")
@@ -140,6 +139,11 @@ class _Writing:
             else:
                 self._known[target] = write.name(target, value)
         self.body += [*write.lines, *stores]
+
+    def _next(self) -> Assignments:
+        """Return where the next lines are written: their names are no others'."""
+        self._parts += 1
+        return Assignments(self._found, f"_{self._parts}_")
 
     def _found(self, lines: Assignments, name: str) -> Operand:
         if name in self._known:
@@ -153,16 +157,14 @@ class _Writing:
 
     def store(self, array: str, values: dict[str, str]) -> None:
         """Write numbers to `at`."""
-        self._parts += 1
-        write = Assignments(self._found, f"_{self._parts}_")
+        write = self._next()
         stores = [Store(Place(array, AT.index(name)), write.named(value)) for name, value in values.items()]
         self.body += [*write.lines, *stores]
 
     def error_norm(self) -> None:
         """Find the largest error over its scale: `march.control.error_norm`."""
         first, used = len(LANE), len(self._layout.used)
-        self._parts += 1
-        write = Assignments(self._found, f"_{self._parts}_")
+        write = self._next()
         rtol = write.named("rtol")
         self.body += [*write.lines, Store(Place("norm", same=True), 0.0)]
         body: tuple[Compute | Load | Store, ...] = (
@@ -196,13 +198,11 @@ class _Writing:
 
     def move(self, *, adaptive: bool) -> None:
         """Put the new state in the place of the old one, where the lane moves."""
-        self._parts += 1
-        moving = f"_{self._parts}_moving"
-        self.body.append(Compute(moving, "more", (self._known["moves"], 0.0)))
+        self.body.append(Compute("_moving", "more", (self._known["moves"], 0.0)))
         first, used = len(LANE) + len(self._layout.used), len(self._layout.used)
 
         def chosen(new: str, to: Place, old: str) -> tuple[Compute | Load | Store, ...]:
-            return Compute(f"{old}_now", "choose", (moving, new, old)), Store(to, f"{old}_now")
+            return Compute(f"{old}_now", "choose", ("_moving", new, old)), Store(to, f"{old}_now")
 
         if adaptive:
             larger = (
@@ -216,8 +216,7 @@ class _Writing:
         first += 2 * used + len(self._layout.watched)
         for i, gap in enumerate(watching.is_gap(self._layout)):
             if gap:
-                self._parts += 1
-                write = Assignments(self._found, f"_{self._parts}_")
+                write = self._next()
                 value = write.value(parse(f"where(moves > 0, gap{i}_now, gap{i})"))
                 self.body += [*write.lines, Store(Place("w", first + i), value)]
         state = (Load("_new", Place("z")), Load("_old", Place("y")), *chosen("_new", Place("y"), "_old"))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from xdynamics.expressions import parse
 from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.doubt import ARCHED, BENT, EPS, LEAST, MOST, ROUNDED, ULPS, UNBOUNDED
 from xdynamics.kernels.enclosing import (
     COMPARED,
     CONSTANT,
@@ -28,10 +29,9 @@ from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
 
 Line = Compute | Load | Store
 Bounds = tuple[Operand, Operand, Operand]  # what a value is not under and not over, and its flaw
-EPS = 2.220446049250313e-16
 NUMBERS: dict[str, Operand] = {
-    "eps": EPS, "ulps": 4.0 * EPS, "rounded": 4.0 * EPS, "least": 5e-324, "most": 1.7976931348623157e308,
-    "arched": 1.571, "bent_by": 0.1053, "unbounded": 2.0, "two_pi": 6.283185307179586, "inf": float("inf"),
+    "eps": EPS, "ulps": ULPS, "rounded": ROUNDED, "least": LEAST, "most": MOST,
+    "arched": ARCHED, "bent_by": BENT, "unbounded": float(UNBOUNDED), "two_pi": 6.283185307179586, "inf": float("inf"),
 }  # fmt: skip
 # Lines that end in `low` and `high`, of what an operation is given in a_low, a_high, b_low, b_high: bounds, rounded outward
 # where `outward` comes next. What is no interval may be anything.

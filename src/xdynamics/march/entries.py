@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.evaluating import evaluate
-from xdynamics.march.events.intervals import EPS
 from xdynamics.march.handle import called, entered_by, floats_at, march_by, run_at
 from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step

@@ -7,6 +7,7 @@ what slips.
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.contacts.gaps import size_of_gap, struck
 from xdynamics.march.contacts.holding import choose
@@ -29,7 +30,6 @@ from xdynamics.march.contacts.linking import (
     terms,
 )
 from xdynamics.march.events.certainty import renew_constants
-from xdynamics.march.events.intervals import EPS
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import MODES, NORMAL, TANGENT

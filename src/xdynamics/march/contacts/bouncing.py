@@ -5,11 +5,11 @@ from __future__ import annotations
 from math import inf
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.doubt import EPS
 from xdynamics.march.contacts.bonds import derive, inform
 from xdynamics.march.contacts.gaps import size_of_gap, struck
 from xdynamics.march.contacts.impact import NOISE
 from xdynamics.march.contacts.linking import RATE, SIZE, gram, number
-from xdynamics.march.events.intervals import EPS
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, PULL
 from xdynamics.model.reactions import NORMAL

@@ -10,6 +10,7 @@ after the other in declared order, until none approaches.
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.doubt import EPS
 from xdynamics.march.contacts.linking import (  # fmt: skip
     ABSENT,
     GRIPPING,
@@ -22,7 +23,6 @@ from xdynamics.march.contacts.linking import (  # fmt: skip
     reach,
     solve_reactions,
 )
-from xdynamics.march.events.intervals import EPS
 from xdynamics.march.run import Run
 from xdynamics.model.parts import IMPACT_LAWS
 from xdynamics.model.reactions import NORMAL, TANGENT

@@ -7,9 +7,10 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.doubt import EPS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.events.intervals import EPS, SMOOTH, UNBOUNDED, above, below
+from xdynamics.march.events.intervals import above, below
 from xdynamics.march.handle import called, enclosed_by
 from xdynamics.march.run import ENCLOSE, Run
 from xdynamics.model.detectors import GAP

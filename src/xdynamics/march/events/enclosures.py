@@ -14,6 +14,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.doubt import ARCHED, BENT, BREAKS, ROUNDED, SMOOTH, ULPS, UNBOUNDED
 from xdynamics.kernels.enclosing import (  # fmt: skip
     CONSTANT,
     COORDINATE,
@@ -28,12 +29,7 @@ from xdynamics.kernels.enclosing import (  # fmt: skip
 from xdynamics.kernels.program import REGIME
 from xdynamics.kernels.tables import find_piece
 from xdynamics.march.events.intervals import (
-    BREAKS,
     DIVIDE,
-    EPS,
-    SMOOTH,
-    ULPS,
-    UNBOUNDED,
     above,
     arithmetic,
     below,
@@ -46,10 +42,6 @@ from xdynamics.march.handle import floats_at, run_at
 from xdynamics.march.run import Run
 
 State = NDArray[Any]
-
-ROUNDED = 4.0 * EPS  # of a state, relative
-# how far a rate is from the straight line, by what odd and even say of it, if it is half a wave (pi/2, 1/9.5) or less of one
-ARCHED, BENT = 1.571, 0.1053
 
 
 @shared

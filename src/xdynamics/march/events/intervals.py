@@ -12,13 +12,11 @@ import numpy as np
 
 from xdynamics.kernels import enclosing
 from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.doubt import BREAKS, EPS, LEAST, MOST, SMOOTH, ULPS, UNBOUNDED
 from xdynamics.kernels.enclosing import ARITHMETIC, COMPARED, OPERATION
 from xdynamics.march.handle import applied
 from xdynamics.march.run import Run
 
-EPS, LEAST, MOST = 2.220446049250313e-16, 5e-324, 1.7976931348623157e308
-ULPS = 4.0 * EPS  # of an elementary function
-SMOOTH, BREAKS, UNBOUNDED = 0, 1, 2  # whether a value may jump there, or be infinite or none at all
 ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATIVE, SQRT, ABS, MINIMUM, MAXIMUM, SIGN = (OPERATION[name] for name in ARITHMETIC)
 CHOOSE, HYPOT, ATAN2, POWER, POSITIVE = (OPERATION[name] for name in ("choose", "hypot", "atan2", "power", "positive"))
 LESS, AT_MOST, MORE, AT_LEAST, EQUAL, UNEQUAL = (OPERATION[name] for name in COMPARED)

@@ -8,6 +8,7 @@ interpolant has to be trusted: what lies between two of them is enclosed by `mar
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.doubt import BREAKS, SMOOTH
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.events.certainty import (
@@ -33,7 +34,6 @@ from xdynamics.march.events.certainty import (
     trespasses,
     turns,
 )
-from xdynamics.march.events.intervals import BREAKS, SMOOTH
 from xdynamics.march.handle import called, enclosed_by
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, substep

@@ -5,11 +5,11 @@ from __future__ import annotations
 from math import inf, nan
 
 from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.doubt import BREAKS, EPS, UNBOUNDED
 from xdynamics.kernels.law import INSIDE, SLOPES
 from xdynamics.kernels.program import T1, H, S, T
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events.certainty import ENDED, FORCED, LOOKS, NONE, STEEP, TOUCHED, resolution, sign
-from xdynamics.march.events.intervals import BREAKS, EPS, UNBOUNDED
 from xdynamics.march.handle import called
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, keep, look, substep, take

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.kernels.tables import find_piece
 from xdynamics.march.evaluating import evaluate
 from xdynamics.march.events.certainty import CROSSED, FORCED, NONE, renew_constants, sign
-from xdynamics.march.events.intervals import EPS
 from xdynamics.march.handle import called
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import KINK, SWITCH

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from xdynamics.kernels.compiling import apart, shared
+from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.control import grow
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events.certainty import NONE, resolution, sign, uncertainty
-from xdynamics.march.events.intervals import EPS
 from xdynamics.march.events.isolation import arm, arrives, forget, isolate, quiet
 from xdynamics.march.events.locating import kind_of, locate
 from xdynamics.march.events.sides import keep_sides, slides, take_sides

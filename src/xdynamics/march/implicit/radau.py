@@ -11,10 +11,11 @@ import math
 import numpy as np
 
 from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm, larger
 from xdynamics.march.evaluating import State, evaluate, keep_sample
-from xdynamics.march.implicit.transformed import EPS, factorise_both, linearise, slope_apart, solve_complex, solve_real
+from xdynamics.march.implicit.transformed import factorise_both, linearise, slope_apart, solve_complex, solve_real
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
 from xdynamics.methods.radau import T as T_MATRIX

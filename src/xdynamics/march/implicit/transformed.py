@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from xdynamics.kernels.compiling import apart, shared
+from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.law import LINEARISED
 from xdynamics.kernels.linear import factorise, factorise_complex, substitute, substitute_complex
 from xdynamics.kernels.program import T
@@ -16,8 +17,6 @@ from xdynamics.march.evaluating import State, evaluate, slope_of
 from xdynamics.march.handle import called
 from xdynamics.march.run import Run
 from xdynamics.methods.radau import ALPHA, BETA, GAMMA
-
-EPS = 2.220446049250313e-16
 
 slope_apart = apart(slope_of)
 
