@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from xdynamics.entrance import entrance
 
 if TYPE_CHECKING:
-    from xdynamics.archive import content_digest, discard, open_run, save, verify
+    from xdynamics.archive import content_digest, discard, open_run, save
     from xdynamics.archive.signatures import sign, verify_signature
     from xdynamics.evidence.companion import companion
     from xdynamics.evidence.comparing.comparison import compare
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from xdynamics.record import check
     from xdynamics.reporting import report
     from xdynamics.simulation import reproduce, simulate
-    from xdynamics.sweeping.catalogue import open_sweep
+    from xdynamics.sweeping.catalogue import open_sweep, verify
     from xdynamics.sweeping.designs import Draws
     from xdynamics.sweeping.indices import sobol_indices
     from xdynamics.sweeping.member import member
@@ -55,7 +55,7 @@ _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults",
     "StabilityWarning": "faults",
     "check": "record", "companion": "evidence.companion", "Draws": "sweeping.designs", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
-    "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "sweep": "sweeping.sweep", "contrast": "sweeping.surveying", "convergence": "sweeping.surveying", "influences": "sweeping.surveying", "precision": "sweeping.surveying", "ragged": "sweeping.ragged", "sensitivities": "sweeping.surveying", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "archive",
+    "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "sweep": "sweeping.sweep", "contrast": "sweeping.surveying", "convergence": "sweeping.surveying", "influences": "sweeping.surveying", "precision": "sweeping.surveying", "ragged": "sweeping.ragged", "sensitivities": "sweeping.surveying", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "sweeping.catalogue",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 

@@ -15,7 +15,6 @@ from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
-from xdynamics.model.motion import variables
 from xdynamics.record.kinds import is_run, said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
@@ -178,12 +177,9 @@ def _is_whole(march: March, path: Path) -> bool:
         return False
     try:
         with archive.open_run(path) as kept:
-            if not record.is_of(kept, march):
-                return False
-            settings = settings_for(march.model, **asked_of(kept))
+            return record.comes_of(kept, march)
     except InputError:  # damaged, or no run: a new one takes its place
         return False
-    return record.same_settings(settings, march.settings, variables(march.model))
 
 
 def _warn_of_instability(model: Model, settings: Settings) -> None:

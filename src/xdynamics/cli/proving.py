@@ -8,20 +8,20 @@ from pathlib import Path
 
 import click
 
-from xdynamics.cli.command import BADLY, DONE, complain, main, say
+from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, main, say
 
 
 @main.command()
 @click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
 @click.option("--key", metavar="PUBLIC.pem", help="Verify that the owner of this key signed them, too.")
 def verify(archives: tuple[str, ...], key: str | None) -> None:
-    """Compare every digest of archives with their data, and with --key their signatures."""
+    """Compare every digest of archives, or of folders of sweeps, with their data; with --key their signatures too."""
     from xdynamics.archive import open_run, signatures
     from xdynamics.archive import verify as digest_of
-    from xdynamics.faults import ArchiveError
+    from xdynamics.faults import ArchiveError, InputError
     from xdynamics.record.kinds import is_derived, is_selection, said_of
 
-    damaged = False
+    damaged = wrong = False
     for archive in archives:
         try:
             if Path(archive).is_dir():
@@ -37,7 +37,10 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
         except ArchiveError as error:
             complain(error)
             damaged = True
-    sys.exit(BADLY if damaged else DONE)
+        except InputError as error:
+            complain(error)
+            wrong = True
+    sys.exit(BADLY if damaged else WRONG_INPUT if wrong else DONE)
 
 
 def _verified_sweep(folder: str) -> Iterator[str]:

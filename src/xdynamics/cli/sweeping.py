@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from xdynamics.cli.command import BADLY, DONE, main, say
+from xdynamics.cli.command import BADLY, DONE, complain, main, say
 from xdynamics.cli.marching import absolute, changed_model, pairs
 from xdynamics.faults import InputError
 
@@ -71,14 +71,23 @@ def sweep(
 
     model = changed_model(model_file, changes)
     given = _grouped(pairs(axes, "--axis"), pairs(groups, "--together"))
+    if not given and not ranges:
+        raise InputError("nothing varies; give --axis NAME=VALUES, like --axis 'c=0:2e-3:41 kg m-1', or --draw")
+    twice = [one.partition("=")[0] for one in changes if one.partition("=")[0] in given]
+    if twice:
+        raise InputError(f"--set {twice[0]} and --axis {twice[0]} say two things; give one")
     if ranges or draws is not None:
         given["draw"] = _drawn(ranges, draws, design, seed)
     words = [word.strip() for one in kept for word in one.split(",") if word.strip()] or ["end"]
     asked: dict[str, Any] = {name: settings[name] for name in SETTINGS if settings[name] is not None}
     asked |= {"atol": absolute(atols)} if atols else {}
     with _cluster(scheduler), _told() as told:
-        found = swept(model, given, keep=words, times=list(times) or None, occurrences=occurrences, path=output,
-                      check=check, progress=told, **asked)  # fmt: skip
+        try:
+            found = swept(model, given, keep=words, times=list(times) or None, occurrences=occurrences, path=output,
+                          check=check, progress=told, **asked)  # fmt: skip
+        except KeyboardInterrupt:
+            complain(f"interrupted; what is done is kept in '{output}', and the same command goes on with it")
+            raise
     say([*summary(found), f"sweep     {output}"])
     sys.exit(DONE if {*map(str, found["run_outcome"].values.ravel().tolist())} <= GOOD else BADLY)
 

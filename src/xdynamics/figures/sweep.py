@@ -17,7 +17,7 @@ from xdynamics.figures.sheet import Panel
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.sweeping.collection import AXES, AXIS, settings_said
-from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED
+from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
 from xdynamics.sweeping.surveying import numbers
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ Values = NDArray[Any]
 
 MOST_PANELS, MOST_LINES = 8, 8
 SHADES = "cividis"
+FAR = 3.0  # times the span of nearly all values, from which on a few do not set the colours
 FEW = 12  # whole numbers up to which each has a colour of its own
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 BANDS = ("#dbe6f3", "#a9c4e2")
@@ -51,7 +52,7 @@ def panels_of(sweep: xr.Dataset) -> list[Panel]:
 
 def foot_of(sweep: xr.Dataset) -> str:
     """Say how members ended."""
-    outcomes, counts = np.unique(sweep[OUTCOME].values.astype(str), return_counts=True)
+    outcomes, counts = np.unique(ended(sweep).values.astype(str), return_counts=True)
     said = ", ".join(f"{count} {word}" for word, count in zip(outcomes, counts, strict=True))
     loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
     doubt = f"; of {loose} the tolerances did not control every variable" if loose else ""
@@ -104,10 +105,12 @@ def _map(sweep: xr.Dataset, name: str, shown: list[str], axes: Axes) -> None:
     across, up = sweep[x].values.astype(float), sweep[y].values.astype(float)
     shades, ticks = _shades(values)
     drawn = axes.pcolormesh(across, up, np.ma.masked_invalid(values.astype(float)), shading="nearest", rasterized=True, **shades)  # fmt: skip
-    bar = axes.figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), ticks=ticks)
+    bar = axes.figure.colorbar(
+        drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), ticks=ticks, extend=_beyond(values, drawn.norm)
+    )
     bar.set_label(_labelled(sweep, name), fontsize=8)
     bar.ax.tick_params(labelsize=7)
-    _regions(axes, sweep[OUTCOME].transpose(y, x).values.astype(str), across, up)
+    _regions(axes, ended(sweep).transpose(y, x).values.astype(str), across, up)
     axes.set(xlabel=_labelled(sweep, x), ylabel=_labelled(sweep, y))
     if sweep[x].attrs["units"] == sweep[y].attrs["units"] and 0.5 < np.ptp(across) / np.ptp(up) < 2.0:
         axes.set_aspect("equal", anchor="W")
@@ -116,7 +119,7 @@ def _map(sweep: xr.Dataset, name: str, shown: list[str], axes: Axes) -> None:
 
 
 def _shades(values: Values) -> tuple[dict[str, Any], Any]:
-    """Return colours: of a few whole numbers one each, else from dark to light between what nearly all lie between."""
+    """Return colours: of a few whole numbers one each, else from dark to light; where a few are far off, for the rest."""
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm
 
@@ -126,14 +129,24 @@ def _shades(values: Values) -> tuple[dict[str, Any], Any]:
         edges = np.arange(met.min() - 0.5, met.max() + 1.0)
         scale = colormaps[SHADES].resampled(max(2, len(edges) - 1))
         return {"cmap": scale, "norm": BoundaryNorm(edges, scale.N)}, met
-    low, high = np.quantile(known, (0.005, 0.995)) if known.size else (0.0, 1.0)
+    low, inner, outer, high = np.quantile(known, (0.0, 0.005, 0.995, 1.0)) if known.size else (0.0, 0.0, 1.0, 1.0)
+    if high - low > FAR * (outer - inner) > 0.0:
+        low, high = inner, outer
     return {"cmap": SHADES, "vmin": low, "vmax": high}, None
+
+
+def _beyond(values: Values, norm: Any) -> str:
+    """Say on which ends of a scale there are values that it does not show."""
+    least, most = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
+    return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[bool(least < norm.vmin), bool(most > norm.vmax)]  # fmt: skip
 
 
 def _regions(axes: Axes, outcomes: Values, across: Values, up: Values) -> None:
     """Frame where runs ended badly, or otherwise than most."""
     met, counts = np.unique(outcomes, return_counts=True)
-    order = sorted(zip(met.tolist(), counts.tolist(), strict=True), key=lambda one: (one[0] not in GOOD, -one[1]))
+    order = sorted(
+        zip(met.tolist(), counts.tolist(), strict=True), key=lambda one: (one[0].split()[0] not in GOOD, -one[1])
+    )
     colours = [COLOURS[1], COLOURS[2], COLOURS[3]]
     handles = []
     for (word, _), colour in zip(order[1:4], colours, strict=False):

@@ -17,10 +17,13 @@ from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.switches import LOCATED, STEPPED_OVER, watched_switches
+from xdynamics.model.words import near
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, parse_time
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
+KNOWN = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step", "max_steps",
+         "force_samples", "scales", "jacobian", "summation", "switches", "nodes", "time_tolerance")  # fmt: skip
 PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 
 
@@ -34,6 +37,8 @@ def settings_for(model: Model, **asked: Any) -> Settings:
     """
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    if unknown := [name for name in asked if name not in KNOWN]:
+        raise InputError(f"there is no setting '{unknown[0]}'{near(unknown[0], KNOWN)}")
     chosen = _joined(model.run, {k: v for k, v in asked.items() if v is not None})
     for key in ("method", "until"):
         if chosen.get(key) is None:

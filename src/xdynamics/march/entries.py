@@ -114,8 +114,8 @@ def forget(run: Run) -> None:
         run.touches[i] = _NO_TOUCH[0]
     for i in range(run.at.shape[0]):
         run.at[i] = 0.0
-    for i in range(run.e.shape[0]):
-        run.e[i] = 0.0
+    for i in range(run.e.shape[0]):  # errors of steps, by which event functions are uncertain
+        run.e[i] = run.located_e[i] = run.full_e[i] = 0.0
 
 
 def states_inside(address: Any, parameters: Floats, steps: Floats, states: Floats, ends: Floats, found: Floats, reintegrated: bool) -> None:  # fmt: skip

@@ -5,7 +5,7 @@ from xdynamics.record.column import Column
 from xdynamics.record.columns import columns, constants, factors
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.dataset import check, check_kind, dataset
-from xdynamics.record.identity import apart, identity, is_of, same_settings
+from xdynamics.record.identity import apart, comes_of, identity, is_of
 
 __all__ = [
     "Column",
@@ -13,6 +13,7 @@ __all__ = [
     "check",
     "check_kind",
     "columns",
+    "comes_of",
     "constants",
     "dataset",
     "factors",
@@ -21,5 +22,4 @@ __all__ = [
     "is_of",
     "own_attributes",
     "plain",
-    "same_settings",
 ]

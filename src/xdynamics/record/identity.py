@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics.elementary import NAME
 from xdynamics.march import OUTCOMES, March, Pacing, Settings, Tolerances
+from xdynamics.march.asking import settings_for
 from xdynamics.march.outcomes import INTERRUPTED
 from xdynamics.methods import Method
-from xdynamics.record.provenance import force_digest, xdynamics_version
+from xdynamics.model.motion import variables
+from xdynamics.record.provenance import asked_of, force_digest, xdynamics_version
 from xdynamics.units import Unit
 
 if TYPE_CHECKING:
@@ -40,6 +42,14 @@ def is_of(run: xr.Dataset, march: March) -> bool:
     here = {"model_digest": march.model.digest, "force_digest": force_digest(march), "xdynamics_version": xdynamics_version()}  # fmt: skip
     unfinished = OUTCOMES[INTERRUPTED].word
     return all(run.attrs.get(name) == value for name, value in here.items()) and run.attrs["run_outcome"] != unfinished
+
+
+def comes_of(run: xr.Dataset, march: March) -> bool:
+    """Whether a finished record is that of a march, its settings too."""
+    if not is_of(run, march):
+        return False
+    settings = settings_for(march.model, **asked_of(run))
+    return same_settings(settings, march.settings, variables(march.model))
 
 
 def same_settings(one: Settings, other: Settings, names: tuple[str, ...]) -> bool:

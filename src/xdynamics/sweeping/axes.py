@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
+from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.sweeping.designs import NORMAL, Draws
 from xdynamics.sweeping.tables import is_wide, narrow, text_of
 from xdynamics.units import NONE, Quantity, Unit, parse_quantity, parse_unit
@@ -33,7 +34,9 @@ SETTINGS = (
     "time_tolerance", "atol",
 )  # fmt: skip
 TIMES = ("until", "min_step", "max_step", "time_tolerance")
-_RANGE = re.compile(r"\s*(?P<start>[^:\s]+)\s*:\s*(?P<stop>[^:\s]+)\s*:\s*(?P<count>\d+)\s*(?P<unit>[^:]*)")
+TAKEN = (AT, AT_TIME, OCCURRENCE, "occurrence_number", "model_toml")  # names of what is no axis
+MOST_AXES, MOST_VALUES = 24, 10_000_000  # and values along one
+_RANGE = re.compile(r"\s*(?P<start>[^:\s]+)\s*:\s*(?P<stop>[^:\s]+)\s*:\s*(?P<count>\d+)(?![.\d])\s*(?P<unit>[^:]*)")
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class Column:
 
     def quantity(self, i: int) -> Any:
         """Return one value as a model or `simulate` takes it."""
-        if self.kind in OF_MODEL:
+        if self.kind in (*OF_MODEL, STEP) or self.name in TIMES:
             return str(Quantity(float(self.values[i]), self.unit))
         return self.values[i].item() if isinstance(self.values[i], np.generic) else self.values[i]
 
@@ -113,6 +116,8 @@ def axes_of(model: Model, given: Mapping[str, Any]) -> tuple[Axis, ...]:
             found.append(_axis(model, str(name), values))
     ledger.settle()
     _check_once(found)
+    if len(found) > MOST_AXES:
+        raise InputError(f"there are {len(found)} axes, {MOST_AXES} at most; let some vary together, or draw them")
     return tuple(found)
 
 
@@ -129,6 +134,10 @@ def _axis(model: Model, dim: str, given: Any) -> Axis:
         return Axis(dim, (column,))
     if not given:
         raise InputError("varies nothing; give names with as many values each")
+    if dim not in given and dim in (*TAKEN, *model.parameters, *model.units, *model.drives, *model.observables):
+        raise InputError(
+            f"is the name of something else; call what varies together in another way, like '{dim}_together'"
+        )
     columns = tuple(column_of(model, str(name), values) for name, values in given.items())
     sizes = {one.label: len(one.values) for one in columns}
     if len({*sizes.values()}) > 1:
@@ -160,7 +169,10 @@ def range_of(model: Model, name: str, ends: Sequence[Any]) -> Column:
     """
     column = column_of(model, name, list(ends))
     if len(column.values) != 2 or column.kind not in NUMBERS or not column.values[0] < column.values[1]:
-        raise InputError(f"'{name}' needs two numbers, the lowest and the highest, got {[*map(str, column.values)]}")
+        got = ", ".join(
+            f"{one:.9g} {column.unit.text}" if column.kind in NUMBERS else str(one) for one in column.values
+        )
+        raise InputError(f"'{name}' needs two numbers, first the lowest, then the highest; got {got}")
     return column
 
 
@@ -285,15 +297,29 @@ def _of_text(text: str) -> list[Quantity]:
     """Read ``0:2e-3:41 kg m-1`` (start:stop:count, both ends included) or ``1, 2, 5 kg`` or ``1 kg``."""
     if found := _RANGE.fullmatch(text):
         count = int(found["count"])
-        start, stop = (parse_quantity(found[name]).value for name in ("start", "stop"))
-        if count < 1:
-            raise InputError(f"is {text!r}, needs at least one value: start:stop:count unit")
-        unit = parse_unit(found["unit"] or "1")
+        ends = [parse_quantity(found[name]) for name in ("start", "stop")]
+        unit = _unit_of_range(text, ends, found["unit"])
+        start, stop = (_in(one, unit) for one in _with_unit(ends, unit))
+        if not (1 < count <= MOST_VALUES or (count == 1 and start == stop)):
+            raise InputError(
+                f"is {text!r}, needs start:stop:count unit, both ends included, count from 2 to {MOST_VALUES}"
+            )
         return [Quantity(float(one), unit) for one in np.linspace(start, stop, count)]
     if ":" in text:
-        raise InputError(f"is {text!r}, needs start:stop:count unit, like '0:2e-3:41 kg m-1'")
+        raise InputError(f"is {text!r}, needs start:stop:count unit, count a whole number, like '0:2e-3:41 kg m-1'")
     parts = [parse_quantity(one) for one in text.split(",")]
     return _with_unit(parts, parts[-1].unit)
+
+
+def _unit_of_range(text: str, ends: list[Quantity], told: str) -> Unit:
+    """Return the unit of a range: behind its count, or that of its ends."""
+    bare = parse_unit("1")
+    units = [one.unit for one in ends if one.unit != bare]
+    if units and told:
+        raise InputError(f"is {text!r}, with units at its ends and behind; write one, behind the count")
+    if units and len({one.dimension for one in units}) > 1:
+        raise InputError(f"is {text!r}, from '{units[0].text}' to '{units[1].text}'; its ends need one kind of unit")
+    return parse_unit(told or "1") if not units else units[-1]
 
 
 def _positive(column: Column) -> Column:
@@ -305,6 +331,8 @@ def _positive(column: Column) -> Column:
 
 def _settings(name: str, given: Any) -> Column:
     """Read words or numbers that `simulate` takes."""
+    if name in TIMES:
+        return _quantities(name, SETTING, given, parse_unit("s"), name)
     row: Sequence[Any] = [one.strip() for one in given.split(",")] if isinstance(given, str) else given
     if isinstance(row, int | float) or not hasattr(row, "__iter__"):
         row = [row]
@@ -314,9 +342,6 @@ def _settings(name: str, given: Any) -> Column:
     wrong = [one for one in values if isinstance(one, bool) or not isinstance(one, str | int | float)]
     if wrong:
         raise InputError(f"has {wrong[0]!r}, needs words or numbers")
-    if name in TIMES:
-        numbers, unit = numbers_of(values, parse_unit("s"))
-        return Column(name, SETTING, numbers, unit, name)
     words = any(isinstance(one, str) for one in values)
     found = np.array([str(one) for one in values], object) if words else np.array(values, float)
     return Column(name, SETTING, found, Unit("1", NONE), name)

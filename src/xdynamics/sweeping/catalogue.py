@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +18,7 @@ from xdynamics.archive.seals import tail_of
 from xdynamics.archive.target import taking_name
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
-from xdynamics.files import made_folder
+from xdynamics.files import asked, made_folder
 from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.files import archived, digests_of
@@ -30,8 +32,11 @@ CATALOGUE = "catalogue.nc"
 UNFINISHED = ".unfinished"
 CUT = "blocks.json"  # how many members along each axis the parts hold
 RUNS = "runs"
-PART = "sweep part"
+PART, BLOCK = "sweep part", "sweep_block"
 Progress = Callable[[float, float, int], None]
+
+
+REMEDY = f"remove what is damaged or added and '{CATALOGUE}', and the same sweep marches what is missing"
 
 
 def open_sweep(path: str | Path) -> xr.Dataset:
@@ -63,14 +68,36 @@ def open_sweep(path: str | Path) -> xr.Dataset:
     if not file.is_file() and (folder / UNFINISHED).is_dir():
         raise InputError(f"the sweep in '{folder}' is not finished; call the same sweep again, and it goes on")
     if not file.is_file():
-        raise InputError(f"'{folder}' holds no sweep; there is no {CATALOGUE} in it")
-    found = archive.open_run(file)
+        raise InputError(
+            f"'{folder}' holds no sweep: there is no {CATALOGUE} in it; name the folder that sweep marched into"
+        )
+    try:
+        found = archive.open_run(file)
+    except ArchiveError as error:
+        raise ArchiveError(f"{error}\n{REMEDY}", error.faults) from None
     if found.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{file}' is no catalogue of a sweep")
-    source = found.encoding.get("source")
     found = with_axes(found)
-    found.encoding["source"] = source
+    found.encoding["source"] = str(file.absolute())
     return found
+
+
+def verify(path: str | Path) -> str:
+    """Compare an archive with its digests, or the folder of a sweep with its catalogue's; return the content digest.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is none: a pipe, a socket, a device, a directory that holds no sweep.
+    ArchiveError
+        Naming every variable that differs from its digest; of a sweep every file.
+
+    Warns
+    -----
+    KindWarning
+        If the file is as it was written, and holds a selection of a run or derived data.
+    """
+    return verify_sweep(path)[0] if asked(Path(path), Path.is_dir) else archive.verify(path)
 
 
 def verify_sweep(path: str | Path) -> tuple[str, int]:
@@ -89,14 +116,26 @@ def verify_sweep(path: str | Path) -> tuple[str, int]:
     folder = Path(path)
     digest = archive.verify(folder / CATALOGUE) if (folder / CATALOGUE).is_file() else ""
     with open_sweep(folder) as sweep:
-        if FILE not in sweep:
-            return digest, 0
-        named = dict(zip(map(str, sweep[FILE].values.ravel()), map(str, sweep[SEAL].values.ravel()), strict=True))
-    with ThreadPoolExecutor() as pool:
-        faults = [one for one in pool.map(partial(_fault_of, folder), named.items()) if one]
+        faults, files = _faults(folder, sweep), int(sweep[FILE].size) if FILE in sweep else 0
     if faults:
-        raise ArchiveError(f"'{folder}' is damaged:{numbered(faults)}", tuple(faults))
-    return digest, len(named)
+        raise ArchiveError(f"'{folder}' is damaged:{numbered(faults)}\n{REMEDY}", tuple(faults))
+    return digest, files
+
+
+def _faults(folder: Path, sweep: xr.Dataset) -> list[str]:
+    """Compare the files of whole runs with the seals that the catalogue tells; name those that are none of its runs."""
+    if FILE not in sweep:
+        return []
+    named = dict(zip(map(str, sweep[FILE].values.ravel()), map(str, sweep[SEAL].values.ravel()), strict=True))
+    named.pop("", None)  # of members whose models are refused
+    there = (
+        {f"{RUNS}/{one.name}" for one in (folder / RUNS).iterdir() if not one.name.startswith(".")}
+        if (folder / RUNS).is_dir()
+        else set()
+    )
+    added = [f"{name} is no run of the sweep" for name in sorted(there - {*named})]
+    with ThreadPoolExecutor() as pool:
+        return [one for one in pool.map(partial(_fault_of, folder), named.items()) if one] + added
 
 
 def _fault_of(folder: Path, named: tuple[str, str]) -> str:
@@ -104,6 +143,8 @@ def _fault_of(folder: Path, named: tuple[str, str]) -> str:
     name, seal = named
     try:
         found = tail_of(folder / name)
+    except FileNotFoundError:
+        return f"{name} is missing"
     except OSError as error:
         return f"{name} cannot be read: {error.strerror or error}"
     if found.digest == seal:
@@ -129,28 +170,53 @@ def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | N
     """
     made_folder(folder)
     if (folder / CATALOGUE).is_file():
-        found = open_sweep(folder)
-        if found.attrs[DIGEST] != plan.digest:
-            raise InputError(f"'{folder}' holds another sweep, '{found.attrs['title']}'; name another folder, or remove it")  # fmt: skip
-        return found
-    work = made_folder(folder / UNFINISHED / plan.digest[:16])
-    others = [one.name for one in work.parent.iterdir() if one != work]
+        return _finished(plan, folder)
+    work = folder / UNFINISHED / plan.digest[:16]
+    others = sorted(one.name for one in work.parent.iterdir() if one.is_dir() and one != work) if work.parent.is_dir() else []  # fmt: skip
     if others:
-        raise InputError(f"'{folder}' holds a part of another sweep; name another folder, or remove '{work.parent}'")
-    blocks = [block for _, block in blocks_of(_begun(plan, members, work))]
-    parts = [work / f"{'_'.join(f'{one.start}-{one.stop}' for one in block)}.nc" for block in blocks]
-    _march(plan, blocks, parts, progress)
-    archive.save(collected(plan, _joined(plan, blocks, parts)), folder / CATALOGUE)
-    shutil.rmtree(work.parent, ignore_errors=True)
+        raise InputError(f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give it up by removing '{work.parent / others[0]}'")  # fmt: skip
+    with _alone_in(made_folder(work)):
+        blocks = [block for _, block in blocks_of(_begun(plan, members, work))]
+        parts = [work / f"{_said(block)}.nc" for block in blocks]
+        _march(plan, blocks, parts, progress)
+        archive.save(collected(plan, _joined(plan, blocks, parts)), folder / CATALOGUE)
+        shutil.rmtree(work.parent, ignore_errors=True)
     return open_sweep(folder)
+
+
+def _finished(plan: Plan, folder: Path) -> xr.Dataset:
+    """Open a sweep that was marched before, with all its runs."""
+    found = open_sweep(folder)
+    if found.attrs[DIGEST] != plan.digest:
+        raise InputError(f"'{folder}' holds another sweep, '{found.attrs['title']}'; name another folder, or remove it")
+    if faults := _faults(folder, found):
+        raise ArchiveError(f"'{folder}' is damaged:{numbered(faults)}\n{REMEDY}", tuple(faults))
+    shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # of a process that was stopped when all was done
+    return found
+
+
+@contextmanager
+def _alone_in(work: Path) -> Iterator[None]:
+    """Keep other processes out of a folder that is marched into, as long as this one lives."""
+    handle = os.open(work, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"another process marches into '{work.parents[1]}'; wait for it, or name another folder") from None  # fmt: skip
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        os.close(handle)
 
 
 def _begun(plan: Plan, members: int | None, work: Path) -> Chunks:
     """Return the cut that a sweep was begun with, whose blocks are there, or begin one."""
     file = work / CUT
-    with suppress(OSError, ValueError, TypeError):  # none, or a damaged one
+    with suppress(OSError, ValueError, TypeError, OverflowError, RecursionError):  # none, or a damaged one
         found = tuple(tuple(map(int, one)) for one in json.loads(file.read_text()))
-        if tuple(map(sum, found)) == plan.grid.shape:
+        if tuple(map(sum, found)) == plan.grid.shape and all(width > 0 for one in found for width in one):
             return found
     chunks = chunks_of(plan, members)
     with taking_name(file) as new:
@@ -164,7 +230,7 @@ def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progres
     from dask.delayed import delayed
 
     compute: Any = base.compute  # dask's functions are not typed
-    todo = [(block, part) for block, part in zip(blocks, parts, strict=True) if not digests_of(part)[0]]
+    todo = [(block, part) for block, part in zip(blocks, parts, strict=True) if not digests_of(part, partial(_is_part, plan, block))[0]]  # fmt: skip
     if not todo:
         return
     told, keep = delayed(plan), delayed(_keep)
@@ -180,7 +246,16 @@ def _keep(plan: Plan, block: Block, part: str) -> None:
         files.mkdir(exist_ok=True)
         archived(plan, block, files, found)
     variables = {one.name: ((*plan.grid.dims, *one.dims), found[one.name], about(one.units, one.said, one.role)) for one in plan.variables}  # fmt: skip
-    archive.save(exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest}), part)
+    archive.save(exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest, BLOCK: _said(block)}), part)
+
+
+def _is_part(plan: Plan, block: Block, part: xr.Dataset) -> bool:
+    """Whether a file holds a block of a sweep, whatever it is named."""
+    return part.attrs.get(DIGEST) == plan.digest and part.attrs.get(BLOCK) == _said(block)
+
+
+def _said(block: Block) -> str:
+    return "_".join(f"{one.start}-{one.stop}" for one in block)
 
 
 def _joined(plan: Plan, blocks: list[Block], parts: list[Path]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, SWEEP
-from xdynamics.sweeping.axes import TABLE, Axis, Column
+from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis, Column
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.keeping import Keeping, keeping_of
 from xdynamics.sweeping.members import Plan
@@ -29,6 +29,7 @@ AXES, ASKED, KEEP, OCCURRENCES, DIGEST = (
     "sweep_occurrences",
     "sweep_digest",
 )
+SHARED = {"method": "", "step": " s", "rtol": "", "until": " s"}  # settings that are told, with their units
 NUMBER = "occurrence_number"
 VARIES, WHAT, AXIS = "varies", "varies_what", "axis_of"  # attributes of values: the kind of thing, its name, its axis
 _SAID = {
@@ -49,6 +50,11 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
     grid = plan.grid
     coordinates = _coordinates(grid)
     kept = {one.name: ((*grid.dims, *one.dims), arrays[one.name], about(one.units, one.said, one.role)) for one in plan.variables if one.name in arrays}  # fmt: skip
+    names = [one.name for one in plan.variables]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(
+            f"'{twice[0]}' is a number of every sweep, and an observable that is kept; rename the observable"
+        )
     if both := sorted({*kept} & {*coordinates, *grid.dims}):
         name = both[0]
         raise InputError(f"'{name}' is an axis and kept too; call the axis 'initial_{name}'")
@@ -88,7 +94,7 @@ def _coordinates(grid: Grid) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for axis in grid.axes:
         for one in axis.columns:
-            said = about(one.unit.text, _SAID[one.kind].format(one.name), "axis") | {
+            said = about(one.unit.text, _meaning(grid.model, one), "axis") | {
                 VARIES: one.kind,
                 WHAT: one.name,
                 AXIS: axis.dim,
@@ -103,6 +109,14 @@ def _coordinates(grid: Grid) -> dict[str, Any]:
     return found
 
 
+def _meaning(model: Model, column: Column) -> str:
+    """Say what varies, in the model's own words if it has some."""
+    parts: dict[str, Mapping[str, Any]] = {PARAMETER: model.parameters, INITIAL: model.coordinates, TABLE: model.drives}
+    told = getattr(parts.get(column.kind, {}).get(column.name), "description", "")
+    said = _SAID[column.kind].format(column.name)
+    return f"{said}: {told}" if told else said
+
+
 def _attributes(plan: Plan) -> dict[str, Any]:
     keeping = plan.keeping
     return {
@@ -110,12 +124,25 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "sweep_members": plan.grid.size,
         AXES: " ".join(plan.grid.dims),
         ASKED: json.dumps(plan.grid.asked, sort_keys=True),
+        **_shared_settings(plan.grid),
         KEEP: " ".join(keeping.words),
         OCCURRENCES: np.array(keeping.occurrences),
         "math_functions": NAME,
         "model_digest": plan.grid.model.digest,
         DIGEST: plan.digest,
     }
+
+
+def _shared_settings(grid: Grid) -> dict[str, Any]:
+    """Return what all members are marched with, as attributes of a record call it."""
+    varying = {one.name for _, one in grid.columns}
+    settings = grid.settings_of((0,) * len(grid.shape))
+    found: dict[str, Any] = {} if "method" in varying else {"solver_method": settings.method.name}
+    if settings.adaptive and settings.tolerances is not None and not varying & {STEP, RTOL}:
+        found["solver_rtol"] = settings.tolerances.rtol
+    if isinstance(settings.step, float) and not settings.adaptive and not varying & {STEP, RTOL}:
+        found |= {"solver_step": settings.step, "solver_step_units": "s"}
+    return found if "until" in varying else found | {"solver_until": settings.until, "solver_until_units": "s"}
 
 
 def with_axes(sweep: xr.Dataset) -> xr.Dataset:
@@ -126,8 +153,12 @@ def with_axes(sweep: xr.Dataset) -> xr.Dataset:
 
 def settings_said(sweep: xr.Dataset) -> str:
     """Say which settings all members of a sweep share."""
+    used = {name: f"{sweep.attrs[key]:g}{unit}" if name != "method" else sweep.attrs[key] for name, unit in SHARED.items() if (key := f"solver_{name}") in sweep.attrs}  # fmt: skip
     asked = json.loads(str(sweep.attrs[ASKED]))
-    said = ", ".join(f"{name} {value}" for name, value in asked.items())
+    said = ", ".join(
+        f"{name} {value}"
+        for name, value in (used | {key: one for key, one in asked.items() if key not in SHARED}).items()
+    )
     return said or "settings of the model's own"
 
 
@@ -151,7 +182,10 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
         If the Dataset is no sweep.
     """
     check_sweep(sweep)
-    model = Model.from_text(str(sweep["model_toml"].values), functions=functions)
+    texts = {one for one in np.ravel(sweep["model_toml"].values).tolist() if isinstance(one, str)}
+    if len(texts) != 1:
+        raise InputError(f"the sweep is of {len(texts)} models; sweeps of one model alone can be put together")
+    model = Model.from_text(texts.pop(), functions=functions)
     keeping = keeping_of(str(sweep.attrs[KEEP]).split(), None, tuple(map(int, sweep.attrs[OCCURRENCES])))
     if AT_TIME in sweep.variables:
         keeping = Keeping(keeping.words, np.atleast_1d(sweep[AT_TIME].values).astype(float), keeping.occurrences)
@@ -165,6 +199,9 @@ def _axis(sweep: xr.Dataset, dim: str) -> Axis:
         one = sweep[name]
         if one.attrs.get(AXIS) != dim:
             continue
+        if one.dims not in ((), (dim,)) or not one.size:
+            along = f"varies along {', '.join(map(str, one.dims))}" if one.size else "has no values"
+            raise InputError(f"'{name}' {along}, and is of the axis '{dim}' of a sweep; take parts of it by isel or sel, with slices")  # fmt: skip
         values, kind = np.atleast_1d(one.values), str(one.attrs[VARIES])
         tables = tuple(map(str, np.atleast_1d(sweep[f"{name}_table"].values))) if kind == TABLE else ()
         known = values if np.issubdtype(values.dtype, np.number) else values.astype(object)

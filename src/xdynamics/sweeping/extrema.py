@@ -26,11 +26,11 @@ def extremes(runs: Harvest, name: str, sign: float) -> tuple[Floats, Floats]:
     Returns
     -------
     tuple of ndarray, shape (members,)
-        In the unit of a record, and s.
+        In the unit of a record, and s; nan of a member without any number.
     """
     values, time, first = runs[name], runs["time"], runs.runs.first_row
     rows = _tops(sign * values, first)
-    best, when = values[rows].copy(), time[rows].copy()
+    best, when = np.where(rows >= 0, values[rows], np.nan), np.where(rows >= 0, time[rows], np.nan)
     if runs.columns[name].variable.role not in SEARCHED:
         return best, when
     humps, members = _humps(sign * values, time, first)
@@ -64,11 +64,13 @@ def _improve(best: Floats, when: Floats, sign: float, members: Rows, values: Flo
 
 
 def _tops(values: Floats, first: Rows) -> Rows:
-    """Return the first row of each member that holds its largest value."""
+    """Return the first row of each member that holds its largest value; -1 of one without any number."""
     largest = np.fmax.reduceat(values, first[:-1])
     members = np.repeat(np.arange(len(first) - 1), np.diff(first))
     rows = np.flatnonzero(values == largest[members])
-    return rows[np.searchsorted(members[rows], np.arange(len(first) - 1))]
+    found = np.full(len(first) - 1, -1)
+    found[members[rows[::-1]]] = rows[::-1]
+    return found
 
 
 def _humps(values: Floats, time: Floats, first: Rows) -> tuple[Rows, Rows]:

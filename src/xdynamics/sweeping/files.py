@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.archive.reading import verified
+from xdynamics.archive.reading import open_run, verified
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.streaming import streamed
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import March
-from xdynamics.sweeping.members import COUNTS, DIGEST, FILE, SEAL, Block, Plan
+from xdynamics.sweeping.members import COUNTS, DIGEST, FILE, SEAL, Block, Plan, march_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Values = dict[str, NDArray[Any]]
 
@@ -30,7 +35,7 @@ def input_digest(march: March) -> str:
 def archived(plan: Plan, block: Block, folder: Path, found: Values) -> None:
     """Archive every member of a block, and note its file and its content digest in what was found.
 
-    A file that is there, and whole, is not marched again.
+    A file that is there, and whole, is not marched again; of a member whose model is refused there is none.
 
     Raises
     ------
@@ -41,9 +46,11 @@ def archived(plan: Plan, block: Block, folder: Path, found: Values) -> None:
     shape = grid.shape_of(block)
     for i, at in enumerate(grid.places(block)):
         where = np.unravel_index(i, shape)
-        march = March(grid.model_of(at), grid.settings_of(at))
+        march = march_of(grid, at)
+        if march is None:
+            continue
         file = folder / f"{input_digest(march)}.nc"
-        digest, seal = digests_of(file)
+        digest, seal = digests_of(file, partial(record.comes_of, march=march))
         if not digest:
             written = streamed(march, file)
             digest, seal = written.digest, written.seal
@@ -61,9 +68,11 @@ def _apart(march: March, found: dict[str, Any]) -> str:
     return ", ".join(f"{name} is {one}, side by side {found[name]}" for name, one in alone.items() if name in found and found[name] != one)  # fmt: skip
 
 
-def digests_of(file: Path) -> tuple[str, str]:
-    """Return the content digest and the seal of a file that is whole; nothing of another."""
+def digests_of(file: Path, wanted: Callable[[xr.Dataset], bool]) -> tuple[str, str]:
+    """Return the content digest and the seal of a file that is whole and what is wanted; nothing of another."""
     if file.is_file():
         with suppress(ArchiveError, InputError):
-            return verified(file), tail_of(file).digest
+            digest, seal = verified(file), tail_of(file).digest
+            with open_run(file, check=False) as found:
+                return (digest, seal) if wanted(found) else ("", "")
     return "", ""

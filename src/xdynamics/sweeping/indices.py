@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.sweeping.axes import range_of
+from xdynamics.sweeping.axes import Column, range_of
 from xdynamics.sweeping.designs import Draws
 from xdynamics.sweeping.members import OUTCOME
 from xdynamics.sweeping.surveying import ROLE
@@ -56,65 +56,86 @@ def sobol_indices(
     Returns
     -------
     xarray.Dataset
-        Along `parameter`: ``parameter_name``, ``first_order``, ``total_order`` and their 95 % intervals along `bound`.
+        Along `parameter`: ``parameter_name``, its range (``lowest``, ``highest`` in ``parameter_units``), ``first_order``,
+        ``total_order`` and their 95 % intervals along `bound`.
 
     Raises
     ------
     InputError
-        If a range or the quantity cannot be used, or a member does not come to a number.
+        If a range or the quantity cannot be used, or a member does not come to a number, or all come to the same.
 
     Notes
     -----
-    Saltelli et al. 2010 (doi:10.1016/j.cpc.2009.09.018), by `scipy.stats.sobol_indices`. The intervals are percentiles
-    of the indices of draws that are drawn again (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section
-    13.3), by `seed`: its own bootstrap takes none, and would give others in each call.
+    Saltelli et al. 2010 (doi:10.1016/j.cpc.2009.09.018), table 2, (b) and (f): the numbers of `scipy.stats.sobol_indices`,
+    whose bootstrap takes no seed and would give other intervals in each call. Here they are percentiles of the indices of
+    draws that are drawn again (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 13.3).
     """
-    names = list(ranges)
-    # two designs at once: columns of independent points, and each of the first with one column of the second
-    points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
-    a, b = points[:, : len(names)], points[:, len(names) :]
-    mixed = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
-    spread = np.concatenate([a, b, *mixed])
-    values = {name: _spread(model, name, ranges[name], spread[:, i]) for i, name in enumerate(names)}
-    found = swept(model, {"draw": values}, keep=[quantity], **settings)
-    if quantity not in found or found[quantity].dims != ("draw",):
-        raise InputError(f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'")  # fmt: skip
-    f = found[quantity].values.astype(float)
-    if not np.isfinite(f).all():
-        i = int(np.flatnonzero(~np.isfinite(f))[0])
-        raise InputError(f"member {i} has no {quantity}: it ended as '{found[OUTCOME].values[i]}'; narrow the ranges")
-    told = _shares(f.reshape(2 + len(names), draws))
+    for what, value, least in (("draws", draws, 2), ("resamples", resamples, 1)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise InputError(f"{what} is {value!r}, needs a whole number from {least} on")
+    if not isinstance(ranges, Mapping) or not ranges:
+        raise InputError(
+            f"ranges are {str(ranges)[:60]}, need the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}"
+        )
+    spans = {str(name): _span(model, str(name), ends) for name, ends in ranges.items()}
+    f = _marched(model, spans, quantity, draws, seed, settings)
+    told = _shares(f)
     again = np.random.default_rng(seed).integers(draws, size=(resamples, draws))
-    low, high = np.quantile([_shares(f.reshape(2 + len(names), draws)[:, one]) for one in again], [0.025, 0.975], axis=0)  # fmt: skip
+    low, high = np.quantile([_shares(f[:, one]) for one in again], [0.025, 0.975], axis=0)
     variables: dict[str, Any] = {
-        "parameter_name": (("parameter",), np.array(names), about("1", "what was varied", "name"))
-    }
+        "parameter_name": (("parameter",), np.array([*spans]), about("1", "what was varied", "name")),
+        "parameter_units": (("parameter",), np.array([one.unit.text for one in spans.values()]), about("1", "unit of its range", "name")),
+        "lowest": (("parameter",), np.array([one.values[0] for one in spans.values()]), about("1", "where its range begins, in the parameter's own unit", "axis")),
+        "highest": (("parameter",), np.array([one.values[1] for one in spans.values()]), about("1", "where its range ends, in the parameter's own unit", "axis")),
+    }  # fmt: skip
     for i, (name, words) in enumerate(SHARES.items()):
         variables[name] = (("parameter",), told[i], about("1", words, ROLE))
-        variables[f"{name}_interval"] = (
-            ("parameter", "bound"),
-            np.stack([low[i], high[i]], axis=-1),
-            about("1", f"95 % interval of {name}, percentiles of {resamples} resamples of the draws", ROLE),
-        )
+        said = f"95 % interval of {name}, percentiles of {resamples} resamples of the draws"
+        variables[f"{name}_interval"] = (("parameter", "bound"), np.stack([low[i], high[i]], axis=-1), about("1", said, ROLE))  # fmt: skip
     more = {"quantity": quantity, "draws": draws, "seed": seed, "model_digest": model.digest}
     return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, more)
 
 
+def _marched(model: Model, spans: Mapping[str, Column], quantity: str, draws: int, seed: int, settings: Mapping[str, Any]) -> NDArray[np.float64]:  # fmt: skip
+    """March two designs, and the first with each column of the second; return what came, shape (2 + n, draws)."""
+    names = list(spans)
+    points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
+    a, b = points[:, : len(names)], points[:, len(names) :]
+    mixed = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
+    spread = np.concatenate([a, b, *mixed])
+    values = {name: _between(spans[name], spread[:, i]) for i, name in enumerate(names)}
+    found = swept(model, {"draw": values}, keep=[quantity], **settings)
+    if quantity not in found or found[quantity].dims != ("draw",):
+        raise InputError(f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'")  # fmt: skip
+    f: NDArray[np.float64] = found[quantity].values.astype(float)
+    if not np.isfinite(f).all():
+        i = int(np.flatnonzero(~np.isfinite(f))[0])
+        raise InputError(f"member {i} has no {quantity}: it ended as '{found[OUTCOME].values[i]}'; narrow the ranges")
+    if f.max() == f.min():
+        raise InputError(f"{quantity} is {float(f[0])!r} in every draw: it has no variance to share; widen the ranges")
+    return f.reshape(2 + len(names), draws)
+
+
 def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return first and total orders of each parameter from what came at both designs and at each mixed one."""
-    from scipy.stats import sobol_indices as indices
+    both = f[:2]
+    f = f - both.mean()
+    variance = both.var()
+    first = (f[1] * (f[2:] - f[0])).mean(axis=-1) / variance
+    total = 0.5 * ((f[0] - f[2:]) ** 2).mean(axis=-1) / variance
+    return np.stack([first, total])
 
-    told = indices(func={"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}, n=f.shape[-1])
-    return np.stack([np.ravel(told.first_order), np.ravel(told.total_order)])
 
-
-def _spread(model: Model, name: str, ends: Sequence[Any], points: NDArray[np.float64]) -> xr.DataArray:
-    """Put points from 0 to 1 between the ends of a range, in its unit."""
-    import xarray as xr
-
+def _span(model: Model, name: str, ends: Sequence[Any]) -> Column:
     known = [*model.parameters, *model.initial]
     if name not in known:
         raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(known)}")
-    column = range_of(model, name, ends)
-    low, high = column.values.tolist()
-    return xr.DataArray(low + (high - low) * points, attrs={"units": column.unit.text})
+    return range_of(model, name, ends)
+
+
+def _between(span: Column, points: NDArray[np.float64]) -> xr.DataArray:
+    """Put points from 0 to 1 between the ends of a range, in its unit."""
+    import xarray as xr
+
+    low, high = span.values.tolist()
+    return xr.DataArray(low + (high - low) * points, attrs={"units": span.unit.text})

@@ -220,9 +220,8 @@ def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any) -> Keep
     from xdynamics.evidence.inside import wanted_times
     from xdynamics.units import parse_time
 
-    row = [words] if isinstance(words, str) else list(words)
-    wrong = [one for one in row if not isinstance(one, str)]
-    if wrong or not row:
+    row: list[Any] = [words] if isinstance(words, str) or not hasattr(words, "__iter__") else list(words)
+    if not row or not all(isinstance(one, str) for one in row):
         raise InputError(f"keep is {str(words)[:60]}, needs words like 'end'")
     both = (0, occurrences) if isinstance(occurrences, int) else occurrences
     whole = isinstance(both, tuple | list) and len(both) == 2 and all(type(one) is int for one in both)

@@ -6,21 +6,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from xdynamics import archive
 from xdynamics.evidence.marching import march
-from xdynamics.faults import ArchiveError, InputError
+from xdynamics.faults import ArchiveError
 from xdynamics.schema import ROOT_DIGEST
-from xdynamics.sweeping.axes import numbers_of
 from xdynamics.sweeping.collection import plan_of
-from xdynamics.sweeping.grid import Grid
+from xdynamics.sweeping.labels import places_of
 from xdynamics.sweeping.members import DIGEST, FILE, OUTCOME, digest_of_end
 
 if TYPE_CHECKING:
     import xarray as xr
-
-ALIKE = 1e-12  # relative, of values that are written down in other units
 
 
 def member(
@@ -60,14 +55,17 @@ def member(
     """
     plan = plan_of(sweep, functions)
     grid = plan.grid
-    at = _place(grid, labels)
+    at = places_of(grid, labels)
     where = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
-    said = sweep[[one for one in (DIGEST, OUTCOME, FILE) if one in sweep]].isel(where).compute()
-    if FILE in said and (folder := _folder_of(sweep)):
+    ends = [f"end_{name}" for name in ("time", *grid.model.units) if f"end_{name}" in sweep]
+    said = sweep[[one for one in (DIGEST, OUTCOME, FILE, *ends) if one in sweep]].isel(where).compute()
+    if FILE in said and str(said[FILE].values) and (folder := _folder_of(sweep)):
         return _opened(folder / str(said[FILE].values), str(said[DIGEST].values))
     run = march(grid.model_of(at), **grid.asked_of(at))
     digest = archive.digest_of_run(run) if FILE in said else digest_of_end(run, list(grid.model.units))
-    came_to = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]}
+    came_to = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
+        one: str(run[one.removeprefix("end_")].values[-1]) for one in ends
+    }
     apart = [f"{name} is {one}, in the sweep {value}" for name, one in came_to.items() if name in said and (value := str(said[name].values)) != one]  # fmt: skip
     if apart:
         raise ArchiveError(f"member {grid.said(at)}, marched again, comes to something else: {'; '.join(apart)}")
@@ -87,43 +85,3 @@ def _opened(file: Path, digest: str) -> xr.Dataset:
         run.close()
         raise ArchiveError(f"'{file}' has the content digest {run.attrs[ROOT_DIGEST]}, in the catalogue {digest}")
     return run
-
-
-def _place(grid: Grid, labels: Mapping[str, Any]) -> list[int]:
-    """Find the values that are asked for."""
-    unknown = [name for name in labels if name not in grid.dims]
-    if unknown:
-        raise InputError(f"the sweep has no axis '{unknown[0]}'; there are {', '.join(grid.dims)}")
-    found = []
-    for axis in grid.axes:
-        if axis.size == 1 and axis.dim not in labels:
-            found.append(0)
-        elif axis.dim not in labels:
-            raise InputError(f"a member needs a value of every axis, and of '{axis.dim}' there is none")
-        elif own := [one for one in axis.columns if one.label == axis.dim]:
-            found.append(_nearest(own[0], labels[axis.dim]))
-        else:
-            found.append(_number(axis.dim, axis.size, labels[axis.dim]))
-    return found
-
-
-def _nearest(column: Any, label: Any) -> int:
-    if column.values.dtype == object:
-        words = [str(one) for one in column.values]
-        if str(label) not in words:
-            raise InputError(f"axis '{column.label}' has no {str(label)!r}; there are {', '.join(words)}")
-        return words.index(str(label))
-    values, unit = numbers_of(label, column.unit)
-    if len(values) != 1:
-        raise InputError(f"{column.label} is {label!r}, needs one value")
-    wanted, known = unit.to_si(float(values[0])), column.si
-    i = int(np.argmin(np.abs(known - wanted)))
-    if abs(known[i] - wanted) > ALIKE * max(abs(known[i]), abs(wanted)):
-        raise InputError(f"axis '{column.label}' has no {label!r}; the nearest is {float(column.values[i])!r} {column.unit.text}")  # fmt: skip
-    return i
-
-
-def _number(dim: str, size: int, label: Any) -> int:
-    if isinstance(label, bool) or not isinstance(label, int | np.integer) or not 0 <= label < size:
-        raise InputError(f"{dim} is {label!r}, needs the number of a member, from 0 to {size - 1}")
-    return int(label)

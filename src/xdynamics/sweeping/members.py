@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.elementary import NAME
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs, march_many
 from xdynamics.march.diagnosis import ending
 from xdynamics.march.doubts import uncontrolled
-from xdynamics.march.outcomes import OUTCOMES, WORDS
+from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
 from xdynamics.record.provenance import xdynamics_version
 from xdynamics.schema import REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE
 from xdynamics.sweeping.grid import Grid, Group
@@ -37,7 +37,7 @@ REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # of which the cause
 LONGEST_WORD = max(map(len, WORDS))
 _GOLDEN = 0x9E3779B97F4A7C15
 
-OUTCOME, DIGEST, UNCONTROLLED = "run_outcome", "run_digest", "run_uncontrolled"
+OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY = "run_outcome", "run_digest", "run_uncontrolled", "run_stopped_by"
 FILE, SEAL, CONTENT_DIGEST = "run_file", "run_seal", "content digest of the run's archive"
 DIGITS = 32  # of a digest of an end: enough to tell a million runs apart, and half the memory
 DIGEST_OF = "first 32 digits of a sha256 of time and state at the run's end, its counts, the time of every event"
@@ -92,6 +92,7 @@ class Plan:
         """What is said of every member as a run."""
         said = "how many variables were so small throughout that the absolute tolerances let pass any error of theirs"
         whole = self.keeping.whole
+        stops = [name for name, one in self.grid.model.events.items() if one.action == "stop"]
         files = [
             Kept(FILE, (), (), "1", "archive of the run, named by a digest of all that it is marched from", "file", _none, dtype="U72"),
             Kept(SEAL, (), (), "1", "sha256 of the archive's bytes, that it ends with", "digest", _none, dtype="U64"),
@@ -100,6 +101,22 @@ class Plan:
             *(files if whole else []),
             Kept(UNCONTROLLED, (), (), "1", said, DIAGNOSTIC, lambda runs: np.zeros(runs.size), dtype="i4"),
             Kept(OUTCOME, (), (), "1", "how the run ended", "outcome", _outcomes, dtype=f"U{LONGEST_WORD}"),
+            *(
+                [
+                    Kept(
+                        STOPPED_BY,
+                        (),
+                        (),
+                        "1",
+                        "event that ended the run, where one did",
+                        "outcome",
+                        _stopped_by,
+                        dtype=f"U{max(map(len, stops))}",
+                    )
+                ]
+                if stops
+                else []
+            ),
             Kept(
                 DIGEST,
                 (),
@@ -155,6 +172,31 @@ def _outcomes(runs: Harvest) -> Values:
     return words[runs.runs.status]
 
 
+def _stopped_by(runs: Harvest) -> Values:
+    """Name the last event of every run that one has stopped."""
+    names = str(runs.columns["event_detector"].variable.more["flag_meanings"]).split()
+    stops = [
+        i for i, name in enumerate(names) if name in runs.model.events and runs.model.events[name].action == "stop"
+    ]
+    places = np.flatnonzero(np.isin(runs["event_detector"], stops))
+    stopped = runs.runs.status == STOPPED
+    last = places[np.searchsorted(places, runs.runs.first_event[1:][stopped]) - 1]
+    found = np.full(runs.size, "", dtype=f"U{max(map(len, names))}")
+    found[stopped] = np.array(names)[runs["event_detector"][last]]
+    return found
+
+
+def ended(sweep: xr.Dataset) -> xr.DataArray:
+    """Return how every member ended, with the event that stopped it."""
+    outcome = sweep[OUTCOME]
+    if STOPPED_BY not in sweep or sweep[STOPPED_BY].dims != outcome.dims:
+        return outcome
+    import xarray as xr
+
+    said = [f"{word} {event}".strip() for word, event in zip(outcome.values.ravel().tolist(), sweep[STOPPED_BY].values.ravel().tolist(), strict=True)]  # fmt: skip
+    return xr.DataArray(np.array(said).reshape(outcome.shape), dims=outcome.dims)
+
+
 def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
     """Count the variables that the tolerances did not control, of every member by its own tolerance."""
     asked, layout, rtols = group.settings.tolerances, runs.layout, group.arrays.get("rtols")
@@ -197,13 +239,21 @@ def _settle(plan: Plan, block: Block, found: Mapping[str, Values]) -> None:
     at = grid.places(block)
     refined = [OUTCOMES[status].word for status in REFINED]
     for i in np.flatnonzero(np.isin(found[OUTCOME], refined)).tolist():
-        march = March(grid.model_of(at[i]), grid.settings_of(at[i]))
-        for _ in march.blocks():
+        march = march_of(grid, at[i])
+        for _ in march.blocks() if march else ():
             pass
-        found[OUTCOME][i] = ending(march).outcome.word
+        found[OUTCOME][i] = ending(march).outcome.word if march else found[OUTCOME][i]
     numbers = np.asarray(np.ravel_multi_index(tuple(at.T), grid.shape))
     for i in np.flatnonzero(chosen(numbers, plan.check)).tolist():
         _check(grid, at[i], {name: found[name][i] for name in (DIGEST, OUTCOME)})
+
+
+def march_of(grid: Grid, at: Values) -> March | None:
+    """Return the march of a member alone; none of one whose model is refused, whose outcome tells why it could not go on."""
+    try:
+        return March(grid.model_of(at), grid.settings_of(at))
+    except ModelError:
+        return None
 
 
 def chosen(numbers: Values, part: float) -> Values:
@@ -214,7 +264,9 @@ def chosen(numbers: Values, part: float) -> Values:
 
 def _check(grid: Grid, at: Values, found: Mapping[str, Any]) -> None:
     """Compare a member with its run alone."""
-    march = March(grid.model_of(at), grid.settings_of(at))
+    march = march_of(grid, at)
+    if march is None:
+        return
     run = record.dataset(march, march.blocks())
     alone = {DIGEST: digest_of_end(run, march.layout.used), OUTCOME: run.attrs[OUTCOME]}
     apart = [f"{name} is {found[name]} in the sweep and {alone[name]} alone" for name in alone if alone[name] != found[name]]  # fmt: skip

@@ -16,7 +16,8 @@ from xdynamics.schema import AT, OCCURRENCE, flags
 from xdynamics.sweeping.axes import RTOL, STEP
 from xdynamics.sweeping.collection import AXES, AXIS, VARIES, check_sweep, plan_of
 from xdynamics.sweeping.keeping import EVENT_COUNT
-from xdynamics.sweeping.members import OUTCOME
+from xdynamics.sweeping.labels import place_on
+from xdynamics.sweeping.members import OUTCOME, STOPPED_BY, ended
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 ROLE = "survey"
 EVALUATIONS = "run_force_evaluations"
+ROUNDING = 64.0  # times the spacing of numbers: a spread that is no more is none
 LEVELS = 3  # that an order is told from
 
 
@@ -59,7 +61,10 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Datase
         f"difference_{name}": (sweep[name].dims, (sweep[name] - one[name]).transpose(*sweep[name].dims).data, _about(sweep, name, f"{sweep[name].attrs['long_name']}, less that of the reference"))
         for name in numbers(sweep)
     }  # fmt: skip
-    differs = (sweep[OUTCOME] != one[OUTCOME]).transpose(*sweep[OUTCOME].dims).astype(np.int8)
+    differs = sweep[OUTCOME] != one[OUTCOME]
+    if STOPPED_BY in sweep:
+        differs = differs | (sweep[STOPPED_BY] != one[STOPPED_BY])
+    differs = differs.transpose(*sweep[OUTCOME].dims).astype(np.int8)
     found["outcome_differs"] = (differs.dims, differs.data, about("1", "1 where the run ended in another way than the reference", ROLE))  # fmt: skip
     label = str(one[dim].values) if dim in sweep.coords else str(at)
     return _exhibited("contrast", f"members along {dim}, compared with {label}", sweep, found, {"reference": label})
@@ -84,12 +89,14 @@ def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Second-order differences on uneven grids as by `numpy.gradient`: at a member they are as good as the grid is fine there,
+    Second-order differences on uneven grids as by `numpy.gradient`, at the ends too where there are three values: at a member they are as good as the grid is fine there,
     and mean nothing across a change of outcome; see `influences`.
     """
     check_sweep(sweep)
     axes = [
-        dim for dim in _axes(sweep) if dim in sweep.coords and sweep[dim].dtype.kind == "f" and sweep.sizes[dim] > 1
+        dim
+        for dim in _axes(sweep)
+        if dim in sweep.dims and dim in sweep.coords and sweep[dim].dtype.kind == "f" and sweep.sizes[dim] > 1
     ]
     if not axes:
         raise InputError("no axis of the sweep has two numbers or more to differentiate by")
@@ -97,7 +104,8 @@ def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
     for name in numbers(sweep):
         for dim in (one for one in axes if one in sweep[name].dims):
             slope = sweep[name].chunk({dim: -1}) if sweep[name].chunks else sweep[name]
-            slope = slope.astype(float).differentiate(dim).transpose(*sweep[name].dims)
+            edge: Any = 2 if sweep.sizes[dim] > 2 else 1
+            slope = slope.astype(float).differentiate(dim, edge_order=edge).transpose(*sweep[name].dims)
             units = _quotient(str(sweep[name].attrs["units"]), str(sweep[dim].attrs["units"]))
             found[f"slope_{name}_{dim}"] = (
                 slope.dims,
@@ -132,14 +140,15 @@ def influences(sweep: xr.Dataset) -> xr.Dataset:
     counts = [name for name in names if name.startswith(EVENT_COUNT)]
     found: dict[str, Any] = {"axis_name": (("axis",), np.array(axes), about("1", "the axis", "name"))}
     for name in (OUTCOME, *counts):
-        values = sweep[name].values
+        values = ended(sweep).values if name == OUTCOME else sweep[name].values
         word = "outcome" if name == OUTCOME else name
         shares = [_share_of_changes(values, sweep[name].dims.index(dim)) for dim in axes]
         found[f"{word}_changes"] = (("axis",), np.array(shares), about("1", f"share of neighbours along the axis that differ in {name}", ROLE))  # fmt: skip
     for name in (one for one in names if one not in counts and not {AT, OCCURRENCE} & {*sweep[one].dims}):
         one = sweep[name].astype(float)
         whole = float(one.var())
-        effects = [float(one.mean([other for other in one.dims if other != dim]).var()) / whole if whole > 0.0 else 0.0 for dim in axes]  # fmt: skip
+        rounding = (ROUNDING * EPS * float(abs(one).max())) ** 2
+        effects = [float(one.mean([other for other in one.dims if other != dim]).var()) / whole if whole > rounding else 0.0 for dim in axes]  # fmt: skip
         found[f"main_effect_{name}"] = (("axis",), np.array(effects), about("1", f"share of the variance of {name} that the axis has alone", ROLE))  # fmt: skip
     return _exhibited("influences", f"what {', '.join(axes)} change", sweep, found, {})
 
@@ -220,6 +229,9 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
     known, given = numbers(sweep), dict(exact or {})
     if unknown := [name for name in given if name not in known]:
         raise InputError(f"exact names '{unknown[0]}', which is none of {', '.join(known)}")
+    for name, value in given.items():
+        if not np.isfinite(value):
+            raise InputError(f"exact has {value!r} for '{name}', needs a number")
     best: dict[str, int] = {dim: int(np.argmin(sweep[dim].values))}
     if "method" in sweep.dims:
         best["method"] = int(np.argmax([METHODS[str(one)].order for one in sweep["method"].values]))
@@ -257,10 +269,7 @@ def _check_axis(sweep: Any, dim: str) -> None:
 
 def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
     """Find a value of an axis."""
-    values: list[Any] = sweep[dim].values.tolist()
-    if label not in values:
-        raise InputError(f"axis '{dim}' has no {label!r}; there are {', '.join(map(str, values))}")
-    return values.index(label)
+    return place_on(next(one for one in plan_of(sweep).grid.axes if one.dim == dim), label)
 
 
 def _about(sweep: xr.Dataset, name: str, said: str) -> dict[str, Any]:
@@ -278,11 +287,10 @@ def _quotient(unit: str, by: str) -> str:
 
 
 def _share_of_changes(values: NDArray[Any], axis: int) -> float:
-    """Return the share of neighbours along an axis that differ."""
-    if values.shape[axis] < 2:
-        return 0.0
+    """Return the share of neighbours along an axis that differ, of those that are there."""
     moved = np.moveaxis(values, axis, 0)
-    return float(np.mean(moved[1:] != moved[:-1]))
+    there = (moved[1:] == moved[1:]) & (moved[:-1] == moved[:-1])
+    return float(np.mean(moved[1:][there] != moved[:-1][there])) if there.any() else 0.0
 
 
 def _formal(sweep: xr.Dataset, kind: str) -> Any:

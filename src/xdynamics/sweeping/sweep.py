@@ -24,6 +24,8 @@ from xdynamics.units import Quantity
 if TYPE_CHECKING:
     import xarray as xr
 
+MOST_MEMBERS = 200_000_000  # of which one sweep holds what was kept
+
 
 def sweep(
     model: Model | xr.Dataset,
@@ -100,6 +102,7 @@ def sweep(
     grid.check()
     plan = Plan(grid, keeping_of(keep, times, occurrences), _part(check))
     collected(plan, {})  # refuses words that mean nothing
+    _check_times(plan)
     if plan.keeping.whole and path is None:
         raise InputError("keep has 'log', and whole runs are kept in files; give path='a folder'")
     members = None if members_per_task is None else _count(members_per_task)
@@ -119,7 +122,22 @@ def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     said = {name: _plain(name, value) for name, value in settings.items() if value is not None}
-    return Grid(model, axes_of(model, axes or {}), said)
+    grid = Grid(model, axes_of(model, axes or {}), said)
+    if twice := [one.name for _, one in grid.columns if one.name in said]:
+        raise InputError(f"'{twice[0]}' varies along an axis, and is {said[twice[0]]!r} for all members too; give one")
+    if grid.size > MOST_MEMBERS:
+        raise InputError(f"the axes make {grid.size} members, and {MOST_MEMBERS} are the most; take fewer values")
+    return grid
+
+
+def _check_times(plan: Plan) -> None:
+    """Refuse times at which no member is, where all begin and end together."""
+    times, grid = plan.keeping.times, plan.grid
+    if not times.size or {"t", "until"} & {one.name for _, one in grid.columns}:
+        return
+    begin, end = grid.model.initial["t"].si, grid.settings_of((0,) * len(grid.shape)).until
+    if outside := [one for one in times.tolist() if not begin <= one <= end]:
+        raise InputError(f"times has {outside[0]!r} s, and the runs are from t = {begin!r} s to until = {end!r} s")
 
 
 def _count(members: Any) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 
 from xdynamics.march.outcomes import GOOD
 from xdynamics.sweeping.collection import AXES, AXIS, KEEP, settings_said
-from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED
+from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,9 +23,9 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
     """Say what was varied, how the members ended, and between which bounds what was kept of them lies."""
     lines = [line for dim in str(sweep.attrs[AXES]).split() for line in _axis(sweep, dim)]
     lines.append(f"members   {sweep[OUTCOME].size}, with {settings_said(sweep)}; kept of each: {sweep.attrs[KEEP]}")
-    outcomes = Counter(map(str, sweep[OUTCOME].values.ravel().tolist()))
+    outcomes = Counter(map(str, ended(sweep).values.ravel().tolist()))
     said = ", ".join(
-        f"{count} {word}{'' if word in GOOD else ' (ended badly)'}" for word, count in outcomes.most_common()
+        f"{count} {word}{'' if word.split()[0] in GOOD else ' (ended badly)'}" for word, count in outcomes.most_common()
     )
     lines.append(f"outcomes  {said}")
     loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))

@@ -1,0 +1,73 @@
+"""Members by the values that they have along the axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from xdynamics.faults import InputError
+from xdynamics.sweeping.axes import Axis, Column, numbers_of
+from xdynamics.sweeping.grid import Grid
+
+ALIKE = 1e-12  # relative, of values that are written down in other units
+
+
+def places_of(grid: Grid, labels: Mapping[str, Any]) -> list[int]:
+    """Find where along every axis the values are that are asked for.
+
+    Raises
+    ------
+    InputError
+        If an axis has no such value, it names the nearest; if there is no such axis, or nothing is said of one.
+    """
+    unknown = [name for name in labels if name not in grid.dims]
+    if unknown:
+        raise InputError(f"the sweep has no axis '{unknown[0]}'; there are {', '.join(grid.dims)}")
+    found = []
+    for axis in grid.axes:
+        if axis.size == 1 and axis.dim not in labels:
+            found.append(0)
+        elif axis.dim not in labels:
+            raise InputError(f"a member needs a value of every axis, and of '{axis.dim}' there is none")
+        else:
+            found.append(place_on(axis, labels[axis.dim]))
+    return found
+
+
+def place_on(axis: Axis, label: Any) -> int:
+    """Find a value on one axis; on one along which several things vary, the number of a member.
+
+    Raises
+    ------
+    InputError
+        If it has no such value.
+    """
+    own = [one for one in axis.columns if one.label == axis.dim]
+    return _nearest(own[0], label) if own else _number(axis.dim, axis.size, label)
+
+
+def _nearest(column: Column, label: Any) -> int:
+    if column.values.dtype == object:
+        words = [str(one) for one in column.values]
+        if str(label) not in words:
+            raise InputError(f"axis '{column.label}' has no {str(label)!r}; there are {', '.join(words)}")
+        return words.index(str(label))
+    try:
+        values, unit = numbers_of(label, column.unit)
+    except InputError as error:
+        raise InputError(f"{column.label} {error}") from None
+    if len(values) != 1:
+        raise InputError(f"{column.label} is {label!r}, needs one value")
+    wanted, known = unit.to_si(float(values[0])), column.si
+    i = int(np.argmin(np.abs(known - wanted)))
+    if abs(known[i] - wanted) > ALIKE * max(abs(known[i]), abs(wanted)):
+        raise InputError(f"axis '{column.label}' has no {label!r}; the nearest is {float(column.values[i])!r} {column.unit.text}")  # fmt: skip
+    return i
+
+
+def _number(dim: str, size: int, label: Any) -> int:
+    if isinstance(label, bool) or not isinstance(label, int | np.integer) or not 0 <= label < size:
+        raise InputError(f"{dim} is {label!r}, needs the number of a member, from 0 to {size - 1}")
+    return int(label)
