@@ -270,8 +270,8 @@ def test_replacing_a_unit_keeps_the_uncertainty() -> None:
     model = xd.Model.from_text(statement).replace(parameters={"m": "150 g"})
     part = model.parameters["m"]
     assert part.quantity.si == 0.15
-    assert part.uncertainty is not None
-    assert part.uncertainty.si == 0.001
+    assert part.spread is not None
+    assert part.spread.standard.si == 0.001
     assert xd.Model.from_text(model.to_toml()) == model
 
 

@@ -171,7 +171,11 @@ def test_what_varies_together_and_what_is_drawn() -> None:
     assert len(np.unique(np.floor(16 * (first[name].values - 1.0)))) == 16  # one in each sixteenth
     varied = xd.Model(**_with_uncertainty())
     normal = xd.sweep(
-        varied, {"draw": xd.Draws(4000, ["k"], design="normal", seed=1)}, method="velocity_verlet", step=0.1, until=0.2
+        varied,
+        {"draw": xd.Draws(4000, ["k"], design="declared", seed=1)},
+        method="velocity_verlet",
+        step=0.1,
+        until=0.2,
     )
     assert float(normal.k.mean()) == pytest.approx(4.0, abs=0.01)
     assert float(normal.k.std()) == pytest.approx(0.1, rel=0.05)

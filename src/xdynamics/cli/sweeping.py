@@ -23,9 +23,14 @@ SETTINGS = ("method", "step", "until", "rtol", "estimator", "min_step", "max_ste
 @click.option("-o", "--output", required=True, metavar="FOLDER", help="Where to keep the sweep; what is there already is not marched again.")  # fmt: skip
 @click.option("--axis", "axes", multiple=True, metavar="NAME=VALUES", help="What varies: c=0:2e-3:41 kg m-1 (first:last:count), m='1, 2, 5 kg', method=heun,dop853, thrust=motors.csv.")  # fmt: skip
 @click.option("--together", "groups", multiple=True, metavar="NAME=A,B", help="Axes that vary together, along one dimension.")  # fmt: skip
-@click.option("--draw", "ranges", multiple=True, metavar="NAME=LOW:HIGH", help="What is drawn: m='1:2 kg'; of the design normal a parameter's name alone.")  # fmt: skip
+@click.option("--draw", "ranges", multiple=True, metavar="NAME=LOW:HIGH", help="What is drawn: m='1:2 kg'; of the design declared a name alone.")  # fmt: skip
 @click.option("--draws", type=int, help="How many draws; of Sobol points a power of two.")
-@click.option("--design", default="sobol", show_default=True, help="sobol, latin_hypercube or normal.")
+@click.option(
+    "--design",
+    default="sobol",
+    show_default=True,
+    help="sobol, latin_hypercube or declared (the distributions in the model).",
+)
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the draws.")
 @click.option("--keep", "kept", multiple=True, metavar="WORD", help="end (default), event_time_NAME, event_count_NAME, maximum_NAME, NAME at --at, log …")  # fmt: skip
 @click.option("--at", "times", multiple=True, metavar="TIME", help="A time to keep states at.")
@@ -105,11 +110,11 @@ def _grouped(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:
 
 
 def _drawn(ranges: tuple[str, ...], draws: int | None, design: str, seed: int) -> Any:
-    from xdynamics.sweeping.designs import NORMAL, Draws
+    from xdynamics.sweeping.designs import DECLARED, Draws
 
     if draws is None or not ranges:
         raise InputError("--draw NAME=LOW:HIGH and --draws N go together")
-    if design == NORMAL:
+    if design == DECLARED:
         return Draws(draws, [one.partition("=")[0] for one in ranges], design=design, seed=seed)
     ends = {}
     for name, text in pairs(ranges, "--draw").items():

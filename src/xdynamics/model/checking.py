@@ -11,6 +11,7 @@ from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand,
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.checking_contacts import check_contacts
 from xdynamics.model.parts import Event, Function
+from xdynamics.model.spread import NORMAL, matrix_of, root_of
 from xdynamics.model.statement import Statement
 from xdynamics.model.validating import check_validation
 from xdynamics.schema import acceleration, record_names, velocity
@@ -59,6 +60,7 @@ def check(statement: Statement) -> dict[str, Dimension]:
         with ledger.entry(f"observable '{name}'"):
             spell(dimension_of(observable, known | accelerations))
     check_validation(statement, known, ledger)
+    _check_spreads(statement, known | accelerations, ledger)
     ledger.settle()
     with ledger.entry("contacts"):
         check_contacts(statement, known, ledger)
@@ -163,6 +165,33 @@ def _check_initial(statement: Statement, known: Mapping[str, Dimension], ledger:
     for name in statement.initial:
         if name not in needed:
             ledger.note(f"initial value of '{name}', which is no coordinate, velocity or state")
+
+
+def _check_spreads(statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Check that correlations are of normal numbers and can all be, and discrepancies of quantities in their unit."""
+    parts = statement.parameters | statement.starts
+    for pair in statement.correlations:
+        for name in pair:
+            spread = parts[name].spread if name in parts else None
+            if spread is None or spread.standard.value == 0:
+                ledger.note(f"correlation of '{name}', which is no parameter or initial value with an uncertainty")
+            elif spread.distribution != NORMAL:
+                ledger.note(
+                    f"correlation of '{name}', which is {spread.distribution}; normal numbers alone are correlated here"
+                )
+    with ledger.entry("correlations"):
+        root_of(
+            matrix_of(
+                list(dict.fromkeys(name for pair in statement.correlations for name in pair)), statement.correlations
+            )
+        )
+    for name, one in statement.discrepancy.items():
+        with ledger.entry(f"discrepancy '{name}'"):
+            if name not in statement.observables and (name not in known or name in statement.parameters):
+                raise InputError("is of no coordinate, velocity, state, observable, nor t")
+            needed = dimension_of(statement.observables[name], known) if name in statement.observables else known[name]
+            if one.standard.unit.dimension != needed:
+                raise InputError(f"standard has units '{one.standard.unit.dimension}', needs '{needed}'")
 
 
 def _check_motion(statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:

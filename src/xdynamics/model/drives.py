@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Table:
-    """A measured table of two columns, kept with its whole text.
+    """A measured table of two columns, and perhaps a third one with uncertainties, kept with its whole text.
 
     Attributes
     ----------
@@ -39,6 +39,8 @@ class Table:
     argument_unit, value_unit : Unit
     argument, value : ndarray, shape (n,), SI
         `argument` strictly increases.
+    uncertainty : ndarray, shape (n,), SI, optional
+        Standard uncertainty of each value: a column ``u(thrust) [N]``.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Table:
     value_unit: Unit = field(compare=False)
     argument: Floats = field(compare=False, repr=False)
     value: Floats = field(compare=False, repr=False)
+    uncertainty: Floats | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def parse(cls, name: str, text: str) -> Table:
@@ -62,10 +65,9 @@ class Table:
         if not lines:
             raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
         units = _header(name, *lines[0])
-        rows = _rows(name, lines[1:])
-        argument = np.array([units[0].to_si(row[0]) for row in rows])
-        value = np.array([units[1].to_si(row[1]) for row in rows])
-        return cls(name, text, units[0], units[1], argument, value)
+        rows = _rows(name, lines[1:], len(units))
+        columns = [np.array([unit.to_si(row[k]) for row in rows]) for k, unit in enumerate(units)]
+        return cls(name, text, units[0], units[1], *columns)
 
 
 def coefficients(
@@ -112,12 +114,15 @@ def _pieces(argument: Floats, value: Floats, interpolation: str) -> Floats:
     return hermite_pieces(argument, value, slopes(argument, value))
 
 
-def _header(name: str, number: int, line: str) -> tuple[Unit, Unit]:
+def _header(name: str, number: int, line: str) -> list[Unit]:
+    """Read the units of the columns: argument, value, and where they are told the value's uncertainties."""
     cells = next(csv.reader([line[:1000]]))
     found = [_HEADER.fullmatch(cell) for cell in cells]
-    if len(cells) != 2 or not all(found):
+    doubted = len(cells) == 3 and all(found) and found[2]["name"] == f"u({found[1]['name']})"  # type: ignore[index]
+    if not all(found) or not (len(cells) == 2 or doubted):
         raise InputError(
-            f"table '{name}', line {number}: header {_short(line)} needs two columns with units, like 'time [s],thrust [N]'"
+            f"table '{name}', line {number}: header {_short(line)} needs two columns with units, like 'time [s],thrust [N]',"
+            " and may have a third one with uncertainties of the second, like 'u(thrust) [N]'"
         )
     ledger = Ledger(f"table '{name}', line {number}")
     units = []
@@ -126,32 +131,43 @@ def _header(name: str, number: int, line: str) -> tuple[Unit, Unit]:
         with ledger.entry(f"column {_short(one['name'])}"):
             units.append(parse_unit(one["unit"]))
     ledger.settle()
-    return units[0], units[1]
+    if doubted and units[2].dimension != units[1].dimension:
+        raise InputError(
+            f"table '{name}', line {number}: uncertainties are in '{units[2].text}', the values in '{units[1].text}'"
+        )
+    return units
 
 
-def _rows(name: str, lines: list[tuple[int, str]]) -> list[tuple[float, float]]:
+def _rows(name: str, lines: list[tuple[int, str]], columns: int) -> list[tuple[float, ...]]:
     """Read the numbers, gathering faults by line."""
     ledger = Ledger(f"table '{name}'")
-    rows: list[tuple[float, float]] = []
+    rows: list[tuple[float, ...]] = []
     for number, line in lines:
         if len(ledger.faults) >= MOST_FAULTS:
             break
         cells = line.split(",")
-        if len(cells) != 2:
-            many = f"the first of {len(cells)} cells, needs a pair" if len(cells) > 1 else "no pair"
+        if len(cells) != columns:
+            needed = "a pair" if columns == 2 else "three"
+            many = (
+                f"the first of {len(cells)} cells, needs {needed}"
+                if len(cells) > 1
+                else f"no {needed.rsplit(maxsplit=1)[-1]}"
+            )
             ledger.note(f"line {number}: {_short(cells[0])} is {many} of numbers")
             continue
         wrong = [cell for cell in cells if not _is_number(cell)]
         if wrong:
             ledger.note(f"line {number}: {_short(wrong[0])} is no number")
             continue
-        first, second = map(float, cells)
-        if not (isfinite(first) and isfinite(second)):
-            ledger.note(f"line {number}: {_short(cells[isfinite(first)])} is not finite")
-        elif rows and first <= rows[-1][0]:
-            ledger.note(f"line {number}: argument {first!r} does not increase after {rows[-1][0]!r}")
+        row = tuple(map(float, cells))
+        if infinite := [cell for cell, one in zip(cells, row, strict=True) if not isfinite(one)]:
+            ledger.note(f"line {number}: {_short(infinite[0])} is not finite")
+        elif rows and row[0] <= rows[-1][0]:
+            ledger.note(f"line {number}: argument {row[0]!r} does not increase after {rows[-1][0]!r}")
+        elif row[2:] and row[2] < 0:
+            ledger.note(f"line {number}: the uncertainty {row[2]!r} is negative")
         else:
-            rows.append((first, second))
+            rows.append(row)
     if len(rows) < 2 and not ledger.faults:
         ledger.note(f"has {len(rows)} rows, needs 2 or more")
     ledger.settle()

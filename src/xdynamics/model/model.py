@@ -31,6 +31,7 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.reach import ANYWHERE, BELOW, EMBEDDED, REACHES, Reach
 from xdynamics.model.reading import read
+from xdynamics.model.spread import SIZES, Discrepancy
 from xdynamics.model.statement import Statement
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, parse_unit
@@ -45,8 +46,8 @@ class Model:
     ----------
     **statement
         The sections of a model file by name (`name`, `description`, `coordinates`, `parameters`, `mass`,
-        `definitions`, `forces`, `drives`, `states`, `initial`, `events`, `contacts`, `frictions`, `regimes`, `observables`, `validation`, `run`), each a
-        mapping in the file's own words. A force component may also be a numba-compilable Python function
+        `definitions`, `forces`, `drives`, `states`, `initial`, `events`, `contacts`, `frictions`, `regimes`,
+        `observables`, `validation`, `correlations`, `discrepancy`, `run`), each a mapping in the file's own words. A force component may also be a numba-compilable Python function
         whose arguments are declared names; it gets and returns SI floats.
 
     Raises
@@ -80,6 +81,7 @@ class Model:
     drives: dict[str, Drive]
     states: dict[str, State]
     initial: dict[str, Quantity]
+    starts: dict[str, Parameter]
     events: dict[str, Event]
     contacts: dict[str, Contact]
     frictions: dict[str, Friction]
@@ -88,6 +90,8 @@ class Model:
     observables: dict[str, Node]
     run: dict[str, Any]
     validation: dict[str, Validation]
+    correlations: dict[tuple[str, str], float]
+    discrepancy: dict[str, Discrepancy]
     dimensions: dict[str, Dimension]
     file: Path | None = None  # that it was read from
 
@@ -208,13 +212,14 @@ class Model:
     def form(self) -> str:
         """The model as TOML without the numbers of parameters and of the start: what programs are written from."""
         parameters = {
-            name: replace(one, quantity=Quantity(0.0, one.quantity.unit), uncertainty=None)
+            name: replace(one, quantity=Quantity(0.0, one.quantity.unit), spread=None)
             for name, one in self.parameters.items()
         }
         initial = {name: Quantity(0.0, one.unit) for name, one in self.initial.items()}
         said = replace(
-            self.statement, name="", description="", parameters=parameters, initial=initial, run={}, validation={}
-        )
+            self.statement, name="", description="", parameters=parameters, initial=initial, starts={}, run={},
+            validation={}, correlations={}, discrepancy={},
+        )  # fmt: skip
         return toml.write(said)
 
     @cached_property
@@ -228,6 +233,11 @@ class Model:
     def force_components(self) -> dict[str, dict[str, Node | Function]]:
         """Every force term's components; those of a potential are derived: -dV/dq."""
         return {term: self._components(force) for term, force in self.forces.items()}
+
+    @cached_property
+    def uncertain(self) -> dict[str, Parameter]:
+        """What has an uncertainty: parameters, then values at the start."""
+        return {name: one for name, one in (self.parameters | self.starts).items() if one.uncertainty > 0}
 
     @property
     def mass_is_full(self) -> bool:
@@ -317,6 +327,5 @@ def _replaced(entry: str, old: Any, value: Any) -> Any:
     if not isinstance(old, Mapping):
         return written
     kept = {key: one for key, one in old.items() if key != "unit"}
-    if isinstance(kept.get("uncertainty"), int | float):
-        kept["uncertainty"] = f"{kept['uncertainty']!r} {unit.text}"
+    kept |= {key: f"{size!r} {unit.text}" for key in SIZES if isinstance(size := kept.get(key), int | float)}
     return kept | {"value": written}

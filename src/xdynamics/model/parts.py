@@ -12,6 +12,7 @@ from typing import Any
 from xdynamics.expressions import Node
 from xdynamics.faults import InputError
 from xdynamics.model.drives import Table
+from xdynamics.model.spread import Spread
 from xdynamics.units import Quantity, Unit
 
 DIRECTIONS = ("rising", "falling", "either")
@@ -34,11 +35,19 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A constant of the model with its standard uncertainty, in the same unit, where one is known."""
+    """A constant of the model, or a value at the start, with how it is spread, where that is known."""
 
     quantity: Quantity
-    uncertainty: Quantity | None = None
+    spread: Spread | None = None
     description: str = ""
+
+    @property
+    def uncertainty(self) -> float:
+        """The standard uncertainty in the value's own unit; 0 where none is known."""
+        if self.spread is None:
+            return 0.0
+        standard = self.spread.standard
+        return float(standard.unit.factor / self.quantity.unit.factor) * standard.value
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.python import Functions, expression_or_function
 from xdynamics.model.reach import Reach
+from xdynamics.model.spread import KEYS, Discrepancy, correlations_of, spread_of
 from xdynamics.model.statement import Statement
 from xdynamics.model.switching import event, regime
 from xdynamics.model.touching import contact, friction, impact
@@ -29,7 +30,7 @@ from xdynamics.model.words import choice, described, flag, keys, near
 from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
 SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
-            "initial", "events", "contacts", "frictions", "regimes", "observables", "validation", "run")  # fmt: skip
+            "initial", "events", "contacts", "frictions", "regimes", "observables", "validation", "correlations", "discrepancy", "run")  # fmt: skip
 RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
             "max_steps", "force_samples", "scales", "jacobian", "summation", "switches",
             "time_tolerance")  # fmt: skip
@@ -83,7 +84,13 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
             parts["validation"][one] = validation(one, given)
     parts["regime"] = _first_regime(sections["initial"], list(parts["regimes"]), ledger)
     sections["initial"] = {key: value for key, value in sections["initial"].items() if key != "regime"}
-    parts["initial"] = {"t": Quantity(0.0, Unit("s", TIME)), **entries("initial", "initial value", parse_quantity)}
+    starts = entries("initial", "initial value", _parameter)
+    parts["initial"] = {"t": Quantity(0.0, Unit("s", TIME))} | {key: one.quantity for key, one in starts.items()}
+    parts["starts"] = {key: one for key, one in starts.items() if one.spread or one.description}
+    parts["correlations"] = {}
+    with ledger.entry("correlations"):
+        parts["correlations"] = correlations_of(sections["correlations"])
+    parts["discrepancy"] = entries("discrepancy", "discrepancy", _discrepancy)
     parts["run"] = _run(sections["run"], ledger)
     with ledger.entry("mass"):
         parts["mass"] = _mass(sections["mass"], list(parts["coordinates"]))
@@ -119,19 +126,18 @@ def _coordinate(given: Any) -> Coordinate:
 def _parameter(given: Any) -> Parameter:
     if not isinstance(given, Mapping):
         return Parameter(parse_quantity(given))
-    keys(given, ("value", "unit", "uncertainty", "description"), needed=("value",))
+    keys(given, ("value", "unit", *KEYS, "description"), needed=("value",))
     quantity = _in_unit(given["value"], given.get("unit"))
-    uncertainty = None
-    if "uncertainty" in given:
-        bare = parse_quantity(given["uncertainty"]).unit.text == "1"
-        uncertainty = _in_unit(given["uncertainty"], quantity.unit.text if bare else None)
-        if uncertainty.value < 0:
-            raise InputError(f"uncertainty {given['uncertainty']!r} must be non-negative")
-        if uncertainty.unit.dimension != quantity.unit.dimension:
-            raise InputError(
-                f"uncertainty is in '{uncertainty.unit.dimension}', the value in '{quantity.unit.dimension}'"
-            )
-    return Parameter(quantity, uncertainty, described(given))
+    return Parameter(quantity, spread_of(given, quantity), described(given))
+
+
+def _discrepancy(given: Any) -> Discrepancy:
+    given = given if isinstance(given, Mapping) else {"standard": given}
+    keys(given, ("standard", "description"), needed=("standard",))
+    standard = parse_quantity(given["standard"])
+    if standard.value < 0:
+        raise InputError(f"standard {given['standard']!r} must be non-negative")
+    return Discrepancy(standard, described(given))
 
 
 def _state(given: Any) -> State:

@@ -21,6 +21,7 @@ from xdynamics.model.parts import (
     State,
     Validation,
 )
+from xdynamics.model.spread import Discrepancy
 from xdynamics.units import Quantity
 
 
@@ -38,6 +39,7 @@ class Statement:
     drives: dict[str, Drive]
     states: dict[str, State]
     initial: dict[str, Quantity]
+    starts: dict[str, Parameter]  # of what is initial that has a spread or a description
     events: dict[str, Event]
     contacts: dict[str, Contact]
     frictions: dict[str, Friction]
@@ -46,6 +48,8 @@ class Statement:
     observables: dict[str, Node]
     run: dict[str, Any]
     validation: dict[str, Validation]
+    correlations: dict[tuple[str, str], float]
+    discrepancy: dict[str, Discrepancy]
 
     @cached_property
     def mass_entries(self) -> dict[tuple[int, int], Node]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from xdynamics.expressions import text_of
 from xdynamics.model.parts import Contact, Event, Friction, Function, Validation
+from xdynamics.model.spread import NORMAL, RECTANGULAR
 from xdynamics.model.statement import Statement
 from xdynamics.units import Quantity
 
@@ -37,7 +38,8 @@ def write(statement: Statement) -> str:
     for name, state in statement.states.items():
         body = {"unit": state.unit.text, "rate": text_of(state.rate)} | ({"smooth": True} if state.smooth else {})
         _section(lines, f"states.{name}", _described(body, state))
-    initial = {name: str(quantity) for name, quantity in statement.initial.items()}
+    starts = statement.starts
+    initial: dict[str, Any] = {name: _parameter(starts[name]) if name in starts else str(quantity) for name, quantity in statement.initial.items()}  # fmt: skip
     _section(lines, "initial", initial | ({"regime": statement.regime} if statement.regime else {}))
     for name, event in statement.events.items():
         body = {"function": _component(event.function), "direction": event.direction, "action": event.action}
@@ -56,6 +58,11 @@ def write(statement: Statement) -> str:
     _section(lines, "observables", {name: text_of(node) for name, node in statement.observables.items()})
     for name, one in statement.validation.items():
         _section(lines, f"validation.{name}", _described(_validation(one), one))
+    _section(lines, "correlations", _correlations(statement))
+    discrepancy = {
+        name: _described({"standard": str(one.standard)}, one) for name, one in statement.discrepancy.items()
+    }
+    _section(lines, "discrepancy", discrepancy)
     _section(lines, "run", statement.run)
     return "\n".join(lines) + "\n"
 
@@ -70,13 +77,25 @@ def _described(body: dict[str, Any], part: Any) -> dict[str, Any]:
 
 
 def _parameter(part: Any) -> str | dict[str, Any]:
-    if part.uncertainty is None and not part.description:
+    if part.spread is None and not part.description:
         return str(part.quantity)
     body: dict[str, Any] = {"value": part.quantity.value, "unit": part.quantity.unit.text}
-    if part.uncertainty is not None:
-        same = part.uncertainty.unit.text == part.quantity.unit.text
-        body["uncertainty"] = part.uncertainty.value if same else str(part.uncertainty)
+    if part.spread is not None:
+        size, bounded = part.spread.size, part.spread.bounded
+        same = size.unit.text == part.quantity.unit.text
+        body["half_width" if bounded else "uncertainty"] = size.value if same else str(size)
+        if part.spread.distribution != (RECTANGULAR if bounded else NORMAL):
+            body["distribution"] = part.spread.distribution
+        if part.spread.degrees_of_freedom is not None:
+            body["degrees_of_freedom"] = part.spread.degrees_of_freedom
     return _described(body, part)
+
+
+def _correlations(statement: Statement) -> dict[str, dict[str, float]]:
+    found: dict[str, dict[str, float]] = {}
+    for (name, other), value in statement.correlations.items():
+        found.setdefault(name, {})[other] = value
+    return found
 
 
 def _mass(statement: Statement) -> dict[str, Any]:

@@ -48,8 +48,8 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
         found.append((schema.GIVEN_STEP, np.array(march.settings.step)))
     for name, one in march.model.parameters.items():
         more: dict[str, Any] = {}
-        if one.uncertainty is not None:
-            more["uncertainty"] = float(one.uncertainty.unit.factor / one.quantity.unit.factor) * one.uncertainty.value
+        if one.spread is not None:
+            more["uncertainty"] = one.uncertainty
         long_name = one.description or f"parameter {name}"
         found.append(
             (Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", more), one.quantity.value)

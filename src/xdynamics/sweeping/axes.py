@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
+from xdynamics.model.spread import deviations, matrix_of
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
-from xdynamics.sweeping.designs import NORMAL, Draws
+from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.tables import is_wide, narrow, text_of
 from xdynamics.units import NONE, Quantity, Unit, parse_quantity, parse_unit
 
@@ -148,14 +149,23 @@ def _axis(model: Model, dim: str, given: Any) -> Axis:
 
 def _drawn(model: Model, draws: Draws) -> tuple[Column, ...]:
     """Put points between the ends of each range, or around each parameter."""
-    points, found = draws.points(), []
-    for i, name in enumerate(draws.ranges):
-        if draws.design == NORMAL:
-            column, middle, width = _around(model, name)
-        else:
-            column = range_of(model, name, draws.ends[name])
-            middle, width = float(column.values[0]), float(column.values[1] - column.values[0])
-        found.append(replace(column, values=middle + width * points[:, i]))
+    points, names, found = draws.points(), list(draws.ranges), []
+    if draws.design == DECLARED:
+        known = model.uncertain
+        for name in names:
+            if name not in known:
+                raise InputError(f"'{name}' has no uncertainty in the model; there are {', '.join(known) or 'none'}")
+        off = deviations(
+            [spread for name in names if (spread := known[name].spread)], matrix_of(names, model.correlations), points
+        )
+        for i, name in enumerate(names):
+            value, unit = known[name].quantity.value, known[name].quantity.unit
+            found.append(replace(column_of(model, name, [f"{value!r} {unit.text}"]), values=value + known[name].uncertainty * off[:, i]))  # fmt: skip
+        return tuple(found)
+    for i, name in enumerate(names):
+        column = range_of(model, name, draws.ends[name])
+        low, high = column.values.tolist()
+        found.append(replace(column, values=low + (high - low) * points[:, i]))
     return tuple(found)
 
 
@@ -174,17 +184,6 @@ def range_of(model: Model, name: str, ends: Sequence[Any]) -> Column:
         )
         raise InputError(f"'{name}' needs two numbers, first the lowest, then the highest; got {got}")
     return column
-
-
-def _around(model: Model, name: str) -> tuple[Column, float, float]:
-    """Return a parameter's column, its value and its standard uncertainty, in its unit."""
-    one = model.parameters.get(name)
-    if one is None or one.uncertainty is None:
-        known = [other for other, part in model.parameters.items() if part.uncertainty is not None]
-        raise InputError(f"'{name}' is no parameter with an uncertainty; there are {', '.join(known) or 'none'}")
-    unit = one.quantity.unit
-    deviation = float(one.uncertainty.unit.factor / unit.factor) * one.uncertainty.value
-    return Column(name, PARAMETER, np.array([one.quantity.value]), unit, name), one.quantity.value, deviation
 
 
 def column_of(model: Model, name: str, given: Any) -> Column:

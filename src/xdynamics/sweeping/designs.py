@@ -1,4 +1,4 @@
-"""Values that are drawn: Sobol points, a Latin hypercube, or from the parameters' own uncertainties."""
+"""Values that are drawn: Sobol points, a Latin hypercube, or from the distributions that a model declares."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 
-SOBOL, LATIN, NORMAL = "sobol", "latin_hypercube", "normal"
-DESIGNS = (SOBOL, LATIN, NORMAL)
+SOBOL, LATIN, DECLARED = "sobol", "latin_hypercube", "declared"
+DESIGNS = (SOBOL, LATIN, DECLARED)
+LEAST = 2.0**-54  # of a number from 0 to 1 at which a distribution without bounds is looked up
 
 
 @dataclass(frozen=True)
@@ -24,9 +25,10 @@ class Draws:
     count : int
         How many; of Sobol points a power of two.
     ranges : mapping of str to (lowest, highest), or sequence of str
-        What is drawn from where: ``{"m": ("1 kg", "2 kg")}``. Of the design ``normal`` names of parameters that have an
-        uncertainty in the model: its standard uncertainty is the standard deviation.
-    design : {"sobol", "latin_hypercube", "normal"}
+        What is drawn from where: ``{"m": ("1 kg", "2 kg")}``. Of the design ``declared`` names of parameters and initial
+        values that have an uncertainty in the model: each is drawn from its distribution, normal ones with their
+        correlations.
+    design : {"sobol", "latin_hypercube", "declared"}
     seed : int
         Recorded, as the values are.
 
@@ -62,8 +64,8 @@ class Draws:
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             faults.append(f"seed is {self.seed!r}, needs a non-negative whole number")
         if isinstance(self.ranges, str) or not self.ranges:
-            faults.append(f"ranges are {self.ranges!r}, need names, and of what is no normal design their ends")
-        if self.design != NORMAL and not isinstance(self.ranges, Mapping):
+            faults.append(f"ranges are {self.ranges!r}, need names, and of what is no declared design their ends")
+        if self.design != DECLARED and not isinstance(self.ranges, Mapping):
             faults.append(
                 f"a design of {self.design} needs the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}"
             )
@@ -72,14 +74,14 @@ class Draws:
 
     @property
     def ends(self) -> Mapping[str, Sequence[Any]]:
-        """The lowest and the highest of each name; of a normal design there are none."""
+        """The lowest and the highest of each name; of a declared design there are none."""
         return self.ranges if isinstance(self.ranges, Mapping) else {}
 
     def points(self) -> NDArray[np.float64]:
-        """Return one row a draw, one column a name: numbers from 0 to 1, or of the normal design standard normal ones."""
+        """Return one row a draw, one column a name: numbers from 0 to 1; of the declared design never an end."""
         rng, dimensions = np.random.default_rng(self.seed), len(self.ranges)
-        if self.design == NORMAL:
-            return rng.standard_normal((self.count, dimensions))
+        if self.design == DECLARED:
+            return np.maximum(rng.random((self.count, dimensions)), LEAST)
         from scipy.stats import qmc
 
         sampler = (qmc.Sobol if self.design == SOBOL else qmc.LatinHypercube)(dimensions, seed=rng)

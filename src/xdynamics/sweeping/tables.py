@@ -29,12 +29,12 @@ def text_of(path: Path) -> str:
 
 
 def is_wide(path: Path) -> bool:
-    """Whether a table has more than one column besides its argument."""
-    return len(_rows(text_of(path), path)[0]) > 2
+    """Whether a table has more than one column besides its argument and uncertainties."""
+    return len(_labels(_rows(text_of(path), path)[0])) > 1
 
 
 def narrow(path: Path) -> dict[str, str]:
-    """Take a wide table apart: CSV text with argument and value for each further column, by the name in its header.
+    """Take a wide table apart: CSV text with argument, value and perhaps its uncertainty, by the name in the header.
 
     Raises
     ------
@@ -43,13 +43,31 @@ def narrow(path: Path) -> dict[str, str]:
     """
     rows = _rows(text_of(path), path)
     header = rows[0]
-    labels = [one.split("[")[0].strip() for one in header[1:]]
-    if len({*labels}) < len(labels):
-        raise InputError(f"table '{path}' has two columns of one name: {', '.join(labels)}")
+    labels = _labels(header)
+    names = [name for name, _ in labels]
+    if len({*names}) < len(names):
+        raise InputError(f"table '{path}' has two columns of one name: {', '.join(names)}")
     for number, row in enumerate(rows, 1):
         if len(row) != len(header):
             raise InputError(f"table '{path}' row {number} has {len(row)} cells, its header {len(header)}")
-    return {label: "".join(f"{row[0]},{row[k]}\n" for row in rows) for k, label in enumerate(labels, 1)}
+    return {label: _written([[row[k] for k in (0, *columns)] for row in rows]) for label, columns in labels}
+
+
+def _labels(header: list[str]) -> list[tuple[str, tuple[int, ...]]]:
+    """Name the value columns, each with its place and that of its uncertainties, ``u(name)``, if it has some."""
+    names = [one.split("[")[0].strip() for one in header]
+    doubts = {f"u({name})" for name in names}
+    return [
+        (name, (k, names.index(f"u({name})")) if f"u({name})" in names else (k,))
+        for k, name in enumerate(names)
+        if k and name not in doubts
+    ]
+
+
+def _written(rows: list[list[str]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def _rows(text: str, path: Path) -> list[list[str]]:

@@ -1,0 +1,239 @@
+"""How far a number of a model may be from its value: standard uncertainties, bounds, distributions, correlations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.elementary import FUNCTIONS
+from xdynamics.faults import InputError
+from xdynamics.model.words import choice
+from xdynamics.units import Quantity, parse_quantity
+
+NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT = "normal", "rectangular", "triangular", "arcsine", "t"
+DISTRIBUTIONS = (NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT)
+# half widths of those that have bounds, in standard deviations (JCGM 101:2008, 6.4.2 to 6.4.6)
+HALF_WIDTHS = {RECTANGULAR: sqrt(3.0), TRIANGULAR: sqrt(6.0), ARCSINE: sqrt(2.0)}
+SIZES = ("uncertainty", "half_width")
+KEYS = (*SIZES, "distribution", "degrees_of_freedom")
+
+NOTHING = 1e-12  # of a variance that is left
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How a number is distributed about its value.
+
+    Attributes
+    ----------
+    size : Quantity
+        As it was given: the standard uncertainty, or half the width between the bounds.
+    distribution : {"normal", "rectangular", "triangular", "arcsine", "t"}
+    bounded : bool
+        Whether the size is half a width.
+    degrees_of_freedom : float, optional
+        Of Student's t, over 2. Its standard deviation is the standard uncertainty; what is known from n readings by
+        s/sqrt(n) has that times sqrt((n - 1)/(n - 3)) (JCGM 101:2008, 6.4.9).
+    """
+
+    size: Quantity
+    distribution: str = NORMAL
+    bounded: bool = False
+    degrees_of_freedom: float | None = None
+
+    @property
+    def standard(self) -> Quantity:
+        """The standard uncertainty, in the unit that was given."""
+        factor = HALF_WIDTHS[self.distribution] if self.bounded else 1.0
+        return Quantity(self.size.value / factor, self.size.unit)
+
+    def at(self, points: Floats) -> Floats:
+        """Return how many standard uncertainties from the value the distribution reaches numbers between 0 and 1.
+
+        Of all but Student's t, which is scipy's, from arithmetic that is the same on every machine.
+        """
+        if self.distribution == RECTANGULAR:
+            return HALF_WIDTHS[RECTANGULAR] * (2.0 * points - 1.0)
+        if self.distribution == TRIANGULAR:
+            off = 1.0 - np.sqrt(2.0 * np.minimum(points, 1.0 - points))
+            return HALF_WIDTHS[TRIANGULAR] * np.where(points < 0.5, -off, off)
+        if self.distribution == ARCSINE:
+            sine: Floats = FUNCTIONS["sin"](np.pi * (points - 0.5))
+            return HALF_WIDTHS[ARCSINE] * sine
+        if self.degrees_of_freedom is not None:
+            from scipy import special
+
+            found: Floats = special.stdtrit(self.degrees_of_freedom, points)
+            return found * sqrt(1.0 - 2.0 / self.degrees_of_freedom)
+        return normal_quantile(points)
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """What a model's approximations may have a quantity wrong, as its author declares it."""
+
+    standard: Quantity
+    description: str = ""
+
+
+def spread_of(given: Mapping[str, Any], value: Quantity) -> Spread | None:
+    """Read the spread of an entry, where it has one.
+
+    Raises
+    ------
+    InputError
+        If its keys contradict each other, or its unit is another one than the value's.
+    """
+    told = [key for key in SIZES if key in given]
+    if not told:
+        if "distribution" in given or "degrees_of_freedom" in given:
+            raise InputError("has a distribution, and no uncertainty or half_width that says how wide it is")
+        return None
+    if len(told) > 1:
+        raise InputError("has an uncertainty and a half_width; write one: the other follows from the distribution")
+    bounded = told == ["half_width"]
+    distribution = choice(given, "distribution", DISTRIBUTIONS, RECTANGULAR if bounded else NORMAL)
+    if bounded and distribution not in HALF_WIDTHS:
+        raise InputError(f"half_width: a distribution that is {distribution} has no bounds; write its uncertainty")
+    return Spread(_size(given[told[0]], told[0], value), distribution, bounded, _freedom(given, distribution))
+
+
+def _size(given: Any, key: str, value: Quantity) -> Quantity:
+    size = parse_quantity(given)
+    if size.unit.text == "1":
+        size = Quantity(size.value, value.unit)
+    if size.value < 0:
+        raise InputError(f"{key} {given!r} must be non-negative")
+    if size.unit.dimension != value.unit.dimension:
+        raise InputError(f"{key} is in '{size.unit.dimension}', the value in '{value.unit.dimension}'")
+    return size
+
+
+def _freedom(given: Mapping[str, Any], distribution: str) -> float | None:
+    told = given.get("degrees_of_freedom")
+    if distribution != STUDENT:
+        if told is not None:
+            raise InputError(f"degrees_of_freedom is {told!r}; a distribution that is {distribution} has none")
+        return None
+    if isinstance(told, bool) or not isinstance(told, int | float) or not 2 < told < float("inf"):
+        raise InputError(f"degrees_of_freedom is {told!r}; a t distribution needs a number over 2, or has no deviation")
+    return float(told)
+
+
+def correlations_of(section: Mapping[str, Any]) -> dict[tuple[str, str], float]:
+    """Read which names are correlated, and how much.
+
+    Raises
+    ------
+    InputError
+        If one is no number from -1 to 1, or a pair is there twice.
+    """
+    found: dict[tuple[str, str], float] = {}
+    for name, others in section.items():
+        if not isinstance(others, Mapping):
+            raise InputError(f"{name} = {others!r} must be a table, like m = {{ c = 0.3 }}")
+        for other, value in others.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not -1 <= value <= 1:
+                raise InputError(f"{name} and {other}: {value!r} is no number from -1 to 1")
+            if name == other or (other, name) in found:
+                raise InputError(f"{name} and {other}: " + ("a number with itself has 1" if name == other else "are there twice"))  # fmt: skip
+            found[name, other] = float(value)
+    return found
+
+
+# Wichura 1988, algorithm AS 241 (doi:10.2307/2347330): numerators and denominators near the middle, in the tails, far out
+_NEAR = (
+    (3.3871328727963666080e0, 1.3314166789178437745e2, 1.9715909503065514427e3, 1.3731693765509461125e4, 4.5921953931549871457e4, 6.7265770927008700853e4, 3.3430575583588128105e4, 2.5090809287301226727e3),
+    (1.0, 4.2313330701600911252e1, 6.8718700749205790830e2, 5.3941960214247511077e3, 2.1213794301586595867e4, 3.9307895800092710610e4, 2.8729085735721942674e4, 5.2264952788528545610e3),
+)  # fmt: skip
+_TAIL = (
+    (1.42343711074968357734e0, 4.63033784615654529590e0, 5.76949722146069140550e0, 3.64784832476320460504e0, 1.27045825245236838258e0, 2.41780725177450611770e-1, 2.27238449892691845833e-2, 7.74545014278341407640e-4),
+    (1.0, 2.05319162663775882187e0, 1.67638483018380384940e0, 6.89767334985100004550e-1, 1.48103976427480074590e-1, 1.51986665636164571966e-2, 5.47593808499534494600e-4, 1.05075007164441684324e-9),
+)  # fmt: skip
+_FAR = (
+    (6.65790464350110377720e0, 5.46378491116411436990e0, 1.78482653991729133580e0, 2.96560571828504891230e-1, 2.65321895265761230930e-2, 1.24266094738807843860e-3, 2.71155556874348757815e-5, 2.01033439929228813265e-7),
+    (1.0, 5.99832206555887937690e-1, 1.36929880922735805310e-1, 1.48753612908506148525e-2, 7.86869131145613259100e-4, 1.84631831751005468180e-5, 1.42151175831644588870e-7, 2.04426310338993978564e-15),
+)  # fmt: skip
+
+
+def normal_quantile(points: Floats) -> Floats:
+    """Return where the standard normal distribution reaches numbers between 0 and 1, to 16 digits."""
+    off = points - 0.5
+    far: Floats = np.sqrt(-FUNCTIONS["log"](np.minimum(points, 1.0 - points)))
+    tail = np.where(far <= 5.0, _ratio(_TAIL, far - 1.6), _ratio(_FAR, far - 5.0))
+    return np.where(np.abs(off) <= 0.425, off * _ratio(_NEAR, 0.180625 - off * off), np.where(off < 0.0, -tail, tail))
+
+
+def _ratio(powers: tuple[tuple[float, ...], tuple[float, ...]], x: Floats) -> Floats:
+    above, below = (np.zeros_like(x), np.zeros_like(x))
+    for one, other in zip(reversed(powers[0]), reversed(powers[1]), strict=True):
+        above, below = above * x + one, below * x + other
+    return above / below
+
+
+def deviations(spreads: Sequence[Spread], correlation: Floats, points: Floats) -> Floats:
+    """Return draws in standard uncertainties from their values; normal ones with their correlations.
+
+    Parameters
+    ----------
+    spreads : sequence of Spread
+    correlation : ndarray, shape (n, n)
+    points : ndarray, shape (draws, n)
+        Independent, evenly spread from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If no numbers can be correlated so.
+    """
+    root = root_of(correlation)
+    found = np.stack([one.at(points[:, i]) for i, one in enumerate(spreads)], axis=-1)
+    mixed = np.zeros_like(found)
+    for i in range(len(spreads)):
+        for k in range(i + 1):
+            if root[i, k] != 0.0:
+                mixed[:, i] += root[i, k] * found[:, k]
+    return mixed
+
+
+def root_of(correlation: Floats) -> Floats:
+    """Return the lower triangle whose product with itself is a correlation matrix (Cholesky), zero where there is nothing left.
+
+    Raises
+    ------
+    InputError
+        If no numbers can be correlated so.
+    """
+    n = len(correlation)
+    found = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            left = float(correlation[i, j])
+            for k in range(j):
+                left -= float(found[i, k]) * float(found[j, k])
+            if i == j and left < -NOTHING:
+                raise InputError("correlations contradict each other: no numbers can have all of them")
+            if i == j:
+                found[i, i] = sqrt(left) if left > NOTHING else 0.0
+            elif found[j, j] > 0.0:
+                found[i, j] = left / found[j, j]
+            elif abs(left) > NOTHING:
+                raise InputError("correlations contradict each other: no numbers can have all of them")
+    return found
+
+
+def matrix_of(names: list[str], correlations: Mapping[tuple[str, str], float]) -> Floats:
+    """Return the correlation matrix of some names."""
+    found = np.eye(len(names))
+    for (one, other), value in correlations.items():
+        if one in names and other in names:
+            i, j = names.index(one), names.index(other)
+            found[i, j] = found[j, i] = value
+    return found

@@ -1,0 +1,193 @@
+"""What a model says of how far its numbers may be off: read, checked, written back, drawn."""
+
+from __future__ import annotations
+
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import xdynamics as xd
+from xdynamics.model.spread import Spread, normal_quantile
+from xdynamics.units import parse_quantity
+
+TOML = """
+name = "uncertain"
+[coordinates]
+x = "m"
+[parameters]
+m = { value = "1 kg", uncertainty = "2 g" }
+k = { value = 4, unit = "N m-1", half_width = 0.3, description = "spring" }
+c = { value = "0.1 N s m-1", uncertainty = 0.01, distribution = "t", degrees_of_freedom = 9 }
+p = { value = "1 m", half_width = "1 cm", distribution = "arcsine" }
+q = { value = "1 m", half_width = "1 cm", distribution = "triangular" }
+[mass]
+x = "m"
+[forces]
+spring = { x = "-k*x" }
+damping = { x = "-c*v_x" }
+drive = { x = "push" }
+[drives.push]
+table = "push.csv"
+csv = '''
+t [s],push [N],u(push) [mN]
+0,1,20
+10,2,30
+'''
+[initial]
+x = { value = "1 m", uncertainty = "3 mm", description = "as released" }
+v_x = "0 m s-1"
+[observables]
+stretch = "x - p"
+[correlations]
+m = { x = 0.5 }
+[discrepancy]
+x = { standard = "1 mm", description = "the table is not quite level" }
+stretch = "2 mm"
+t = "1 ms"
+[run]
+method = "rk4"
+step = "10 ms"
+until = "1 s"
+"""
+
+
+def model(**replaced: str) -> xd.Model:
+    """The model above, a line replaced."""
+    text = TOML
+    for old, new in replaced.items():
+        text = text.replace(next(line for line in TOML.split("\n") if line.startswith(f"{old} =")), f"{old} = {new}")
+    return xd.Model.from_text(text)
+
+
+def test_standard_uncertainties_follow_from_bounds() -> None:
+    """Assert JCGM 101:2008, 6.4: half widths over the square roots of 3, 6 and 2; correlations, discrepancies, tables."""
+    found = {name: one.uncertainty for name, one in model().uncertain.items()}
+    assert found == pytest.approx({"m": 2e-3, "k": 0.3 / sqrt(3), "c": 0.01, "p": 0.01 / sqrt(2), "q": 0.01 / sqrt(6), "x": 3e-3})  # fmt: skip
+    assert model().correlations == {("m", "x"): 0.5}
+    assert {name: one.standard.si for name, one in model().discrepancy.items()} == {"x": 1e-3, "stretch": 2e-3, "t": 1e-3}  # fmt: skip
+    doubt = model().drives["push"].table.uncertainty
+    assert doubt is not None
+    assert doubt.tolist() == [0.02, 0.03]
+    assert model().initial["x"].si == 1.0
+
+
+def test_what_is_said_is_written_back() -> None:
+    """Assert that a model read from its own text is the same, and that no program knows of uncertainties."""
+    one = model()
+    assert xd.Model.from_text(one.to_toml()) == one
+    assert xd.Model.from_text(one.to_toml()).starts == one.starts
+    bare = {"m": '"1 kg"', "k": '"4 N m-1"', "x": '"1 m"'}
+    assert one.form == xd.Model.from_text(TOML.replace('m = { value = "1 kg", uncertainty = "2 g" }', f"m = {bare['m']}").replace("m = { x = 0.5 }", "")).form  # fmt: skip
+    changed = one.replace(parameters={"k": 5.0}, initial={"x": 2.0})
+    assert (changed.parameters["k"].uncertainty, changed.starts["x"].uncertainty) == pytest.approx(
+        (0.3 / sqrt(3), 3e-3)
+    )
+    assert (changed.initial["x"].si, changed.starts["x"].description) == (2.0, "as released")
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "said"),
+    [
+        ("m", '{ value = "1 kg", uncertainty = "2 s" }', "uncertainty is in 's', the value in 'kg'"),
+        ("m", '{ value = "1 kg", uncertainty = -1 }', "must be non-negative"),
+        ("m", '{ value = "1 kg", uncertainty = 1, half_width = 2 }', "write one"),
+        ("m", '{ value = "1 kg", distribution = "normal" }', "no uncertainty or half_width"),
+        ("m", '{ value = "1 kg", half_width = 1, distribution = "normal" }', "has no bounds"),
+        ("m", '{ value = "1 kg", uncertainty = 1, distribution = "cauchy" }', "there are normal, rectangular"),
+        ("c", '{ value = "1 N s m-1", uncertainty = 1, distribution = "t" }', "degrees_of_freedom is None"),
+        ("c", '{ value = "1 N s m-1", uncertainty = 1, distribution = "t", degrees_of_freedom = 2 }', "over 2"),
+        ("k", '{ value = "4 N m-1", uncertainty = 1, degrees_of_freedom = 9 }', "has none"),
+        ("m", "{ x = 1.5 }", "no number from -1 to 1"),
+        ("stretch", '"2 kg"', "standard has units 'kg', needs 'm'"),
+        ("t", '"-1 ms"', "must be non-negative"),
+    ],
+)
+def test_contradictions_are_named(key: str, text: str, said: str) -> None:
+    """Assert one clear error for each."""
+    if text.startswith("{ x"):
+        with pytest.raises(xd.ModelError, match=said):
+            xd.Model.from_text(TOML.replace("m = { x = 0.5 }", f"m = {text}"))
+        return
+    old = '"2 mm"' if key == "stretch" else '"1 ms"' if key == "t" else None
+    with pytest.raises(xd.ModelError, match=said):
+        xd.Model.from_text(TOML.replace(f"{key} = {old}", f"{key} = {text}")) if old else model(**{key: text})
+
+
+@pytest.mark.parametrize(
+    ("correlations", "said"),
+    [
+        ("m = { k = 0.5 }", "'k', which is rectangular"),
+        ("m = { v_x = 0.5 }", "'v_x', which is no parameter or initial value with an uncertainty"),
+        ("m = { m = 0.5 }", "a number with itself"),
+        ("m = { x = 0.5 }\nx = { m = 0.5 }", "are there twice"),
+        ("m = 0.5", "must be a table"),
+    ],
+)
+def test_correlations_that_cannot_be_are_named(correlations: str, said: str) -> None:
+    """Assert one clear error for each."""
+    with pytest.raises(xd.ModelError, match=said):
+        xd.Model.from_text(TOML.replace("m = { x = 0.5 }", correlations))
+
+
+def test_correlations_that_contradict_each_other_are_refused() -> None:
+    """Assert that three numbers cannot each be against both others."""
+    text = TOML.replace('k = { value = 4, unit = "N m-1", half_width = 0.3', 'k = { value = 4, unit = "N m-1", uncertainty = 0.3')  # fmt: skip
+    with pytest.raises(xd.ModelError, match="contradict each other"):
+        xd.Model.from_text(text.replace("m = { x = 0.5 }", "m = { x = -0.9, k = -0.9 }\nx = { k = -0.9 }"))
+
+
+def test_tables_with_uncertainties(tmp_path: Path) -> None:
+    """Assert that a third column is the second's, by name and unit, and that wide tables keep it with its own."""
+    for header, row, said in [
+        ("t [s],push [N],u(pull) [N]", "0,1,1", "uncertainties of the second"),
+        ("t [s],push [N],u(push) [m]", "0,1,1", "uncertainties are in 'm'"),
+        ("t [s],push [N],u(push) [N]", "0,1,-1", "the uncertainty -1.0 is negative"),
+        ("t [s],push [N],u(push) [N]", "0,1", "needs three"),
+    ]:
+        with pytest.raises(xd.ModelError, match=said):
+            xd.Model.from_text(TOML.replace("t [s],push [N],u(push) [mN]", header).replace("0,1,20", row))
+    wide = tmp_path / "wide.csv"
+    wide.write_text("t [s],one [N],u(one) [mN],two [N]\n0,1,20,3\n10,2,30,4\n")
+    found = xd.sweep(model(), {"push": wide})
+    assert found["push"].values.tolist() == ["one", "two"]
+    assert found["push_table"].values.tolist()[0] == "t [s],one [N],u(one) [mN]\n0,1,20\n10,2,30\n"
+
+
+def test_quantiles_are_those_of_scipy() -> None:
+    """Assert the normal quantile to 1e-14 from 1e-300 on, and every distribution's against scipy's."""
+    points = np.concatenate([np.random.default_rng(0).random(10_000), 10.0 ** -np.linspace(1, 300, 1000)])
+    assert normal_quantile(points) == pytest.approx(scipy.stats.norm.ppf(points), rel=1e-14, abs=1e-16)
+    inner = np.linspace(0.001, 0.999, 999)
+    known: dict[str, Any] = {
+        "rectangular": scipy.stats.uniform(-sqrt(3), 2 * sqrt(3)),
+        "triangular": scipy.stats.triang(0.5, -sqrt(6), 2 * sqrt(6)),
+        "arcsine": scipy.stats.arcsine(-sqrt(2), 2 * sqrt(2)),
+        "t": scipy.stats.t(9, scale=sqrt(7 / 9)),
+    }
+    for name, right in known.items():
+        freedom = 9.0 if name == "t" else None
+        one = Spread(parse_quantity("1 m"), name, bounded=False, degrees_of_freedom=freedom)
+        assert one.at(inner) == pytest.approx(right.ppf(inner), rel=1e-12, abs=1e-12)
+        assert right.std() == pytest.approx(1.0)
+
+
+def test_draws_are_those_that_the_model_declares() -> None:
+    """Assert means, deviations, correlations and bounds of what is drawn, and that the seed decides."""
+    names = ["m", "k", "c", "p", "q", "x"]
+    draws = xd.Draws(40_000, names, design="declared", seed=4)
+    found = xd.sweep(model(), {"draw": draws}, until="20 ms", step="10 ms")
+    values = {name: found[f"initial_{name}" if name == "x" and "initial_x" in found else name].values for name in names}
+    for name, one in model().uncertain.items():
+        assert values[name].mean() == pytest.approx(one.quantity.value, abs=5 * one.uncertainty / 200)
+        assert values[name].std() == pytest.approx(one.uncertainty, rel=0.02)
+    assert np.corrcoef(values["m"], values["x"])[0, 1] == pytest.approx(0.5, abs=0.02)
+    assert abs(np.corrcoef(values["m"], values["k"])[0, 1]) < 0.02
+    assert np.abs(values["k"] - 4.0).max() <= 0.3
+    again = xd.sweep(model(), {"draw": draws}, until="20 ms", step="10 ms")
+    assert again.k.values.tolist() == values["k"].tolist()
+    with pytest.raises(xd.InputError, match="'v_x' has no uncertainty"):
+        xd.sweep(model(), {"draw": xd.Draws(8, ["v_x"], design="declared")})
