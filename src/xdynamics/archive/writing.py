@@ -69,7 +69,8 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None) -> Pa
     record.check(run, values=derived is not None)  # without, they were looked at before
     check_no_table(Path(path), _tables(run))
     with new_file(Path(path)) as writer:
-        for name, variable in run.variables.items():
+        # what bears the name of a dimension that it is not along comes behind that, or the library cannot write the file
+        for name, variable in sorted(run.variables.items(), key=lambda one: one[0] in run.dims and one[0] not in one[1].dims):  # fmt: skip
             sizes = {str(dim): n for dim, n in zip(variable.dims, variable.shape, strict=True) if n}
             writer.define(str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), sizes)
         for name, variable in run.variables.items():

@@ -5,7 +5,7 @@ from xdynamics.record.column import Column
 from xdynamics.record.columns import columns, constants, factors
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.dataset import check, check_kind, dataset
-from xdynamics.record.identity import apart, comes_of, identity, is_of
+from xdynamics.record.identity import apart, comes_of, identity, is_of, same_settings
 
 __all__ = [
     "Column",
@@ -22,4 +22,5 @@ __all__ = [
     "is_of",
     "own_attributes",
     "plain",
+    "same_settings",
 ]

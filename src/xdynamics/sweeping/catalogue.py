@@ -97,7 +97,9 @@ def verify(path: str | Path) -> str:
     KindWarning
         If the file is as it was written, and holds a selection of a run or derived data.
     """
-    return verify_sweep(path)[0] if asked(Path(path), Path.is_dir) else archive.verify(path)
+    path = Path(path)
+    is_sweep = asked(path, Path.is_dir) and ((path / CATALOGUE).exists() or (path / UNFINISHED).exists())
+    return verify_sweep(path)[0] if is_sweep else archive.verify(path)
 
 
 def verify_sweep(path: str | Path) -> tuple[str, int]:

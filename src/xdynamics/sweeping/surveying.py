@@ -106,7 +106,7 @@ def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
             slope = sweep[name].chunk({dim: -1}) if sweep[name].chunks else sweep[name]
             edge: Any = 2 if sweep.sizes[dim] > 2 else 1
             slope = slope.astype(float).differentiate(dim, edge_order=edge).transpose(*sweep[name].dims)
-            units = _quotient(str(sweep[name].attrs["units"]), str(sweep[dim].attrs["units"]))
+            units = quotient(str(sweep[name].attrs["units"]), str(sweep[dim].attrs["units"]))
             found[f"slope_{name}_{dim}"] = (
                 slope.dims,
                 slope.data,
@@ -276,7 +276,7 @@ def _about(sweep: xr.Dataset, name: str, said: str) -> dict[str, Any]:
     return about(str(sweep[name].attrs["units"]), said, ROLE)
 
 
-def _quotient(unit: str, by: str) -> str:
+def quotient(unit: str, by: str) -> str:
     """Spell one unit over another."""
     inverse = []
     for one in by.split():

@@ -1,0 +1,108 @@
+"""Distributions propagated by drawing, and whether a linear budget is adequate: JCGM 101:2008."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor, log10, nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError
+from xdynamics.model.spread import normal_quantile
+
+Floats = NDArray[np.float64]
+
+LINEAR = ("adequate", "not_adequate", "not_checked")
+ADEQUATE, NOT_ADEQUATE, NOT_CHECKED = range(len(LINEAR))
+PARTS = 20  # of the draws, whose numbers tell how far those of all may be off
+SURE = 2.0  # standard uncertainties of what few draws tell
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What draws of a number tell.
+
+    Attributes
+    ----------
+    mean, standard : float
+    shortest, symmetric : (float, float)
+        Intervals that hold the stated part of all draws: the shortest one, and one with as many on either side.
+    standard_doubt, ends_doubt : float
+        How far the standard uncertainty and the ends of the symmetric interval may be off, being of so many draws.
+    """
+
+    mean: float
+    standard: float
+    shortest: tuple[float, float]
+    symmetric: tuple[float, float]
+    standard_doubt: float
+    ends_doubt: float
+
+
+def drawn(values: Floats, coverage: float) -> Drawn:
+    """Say what draws tell (JCGM 101:2008, 7.6 and 7.7).
+
+    Raises
+    ------
+    InputError
+        If there are too few for the coverage.
+
+    Examples
+    --------
+    >>> one = drawn(np.arange(1000.0), 0.9)
+    >>> one.symmetric, round(one.shortest[1] - one.shortest[0])
+    ((50.0, 950.0), 900)
+    """
+    count = len(values)
+    held = round(coverage * count)  # draws in an interval
+    if count < 2 * PARTS or not 0 < held < count:
+        raise InputError(f"{count} draws are too few for an interval of {coverage:.4g}; take {max(10_000, 2 * PARTS)}")
+    ordered = np.sort(values)
+    widths = ordered[held:] - ordered[: count - held]
+    k, tail = int(np.argmin(widths)), (count - held) // 2
+    parts = np.array_split(values, PARTS)
+    ends = np.array([np.quantile(one, [(1 - coverage) / 2, (1 + coverage) / 2]) for one in parts])
+    deviations = np.array([one.std(ddof=1) for one in parts])
+    return Drawn(
+        float(values.mean()),
+        float(values.std(ddof=1)),
+        (float(ordered[k]), float(ordered[k + held])),
+        (float(ordered[tail]), float(ordered[tail + held])),
+        float(deviations.std(ddof=1) / np.sqrt(PARTS)),
+        float(ends.std(axis=0, ddof=1).max() / np.sqrt(PARTS)),
+    )
+
+
+def tolerance_of(standard: float) -> float:
+    """Return half of the last place that a standard uncertainty of one significant digit has (JCGM 101:2008, 7.9.2).
+
+    Examples
+    --------
+    >>> tolerance_of(0.0755), tolerance_of(12.0)
+    (0.005, 5.0)
+    """
+    if not standard > 0.0:
+        return nan
+    rounded = float(f"{standard:.0e}")
+    return 0.5 * 10.0 ** floor(log10(rounded) + 1e-9)
+
+
+def judged(value: float, standard: float, found: Drawn, coverage: float) -> tuple[int, float]:
+    """Compare a linear budget's interval with the draws' own (JCGM 101:2008, 8.1).
+
+    Returns
+    -------
+    int
+        Place in `LINEAR`: adequate where both ends are within the tolerance of the draws' standard uncertainty, not
+        checked where too few draws leave it open.
+    float
+        The larger distance of the ends.
+    """
+    factor = float(normal_quantile(np.array([(1.0 + coverage) / 2.0]))[0])
+    linear = value - factor * standard, value + factor * standard
+    apart = max(abs(one - other) for one, other in zip(linear, found.symmetric, strict=True))
+    tolerance, doubt = tolerance_of(found.standard), SURE * found.ends_doubt
+    if apart + doubt <= tolerance:
+        return ADEQUATE, apart
+    return (NOT_ADEQUATE if apart - doubt > tolerance else NOT_CHECKED), apart

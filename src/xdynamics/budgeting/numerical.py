@@ -1,0 +1,181 @@
+"""What the march itself may have a number off: truncation, rounding, interpolation, the location of events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.archive import digest_of_run
+from xdynamics.budgeting.target import Target
+from xdynamics.budgeting.term import NUMERICAL, Term
+from xdynamics.evidence.marching import march
+from xdynamics.evidence.refining.convergence import judge
+from xdynamics.evidence.refining.levels import Levels
+from xdynamics.faults import InputError, ModelError
+from xdynamics.march.asking import settings_for
+from xdynamics.march.settings import LEAST_RTOL
+from xdynamics.methods.scheme import Scheme
+from xdynamics.model import Model
+from xdynamics.model.motion import variables
+from xdynamics.units import Quantity, Unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+EPS = float(np.finfo(float).eps)
+
+TRUNCATION, ROUNDOFF, INTERPOLATION, LOCATION = "truncation", "roundoff", "interpolation", "event_location"
+LEVELS = 4  # the run's own and three finer ones
+STEP_RATIO, RTOL_RATIO = 2.0, 10.0  # from one level to the next
+LEAST_RATIO = 2.0  # of tolerances, under which levels tell nothing
+COPIES = 8  # of the run, for rounding
+TRUSTED = 2.0  # times the largest distance of so few copies
+TIGHTER = 10.0  # how much better events are located, to see what their location does
+
+
+@dataclass(frozen=True)
+class Marched:
+    """The run that a number is of, and the finer ones beside it.
+
+    Attributes
+    ----------
+    run : xarray.Dataset
+    value : float
+    terms : tuple of Term
+    digests : tuple of str
+        Content digests of all the runs.
+    """
+
+    run: xr.Dataset
+    value: float
+    terms: tuple[Term, ...]
+    digests: tuple[str, ...]
+
+
+def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> Marched:
+    """March a model and what tells how far its number is off.
+
+    Raises
+    ------
+    InputError
+        If the run does not come to the number, or no finer run can be marched.
+    """
+    levels = _levels(model, asked)
+    runs = [levels.marched(k) for k in range(LEVELS)]
+    found = [target.in_run(run, model) for run in runs]
+    value, inside, located = found[0]
+    truncation = _truncation(levels, np.array([one[0] for one in found]), [one[1] + one[2] for one in found])
+    terms = (
+        truncation,
+        _roundoff(model, target, asked, value, seed),
+        Term.bounded(INTERPOLATION, NUMERICAL, inside, "a shortened step against two of half its length, extrapolated"),
+        _location(model, target, asked, value, located, runs[0]),
+    )
+    return Marched(runs[0], value, terms, tuple(digest_of_run(run) for run in runs))
+
+
+def _levels(model: Model, asked: dict[str, Any]) -> Levels:
+    """Return the run's own step or tolerance, and finer ones."""
+    settings = settings_for(model, **asked)
+    rest = {name: one for name, one in asked.items() if name not in ("step", "rtol")}
+    if not settings.adaptive:
+        if not isinstance(settings.step, float):
+            raise InputError(
+                "a budget needs a step or a tolerance that can be made finer; these steps are given one by one"
+            )
+        steps = [settings.step / STEP_RATIO**k for k in range(LEVELS)]
+        return Levels.of(model, _given("steps", steps), rest, fewest=LEVELS)
+    assert settings.tolerances is not None  # noqa: S101
+    rtol = settings.tolerances.rtol
+    ratio = min(RTOL_RATIO, (rtol / _least_rtol(settings.scheme)) ** (1.0 / (LEVELS - 1)))
+    if ratio < LEAST_RATIO:
+        raise InputError(f"rtol is {rtol!r}, and a budget needs three tolerances under it that differ; give a larger one, or a step")  # fmt: skip
+    return Levels.of(model, _given("rtols", [rtol / ratio**k for k in range(LEVELS)]), rest, fewest=LEVELS)
+
+
+def _given(keyword: str, values: list[float]) -> dict[str, Any]:
+    return {"steps": None, "rtols": None, "time_tolerances": None, "rules": None, keyword: values}
+
+
+def _least_rtol(scheme: Scheme) -> float:
+    """Return the smallest tolerance that step control can keep to."""
+    return 2.0 * float(LEAST_RTOL ** (scheme.method.order / scheme.error_order))
+
+
+def _truncation(levels: Levels, values: Floats, doubts: list[float]) -> Term:
+    """Return how far the coarsest value is from the finest, and what that is uncertain by."""
+    noise = 4.0 * EPS * float(np.abs(values).max())
+    told = judge(values, levels.values, levels.formal, noise, 0.0, max(doubts), smooth=levels.varied.keyword == "steps")
+    bound = abs(float(values[0] - values[-1])) + float(told.uncertainty)
+    rule = f"{levels.varied.name} {', '.join(f'{one:.4g}' for one in levels.values)}: the finest value's distance and uncertainty"
+    return Term.bounded(TRUNCATION, NUMERICAL, bound, rule)
+
+
+def _roundoff(model: Model, target: Target, asked: dict[str, Any], value: float, seed: int) -> Term:
+    """March copies, of which every operation is rounded in another way.
+
+    They are marched in units drawn at random; parameters and starts are moved by a spacing of numbers, which reading them
+    may have done, and what an observable takes away from another is rounded differently with them.
+    """
+    rng, off = np.random.default_rng(seed), []
+    settings = asked | _own_tolerances(model, asked)
+    in_units = not model.python_functions
+    for length, time, mass in np.exp(rng.uniform(-0.5, 0.5, (COPIES, 3))).tolist():
+        scales = {"length": f"{length!r} m", "time": f"{time!r} s", "mass": f"{mass!r} kg"} if in_units else None
+        copy = _nudged(model, rng)
+        off.append(value - target.in_run(march(copy, **settings | {"scales": scales}), copy)[0])
+    spacing = EPS * abs(value) / 2.0
+    standard = float(np.sqrt(np.mean(np.square(off)) + spacing**2 / 3.0))
+    units = "in units drawn at random" if in_units else "in SI units, which forces in Python know alone"
+    rule = f"{COPIES} copies {units}, from numbers a spacing beside: every operation is rounded in another way"
+    return Term(ROUNDOFF, NUMERICAL, standard, TRUSTED * float(np.abs(off).max()) + spacing, rule)
+
+
+def _nudged(model: Model, rng: np.random.Generator) -> Model:
+    """Return a model whose numbers are as large, or a spacing smaller; itself where it bears no change."""
+    numbers = {
+        "parameters": {name: one.quantity for name, one in model.parameters.items()},
+        "initial": dict(model.initial),
+    }
+    moved = {
+        section: {name: one.value * (1.0 - EPS * int(rng.integers(2))) for name, one in entries.items()}
+        for section, entries in numbers.items()
+        if entries
+    }
+    try:
+        return model.replace(**moved)
+    except ModelError:
+        return model
+
+
+def _own_tolerances(model: Model, asked: dict[str, Any]) -> dict[str, Any]:
+    """Return absolute tolerances that are the same in other units: a number without a unit is in those of the march."""
+    tolerances = settings_for(model, **asked).tolerances
+    if tolerances is None:
+        return {}
+    names = variables(model)
+    return {"atol": {name: Quantity(tolerances.of(name), Unit("", model.dimensions[name])) for name in names}}
+
+
+def _location(
+    model: Model, target: Target, asked: dict[str, Any], value: float, located: float, run: xr.Dataset
+) -> Term:
+    """Return what the location of events does: of the one that is asked for, and of those before it."""
+    if not run.sizes.get("event", 0):
+        return Term.bounded(LOCATION, NUMERICAL, 0.0, "no event was met")
+    settings = settings_for(model, **asked)
+    finer = _tighter(model, asked | {"time_tolerance": settings.time_tolerance / TIGHTER})
+    moved = abs(value - target.in_run(finer, model)[0]) if finer is not None else 0.0
+    rule = f"its own uncertainty, and events located {TIGHTER:g} times as well"
+    return Term.bounded(LOCATION, NUMERICAL, located + moved, rule)
+
+
+def _tighter(model: Model, asked: dict[str, Any]) -> xr.Dataset | None:
+    try:
+        return march(model, **asked)
+    except InputError:
+        return None

@@ -1,0 +1,50 @@
+"""A number written with the digits that its uncertainty leaves it."""
+
+from __future__ import annotations
+
+from math import floor, isfinite, log10
+
+EXPANDED = 2.0  # coverage factor
+DIGITS = 2  # of the uncertainty
+
+
+def rounded(value: float, standard: float, numerical: float, units: str) -> str:
+    """Write a value with its expanded uncertainty, rounded by that (JCGM 100:2008, 7.2.6), and the numerical part apart.
+
+    Parameters
+    ----------
+    value, standard : float
+        And its standard uncertainty, all terms together.
+    numerical : float
+        Sum of the numerical bounds.
+    units : str
+
+    Examples
+    --------
+    >>> rounded(16.87412, 0.0061, 3.1e-9, "m")
+    '16.874 ± 0.012 m (k = 2, numerical part 3e-9 m)'
+    >>> rounded(-1234.5, 210.0, 0.0, "1")
+    '-1230 ± 420 (k = 2, numerical part 0)'
+    """
+    unit = "" if units == "1" else f" {units}"
+    expanded = EXPANDED * standard
+    part = f"k = {EXPANDED:g}, numerical part {_short(numerical)}{unit}"
+    if not (expanded > 0.0 and isfinite(expanded)):
+        return f"{value!r}{unit} ({part})"
+    size = float(f"{expanded:.{DIGITS - 1}e}")
+    places = DIGITS - 1 - floor(log10(size))
+    if abs(value) and not -4 <= floor(log10(abs(value))) <= 8:
+        power = floor(log10(abs(value)))
+        return f"({_fixed(value / 10.0**power, places + power)} ± {_fixed(size / 10.0**power, places + power)})e{power}{unit} ({part})"
+    return f"{_fixed(value, places)} ± {_fixed(size, places)}{unit} ({part})"
+
+
+def _fixed(value: float, places: int) -> str:
+    return f"{round(value, places):.{max(places, 0)}f}"
+
+
+def _short(value: float) -> str:
+    if value == 0.0 or not isfinite(value):
+        return f"{value:g}"
+    digits, power = f"{value:.0e}".split("e")
+    return f"{digits}e{int(power)}" if not -3 <= int(power) <= 3 else f"{float(f'{value:.0e}'):g}"

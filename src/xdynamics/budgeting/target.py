@@ -1,0 +1,146 @@
+"""The one number that a budget is about: a quantity at a physical time, or at an occurrence of an event."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.observing import comparable, observe
+from xdynamics.faults import InputError
+from xdynamics.model import Model
+from xdynamics.record.words import words_of
+from xdynamics.schema import OCCURRENCE
+from xdynamics.sweeping.sweep import sweep
+from xdynamics.units import Unit, parse_time, parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+TIME = "t"  # the quantity that is the time of the event itself
+SIDES = ("before", "after")
+ROUNDED = 8.0 * float(np.finfo(float).eps)  # of a time, relative
+NEAR = 1e-3  # of a step, over which a quantity's rate at an event is taken
+
+
+@dataclass(frozen=True)
+class Target:
+    """A quantity where it is asked for.
+
+    Attributes
+    ----------
+    quantity : str
+        A coordinate, velocity, state, energy or observable, or at an event ``t``, its time.
+    at : float, s, optional
+    event : str, optional
+    occurrence : int
+        Of the event, from 1.
+    side : {"before", "after"}
+        Of the event.
+    """
+
+    quantity: str
+    at: float | None = None
+    event: str = ""
+    occurrence: int = 1
+    side: str = "before"
+
+    @classmethod
+    def of(cls, model: Model, quantity: Any, at: Any, event: Any, occurrence: Any, side: Any) -> Target:
+        """Read what is asked for.
+
+        Raises
+        ------
+        InputError
+            If the model has no such quantity or event, or there is not one place.
+        """
+        if (at is None) == (event is None):
+            raise InputError("a budget is of one number: give at='1 s' or event='ground', one of them")
+        known = comparable(model)
+        if event is not None and event not in (*model.events, *model.contacts, *model.frictions):
+            names = ", ".join((*model.events, *model.contacts, *model.frictions)) or "none"
+            raise InputError(f"event is {event!r}; there are {names}")
+        if quantity not in (known if event is None else (*known, TIME)):
+            raise InputError(f"quantity is {quantity!r}; there are {', '.join(known)}, and at an event {TIME}")
+        if isinstance(occurrence, bool) or not isinstance(occurrence, int) or occurrence < 1:
+            raise InputError(f"occurrence is {occurrence!r}, needs a whole number from 1 on")
+        if side not in SIDES:
+            raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
+        return cls(quantity, None if at is None else parse_time(at, "at"), event or "", occurrence, side)
+
+    @property
+    def said(self) -> str:
+        """What it is, in words."""
+        if self.at is not None:
+            return f"{self.quantity} at t = {self.at:.9g} s"
+        nth = "" if self.occurrence == 1 else f" number {self.occurrence}"
+        return (
+            f"time of {self.event}{nth}" if self.quantity == TIME else f"{self.quantity} {self.side} {self.event}{nth}"
+        )
+
+    def units(self, run: xr.Dataset) -> Unit:
+        """Return the unit that the number has."""
+        return parse_unit("s" if self.quantity == TIME else str(run[self.quantity].attrs["units"]))
+
+    def in_run(self, run: xr.Dataset, model: Model) -> tuple[float, float, float]:
+        """Return the number in a run, what interpolation may have it off, and what the location of the event may.
+
+        Raises
+        ------
+        InputError
+            If the run does not come there.
+        """
+        if self.at is not None:
+            time = np.array([_held(self.at, run["time"].values)])
+            value, off = observe(run, model, [self.quantity], time)[self.quantity]
+            return float(value[0]), float(off[0]), 0.0
+        place = self._place(run)
+        located = float(run["event_time_uncertainty"].values[place])
+        if self.quantity == TIME:
+            return float(run["event_time"].values[place]), 0.0, located
+        row = int(run[f"event_row_{self.side}"].values[place])
+        return float(run[self.quantity].values[row]), 0.0, abs(self._rate(run, model, place)) * located
+
+    def in_many(self, model: Model, axes: dict[str, Any], settings: dict[str, Any]) -> xr.Dataset:
+        """Return a sweep in which it is kept of every member."""
+        if self.at is not None:
+            return sweep(model, axes, keep=[self.quantity], times=[self.at], **settings)
+        word = f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"
+        return sweep(model, axes, keep=[word], occurrences=(self.occurrence - 1, self.occurrence), **settings)
+
+    def values(self, found: xr.Dataset) -> Floats:
+        """Return the numbers of a sweep's members, nan of those that do not come there."""
+        name = self.quantity if self.at is not None else f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"  # fmt: skip
+        one = found[name]
+        values: Floats = (one.isel({OCCURRENCE: 0}) if OCCURRENCE in one.dims else one).values.astype(float)
+        return values[..., 0] if self.at is not None else values
+
+    def _place(self, run: xr.Dataset) -> int:
+        """Find the event in a run."""
+        names = np.array(words_of(run["event_detector"])) if run.sizes.get("event", 0) else np.zeros(0, str)
+        places = np.flatnonzero(names == self.event)
+        if len(places) < self.occurrence:
+            raise InputError(f"'{self.event}' is met {len(places)} times in the run, and number {self.occurrence} is asked for")  # fmt: skip
+        return int(places[self.occurrence - 1])
+
+    def _rate(self, run: xr.Dataset, model: Model, place: int) -> float:
+        """Return how fast the quantity changes on that side of the event, by a difference over a small part of a step."""
+        time = run["time"].values
+        row = int(run[f"event_row_{self.side}"].values[place])
+        other = max(row - 1, 0) if self.side == "before" else min(row + 1, len(time) - 1)
+        near = float(time[row] + NEAR * (time[other] - time[row]))
+        if near == time[row]:
+            return 0.0
+        beside = float(observe(run, model, [self.quantity], np.array([near]))[self.quantity][0][0])
+        return (beside - float(run[self.quantity].values[row])) / (near - float(time[row]))
+
+
+def _held(at: float, time: Floats) -> float:
+    """Return a time that rounding has just outside a run, marched in other units, on its end."""
+    near = ROUNDED * max(abs(float(time[0])), abs(float(time[-1])))
+    held = min(max(at, float(time[0])), float(time[-1]))
+    return held if abs(held - at) <= near else at

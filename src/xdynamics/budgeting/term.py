@@ -1,0 +1,103 @@
+"""One reason why a number may be off, and how much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, nan, sqrt
+
+from xdynamics.budgeting.target import Target
+from xdynamics.faults import InputError
+from xdynamics.units import Quantity, Unit
+
+NUMERICAL, PHYSICAL = "numerical", "physical"
+KINDS = (NUMERICAL, PHYSICAL)
+BOUNDED = sqrt(3.0)  # a bound is that many standard uncertainties: a rectangular distribution (JCGM 100:2008, 4.3.7)
+COVERED = 2.0  # standard uncertainties that stand for the bound of what has none
+
+
+@dataclass(frozen=True)
+class Term:
+    """A term of a budget, in the unit of its number.
+
+    Attributes
+    ----------
+    name : str
+        A parameter's or an initial value's own, else a word such as ``truncation``.
+    kind : {"numerical", "physical"}
+    standard : float
+        The standard uncertainty that it contributes.
+    bound : float
+        What it contributes at most; of what has no bounds two standard uncertainties.
+    rule : str
+        How it was found.
+    sensitivity : float
+        Of the number to the input, per SI unit of that; nan where there is no such input.
+    input_uncertainty : float
+        Of the input, in SI units.
+    input_unit : Unit, optional
+    """
+
+    name: str
+    kind: str
+    standard: float
+    bound: float
+    rule: str
+    sensitivity: float = nan
+    input_uncertainty: float = nan
+    input_unit: Unit | None = None
+
+    @classmethod
+    def bounded(cls, name: str, kind: str, bound: float, rule: str) -> Term:
+        """Return a term of which a bound is known."""
+        return cls(name, kind, bound / BOUNDED, bound, rule)
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A term that the author of a budget declares, for one number alone.
+
+    Parameters
+    ----------
+    name : str
+    quantity : str
+        As of the budget, and so `at`, or `event` and `occurrence`: terms of another number are refused.
+    standard : Quantity
+        Standard uncertainty of the quantity.
+    at : float, s, optional
+    event : str, optional
+    occurrence : int
+    kind : {"numerical", "physical"}
+    description : str
+    """
+
+    name: str
+    quantity: str
+    standard: Quantity
+    at: float | None = None
+    event: str = ""
+    occurrence: int = 1
+    kind: str = PHYSICAL
+    description: str = ""
+
+    def term(self, target: Target, unit: Unit) -> Term:
+        """Return it as a term of a budget.
+
+        Raises
+        ------
+        InputError
+            If it is of another quantity, unit, time or event.
+        """
+        mine, whose = (self.quantity, self.at, self.event, self.occurrence), (target.quantity, target.at, target.event, target.occurrence)  # fmt: skip
+        if mine != whose:
+            own = Target(self.quantity, self.at, self.event, self.occurrence, target.side).said
+            raise InputError(
+                f"term '{self.name}' is of {own}, and the budget of {target.said}: propagate it there first"
+            )
+        if self.standard.unit.dimension != unit.dimension:
+            raise InputError(f"term '{self.name}' is {self.standard}, and {target.said} has the unit '{unit.text}'")
+        if self.kind not in KINDS:
+            raise InputError(f"term '{self.name}' is of the kind {self.kind!r}; there are {', '.join(KINDS)}")
+        standard = self.standard.si / float(unit.factor)
+        if not 0.0 <= standard < inf:
+            raise InputError(f"term '{self.name}' is {self.standard}, needs a non-negative number")
+        return Term(self.name, self.kind, standard, COVERED * standard, self.description or "declared")

@@ -1,0 +1,74 @@
+"""The verb of error budgets: budget."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from xdynamics.cli.command import DONE, main, say
+from xdynamics.cli.marching import absolute, changed_model
+from xdynamics.cli.sweeping import SETTINGS
+
+
+@main.command()
+@click.argument("model_file", metavar="MODEL.toml")
+@click.option("--quantity", required=True, metavar="NAME", help="A coordinate, velocity, state, energy or observable; at an event t, its time.")  # fmt: skip
+@click.option("--at", "time", metavar="TIME", help="The time at which it is asked for.")
+@click.option("--event", metavar="NAME", help="Or the event.")
+@click.option("--occurrence", type=int, default=1, show_default=True, help="The how-manieth.")
+@click.option("--side", default="before", show_default=True, help="before or after the event.")
+@click.option("--draws", type=int, default=0, show_default=True, help="Of the Monte Carlo check.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is drawn.")
+@click.option("--coverage", type=float, default=0.95, show_default=True, help="Of the intervals.")
+@click.option("-o", "--output", metavar="B.nc", help="Where to keep the budget.")
+@click.option("--atol", "atols", multiple=True, metavar="[NAME=]VALUE", help="Absolute tolerance, as of `run`.")
+@click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+@click.option("--method", help="Name of a method.")
+@click.option("--step", help="Step of the time grid.")
+@click.option("--until", help="End of the run.")
+@click.option("--rtol", help="Relative tolerance.")
+@click.option("--estimator", help="As of `run`, like the options that follow.")
+@click.option("--min-step")
+@click.option("--max-step")
+@click.option("--max-steps")
+@click.option("--jacobian")
+@click.option("--summation")
+@click.option("--switches")
+@click.option("--time-tolerance")
+def budget(
+    model_file: str,
+    quantity: str,
+    time: str | None,
+    event: str | None,
+    occurrence: int,
+    side: str,
+    draws: int,
+    seed: int,
+    coverage: float,
+    output: str | None,
+    atols: tuple[str, ...],
+    changes: tuple[str, ...],
+    **settings: str | None,
+) -> None:
+    """Say how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
+    from xdynamics import archive
+    from xdynamics.budgeting.budget import error_budget
+    from xdynamics.summary import summary
+
+    model = changed_model(model_file, changes)
+    asked: dict[str, Any] = {name: settings[name] for name in SETTINGS if settings[name] is not None}
+    asked |= {"atol": absolute(atols)} if atols else {}
+    if output:
+        archive.check_target(Path(output))
+    found = error_budget(
+        model, quantity, at=time, event=event, occurrence=occurrence, side=side, draws=draws, seed=seed,
+        coverage=coverage, **asked,
+    )  # fmt: skip
+    say(summary(found))
+    if output:
+        archive.save(found, output)
+        say([f"budget    {output}"])
+    sys.exit(DONE)

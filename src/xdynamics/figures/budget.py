@@ -1,0 +1,72 @@
+"""Figures of error budgets: what each term contributes, and what draws came to."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.sheet import Panel
+from xdynamics.record.words import words_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+HEIGHT = 4.2  # inches of a panel
+SPAN = 1e6  # over which bars are drawn: smaller terms are at its end
+COLOUR = {"numerical": COLOURS[0], "physical": COLOURS[1]}
+
+
+def panels_of(found: xr.Dataset) -> list[Panel]:
+    """Return what draws the terms, and where draws were made their intervals beside the linear one."""
+    return [partial(_terms, found), *([partial(_intervals, found)] if "monte_carlo_shortest" in found else [])]
+
+
+def foot_of(found: xr.Dataset) -> str:
+    """Say what the number is."""
+    return f"{found.attrs['of']} = {found.attrs['result']}; method {found.attrs['solver_method']}"
+
+
+def _terms(found: xr.Dataset, axes: Axes) -> None:
+    """Draw the standard uncertainty of each term, the largest on top, and the totals."""
+    kinds, units = words_of(found["term_kind"]), str(found["value"].attrs["units"])
+    sizes, names = found["standard_uncertainty"].values, found["term_name"].values.astype(str)
+    order = np.argsort(-sizes, kind="stable")
+    totals = {"numerical": float(found["numerical_rss"]), "physical": float(found["physical_rss"])}
+    least = max([*sizes, *totals.values()]) / SPAN
+    for row, i in enumerate(order.tolist()):
+        axes.barh(row, max(sizes[i], least), color=COLOUR[kinds[i]], height=0.7)
+        axes.annotate(f" {sizes[i]:.2g}", (max(sizes[i], least), row), va="center", fontsize=7)
+    for kind, total in totals.items():
+        if total >= least > 0.0:
+            axes.axvline(total, color=COLOUR[kind], linewidth=1.2, linestyle="--", label=f"{kind} together")
+    axes.set_axisbelow(True)
+    axes.set_yticks(range(len(order)), [words(names[i]) for i in order], fontsize=8)
+    axes.invert_yaxis()
+    axes.set(xscale="log", xlim=(least / 2.0, least * SPAN * 5.0), xlabel=words(f"standard uncertainty ({units})"))
+    axes.set_title("terms", loc="left", fontsize=10)
+    axes.legend(fontsize=7, framealpha=0.85, edgecolor="none", loc="lower right")
+
+
+def _intervals(found: xr.Dataset, axes: Axes) -> None:
+    """Draw the intervals of the draws, and the linear budget's with the same coverage."""
+    from xdynamics.model.spread import normal_quantile
+
+    part, units, value = float(found.attrs["coverage"]), str(found["value"].attrs["units"]), float(found["value"])
+    half = float(normal_quantile(np.array([(1.0 + part) / 2.0]))[0]) * float(found["physical_rss"])
+    rows = {
+        "linear": [value - half, value + half],
+        "drawn, symmetric": found["monte_carlo_symmetric"].values.tolist(),
+        "drawn, shortest": found["monte_carlo_shortest"].values.tolist(),
+    }
+    for row, ends in enumerate(rows.values()):
+        axes.plot(ends, [row, row], "|-", color=COLOURS[1], linewidth=2.0, markersize=10)
+    axes.axvline(value, color=COLOURS[0], linewidth=1.0, label="the run's own value")
+    axes.set_yticks(range(len(rows)), [*rows], fontsize=8)
+    axes.set(xlabel=words(f"{found.attrs['of']} ({units})"), ylim=(len(rows) - 0.5, -0.5))
+    verdict = words_of(found["linear_verdict"])[0].replace("_", " ")
+    axes.set_title(f"{part:.0%} intervals; the linear budget is {verdict}", loc="left", fontsize=10)
+    axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
