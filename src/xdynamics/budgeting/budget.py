@@ -195,7 +195,7 @@ def _per(unit: Unit, by: Unit) -> str:
 
 def _drawn(model: Model, target: Target, asked: dict[str, Any], draws: int, seed: int) -> Any:
     """March as many runs, each with its inputs drawn from what the model declares."""
-    names = list(model.uncertain)
+    names = [physical.named(model, name) for name in model.uncertain]
     if not names:
         raise InputError("nothing in the model has an uncertainty to draw from; give parameters or initial values one")
     found = target.in_many(model, {"draw": Draws(draws, names, design=DECLARED, seed=seed)}, asked)

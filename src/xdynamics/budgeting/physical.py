@@ -11,21 +11,24 @@ from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
 from xdynamics.evidence.marching import march
 from xdynamics.faults import InputError
+from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
 from xdynamics.model.drives import Table
 from xdynamics.model.parts import Drive, Parameter
 from xdynamics.model.spread import NORMAL, normal_quantile
+from xdynamics.sweeping.axes import FOR_INITIAL
 from xdynamics.units import Unit, spell
 
 Floats = NDArray[np.float64]
 
 DISCREPANCY = "discrepancy"
-SHIFT = 1e-3  # of an input, or of its uncertainty where that is larger, by which it is changed for a slope
-SIDES = np.array([-2.0, -1.0, 1.0, 2.0])
-WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0  # of a slope of fourth order from these sides
+SHIFTS = (1e-2, 2.5e-3, 6.25e-4, 1.5625e-4)  # of an input, or of its uncertainty where that is larger, for a slope
+SIDES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
+WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0  # of a slope of sixth order from these sides
+SHARPER = 1e-3  # of its own, the time tolerance of events in what slopes are taken from
 LINES = 64  # resampled tables
 LEAST = 2.0**-54
-BY_DIFFERENCES = "slope by central differences of fourth order; other spacing, other by {0:.1g} of itself"
+BY_DIFFERENCES = "slope by central differences of sixth order over {0:.3g} of it; next to {1:.1g} of itself"
 
 
 def inputs(model: Model, target: Target, asked: dict[str, Any]) -> list[Term]:
@@ -39,43 +42,48 @@ def inputs(model: Model, target: Target, asked: dict[str, Any]) -> list[Term]:
     known = model.uncertain
     if not known:
         return []
-    shifts = {name: _shift(one) for name, one in known.items()}
-    slopes, off = _slopes(model, target, asked, shifts), _slopes(model, target, asked, {name: 2.0 * one for name, one in shifts.items()})  # fmt: skip
+    slopes = _slopes(model, target, asked)
     found = []
     for name, one in known.items():
-        factor, slope = float(one.quantity.unit.factor), slopes[name]
-        apart = abs(slope - off[name]) / abs(slope) if slope else 0.0
-        standard = abs(slope) * one.uncertainty
+        factor, (slope, off, shift) = float(one.quantity.unit.factor), slopes[name]
         assert one.spread is not None  # noqa: S101
         size = one.spread.size.si / factor if one.spread.bounded else COVERED * one.uncertainty
+        rule = BY_DIFFERENCES.format(shift, off / abs(slope) if slope else 0.0)
         found.append(Term(
-            name, PHYSICAL, standard, abs(slope) * size, BY_DIFFERENCES.format(apart), slope / factor,
+            name, PHYSICAL, abs(slope) * one.uncertainty, abs(slope) * size, rule, slope / factor,
             one.uncertainty * factor, spell(one.quantity.unit.dimension),
         ))  # fmt: skip
     return found
 
 
-def _shift(one: Parameter) -> float:
-    """Return by how much an input is changed, in its own unit: a thousandth, unless it is as good as zero."""
-    return max(SHIFT * abs(one.quantity.value), SHIFT * one.uncertainty)
+def _slopes(model: Model, target: Target, asked: dict[str, Any]) -> dict[str, tuple[float, float, float]]:
+    """Return the slope of the number by every input, per its own unit, how sure it is, and over what: copies side by side.
+
+    Of several spacings that one is taken from which the next differs least: wider ones are bent, narrower ones rounded.
+    """
+    known = model.uncertain
+    sizes = {name: max(abs(one.quantity.value), one.uncertainty) for name, one in known.items()}
+    moves = np.multiply.outer(np.array(SHIFTS), SIDES)
+    values = {name: np.full((len(known), *moves.shape), one.quantity.value) for name, one in known.items()}
+    for i, name in enumerate(known):
+        values[name][i] += sizes[name] * moves
+    axes = {"input": {named(model, name): _with_units(one.ravel(), known[name]) for name, one in values.items()}}
+    sharp = asked | {"time_tolerance": SHARPER * settings_for(model, **asked).time_tolerance}
+    found = target.values(target.in_many(model, axes, sharp)).reshape(len(known), *moves.shape)
+    told = {}
+    for i, name in enumerate(known):
+        slopes = found[i] @ WEIGHTS / (sizes[name] * np.array(SHIFTS))
+        off = np.abs(np.diff(slopes))
+        if not np.isfinite(off).any():
+            raise InputError(f"{target.said} is not there any more where '{name}' is changed by a ten-thousandth: a budget of small changes says nothing of it; draw, by a sweep")  # fmt: skip
+        k = int(np.nanargmin(off))
+        told[name] = float(slopes[k]), float(off[k]), SHIFTS[k]
+    return told
 
 
-def _slopes(model: Model, target: Target, asked: dict[str, Any], shifts: dict[str, float]) -> dict[str, float]:
-    """Return the slope of the number by every input, per its own unit: all copies are marched side by side."""
-    names = list(shifts)
-    values = {name: np.full(len(names) * len(SIDES), model.uncertain[name].quantity.value) for name in names}
-    for i, name in enumerate(names):
-        mine = slice(i * len(SIDES), (i + 1) * len(SIDES))
-        values[name][mine] += SIDES * shifts[name]
-    # what was really added, as it was rounded
-    axes = {"input": {name: _with_units(one, model.uncertain[name]) for name, one in values.items()}}
-    found = target.values(target.in_many(model, axes, asked)).reshape(len(names), len(SIDES))
-    slopes = {}
-    for i, name in enumerate(names):
-        if not np.isfinite(found[i]).all():
-            raise InputError(f"{target.said} is not there any more where '{name}' is changed by {2 * shifts[name]:.3g}: a budget of small changes says nothing of it")  # fmt: skip
-        slopes[name] = float(WEIGHTS @ found[i]) / shifts[name]
-    return slopes
+def named(model: Model, name: str) -> str:
+    """Return what an axis over an input is called: of a start not like the variable itself."""
+    return f"{FOR_INITIAL}{name}" if name in model.starts else name
 
 
 def _with_units(values: Floats, one: Parameter) -> Any:

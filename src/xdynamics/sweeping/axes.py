@@ -151,12 +151,16 @@ def _drawn(model: Model, draws: Draws) -> tuple[Column, ...]:
     """Put points between the ends of each range, or around each parameter."""
     points, names, found = draws.points(), list(draws.ranges), []
     if draws.design == DECLARED:
-        known = model.uncertain
+        known = model.uncertain | {
+            f"{FOR_INITIAL}{name}": one for name, one in model.starts.items() if one.uncertainty > 0
+        }
         for name in names:
             if name not in known:
                 raise InputError(f"'{name}' has no uncertainty in the model; there are {', '.join(known) or 'none'}")
         off = deviations(
-            [spread for name in names if (spread := known[name].spread)], matrix_of(names, model.correlations), points
+            [spread for name in names if (spread := known[name].spread)],
+            matrix_of([one.removeprefix(FOR_INITIAL) for one in names], model.correlations),
+            points,
         )
         for i, name in enumerate(names):
             value, unit = known[name].quantity.value, known[name].quantity.unit

@@ -1,0 +1,342 @@
+"""Error budgets against closed forms: bounds that hold, slopes, totals, draws, and what is refused."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from problems import MODELS
+from test_verdicts import METHODS, SMOOTH, known
+from xdynamics.budgeting.montecarlo import drawn, judged, tolerance_of
+from xdynamics.units import parse_quantity
+
+BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
+BOUNCING = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
+EMBEDDED = ("bogacki_shampine", "dormand_prince", "dop853")
+
+
+def places() -> list[tuple[str, xd.Model, dict[str, Any], dict[str, Any]]]:
+    """List ten problems: a name, a model, settings, and what is known exactly: closed forms over time, numbers at events."""
+    smooth = [
+        (name, one().model, {"until": end}, {"end": end, "exact": one().exact})
+        for name, (one, _, end) in SMOOTH.items()
+    ]
+    return [*smooth, *((name, model, asked, {"true": true}) for name, model, asked, true in known())]
+
+
+def settings(seed: int) -> Iterator[tuple[str, float, float, float, dict[str, Any]]]:
+    """Yield budgets of random numbers, methods, steps and tolerances for ever: what it is, true error, bound, value."""
+    rng, all_places = np.random.default_rng(seed), places()
+    while True:
+        name, model, asked, told = all_places[rng.integers(len(all_places))]
+        method = str(rng.choice([*METHODS, *EMBEDDED]))
+        if xd.METHODS[method].refusals(model):
+            continue
+        march: dict[str, Any] = asked | {"method": method}
+        if method in EMBEDDED and rng.random() < 0.5:
+            march["rtol"] = float(10 ** rng.uniform(-10, -4))
+        else:
+            march["step"] = float(10 ** rng.uniform(-2.3, -1.2)) * (0.3 if name == "linear_drag" else 1.0)
+        if "exact" in told:
+            at = float(rng.uniform(0.2, 1.0) * told["end"])
+            exact = told["exact"](np.array([at]))
+            quantity = str(rng.choice(list(exact)))
+            where, true = {"at": at}, float(exact[quantity][0])
+        else:
+            key = str(rng.choice(list(told["true"])))
+            true = told["true"][key]
+            if key.startswith("event_time_"):
+                quantity, where = "t", {"event": key.removeprefix("event_time_")}
+            else:
+                event = next(one for one in ("apex", "ground", "floor") if key.startswith(f"after_{one}_"))
+                quantity, where = key.removeprefix(f"after_{event}_"), {"event": event, "side": "after"}
+        found = xd.error_budget(bare(model), quantity, **where, **march)
+        yield (
+            f"{name} {quantity} {where} {march}",
+            abs(float(found.value) - true),
+            float(found.numerical_bound),
+            true,
+            march,
+        )
+
+
+def bare(model: xd.Model) -> xd.Model:
+    """A model without uncertainties: of these problems the march's own errors are asked for."""
+    lines = [line for line in model.to_toml().split("\n") if line]
+    return xd.Model.from_text("\n".join(line.replace(', "uncertainty" = 1.0', "") for line in lines))
+
+
+def covered(count: int, seed: int) -> tuple[float, float]:
+    """Return the share of budgets that hold the true error, and the median of bounds over errors above rounding."""
+    inside, factors = [], []
+    for _, (said, off, bound, value, _) in zip(range(count), settings(seed), strict=False):
+        inside.append(off <= bound)
+        if off > 1e-13 * max(1.0, abs(value)):
+            factors.append(bound / off)
+        if off > bound:
+            print(f"{said}: off by {off:.3g}, bound {bound:.3g}")
+    return float(np.mean(inside)), float(np.median(factors))
+
+
+def test_bounds_hold_the_true_error() -> None:
+    """Assert that of random settings 95 % and more are covered, and not by far."""
+    share, factor = covered(60, 1)
+    assert share >= 0.95
+    assert 1.0 <= factor <= 3.0
+
+
+def slope(budget: xr.Dataset, name: str) -> tuple[float, str]:
+    """Sensitivity to an input, with its unit."""
+    i = budget["term_name"].values.tolist().index(name)
+    return float(budget["sensitivity"][i]), str(budget["sensitivity_units"].values[i])
+
+
+def doubtful(model: xd.Model, **spreads: str) -> xd.Model:
+    """A model whose named parameters and starts have an uncertainty."""
+    text = model.to_toml()
+    for name, spread in spreads.items():
+        of_model = name in model.parameters
+        given = model.parameters[name].quantity if of_model else model.initial[name]
+        head, section, rest = text.partition("[parameters]" if of_model else "[initial]")
+        line = next(one for one in rest.split("\n") if one.startswith(f"{name} = "))
+        entry = f'{name} = {{ value = {given.value!r}, unit = "{given.unit.text}", {spread} }}'
+        text = head + section + rest.replace(line, entry, 1)
+    return xd.Model.from_text(text)
+
+
+def test_slopes_of_event_times_with_drag() -> None:
+    """Assert dt/dvt of apex and landing against differentiated closed forms, and the unit."""
+    from mpmath import acosh, atan, diff, exp, log, mpf
+
+    v0, g = mpf(20), mpf("9.80665")
+
+    def apex(v: Any) -> Any:
+        return v / g * atan(v0 / v)
+
+    def landing(v: Any) -> Any:
+        return apex(v) + v / g * acosh(exp(log(1 + (v0 / v) ** 2) / 2))
+
+    for event, closed in (("apex", apex), ("ground", landing)):
+        found, unit = slope(xd.error_budget(BALL, "t", event=event, method="dop853", rtol=1e-12), "vt")
+        assert found == pytest.approx(float(diff(closed, mpf(30))), rel=1e-10)
+        assert unit == "m-1 s2"
+
+
+def test_slopes_across_ten_impacts() -> None:
+    """Assert dt/de and dt/dh of the tenth impact of a bouncing ball."""
+    model = doubtful(BOUNCING, e="uncertainty = 0.001", y="half_width = 0.001")
+    budget = xd.error_budget(model, "t", event="floor", occurrence=10)
+    e, fall = 0.9, math.sqrt(2.0 / 9.81)
+    right = fall * 2 * sum(k * e ** (k - 1) for k in range(1, 10))
+    assert slope(budget, "e")[0] == pytest.approx(right, rel=1e-10)
+    time = fall * (1 + 2 * sum(e**k for k in range(1, 10)))
+    assert slope(budget, "y")[0] == pytest.approx(time / 2, rel=1e-10)
+    assert float(budget.value) == pytest.approx(time, rel=1e-12)
+    parts = [right * 1e-3, time / 2 * 1e-3 / math.sqrt(3)]
+    assert float(budget.physical_rss) == pytest.approx(math.hypot(*parts), rel=1e-9)
+
+
+def test_slopes_of_an_oscillator() -> None:
+    """Assert dx/dk, dx/dm, dx/dx0 at a time, and of a zero crossing, with units of the inputs other than SI."""
+    model = xd.Model(
+        name="spring", coordinates={"x": "m"},
+        parameters={"m": {"value": "400 g", "uncertainty": "2 g"}, "k": {"value": "90 N m-1", "uncertainty": 0.5}},
+        mass={"x": "m"}, forces={"spring": {"potential": "k*x**2/2"}},
+        initial={"x": {"value": "30 mm", "uncertainty": "1 mm"}, "v_x": "0 m s-1"},
+        events={"zero": {"function": "x", "direction": "falling"}},
+    )  # fmt: skip
+    budget = xd.error_budget(model, "x", at="2.3 s", method="dop853", rtol=1e-13, until="3 s")
+    w, x0, t = math.sqrt(90 / 0.4), 0.03, 2.3
+    swing = -x0 * math.sin(w * t) * t
+    right = {"k": swing / (2 * math.sqrt(90 * 0.4)), "m": -swing * w / (2 * 0.4), "x": math.cos(w * t)}
+    for name, one in right.items():
+        assert slope(budget, name)[0] == pytest.approx(one, rel=1e-9)
+    units = {name: slope(budget, name)[1] for name in right}
+    assert units == {"k": "kg-1 m s2", "m": "kg-1 m", "x": "1"} or units["x"] in ("1", "m m-1")
+    crossing = xd.error_budget(model, "t", event="zero", method="dop853", rtol=1e-13, until="3 s")
+    assert slope(crossing, "k")[0] == pytest.approx(-math.pi / 4 * math.sqrt(0.4) * 90**-1.5, rel=1e-10)
+    assert slope(crossing, "x")[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def calibrated(draws: int) -> xr.Dataset:
+    """The mass calibration of JCGM 101:2008, 9.3."""
+    return xd.error_budget(xd.Model.from_toml(MODELS / "mass_calibration.toml"), "dm", at="1 s", draws=draws, seed=2)
+
+
+def test_the_mass_calibration_of_jcgm_101() -> None:
+    """Assert 0.0539 mg by first order, 0.0755 mg drawn, the interval, and that the linear budget is not adequate."""
+    budget = calibrated(200_000)
+    assert float(budget.value) == pytest.approx(1.234e-6, abs=1e-16)
+    assert abs(float(budget.value) - 1.234e-6) <= float(budget.numerical_bound)
+    assert float(budget.physical_rss) == pytest.approx(0.0539e-6, rel=2e-3)
+    assert float(budget.monte_carlo_standard_uncertainty) == pytest.approx(0.0755e-6, rel=5e-3)
+    assert budget.monte_carlo_symmetric.values == pytest.approx([1.084e-6, 1.383e-6], abs=0.003e-6)
+    assert np.diff(budget.monte_carlo_shortest.values)[0] == pytest.approx(0.2992e-6, rel=0.01)
+    assert budget.monte_carlo_shortest.attrs["coverage"] == 0.95
+    flags = budget.linear_verdict.attrs["flag_meanings"].split()
+    assert flags[int(budget.linear_verdict)] == "not_adequate"
+    assert calibrated(1000).attrs["result"].startswith("(1.23 ± 0.11)e-6 kg (k = 2, numerical part ")
+
+
+def test_a_linear_number_has_an_adequate_linear_budget() -> None:
+    """Assert sums with correlations, shares, and the verdict, of y = y0 + v t at 1 s."""
+    text = doubtful(
+        xd.Model(name="free", coordinates={"y": "m"}, parameters={"m": "1 kg"}, mass={"y": "m"}, forces={},
+                 initial={"y": "1 m", "v_y": "2 m s-1"}),
+        y="uncertainty = 0.03", v_y="uncertainty = 0.04",
+    ).to_toml()  # fmt: skip
+    for correlation, total in ((0.0, 0.05), (0.5, math.sqrt(0.0025 + 0.0012)), (-1.0, 0.01)):
+        model = xd.Model.from_text(text + f"\n[correlations]\ny = {{ v_y = {correlation} }}\n")
+        budget = xd.error_budget(model, "y", at=1.0, step=0.1, until=1.0, method="rk4", draws=20_000)
+        assert float(budget.physical_rss) == pytest.approx(total, rel=1e-9)
+        assert float(budget.monte_carlo_standard_uncertainty) == pytest.approx(total, rel=0.03)
+        assert float(budget.share.sum()) == pytest.approx(1.0)
+        assert int(budget.linear_verdict) != 1
+        assert float(budget.total_rss) == pytest.approx(
+            math.hypot(float(budget.physical_rss), float(budget.numerical_rss))
+        )
+
+
+def test_uncertain_tables_and_discrepancies() -> None:
+    """Assert what independent errors of a measured force do to a speed, and a declared discrepancy."""
+    rows = "".join(f"{k / 10},2,0.1\n" for k in range(11))
+    model = xd.Model(
+        name="pushed", coordinates={"x": "m"}, parameters={"m": "2 kg"}, mass={"x": "m"}, forces={"push": {"x": "f"}},
+        drives={"f": {"table": "f.csv", "csv": "t [s],f [N],u(f) [N]\n" + rows}},
+        initial={"x": "0 m", "v_x": "0 m s-1"}, discrepancy={"v_x": {"standard": "3 mm s-1", "description": "the rail"}},
+    )  # fmt: skip
+    budget = xd.error_budget(model, "v_x", at="1 s", step="10 ms", until="1 s", method="rk4")
+    table = {name: float(budget.standard_uncertainty[i]) for i, name in enumerate(budget.term_name.values.tolist())}
+    weights = np.array([0.05, *[0.1] * 9, 0.05])  # of the trapezoidal rule, which is exact for straight pieces
+    assert table["f"] == pytest.approx(0.1 / 2 * math.sqrt((weights**2).sum()), rel=0.3)
+    assert table["discrepancy"] == pytest.approx(3e-3)
+    assert float(budget.physical_rss) == pytest.approx(math.hypot(table["f"], 3e-3))
+
+
+def test_declared_terms_are_of_this_very_number() -> None:
+    """Assert that a term of another quantity, unit, time, event or occurrence is refused by name."""
+    ok = xd.Declared("scale", "y", parse_quantity("1 mm"), at=1.0, description="reading the scale")
+    budget = xd.error_budget(BALL, "y", at=1.0, method="dormand_prince", rtol=1e-8, terms=[ok])
+    assert float(budget.standard_uncertainty[budget.term_name.values.tolist().index("scale")]) == 1e-3
+    for bad, said in [
+        (xd.Declared("clock", "t", parse_quantity("1 ms"), event="apex"), "'clock' is of time of apex"),
+        (xd.Declared("scale", "y", parse_quantity("1 ms"), at=1.0), "has the unit 'm'"),
+        (xd.Declared("scale", "y", parse_quantity("1 mm"), at=2.0), "y at t = 2 s"),
+        (xd.Declared("scale", "v_y", parse_quantity("1 mm"), at=1.0), "v_y at t = 1 s"),
+        (xd.Declared("scale", "y", parse_quantity("1 mm"), at=1.0, kind="moral"), "there are numerical, physical"),
+        (xd.Declared("vt", "y", parse_quantity("1 mm"), at=1.0), "two terms 'vt'"),
+        (xd.Declared("scale", "y", parse_quantity("-1 mm"), at=1.0), "non-negative"),
+    ]:
+        with pytest.raises(xd.InputError, match=said):
+            xd.error_budget(BALL, "y", at=1.0, method="dormand_prince", rtol=1e-8, terms=[bad])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"quantity": "y"}, "give at='1 s' or event='ground', one of them"),
+        ({"quantity": "y", "at": 1.0, "event": "apex"}, "one of them"),
+        ({"quantity": "z", "at": 1.0}, "quantity is 'z'"),
+        ({"quantity": "t", "at": 1.0}, "and at an event t"),
+        ({"quantity": "y", "event": "summit"}, "event is 'summit'; there are apex, ground"),
+        ({"quantity": "y", "event": "apex", "occurrence": 2}, "met 1 times in the run, and number 2"),
+        ({"quantity": "y", "event": "apex", "occurrence": 0}, "occurrence is 0"),
+        ({"quantity": "y", "event": "apex", "side": "beside"}, "side is 'beside'"),
+        ({"quantity": "y", "at": "1 kg"}, "1 kg"),
+        ({"quantity": "y", "at": 99.0}, "outside the run"),
+        ({"quantity": "y", "at": 1.0, "draws": 7}, "draws is 7"),
+        ({"quantity": "y", "at": 1.0, "seed": -1}, "seed is -1"),
+        ({"quantity": "y", "at": 1.0, "coverage": 95}, "coverage is 95"),
+        ({"quantity": "y", "at": 1.0, "rtoll": 1e-6}, "no setting 'rtoll'"),
+        ({"quantity": "y", "at": 1.0, "rtol": 3e-15}, "give a larger one"),
+        ({"quantity": "y", "at": 1.0, "draws": 100, "coverage": 0.999}, "too few for an interval"),
+    ],
+)
+def test_what_cannot_be_budgeted_is_named(given: dict[str, Any], said: str) -> None:
+    """Assert one clear error for each."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.error_budget(BALL, **{"method": "dormand_prince", "rtol": 1e-8} | given)
+
+
+def test_an_input_that_may_undo_the_event_is_told() -> None:
+    """Assert that a number which is not there any more for inputs a little off is no linear budget's."""
+    model = doubtful(
+        xd.Model(name="hop", coordinates={"y": "m"}, parameters={"m": "1 kg", "g": "10 m s-2"}, mass={"y": "m"},
+                 forces={"weight": {"y": "-m*g"}}, initial={"y": "0 m", "v_y": "10 m s-1"},
+                 events={"line": {"function": "y - 4.9999*metre", "direction": "rising"}}),
+        v_y="uncertainty = 0.001",
+    )  # fmt: skip
+    with pytest.raises(xd.InputError, match="'v_y' is changed by a ten-thousandth"):
+        xd.error_budget(model, "t", event="line", until="2 s", step="10 ms", method="rk4")
+
+
+def test_intervals_and_verdicts_of_draws() -> None:
+    """Assert intervals of a skew distribution, JCGM 101's tolerance, and that few draws leave the verdict open."""
+    values = np.sort(np.random.default_rng(1).exponential(size=200_000))
+    found = drawn(np.random.default_rng(2).permutation(values), 0.95)
+    assert found.shortest == pytest.approx((0.0, -math.log(0.05)), abs=0.03)
+    assert found.symmetric == pytest.approx((-math.log(0.975), -math.log(0.025)), abs=0.04)
+    assert found.standard == pytest.approx(1.0, rel=0.01)
+    assert judged(1.0, 1.0, found, 0.95)[0] == 1
+    assert [tolerance_of(one) for one in (0.0755, 0.0968, 3.0, 12.0)] == pytest.approx([0.005, 0.05, 0.5, 5.0])
+    normal = drawn(5.0 + 0.3 * np.random.default_rng(3).standard_normal(200_000), 0.95)
+    assert judged(5.0, 0.3, normal, 0.95)[0] == 0
+    assert judged(5.0, 0.3, drawn(5.0 + 0.3 * np.random.default_rng(4).standard_normal(60), 0.9), 0.9)[0] == 2
+
+
+def test_the_same_budget_twice_and_from_a_file(tmp_path: Any) -> None:
+    """Assert that a budget is the same each time, and is saved, opened, verified, told and drawn."""
+    from xdynamics.summary import summary
+
+    one, other = (xd.error_budget(BALL, "t", event="ground", method="dormand_prince", rtol=1e-7, draws=400, seed=3) for _ in "ab")  # fmt: skip
+    assert all(other[name].variable.equals(one[name].variable) for name in one.variables)
+    xd.save(one, tmp_path / "B.nc")
+    assert len(xd.verify(tmp_path / "B.nc")) == 64
+    with xd.open_run(tmp_path / "B.nc") as found:
+        assert found.bound.dims == ("term",)
+        assert found.monte_carlo_shortest.dims == ("bound",)
+        lines = summary(found)
+        assert lines[2].startswith("result    time of ground = 3.711 ± 0.040 s (k = 2, numerical part ")
+        xd.plot(found, tmp_path / "B.png")
+    assert (tmp_path / "B.png").stat().st_size > 10_000
+
+
+def test_the_verb(tmp_path: Any) -> None:
+    """Assert a budget from the command line, its file, and errors in one line that write nothing."""
+    from click.testing import CliRunner
+
+    from xdynamics.cli import main
+
+    def call(*arguments: object) -> Any:
+        return CliRunner().invoke(main, [str(one) for one in arguments])
+
+    asked = [
+        "budget",
+        MODELS / "ball_drag.toml",
+        "--method",
+        "dormand_prince",
+        "--rtol",
+        "1e-8",
+        "-o",
+        tmp_path / "B.nc",
+    ]
+    bad = call(*asked, "--quantity", "y", "--at", "1 kg")
+    assert (bad.exit_code, len(bad.output.strip().split("\n"))) == (2, 1)
+    assert not (tmp_path / "B.nc").exists()
+    done = call(*asked, "--quantity", "t", "--event", "ground", "--draws", "200")
+    assert done.exit_code == 0, done.output
+    assert "result    time of ground = 3.711 ± 0.040 s" in done.output
+    assert call("verify", tmp_path / "B.nc").exit_code == 0
+    assert call("show", tmp_path / "B.nc").output.startswith("error budget of Ball thrown upward")
+    assert call("plot", tmp_path / "B.nc", "-o", tmp_path / "B.svg").exit_code == 0
+
+
+if __name__ == "__main__":
+    print("covered: {:.2%}, median of bound over error {:.2f}".format(*covered(int(sys.argv[1]), int(sys.argv[2]))))
