@@ -24,9 +24,10 @@ SMALL: dict[str, dict[str, Any]] = {
     "coupled_modes": {"until": "5 s", "refine": {"steps": ["80 ms", "40 ms"], "at": ["5 s"]}},
     "drag_grid": {"angle": {"first": 10.0, "last": 80.0, "count": 8}, "drag": {"first": 0.0, "last": 3e-3, "count": 4}},
     "impact_oscillator_bifurcation": {"frequencies": "2.4:3.0:12 s-1", "until": "60 s", "occurrences": [5, 15]},
+    "mass_calibration": {"draws": 2000},
     "method_comparison": {"methods": ["velocity_verlet", "dop853"], "steps": "160, 80, 40 ms"},
     "pendulum_basins": {"x": "-2:2:12 m", "y": "-2:2:12 m", "close": {"x": "1.2:1.4:4 m", "y": "0.4:0.6:4 m"}},
-    "rocket_flight": {"steps": ["20 ms", "10 ms"]},
+    "rocket_flight": {"steps": ["20 ms", "10 ms"], "apogee": {"quantity": "y", "event": "apogee", "draws": 200}},
 }
 
 

@@ -1,4 +1,4 @@
-"""Refine a ball with drag: heights at common times, apex, landing, and the limit without drag.
+"""Refine a ball with drag: heights at common times, apex, landing with its budget, and the limit without drag.
 
 python pipelines/ball_with_drag/pipeline.py [folder]
 """
@@ -23,7 +23,10 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     ball = xd.simulate(model, method=study["method"], step=float(landing.step_size[-1]))
     diagnosis = xd.diagnose(ball)
     limit = xd.limiting(model, **study["limit"], method="dop853", rtol=1e-12)
-    return xd.report(folder, refinement=refinement, landing=landing, ball=ball, diagnosis=diagnosis, limit=limit)
+    known = xd.error_budget(model, **study["budget"], method=study["method"], step=float(landing.step_size[-1]))
+    return xd.report(
+        folder, refinement=refinement, landing=landing, ball=ball, diagnosis=diagnosis, limit=limit, budget=known
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Refine a model rocket's flight, compare its two finest runs, and reproduce the finest from its file.
+"""Refine a model rocket's flight, compare its two finest runs, budget its apogee, and reproduce the finest from its file.
 
 python pipelines/rocket_flight/pipeline.py [folder]
 """
@@ -20,7 +20,9 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     model = xd.Model.from_toml(ROOT / study["model"])
     refinement = xd.refine(model, method=study["method"], steps=study["steps"])
     coarse, rocket = (xd.simulate(model, method=study["method"], step=step) for step in study["steps"][-2:])
-    page = xd.report(folder, refinement=refinement, comparison=xd.compare(coarse, rocket), rocket=rocket)
+    comparison = xd.compare(coarse, rocket)
+    apogee = xd.error_budget(model, **study["apogee"], method=study["method"], step=study["steps"][-1])
+    page = xd.report(folder, refinement=refinement, comparison=comparison, apogee=apogee, rocket=rocket)
     again = xd.reproduce(Path(folder) / "rocket.nc").attrs["identical"]
     return f"{page}\nrocket.nc {'is reproduced to the bit' if again else 'differs'} from the file alone"
 

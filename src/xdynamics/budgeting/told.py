@@ -16,14 +16,15 @@ if TYPE_CHECKING:
 def lines_of(budget: xr.Dataset) -> Iterator[str]:
     """Say the number with its uncertainty, every term from the largest share on, the totals, and what draws tell."""
     units = str(budget["value"].attrs["units"])
-    unit = "" if units == "1" else f" {units}"
+    unit = _unit(units)
     yield f"result    {budget.attrs['of']} = {budget.attrs['result']}"
     kinds, shares = words_of(budget["term_kind"]), budget["share"].values
     width = max(len(str(one)) for one in budget["term_name"].values)
     for i in np.argsort(-np.abs(shares), kind="stable").tolist():
         name, standard = str(budget["term_name"].values[i]), float(budget["standard_uncertainty"][i])
         slope, by = float(budget["sensitivity"][i]), str(budget["sensitivity_units"].values[i])
-        told = f", {slope:.4g} {by} times {float(budget['input_uncertainty'][i]):.3g} {budget['input_units'].values[i]}" if np.isfinite(slope) else ""  # fmt: skip
+        size = f"{float(budget['input_uncertainty'][i]):.3g}{_unit(budget['input_units'].values[i])}"
+        told = f", {slope:.4g}{_unit(by)} times {size}" if np.isfinite(slope) else ""
         yield f"{kinds[i]:<10}{name:<{width}}  {standard:.3g}{unit}, {shares[i]:.1%} of the variance{told}"
     yield (
         f"totals    numerical {float(budget['numerical_rss']):.3g}{unit}, at most {float(budget['numerical_bound']):.3g}{unit};"
@@ -40,3 +41,7 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     yield f"drawn     standard uncertainty {standard:.4g}{unit}, of {draws} draws known to {doubt:.1g}{unit}"
     verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
     yield f"linear    {verdict}: its interval ends {float(budget.attrs['linear_apart']):.2g}{unit} from that of the draws"
+
+
+def _unit(units: object) -> str:
+    return "" if str(units) == "1" else f" {units}"
