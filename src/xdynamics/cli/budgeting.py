@@ -1,4 +1,4 @@
-"""The verb of error budgets: budget."""
+"""Verbs of defended numbers: budget, fit."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
-from xdynamics.cli.command import DONE, main, say
+from xdynamics.cli.command import BADLY, DONE, main, say
 from xdynamics.cli.marching import absolute, changed_model
-from xdynamics.cli.sweeping import SETTINGS
+from xdynamics.cli.sweeping import SETTINGS, ends_of
 
 
 @main.command()
@@ -72,3 +72,50 @@ def budget(
         archive.save(found, output)
         say([f"budget    {output}"])
     sys.exit(DONE)
+
+
+@main.command()
+@click.argument("model_file", metavar="MODEL.toml")
+@click.argument("data", metavar="DATA.csv")
+@click.option("--parameter", "parameters", multiple=True, required=True, metavar="NAME", help="A parameter or initial value to be found.")  # fmt: skip
+@click.option("--bounds", multiple=True, metavar="NAME=LOW:HIGH", help="Between which it is: k='0:10 N m-1'.")
+@click.option("-o", "--output", metavar="F.nc", help="Where to keep the fit.")
+@click.option("--model", "fitted", metavar="FITTED.toml", help="Where to write the fitted model, with uncertainties.")
+@click.option("--atol", "atols", multiple=True, metavar="[NAME=]VALUE", help="Absolute tolerance, as of `run`.")
+@click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+@click.option("--method", help="Name of a method.")
+@click.option("--step", help="Step of the time grid.")
+@click.option("--until", help="End of the runs.")
+@click.option("--rtol", help="Relative tolerance.")
+def fit(
+    model_file: str,
+    data: str,
+    parameters: tuple[str, ...],
+    bounds: tuple[str, ...],
+    output: str | None,
+    fitted: str | None,
+    atols: tuple[str, ...],
+    changes: tuple[str, ...],
+    **settings: str | None,
+) -> None:
+    """Find parameters from measured data: xdynamics fit pendulum.toml bench.csv --parameter L --parameter c -o F.nc."""
+    from xdynamics import archive
+    from xdynamics.archive.target import taking_name
+    from xdynamics.budgeting.fitting import fit as fitted_to
+    from xdynamics.summary import summary
+
+    model = changed_model(model_file, changes)
+    asked: dict[str, Any] = {name: one for name, one in settings.items() if one is not None}
+    asked |= {"atol": absolute(atols)} if atols else {}
+    for path in filter(None, (output, fitted)):
+        archive.check_target(Path(path))
+    found = fitted_to(model, data, parameters, bounds=ends_of(bounds, "--bounds"), **asked)
+    say(summary(found))
+    if fitted:
+        with taking_name(Path(fitted)) as new:
+            new.part.write_text(str(found["model_toml"].values))
+        say([f"model     {fitted}"])
+    if output:
+        archive.save(found, output)
+        say([f"fit       {output}"])
+    sys.exit(DONE if int(found.attrs["converged"]) else BADLY)

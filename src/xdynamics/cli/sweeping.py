@@ -116,14 +116,19 @@ def _drawn(ranges: tuple[str, ...], draws: int | None, design: str, seed: int) -
         raise InputError("--draw NAME=LOW:HIGH and --draws N go together")
     if design == DECLARED:
         return Draws(draws, [one.partition("=")[0] for one in ranges], design=design, seed=seed)
+    return Draws(draws, ends_of(ranges, "--draw"), design=design, seed=seed)
+
+
+def ends_of(ranges: tuple[str, ...], option: str) -> dict[str, tuple[str, str]]:
+    """Read the lowest and the highest of several names."""
     ends = {}
-    for name, text in pairs(ranges, "--draw").items():
+    for name, text in pairs(ranges, option).items():
         low, colon, rest = text.partition(":")
         high, _, unit = rest.strip().partition(" ")
         if not colon:
-            raise InputError(f"--draw {name}={text!r} needs LOW:HIGH, like '1:2 kg'")
+            raise InputError(f"{option} {name}={text!r} needs LOW:HIGH, like '1:2 kg'")
         ends[name] = (f"{low.strip()} {unit}".strip(), f"{high} {unit}".strip())
-    return Draws(draws, ends, design=design, seed=seed)
+    return ends
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.faults import InputError
-from xdynamics.figures import budget, comparison, diagnosis, ledger, precision, refinement, run, several, sweep
+from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, precision, refinement, run, several, sweep
 from xdynamics.figures.sheet import HEIGHT, check_path, sheet, write
 from xdynamics.schema import EVIDENCE
 
@@ -19,6 +19,7 @@ PAGES: dict[str, Any] = {
     "budget": budget,
     "comparison": comparison,
     "diagnosis": diagnosis,
+    "fit": fit,
     "ledger": ledger,
     "precision": precision,
     "refinement": refinement,
@@ -32,7 +33,7 @@ def plot(record: xr.Dataset | Mapping[str, xr.Dataset], path: str | Path | None 
     Parameters
     ----------
     record : xarray.Dataset, or mapping of str to xarray.Dataset
-        A run record, or what `refine`, `compare`, `diagnose`, `validate`, `sweep` or `error_budget` returns; several
+        A run record, or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `error_budget` or `fit` returns; several
         refinements or diagnoses by name, to be drawn together.
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.

@@ -1,0 +1,46 @@
+"""What a person wants to know first of a fit, in lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isfinite
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+STRONG = 0.9  # a correlation that is told
+
+
+def lines_of(found: xr.Dataset) -> Iterator[str]:
+    """Say what was found, how sure it is, how well the model fits, and what belongs together."""
+    names, units = found["parameter_name"].values.astype(str), found["parameter_units"].values.astype(str)
+    for i, name in enumerate(names):
+        value, doubt = float(found["estimate"][i]), float(found["standard_uncertainty"][i])
+        unit = "" if units[i] == "1" else f" {units[i]}"
+        bound = "; on its bound, and no more sure than that" if int(found["at_bound"][i]) else ""
+        yield f"{name:<10}{value:.9g} ± {doubt:.2g}{unit} (one standard uncertainty){bound}"
+    square, freedom = float(found.attrs["chi_square"]), int(found.attrs["degrees_of_freedom"])
+    if isfinite(square):
+        yield f"fit       chi-square {square:.4g} for {freedom} degrees of freedom; {_judged(square, freedom)}"
+    else:
+        yield f"fit       residuals of {float(found.attrs['residual_variance']) ** 0.5:.3g}, by which the uncertainties are scaled; {freedom} degrees of freedom"
+    strong = [(i, j) for i in range(len(names)) for j in range(i) if abs(float(found["correlation"][i, j])) > STRONG]
+    for i, j in strong:
+        yield f"together  {names[j]} and {names[i]} are correlated by {float(found['correlation'][i, j]):.3f}"
+    yield f"search    {found.attrs['evaluations']} evaluations, condition {float(found.attrs['condition']):.3g}: {found.attrs['stopped']}"
+    if not int(found.attrs["converged"]):
+        yield "doubt     the search did not come to an end: estimates are where it stopped"
+
+
+def _judged(square: float, freedom: int) -> str:
+    from scipy.stats import chi2
+
+    above = float(chi2.sf(square, freedom))
+    if above < 1e-3:
+        return f"the model or the uncertainties are not right (a larger one has the probability {above:.1g})"
+    if above > 1.0 - 1e-3:
+        return f"the uncertainties are larger than the residuals (a smaller one has the probability {1.0 - above:.1g})"
+    return f"a larger one has the probability {np.round(above, 3):g}"

@@ -1,0 +1,344 @@
+"""Parameters and starts from measured data: weighted least squares, with all that says how well they are known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.comparing.measured import Measured, measured
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.observing import comparable
+from xdynamics.faults import InputError, Ledger
+from xdynamics.march.asking import settings_for
+from xdynamics.model import Model, toml
+from xdynamics.model.parts import Parameter
+from xdynamics.model.spread import Spread
+from xdynamics.record.columns import columns_of
+from xdynamics.schema import AT, AT_TIME
+from xdynamics.sweeping.axes import FOR_INITIAL, numbers_of
+from xdynamics.sweeping.sweep import sweep
+from xdynamics.units import Quantity, Unit, parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+PARAMETER, OTHER = "parameter", "other"
+ROLE = "fit"
+SHIFT = 1e-3  # of a parameter's scale, for slopes
+SIDES = np.array([-2.0, -1.0, 1.0, 2.0])
+WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0  # of a slope of fourth order from these sides
+CLOSE = 1e-10  # relative, of parameters and of the sum of squares, when a fit ends
+MOST = 100  # evaluations
+ALIKE = 1e-8  # singular value, over the largest, of columns that tell the same
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is fitted to what.
+
+    Attributes
+    ----------
+    model : Model
+    names : tuple of str
+        Parameters and initial values.
+    data : Measured
+    quantities : dict of str to Unit
+        What was measured, in the model's own units.
+    settings : dict
+        Of `simulate`.
+    """
+
+    model: Model
+    names: tuple[str, ...]
+    data: Measured
+    quantities: dict[str, Unit]
+    settings: dict[str, Any]
+
+    def given(self, name: str) -> Quantity:
+        """Return a number's value and unit in the model."""
+        return self.model.parameters[name].quantity if name in self.model.parameters else self.model.initial[name]
+
+    @property
+    def measured(self) -> Floats:
+        """All that was measured, one quantity behind the other, in the model's units."""
+        return self._all(self.data.values)
+
+    @property
+    def weights(self) -> Floats:
+        """One over each standard uncertainty; 1 in the model's unit where none is told."""
+        return 1.0 / self._all(self.data.uncertainties) if self.data.uncertainties else np.ones(self.measured.size)
+
+    def _all(self, columns: Mapping[str, tuple[Floats, Unit]]) -> Floats:
+        parts = [
+            columns[name][0] * float(columns[name][1].factor / unit.factor) for name, unit in self.quantities.items()
+        ]
+        return np.concatenate(parts)
+
+    def computed(self, values: Floats) -> Floats:
+        """Return what the model comes to, for rows of parameters in their own units, shape (n, all that was measured).
+
+        Raises
+        ------
+        InputError
+            If a run does not come to all times.
+        """
+        import xarray as xr
+
+        columns = {
+            f"{FOR_INITIAL}{name}" if name in self.model.initial else name: xr.DataArray(values[:, i], attrs={"units": self.given(name).unit.text})
+            for i, name in enumerate(self.names)
+        }  # fmt: skip
+        times, back = np.unique(self.data.times, return_inverse=True)
+        found = sweep(self.model, {"fitted": columns}, keep=list(self.quantities), times=times, members_per_task=len(values), **self.settings).compute()  # fmt: skip
+        rows = np.concatenate([found[name].values[:, back] for name in self.quantities], axis=1)
+        if not np.isfinite(rows).all():
+            k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
+            said = ", ".join(f"{name} = {float(one)!r}" for name, one in zip(self.names, values[k], strict=True))
+            raise InputError(f"with {said} the run ends as '{found.run_outcome.values[k]}' at t = {float(found.end_time[k])!r} s, before all that was measured")  # fmt: skip
+        return rows
+
+
+def fit(
+    model: Model,
+    data: Any,
+    parameters: Sequence[str],
+    *,
+    bounds: Mapping[str, Sequence[Any]] | None = None,
+    **settings: Any,
+) -> xr.Dataset:
+    """Find parameters and initial values from measured data by weighted least squares.
+
+    Parameters
+    ----------
+    model : Model
+        Its own values are where the search begins.
+    data : str, Path, DataFrame or Dataset
+        Measured data as `compare` takes them: ``time [ms],x [mm],u(x) [mm]``.
+    parameters : sequence of str
+        What is to be found: parameters and initial values.
+    bounds : mapping of str to (lowest, highest), optional
+        ``{"k": ("0 N m-1", "10 N m-1")}``.
+    **settings
+        Of `simulate`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `parameter`: `parameter_name`, `parameter_units`, `estimate` and `standard_uncertainty` in these,
+        `at_bound`, and with `other` the `correlation`. Along `at` what was measured, what the fitted model comes to, and
+        the `residual_…`. `model_toml` is the fitted model, whose parameters are uncertain and correlated by what was
+        found: ``Model.from_text(str(found.model_toml.values))`` goes on into `error_budget`.
+
+    Raises
+    ------
+    InputError
+        If the data do not tell the parameters apart, a column is nothing of the model's, or a run does not come to all
+        times.
+
+    Notes
+    -----
+    Trust-region reflective least squares by `scipy.optimize.least_squares` (Branch, Coleman, Li 1999,
+    doi:10.1137/S1064827595289108), slopes by central differences of fourth order, all copies marched side by side. The
+    covariance is the inverse of J^T W J; without uncertainties of the data it is scaled by the residuals' variance
+    (Bevington, Robinson, Data Reduction and Error Analysis, 2003, section 8.5). What the march itself is off by is not in
+    it: choose steps or tolerances that keep it small beside the residuals.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> times = np.linspace(0.1, 3.0, 30)
+    >>> import pandas as pd
+    >>> bench = pd.DataFrame({"time [s]": times, "x [m]": np.cos(1.9 * times)})
+    >>> found = fit(model, bench, ["k"], method="rk4", step="10 ms", until="4 s")
+    >>> round(float(found.estimate[0] / model.parameters["m"].quantity.si) ** 0.5, 6)
+    1.9
+    """
+    from scipy.optimize import least_squares
+
+    asked = _asked(model, data, parameters, settings)
+    start = np.array([asked.given(name).value for name in asked.names])
+    low, high = _bounds(asked, bounds or {})
+    scales = _scales(asked, start, low, high)
+    wanted, weights = asked.measured, asked.weights
+    seen: dict[bytes, tuple[Floats, Floats]] = {}
+
+    def looked(scaled: Floats) -> tuple[Floats, Floats]:
+        """Return weighted residuals and their slopes; the last ones are remembered."""
+        key = scaled.tobytes()
+        if key not in seen:
+            values, slopes = _with_slopes(asked, scaled * scales, scales)
+            seen.clear()
+            seen[key] = (values - wanted) * weights, slopes * weights[:, None] * scales
+        return seen[key]
+
+    found = least_squares(
+        lambda x: looked(x)[0], start / scales, lambda x: looked(x)[1], bounds=(low / scales, high / scales),
+        xtol=CLOSE, ftol=CLOSE, gtol=CLOSE, max_nfev=MOST,
+    )  # fmt: skip
+    residual, slopes = looked(found.x)
+    return _dataset(asked, found.x * scales, scales, residual, slopes, found, (low, high))
+
+
+def _asked(model: Any, data: Any, parameters: Any, settings: dict[str, Any]) -> Asked:
+    """Check what is asked for."""
+    if not isinstance(model, Model):
+        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+    known = [*model.parameters, *(name for name in model.initial if name != "t")]
+    if not names or len({*names}) < len(names):
+        raise InputError(f"parameters are {[*names]}, need one name or more, each once; there are {', '.join(known)}")
+    for name in names:
+        if name not in known:
+            raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(known)}")
+    read, used = measured(data), settings_for(model, **settings)
+    columns = {one.variable.name: one.variable.units for one in columns_of(used.layout(model), used)}
+    units = {name: parse_unit(columns[name]) for name in comparable(model)}
+    ledger = Ledger(read.name)
+    for name, (_, unit) in read.values.items():
+        if name not in units:
+            ledger.note(f"column '{name}' is nothing that the model has; there are {', '.join(units)}")
+        elif unit.dimension != units[name].dimension:
+            ledger.note(f"column '{name}' is in '{unit.text}', needs '{units[name].text}' or a unit like it")
+        elif read.uncertainties and name not in read.uncertainties:
+            ledger.note(f"column '{name}' has no uncertainties, and others have: give u({name}) too, or none")
+    begin, end = model.initial["t"].si, used.until
+    outside = np.flatnonzero((read.times < begin) | (read.times > end))
+    if outside.size:
+        ledger.note(
+            f"row {int(outside[0]) + 1}: t = {float(read.times[outside[0]])!r} s is outside the run, from {begin!r} s to {end!r} s; give until=…"
+        )
+    rows = len(read.times) * len(read.values)
+    if rows <= len(names):
+        ledger.note(f"has {rows} numbers for {len(names)} parameters, needs more")
+    ledger.settle()
+    return Asked(model, names, read, {name: units[name] for name in read.values}, settings)
+
+
+def _bounds(asked: Asked, given: Mapping[str, Sequence[Any]]) -> tuple[Floats, Floats]:
+    """Read bounds, in each number's own unit."""
+    low, high = (np.full(len(asked.names), side) for side in (-np.inf, np.inf))
+    for name, ends in given.items():
+        if name not in asked.names:
+            raise InputError(f"bounds name '{name}', which is not fitted; there are {', '.join(asked.names)}")
+        own = asked.given(name)
+        try:
+            values, unit = numbers_of(list(ends), own.unit)
+        except (InputError, TypeError) as error:
+            raise InputError(f"bounds of '{name}' are {ends!r}, need the lowest and the highest: {error}") from None
+        values = values * float(unit.factor / own.unit.factor)
+        if len(values) != 2 or not values[0] < values[1] or not values[0] <= own.value <= values[1]:
+            raise InputError(f"bounds of '{name}' are {[*map(str, ends)]}, need the lowest, then the highest, and {own} between them")  # fmt: skip
+        i = asked.names.index(name)
+        low[i], high[i] = values
+    return low, high
+
+
+def _scales(asked: Asked, start: Floats, low: Floats, high: Floats) -> Floats:
+    """Return a size of each number: of one that begins at zero its bounds', its uncertainty's, or its unit's."""
+    found = np.abs(start)
+    for i in np.flatnonzero(found == 0.0).tolist():
+        width = float(high[i] - low[i])
+        spread = (asked.model.parameters | asked.model.starts).get(asked.names[i])
+        found[i] = width / 2.0 if np.isfinite(width) else (spread.uncertainty if spread and spread.uncertainty else 1.0)
+    return found
+
+
+def _with_slopes(asked: Asked, values: Floats, scales: Floats) -> tuple[Floats, Floats]:
+    """Return what the model comes to, and its slopes by every parameter, shape (all, n)."""
+    n = len(values)
+    rows = np.tile(values, (1 + n * len(SIDES), 1))
+    for i in range(n):
+        rows[1 + i * len(SIDES) : 1 + (i + 1) * len(SIDES), i] += SHIFT * scales[i] * SIDES
+    found = asked.computed(rows)
+    beside = found[1:].reshape(n, len(SIDES), -1)
+    return found[0], np.stack([WEIGHTS @ beside[i] / (SHIFT * scales[i]) for i in range(n)], axis=1)
+
+
+def _dataset(asked: Asked, values: Floats, scales: Floats, residual: Floats, slopes: Floats, found: Any, bounds: tuple[Floats, Floats]) -> xr.Dataset:  # fmt: skip
+    freedom, square = residual.size - values.size, float(residual @ residual)
+    covariance, condition = _covariance(asked, slopes)
+    if not asked.data.uncertainties:
+        covariance = covariance * (square / freedom)
+    deviations = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(deviations, deviations) if (deviations > 0).all() else np.eye(len(values))
+    deviations = deviations * scales
+    fitted = _fitted(asked, values, deviations, correlation)
+    reached = [(values[i] <= bounds[0][i], values[i] >= bounds[1][i]) for i in range(len(values))]
+    units = [asked.given(name).unit.text for name in asked.names]
+    variables: dict[str, Any] = {
+        "parameter_name": ((PARAMETER,), np.array(asked.names), about("1", "what was found", "name")),
+        "parameter_units": ((PARAMETER,), np.array(units), about("1", "unit of the estimate and its uncertainty", "units")),
+        "estimate": ((PARAMETER,), values, about("1", "value that fits best, in parameter_units", ROLE)),
+        "standard_uncertainty": ((PARAMETER,), deviations, about("1", "standard uncertainty of the estimate, in parameter_units", ROLE)),
+        "at_bound": ((PARAMETER,), np.array([any(one) for one in reached], np.int8), about("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE)),
+        "correlation": ((PARAMETER, OTHER), correlation, about("1", "correlation of the estimates", ROLE)),
+        AT_TIME: ((AT,), asked.data.times, about("s", "time of measurement", "time")),
+        "model_toml": ((), np.array(fitted.to_toml()), about("1", "the fitted model as TOML, uncertain and correlated by what was found", "model")),
+    }  # fmt: skip
+    rows, n = asked.computed(values[None])[0], len(asked.data.times)
+    wanted, weights = asked.measured, asked.weights
+    for k, (name, unit) in enumerate(asked.quantities.items()):
+        mine = slice(k * n, (k + 1) * n)
+        variables |= {
+            f"measured_{name}": ((AT,), wanted[mine], about(unit.text, f"{name} as measured", "measured")),
+            name: ((AT,), rows[mine], about(unit.text, f"{name} as the fitted model has it", "computed")),
+            f"residual_{name}": ((AT,), wanted[mine] - rows[mine], about(unit.text, f"{name}, measured minus computed", "residual")),
+        }  # fmt: skip
+        if asked.data.uncertainties:
+            variables[f"measured_uncertainty_{name}"] = ((AT,), 1.0 / weights[mine], about(unit.text, f"standard uncertainty of {name} as measured", "uncertainty"))  # fmt: skip
+    more = {
+        "data": asked.data.name, "chi_square": square if asked.data.uncertainties else float("nan"), "degrees_of_freedom": freedom,
+        "residual_variance": square / freedom, "condition": condition, "evaluations": int(found.nfev), "stopped": str(found.message),
+        "converged": int(found.status > 0), "asked": json.dumps(asked.settings, default=str, sort_keys=True), "model_digest": asked.model.digest,
+        "fitted_digest": fitted.digest,
+    }  # fmt: skip
+    return exhibit("fit", f"{asked.model.name}, fitted to {asked.data.name}", [], variables, more)
+
+
+def _covariance(asked: Asked, slopes: Floats) -> tuple[Floats, float]:
+    """Return the covariance of the scaled parameters, and how nearly columns of slopes tell the same.
+
+    Raises
+    ------
+    InputError
+        If the data do not tell parameters apart; it names them.
+    """
+    sizes = np.sqrt((slopes**2).sum(axis=0))
+    if idle := [name for name, size in zip(asked.names, sizes, strict=True) if not size > 0.0]:
+        raise InputError(f"the data do not change with '{idle[0]}': it cannot be fitted to them; fix it")
+    _, singular, vectors = np.linalg.svd(slopes / sizes, full_matrices=False)
+    if singular[-1] <= ALIKE * singular[0]:
+        mixed = [name for name, part in zip(asked.names, np.abs(vectors[-1]), strict=True) if part > 0.1]
+        raise InputError(f"the data do not tell {' and '.join(mixed)} apart: only a combination of them; fix one")
+    inverse = (vectors.T / singular**2) @ vectors
+    return inverse / np.outer(sizes, sizes), float(singular[0] / singular[-1])
+
+
+def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Floats) -> Model:
+    """Return the model with what was found, its uncertainties and correlations."""
+    statement = asked.model.statement
+    parameters, starts, initial = dict(statement.parameters), dict(statement.starts), dict(statement.initial)
+    for i, name in enumerate(asked.names):
+        unit = asked.given(name).unit
+        old = parameters.get(name) or starts.get(name)
+        one = Parameter(Quantity(float(values[i]), unit), Spread(Quantity(float(deviations[i]), unit)), old.description if old else "")  # fmt: skip
+        if name in parameters:
+            parameters[name] = one
+        else:
+            starts[name], initial[name] = one, one.quantity
+    kept = {pair: one for pair, one in statement.correlations.items() if not {*pair} & {*asked.names}}
+    uncertain = [i for i in range(len(values)) if deviations[i] > 0.0]
+    for i in uncertain:
+        for j in uncertain:
+            if i < j:
+                kept[asked.names[i], asked.names[j]] = float(np.clip(correlation[i, j], -1.0, 1.0))
+    said = replace(statement, parameters=parameters, starts=starts, initial=initial, correlations=kept)
+    return Model.from_text(toml.write(said), functions=asked.model.functions)

@@ -1,0 +1,199 @@
+"""Fits to measured data: known answers, coverage of their uncertainties, what cannot be told apart, wrong input."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+
+NAMES = ["L", "c", "theta", "v_theta"]
+TRUE = np.array([1.03, 0.08, 0.35, 0.1])
+TIMES = np.linspace(0.02, 10.0, 500)
+MARCH: dict[str, Any] = {"method": "dop853", "rtol": 1e-8, "until": "10 s"}
+
+
+def pendulum() -> xd.Model:
+    """A damped pendulum, near the one that is measured."""
+    return xd.Model(
+        name="bench pendulum", coordinates={"theta": "rad"}, parameters={"L": "1 m", "g": "9.81 m s-2", "c": "0.05 s-1"},
+        mass={"theta": "1*kilogram*L**2"},
+        forces={"weight": {"theta": "-1*kilogram*g*L*sin(theta)"}, "damping": {"theta": "-c*1*kilogram*L**2*v_theta"}},
+        initial={"theta": "0.3 rad", "v_theta": "0 rad s-1"},
+    )  # fmt: skip
+
+
+def swung() -> np.ndarray:
+    """What the one that is measured does."""
+    changed = pendulum().replace(
+        parameters={"L": TRUE[0], "c": TRUE[1]}, initial={"theta": TRUE[2], "v_theta": TRUE[3]}
+    )
+    found: np.ndarray = xd.sample(xd.simulate(changed, **MARCH), TIMES).theta.values
+    return found
+
+
+def bench(angles: np.ndarray, seed: int, *, told: bool = True) -> pd.DataFrame:
+    """A bench record with noise of 2 mrad, in milliradian."""
+    noisy = angles * 1e3 + np.random.default_rng(seed).normal(0.0, 2.0, angles.size)
+    doubt = {"u(theta) [mrad]": np.full(angles.size, 2.0)} if told else {}
+    return pd.DataFrame({"time [s]": TIMES, "theta [mrad]": noisy, **doubt})
+
+
+def covered(count: int, *, told: bool) -> tuple[np.ndarray, float]:
+    """Return for each parameter the share of fits whose 95 % interval holds the true one, and the mean of chi-square."""
+    angles, model, inside, squares = swung(), pendulum(), [], []
+    for seed in range(count):
+        found = xd.fit(model, bench(angles, seed, told=told), NAMES, **MARCH)
+        inside.append(np.abs(found.estimate.values - TRUE) <= 1.96 * found.standard_uncertainty.values)
+        squares.append(found.attrs["residual_variance"])
+    return np.mean(inside, axis=0), float(np.mean(squares))
+
+
+def test_uncertainties_hold_the_true_numbers() -> None:
+    """Assert that about 95 % of intervals hold what is fitted, of 120 that are, and that chi-square is what it should be."""
+    shares, square = covered(30, told=True)
+    assert 0.89 <= shares.mean() <= 1.0
+    assert square == pytest.approx(1.0, abs=0.04)
+
+
+def test_without_uncertainties_residuals_tell_them() -> None:
+    """Assert the same uncertainties within their own scatter where the data tell none."""
+    angles = swung()
+    told, untold = (xd.fit(pendulum(), bench(angles, 3, told=one), NAMES, **MARCH) for one in (True, False))
+    assert (np.abs(untold.estimate - told.estimate) < 1e-4 * told.standard_uncertainty).all()
+    assert untold.standard_uncertainty.values == pytest.approx(told.standard_uncertainty.values, rel=0.1)
+    assert math.isnan(untold.attrs["chi_square"])
+    assert math.sqrt(untold.attrs["residual_variance"]) == pytest.approx(2e-3, rel=0.1)
+
+
+def test_a_straight_line_is_that_of_the_normal_equations() -> None:
+    """Assert estimates, uncertainties and correlation of x = x0 + v t against weighted linear least squares."""
+    rng = np.random.default_rng(5)
+    times, doubt = np.linspace(0.0, 4.0, 25), rng.uniform(0.5, 2.0, 25)
+    data = xr.Dataset({
+        "time": ("row", times, {"units": "s"}),
+        "x": ("row", 300.0 + 120.0 * times + doubt * rng.standard_normal(25), {"units": "cm"}),
+        "u_x": ("row", doubt, {"units": "cm"}),
+    })  # fmt: skip
+    model = xd.Model(
+        name="free", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        initial={"x": "0 m", "v_x": "1 m s-1"},
+    )  # fmt: skip
+    found = xd.fit(model, data, ["x", "v_x"], method="rk4", step="0.1 s", until="4 s")
+    design = np.stack([np.ones(25), times], axis=1) / (doubt / 100)[:, None]
+    covariance = np.linalg.inv(design.T @ design)
+    right = covariance @ design.T @ (data.x.values / doubt)
+    assert found.estimate.values == pytest.approx(right, rel=1e-10)
+    assert found.standard_uncertainty.values == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-8)
+    r = covariance[0, 1] / math.sqrt(covariance[0, 0] * covariance[1, 1])
+    assert found.correlation.values == pytest.approx(np.array([[1, r], [r, 1]]), rel=1e-7)
+    assert found.attrs["chi_square"] == pytest.approx(
+        float(((design @ right - data.x.values / doubt) ** 2).sum()), rel=1e-8
+    )
+    assert found.residual_x.values == pytest.approx(data.x.values / 100 - right[0] - right[1] * times, abs=1e-12)
+
+
+def test_the_fitted_model_goes_on_into_a_budget() -> None:
+    """Assert that a budget of the fitted model knows the correlations: the uncertainty of x(2 s) is that of the line."""
+    rng = np.random.default_rng(6)
+    times = np.linspace(0.0, 4.0, 25)
+    frame = pd.DataFrame(
+        {"time [s]": times, "x [m]": 3 + 1.2 * times + 0.01 * rng.standard_normal(25), "u(x) [m]": 0.01}
+    )
+    model = xd.Model(
+        name="free", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        initial={"x": "3 m", "v_x": "1 m s-1"},
+    )  # fmt: skip
+    found = xd.fit(model, frame, ["x", "v_x"], method="rk4", step="0.1 s", until="4 s")
+    fitted = xd.Model.from_text(str(found.model_toml.values))
+    assert fitted.digest == found.attrs["fitted_digest"]
+    assert set(fitted.uncertain) == {"x", "v_x"}
+    budget = xd.error_budget(fitted, "x", at="2 s", method="rk4", step="0.1 s", until="4 s")
+    assert float(budget.physical_rss) == pytest.approx(0.01 / 5, rel=1e-6)  # at the mean of the times: u/sqrt(25)
+
+
+def test_a_fit_is_saved_opened_and_told(tmp_path: Path) -> None:
+    """Assert an archive, its summary, and the verb with the fitted model as a file."""
+    from click.testing import CliRunner
+
+    from xdynamics.cli import main
+
+    bench(swung(), 1).to_csv(tmp_path / "bench.csv", index=False)
+    (tmp_path / "pendulum.toml").write_text(pendulum().to_toml())
+
+    def call(*arguments: object) -> Any:
+        return CliRunner().invoke(main, [str(one) for one in arguments])
+
+    asked = [
+        "fit",
+        tmp_path / "pendulum.toml",
+        tmp_path / "bench.csv",
+        "--method",
+        "dop853",
+        "--rtol",
+        "1e-8",
+        "--until",
+        "10 s",
+    ]
+    asked += ["--parameter", "L", "--parameter", "c", "--parameter", "theta", "--parameter", "v_theta"]
+    done = call(*asked, "-o", tmp_path / "F.nc", "--model", tmp_path / "fitted.toml", "--bounds", "c=0:1 s-1")
+    assert done.exit_code == 0, done.output
+    assert "L         1.0300" in done.output
+    assert len(xd.verify(tmp_path / "F.nc")) == 64
+    assert xd.Model.from_toml(tmp_path / "fitted.toml").digest == xd.open_run(tmp_path / "F.nc").attrs["fitted_digest"]
+    assert call("show", tmp_path / "F.nc").exit_code == 0
+    assert call("plot", tmp_path / "F.nc", "-o", tmp_path / "F.png").exit_code == 0
+    bad = call(*asked, "-o", tmp_path / "G.nc", "--bounds", "c=1:2 s-1")
+    assert (bad.exit_code, (tmp_path / "G.nc").exists()) == (2, False)
+
+
+@pytest.mark.parametrize(
+    ("names", "more", "said"),
+    [
+        ([], {}, "need one name or more"),
+        (["L", "L"], {}, "each once"),
+        (["length"], {}, "'length' is no parameter or initial value"),
+        (["L", "g"], {}, "do not tell L and g apart"),
+        (["L"], {"bounds": {"c": (0, 1)}}, "bounds name 'c', which is not fitted"),
+        (["L"], {"bounds": {"L": (2, 3)}}, "1.0 m between them"),
+        (["L"], {"bounds": {"L": ("1 kg", "2 kg")}}, "needs the unit 'm'"),
+        (["L"], {"bounds": {"L": 3}}, "need the lowest and the highest"),
+        (["L"], {"until": "5 s"}, "outside the run"),
+        (["L"], {"rtoll": 3}, "no setting 'rtoll'"),
+    ],
+)
+def test_what_cannot_be_fitted_is_named(names: list[str], more: dict[str, Any], said: str) -> None:
+    """Assert one clear error for each."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.fit(pendulum(), bench(np.cos(TIMES), 1), names, **MARCH | more)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"time [s]": [1.0, 2.0], "phi [rad]": [1.0, 2.0]}, "column 'phi' is nothing that the model has"),
+        ({"time [s]": [1.0, 2.0], "theta [m]": [1.0, 2.0]}, "column 'theta' is in 'm'"),
+        ({"time [s]": [1.0], "theta [rad]": [1.0]}, "has 1 numbers for 1 parameters"),
+        ({"time [s]": [1.0, np.nan], "theta [rad]": [1.0, 2.0]}, "leave out rows with gaps"),
+        ({"time [s]": [1.0, 2.0], "theta [rad]": [1.0, 2.0], "v_theta [rad s-1]": [1.0, 2.0], "u(theta) [rad]": [1.0, 1.0]}, "others have"),
+    ],
+)  # fmt: skip
+def test_data_that_cannot_be_used_are_named(columns: dict[str, list[float]], said: str) -> None:
+    """Assert one clear error for each."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.fit(pendulum(), pd.DataFrame(columns), ["L"], **MARCH)
+
+
+if __name__ == "__main__":
+    print(
+        "95 % intervals hold {} of the true numbers; chi-square over its freedom {:.4f}".format(
+            *covered(int(sys.argv[1]), told=True)
+        )
+    )
