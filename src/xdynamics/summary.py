@@ -20,7 +20,7 @@ TOLD = {
     "companion": "evidence.companion", "comparison": "evidence.comparing.comparison",
     "diagnosis": "evidence.diagnosing.diagnosis", "ledger": "evidence.validating.ledger",
     "limiting case": "evidence.validating.limiting", "refinement": "evidence.refining.refinement",
-    "budget": "budgeting.told", "fit": "budgeting.fitted", "sweep": "sweeping.told",
+    "budget": "budgeting.told", "certificate": "budgeting.certificate", "fit": "budgeting.fitted", "sweep": "sweeping.told",
     **dict.fromkeys(("contrast", "convergence", "influences", "precision", "sensitivities", "sobol indices"), "sweeping.surveyed"),
 }  # fmt: skip
 LONGEST = 400  # characters of a setting that are shown

@@ -14,11 +14,13 @@ from xdynamics.budgeting.rounding import rounded
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import KINDS, NUMERICAL, PHYSICAL, Declared, Term
 from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.refining.convergence import VERDICTS, observed_orders
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.schema import BOUNDS, flags
+from xdynamics.schema import BOUNDS, LEVEL, flags
 from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.surveying import quotient
+from xdynamics.sweeping.sweep import plain
 from xdynamics.units import Unit, spell
 
 if TYPE_CHECKING:
@@ -75,7 +77,7 @@ def error_budget(
     Returns
     -------
     xarray.Dataset
-        `value`, the run's own, not extrapolated. Along `term`: `term_name`, `term_kind`, `term_rule`, `sensitivity` (of
+        `value`, the run's own, not extrapolated, and along `level` what it is in finer runs, with `observed_order`. Along `term`: `term_name`, `term_kind`, `term_rule`, `sensitivity` (of
         the number per SI unit of the input), `input_uncertainty`, `standard_uncertainty`, `bound`, `share` of the
         variance. `numerical_bound` (the sum of bounds), `numerical_rss`, `physical_rss`, `total_rss`. With draws
         `monte_carlo_standard_uncertainty`, `monte_carlo_shortest`, `monte_carlo_symmetric`; `linear_verdict`.
@@ -107,7 +109,7 @@ def error_budget(
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     _check(draws, seed, coverage)
     target = Target.of(model, quantity, at, event, occurrence, side)
-    asked = {name: one for name, one in settings.items() if one is not None}
+    asked = {name: plain(name, one) for name, one in settings.items() if one is not None}
     found = numerical.marched(model, target, asked, seed)
     unit = target.units(found.run)
     declared = [one.term(target, unit) for one in terms]
@@ -118,7 +120,7 @@ def error_budget(
     names = [one.name for one in known]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"the budget has two terms '{twice[0]}'; give the declared one another name")
-    variables = _table(model, target, unit, found.value, known)
+    variables = _table(model, target, unit, found.value, known) | _levels(found, unit)
     more: dict[str, Any] = {"coverage": coverage, "seed": seed, "draws": draws}
     if draws:
         monte_carlo = drawn(_drawn(model, target, asked, draws, seed), coverage)
@@ -133,7 +135,7 @@ def error_budget(
     total, bound = float(variables["total_rss"][1]), float(variables["numerical_bound"][1])
     more |= {
         "quantity": quantity, "of": target.said, "event": target.event, "occurrence": occurrence, "side": side,
-        "asked": json.dumps(asked, default=str, sort_keys=True), "model_digest": model.digest,
+        "asked": json.dumps(asked, sort_keys=True), "model_digest": model.digest,
         "solver_method": str(found.run.attrs["solver_method"]), "result": rounded(found.value, total, bound, unit.text),
     } | ({"at": target.at} if target.at is not None else {})  # fmt: skip
     return exhibit("budget", f"error budget of {model.name}: {target.said}", found.digests, variables, more)
@@ -186,6 +188,20 @@ def _table(model: Model, target: Target, unit: Unit, value: float, terms: list[T
     kinds = np.array([KINDS.index(one.kind) for one in terms], np.int8)
     found["term_kind"] = ((TERM,), kinds, about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS))))  # fmt: skip
     return found | {name: ((), np.float64(one), about(text, words, ROLE)) for name, (one, words) in scalars.items()}
+
+
+def _levels(found: numerical.Marched, unit: Unit) -> dict[str, Any]:
+    """Return the run's own level and the finer ones, and what they tell."""
+    levels, text = found.levels, unit.text
+    orders = observed_orders(found.values, levels.values)
+    return {
+        levels.varied.name: ((LEVEL,), levels.values, about(levels.varied.units, levels.varied.said, ROLE)),
+        "level_value": ((LEVEL,), found.values, about(text, "the number in each level; the first is the run's own", ROLE)),
+        "observed_order": ((LEVEL,), orders, about("1", "order by a level and its neighbours", ROLE) | {"formal_order": levels.formal}),
+        "level_verdict": ((), np.int8(found.told.verdict), about("1", "what the levels tell", "flag") | flags(dict(enumerate(VERDICTS)))),
+        "run_digest": ((LEVEL,), np.array(found.digests), about("1", "content digest of the level's run", "digest")),
+        "run_outcome": ((), np.array(str(found.run.attrs["run_outcome"])), about("1", "outcome of the run", "outcome")),
+    }  # fmt: skip
 
 
 def _per(unit: Unit, by: Unit) -> str:

@@ -21,7 +21,7 @@ from xdynamics.model.spread import Spread
 from xdynamics.record.columns import columns_of
 from xdynamics.schema import AT, AT_TIME
 from xdynamics.sweeping.axes import FOR_INITIAL, numbers_of
-from xdynamics.sweeping.sweep import sweep
+from xdynamics.sweeping.sweep import plain, sweep
 from xdynamics.units import Quantity, Unit, parse_unit
 
 if TYPE_CHECKING:
@@ -163,7 +163,9 @@ def fit(
     """
     from scipy.optimize import least_squares
 
-    asked = _asked(model, data, parameters, settings)
+    asked = _asked(
+        model, data, parameters, {name: plain(name, one) for name, one in settings.items() if one is not None}
+    )
     start = np.array([asked.given(name).value for name in asked.names])
     low, high = _bounds(asked, bounds or {})
     scales = _scales(asked, start, low, high)
@@ -297,7 +299,7 @@ def _dataset(asked: Asked, values: Floats, scales: Floats, residual: Floats, slo
     more = {
         "data": asked.data.name, "chi_square": square if asked.data.uncertainties else float("nan"), "degrees_of_freedom": freedom,
         "residual_variance": square / freedom, "condition": condition, "evaluations": int(found.nfev), "stopped": str(found.message),
-        "converged": int(found.status > 0), "asked": json.dumps(asked.settings, default=str, sort_keys=True), "model_digest": asked.model.digest,
+        "converged": int(found.status > 0), "asked": json.dumps(asked.settings, sort_keys=True), "model_digest": asked.model.digest,
         "fitted_digest": fitted.digest,
     }  # fmt: skip
     return exhibit("fit", f"{asked.model.name}, fitted to {asked.data.name}", [], variables, more)

@@ -12,7 +12,7 @@ from xdynamics.archive import digest_of_run
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import NUMERICAL, Term
 from xdynamics.evidence.marching import march
-from xdynamics.evidence.refining.convergence import judge
+from xdynamics.evidence.refining.convergence import Judged, judge
 from xdynamics.evidence.refining.levels import Levels
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march.asking import settings_for
@@ -46,6 +46,12 @@ class Marched:
     run : xarray.Dataset
     value : float
     terms : tuple of Term
+    levels : Levels
+        The run's own step or tolerance, and the finer ones.
+    values : ndarray, shape (n,)
+        What the number is in each.
+    told : Judged
+        What they tell together.
     digests : tuple of str
         Content digests of all the runs.
     """
@@ -53,6 +59,9 @@ class Marched:
     run: xr.Dataset
     value: float
     terms: tuple[Term, ...]
+    levels: Levels
+    values: Floats
+    told: Judged
     digests: tuple[str, ...]
 
 
@@ -68,14 +77,17 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
     runs = [levels.marched(k) for k in range(LEVELS)]
     found = [target.in_run(run, model) for run in runs]
     value, inside, located = found[0]
-    truncation = _truncation(levels, np.array([one[0] for one in found]), [one[1] + one[2] for one in found])
+    values = np.array([one[0] for one in found])
+    doubt = max(one[1] + one[2] for one in found)
+    noise = 4.0 * EPS * float(np.abs(values).max())
+    told = judge(values, levels.values, levels.formal, noise, 0.0, doubt, smooth=levels.varied.keyword == "steps")
     terms = (
-        truncation,
+        _truncation(levels, values, told),
         _roundoff(model, target, asked, value, seed),
         Term.bounded(INTERPOLATION, NUMERICAL, inside, "a shortened step against two of half its length, extrapolated"),
         _location(model, target, asked, value, located, runs[0]),
     )
-    return Marched(runs[0], value, terms, tuple(digest_of_run(run) for run in runs))
+    return Marched(runs[0], value, terms, levels, values, told, tuple(digest_of_run(run) for run in runs))
 
 
 def _levels(model: Model, asked: dict[str, Any]) -> Levels:
@@ -106,10 +118,8 @@ def _least_rtol(scheme: Scheme) -> float:
     return 2.0 * float(LEAST_RTOL ** (scheme.method.order / scheme.error_order))
 
 
-def _truncation(levels: Levels, values: Floats, doubts: list[float]) -> Term:
+def _truncation(levels: Levels, values: Floats, told: Judged) -> Term:
     """Return how far the coarsest value is from the finest, and what that is uncertain by."""
-    noise = 4.0 * EPS * float(np.abs(values).max())
-    told = judge(values, levels.values, levels.formal, noise, 0.0, max(doubts), smooth=levels.varied.keyword == "steps")
     bound = abs(float(values[0] - values[-1])) + float(told.uncertainty)
     rule = f"{levels.varied.name} {', '.join(f'{one:.4g}' for one in levels.values)}: the finest value's distance and uncertainty"
     return Term.bounded(TRUNCATION, NUMERICAL, bound, rule)

@@ -1,8 +1,9 @@
-"""Verbs of defended numbers: budget, fit."""
+"""Verbs of defended numbers: budget, certify, recheck, fit."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,66 +13,104 @@ from xdynamics.cli.command import BADLY, DONE, main, say
 from xdynamics.cli.marching import absolute, changed_model
 from xdynamics.cli.sweeping import SETTINGS, ends_of
 
+OF_A_NUMBER = (
+    click.option("--quantity", required=True, metavar="NAME", help="A coordinate, velocity, state, energy or observable; at an event t, its time."),
+    click.option("--at", "time", metavar="TIME", help="The time at which it is asked for."),
+    click.option("--event", metavar="NAME", help="Or the event."),
+    click.option("--occurrence", type=int, default=1, show_default=True, help="The how-manieth."),
+    click.option("--side", default="before", show_default=True, help="before or after the event."),
+    click.option("--seed", type=int, default=0, show_default=True, help="Of all that is drawn."),
+    click.option("--coverage", type=float, default=0.95, show_default=True, help="Of the intervals."),
+    click.option("--atol", "atols", multiple=True, metavar="[NAME=]VALUE", help="Absolute tolerance, as of `run`."),
+    click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value."),
+    click.option("--method", help="Name of a method."),
+    click.option("--step", help="Step of the time grid."),
+    click.option("--until", help="End of the run."),
+    click.option("--rtol", help="Relative tolerance."),
+    click.option("--estimator", help="As of `run`, like the options that follow."),
+    click.option("--min-step"),
+    click.option("--max-step"),
+    click.option("--max-steps"),
+    click.option("--jacobian"),
+    click.option("--summation"),
+    click.option("--switches"),
+    click.option("--time-tolerance"),
+)  # fmt: skip
+
+
+def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of one number and of the run that it is of."""
+    for option in reversed(OF_A_NUMBER):
+        command = option(command)
+    return command
+
+
+def _asked(settings: dict[str, str | None], atols: tuple[str, ...]) -> dict[str, Any]:
+    """Return the settings that were given."""
+    asked: dict[str, Any] = {name: settings[name] for name in SETTINGS if settings[name] is not None}
+    return asked | ({"atol": absolute(atols)} if atols else {})
+
 
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
-@click.option("--quantity", required=True, metavar="NAME", help="A coordinate, velocity, state, energy or observable; at an event t, its time.")  # fmt: skip
-@click.option("--at", "time", metavar="TIME", help="The time at which it is asked for.")
-@click.option("--event", metavar="NAME", help="Or the event.")
-@click.option("--occurrence", type=int, default=1, show_default=True, help="The how-manieth.")
-@click.option("--side", default="before", show_default=True, help="before or after the event.")
+@of_a_number
 @click.option("--draws", type=int, default=0, show_default=True, help="Of the Monte Carlo check.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is drawn.")
-@click.option("--coverage", type=float, default=0.95, show_default=True, help="Of the intervals.")
 @click.option("-o", "--output", metavar="B.nc", help="Where to keep the budget.")
-@click.option("--atol", "atols", multiple=True, metavar="[NAME=]VALUE", help="Absolute tolerance, as of `run`.")
-@click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
-@click.option("--method", help="Name of a method.")
-@click.option("--step", help="Step of the time grid.")
-@click.option("--until", help="End of the run.")
-@click.option("--rtol", help="Relative tolerance.")
-@click.option("--estimator", help="As of `run`, like the options that follow.")
-@click.option("--min-step")
-@click.option("--max-step")
-@click.option("--max-steps")
-@click.option("--jacobian")
-@click.option("--summation")
-@click.option("--switches")
-@click.option("--time-tolerance")
 def budget(
-    model_file: str,
-    quantity: str,
-    time: str | None,
-    event: str | None,
-    occurrence: int,
-    side: str,
-    draws: int,
-    seed: int,
-    coverage: float,
-    output: str | None,
-    atols: tuple[str, ...],
-    changes: tuple[str, ...],
-    **settings: str | None,
-) -> None:
+    model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
+    coverage: float, output: str | None, atols: tuple[str, ...], changes: tuple[str, ...], **settings: str | None,
+) -> None:  # fmt: skip
     """Say how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
-    from xdynamics import archive
     from xdynamics.budgeting.budget import error_budget
+
+    _found(error_budget, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
+                   side=side, draws=draws, seed=seed, coverage=coverage, **_asked(settings, atols))  # fmt: skip
+    if output:
+        say([f"budget    {output}"])
+    sys.exit(DONE)
+
+
+@main.command()
+@click.argument("model_file", metavar="MODEL.toml")
+@of_a_number
+@click.option("--draws", type=int, default=10_000, show_default=True, help="Of the Monte Carlo check.")
+@click.option("-o", "--output", required=True, metavar="C.nc", help="Where to keep the certificate.")
+def certify(
+    model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
+    coverage: float, output: str, atols: tuple[str, ...], changes: tuple[str, ...], **settings: str | None,
+) -> None:  # fmt: skip
+    """Certify one number with all that defends it: xdynamics certify ball.toml --quantity t --event ground -o C.nc."""
+    from xdynamics.budgeting.certificate import certify as certified
+
+    found = _found(certified, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
+                   side=side, draws=draws, seed=seed, coverage=coverage, **_asked(settings, atols))  # fmt: skip
+    say([f"kept      {output}"])
+    sys.exit(DONE if not int(found["gate_verdict"].values.max()) else BADLY)
+
+
+@main.command()
+@click.argument("certificate", metavar="C.nc")
+def recheck(certificate: str) -> None:
+    """Make a certificate again from its file alone, and compare every number; exit code 1 where one differs."""
+    from xdynamics.budgeting.certificate import recheck as made_again
+
+    found = made_again(certificate)
+    say([f"the same  {certificate}: {found.attrs['of']} = {found.attrs['result']}"])
+
+
+def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], output: str | None, quantity: str, **asked: Any) -> Any:  # fmt: skip
+    """Make evidence of one number, tell it, and keep it."""
+    from xdynamics import archive
     from xdynamics.summary import summary
 
     model = changed_model(model_file, changes)
-    asked: dict[str, Any] = {name: settings[name] for name in SETTINGS if settings[name] is not None}
-    asked |= {"atol": absolute(atols)} if atols else {}
     if output:
         archive.check_target(Path(output))
-    found = error_budget(
-        model, quantity, at=time, event=event, occurrence=occurrence, side=side, draws=draws, seed=seed,
-        coverage=coverage, **asked,
-    )  # fmt: skip
+    found = make(model, quantity, **asked)
     say(summary(found))
     if output:
         archive.save(found, output)
-        say([f"budget    {output}"])
-    sys.exit(DONE)
+    return found
 
 
 @main.command()

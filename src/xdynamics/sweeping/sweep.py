@@ -121,7 +121,7 @@ def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:
         return plan_of(model).grid
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
-    said = {name: _plain(name, value) for name, value in settings.items() if value is not None}
+    said = {name: plain(name, value) for name, value in settings.items() if value is not None}
     grid = Grid(model, axes_of(model, axes or {}), said)
     if twice := [one.name for _, one in grid.columns if one.name in said]:
         raise InputError(f"'{twice[0]}' varies along an axis, and is {said[twice[0]]!r} for all members too; give one")
@@ -152,7 +152,7 @@ def _part(check: Any) -> float:
     return float(check)
 
 
-def _plain(name: str, value: Any) -> Any:
+def plain(name: str, value: Any) -> Any:
     """Return a setting as a text could hold it.
 
     Raises
@@ -165,9 +165,9 @@ def _plain(name: str, value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, Mapping):
-        return {str(key): _plain(name, one) for key, one in value.items()}
+        return {str(key): plain(name, one) for key, one in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(name, one) for one in value]
+        return [plain(name, one) for one in value]
     if isinstance(value, str | int | float):
         return value
     raise InputError(f"setting '{name}' is {value!r}, needs words or numbers")

@@ -1,0 +1,176 @@
+"""A certificate: one number with all that defends it, and the same made again from the certificate alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics import archive
+from xdynamics.budgeting.budget import error_budget
+from xdynamics.budgeting.montecarlo import LINEAR
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.refining.convergence import NOT_CONVERGING
+from xdynamics.evidence.validating.ledger import VERDICTS as CASES
+from xdynamics.evidence.validating.ledger import validate
+from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.march.outcomes import GOOD
+from xdynamics.model import Model
+from xdynamics.schema import EVIDENCE, flags
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CERTIFICATE = "certificate"
+GATE, CASE = "gate", "case"
+PASSED, FAILED = "passed", "failed"
+GATES = (PASSED, FAILED)
+DRAWS = 10_000
+SMALL = 0.1  # of the physical uncertainty, that the numerical bound may be
+SAME = ("quantity", "of", "result", "event", "occurrence", "side", "asked", "coverage", "seed", "draws", "model_digest", "solver_method", "linear_apart")  # fmt: skip
+
+
+def certify(
+    model: Model,
+    quantity: str,
+    *,
+    draws: int = DRAWS,
+    seed: int = 0,
+    **asked: Any,
+) -> xr.Dataset:
+    """Certify one number: its budget, gates that it has to pass, and the ledger's result for its method.
+
+    Parameters
+    ----------
+    model, quantity, draws, seed
+        As of `error_budget`; without uncertainties in the model nothing is drawn.
+    **asked
+        Further arguments of `error_budget` (but declared terms, which no model file holds), and settings of `simulate`.
+
+    Returns
+    -------
+    xarray.Dataset
+        All of the budget; along `gate` `gate_name`, `gate_verdict` (passed, failed) and `gate_reason`; along `case` the
+        ledger's cases for the method with `residual`, `case_bound` and `case_verdict`. `recheck` makes it again.
+
+    Raises
+    ------
+    InputError
+        As of `error_budget`.
+    """
+    if "terms" in asked:
+        raise InputError(
+            "a certificate is made again from the model alone: write declared terms into its [discrepancy]"
+        )
+    budget = error_budget(model, quantity, draws=draws if model.uncertain else 0, seed=seed, **asked)
+    ledger = validate([str(budget.attrs["solver_method"])])
+    gates = _gates(budget, ledger)
+    variables: dict[str, Any] = {
+        str(name): (one.dims, one.values, dict(one.attrs)) for name, one in budget.variables.items()
+    }
+    variables |= {
+        "gate_name": ((GATE,), np.array([one for one, _, _ in gates]), about("1", "what the number has to pass", "name")),
+        "gate_reason": ((GATE,), np.array([why for _, _, why in gates]), about("1", "what was looked at", "rule")),
+        "gate_verdict": ((GATE,), np.array([GATES.index(PASSED if ok else FAILED) for _, ok, _ in gates], np.int8), about("1", "what became of it", "flag") | flags(dict(enumerate(GATES)))),
+        "case_name": ((CASE,), ledger["case_name"].values, dict(ledger["case_name"].attrs)),
+        "case_units": ((CASE,), ledger["case_units"].values, dict(ledger["case_units"].attrs)),
+        "residual": ((CASE,), ledger["residual"].values, dict(ledger["residual"].attrs)),
+        "case_bound": ((CASE,), ledger["bound"].values, dict(ledger["bound"].attrs)),
+        "case_verdict": ((CASE,), ledger["verdict"].values, dict(ledger["verdict"].attrs)),
+    }  # fmt: skip
+    said = {key: budget.attrs[key] for key in (*SAME, "at") if key in budget.attrs}
+    title = f"certificate of {model.name}: {budget.attrs['of']}"
+    return exhibit(CERTIFICATE, title, str(budget.attrs["runs"]).split(), variables, said)
+
+
+def _gates(budget: xr.Dataset, ledger: xr.Dataset) -> list[tuple[str, bool, str]]:
+    """Return what the number has to pass, whether it does, and what was looked at."""
+    words, verdicts = [CASES[one] for one in ledger["verdict"].values.tolist()], budget["level_verdict"]
+    told = verdicts.attrs["flag_meanings"].split()[int(verdicts)]
+    bounds = dict(zip(budget["term_name"].values.tolist(), budget["bound"].values.tolist(), strict=True))
+    physical, numerical = float(budget["physical_rss"]), float(budget["numerical_bound"])
+    linear = LINEAR[int(budget["linear_verdict"])]
+    outcome = str(budget["run_outcome"].values)
+    between = float(abs(budget["level_value"][0] - budget["level_value"][1]))
+    found = [
+        ("outcome", outcome in GOOD, f"the run ended as '{outcome}'"),
+        ("levels", budget.sizes["level"] >= 3, f"{budget.sizes['level']} levels"),
+        ("convergence", int(verdicts) != NOT_CONVERGING, f"the levels are {told.replace('_', ' ')}"),
+        ("interpolation", bounds["interpolation"] <= max(between, bounds["truncation"]), f"{bounds['interpolation']:.3g} beside a difference of {between:.3g} of two levels"),
+        ("ledger", "failed" not in words, f"{words.count('passed')} cases of the method passed, {words.count('failed')} failed, {words.count('refused')} refused"),
+    ]  # fmt: skip
+    if physical > 0.0:
+        found.append(("numerical_part", numerical <= SMALL * physical, f"numerical bound {numerical:.3g}, physical standard uncertainty {physical:.3g}"))  # fmt: skip
+    if "monte_carlo_standard_uncertainty" in budget:
+        found.append(("linear_budget", linear == "adequate", f"the linear budget is {linear.replace('_', ' ')}"))
+    return found
+
+
+def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:  # fmt: skip
+    """Make a certificate again from nothing but itself, and compare every number.
+
+    Parameters
+    ----------
+    certificate : xarray.Dataset, str or Path
+        What `certify` returned, or its archive, which is verified first.
+    functions : mapping of str to callable, optional
+        The Python functions that the model's forces call.
+
+    Returns
+    -------
+    xarray.Dataset
+        The new one.
+
+    Raises
+    ------
+    ArchiveError
+        If anything comes out otherwise; it names what, with both values.
+    InputError
+        If it is no certificate.
+    """
+    given = archive.open_run(certificate) if isinstance(certificate, str | Path) else certificate
+    attributes = getattr(given, "attrs", {})
+    if attributes.get(EVIDENCE) != CERTIFICATE:
+        raise InputError(f"{str(certificate)[:60]!r} is no certificate; `certify` makes one")
+    model = Model.from_text(str(given["model_toml"].values), functions=functions)
+    place = {"at": float(attributes["at"])} if "at" in attributes else {"event": str(attributes["event"]), "occurrence": int(attributes["occurrence"]), "side": str(attributes["side"])}  # fmt: skip
+    again = certify(
+        model, str(attributes["quantity"]), draws=int(attributes["draws"]), seed=int(attributes["seed"]),
+        coverage=float(attributes["coverage"]), **place, **json.loads(str(attributes["asked"])),
+    )  # fmt: skip
+    if faults := _apart(given, again):
+        raise ArchiveError(f"the certificate of {attributes.get('of')} does not come out again:{numbered(faults)}", tuple(faults))  # fmt: skip
+    return again
+
+
+def _apart(given: xr.Dataset, again: xr.Dataset) -> list[str]:
+    """Name everything that differs."""
+    faults = [f"'{name}' is missing" for name in again.variables if name not in given.variables]
+    faults += [f"'{name}' is added" for name in given.variables if name not in again.variables]
+    for name, one in again.variables.items():
+        if name not in given.variables:
+            continue
+        was, now = np.atleast_1d(given[name].values), np.atleast_1d(one.values)
+        if was.shape != now.shape:
+            faults.append(f"'{name}' has the shape {was.shape}, and comes out as {now.shape}")
+            continue
+        differs = (was != now) & ~((was != was) & (now != now)) if was.dtype.kind == "f" else was.astype(str) != now.astype(str)  # fmt: skip
+        if differs.any():
+            k = tuple(np.argwhere(differs)[0].tolist())
+            faults.append(f"'{name}'{list(k) if was.size > 1 else ''} is {was[k]}, and comes out as {now[k]}")
+    faults += [f"attribute '{key}' is {given.attrs.get(key)!r}, and comes out as {again.attrs[key]!r}" for key in SAME if key in again.attrs and str(given.attrs.get(key)) != str(again.attrs[key])]  # fmt: skip
+    return faults
+
+
+def lines_of(found: xr.Dataset) -> list[str]:
+    """Say the number, its gates, and where more stands."""
+    verdicts = [GATES[one] for one in found["gate_verdict"].values.tolist()]
+    lines = [f"result    {found.attrs['of']} = {found.attrs['result']}"]
+    rows = zip(found["gate_name"].values, verdicts, found["gate_reason"].values, strict=True)
+    lines += [f"{verdict:<10}{str(name).replace('_', ' ')}: {why}" for name, verdict, why in rows]
+    lines.append(f"model     sha256 {found.attrs['model_digest']}; method {found.attrs['solver_method']}")
+    lines.append("again     xdynamics recheck makes it again from this file alone, and compares every number")
+    return lines

@@ -1,0 +1,125 @@
+"""Certificates: made, kept, made again from the file alone; changed ones are refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from problems import MODELS
+
+BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
+ASKED: dict[str, Any] = {
+    "event": "ground",
+    "method": "dormand_prince",
+    "rtol": 1e-8,
+    "atol": {"y": "1 nm"},
+    "draws": 400,
+    "seed": 5,
+}
+
+
+@pytest.fixture(scope="module")
+def certificate() -> xr.Dataset:
+    """Of the landing of a ball with drag."""
+    return xd.certify(BALL, "t", **ASKED)
+
+
+def gates(found: xr.Dataset) -> dict[str, str]:
+    """Name what became of each gate."""
+    words = found["gate_verdict"].attrs["flag_meanings"].split()
+    return {
+        str(name): words[one] for name, one in zip(found["gate_name"].values, found["gate_verdict"].values, strict=True)
+    }
+
+
+def test_a_certificate_has_all_that_defends_a_number(certificate: xr.Dataset) -> None:
+    """Assert budget, levels with orders and digests, gates, the ledger's cases and the result."""
+    assert certificate.attrs["result"].startswith("3.711 ± 0.040 s")
+    assert certificate.sizes["level"] == 4
+    assert certificate.level_value.values[0] == float(certificate.value)
+    assert len({*certificate.run_digest.values.tolist()}) == 4
+    assert certificate.sizes["case"] == xd.validate(["dormand_prince"]).sizes["case"]
+    found = gates(certificate)
+    assert {name: one for name, one in found.items() if name != "linear_budget"} == dict.fromkeys(
+        ("outcome", "levels", "convergence", "interpolation", "ledger", "numerical_part"), "passed"
+    )
+    assert all(one.attrs["units"] and one.attrs["long_name"] for one in certificate.variables.values())
+
+
+def test_it_is_made_again_from_the_file_alone(certificate: xr.Dataset, tmp_path: Path) -> None:
+    """Assert the same numbers from an archive, with the model's file gone, and the verbs."""
+    from click.testing import CliRunner
+
+    from xdynamics.cli import main
+
+    def call(*arguments: object) -> Any:
+        return CliRunner().invoke(main, [str(one) for one in arguments])
+
+    xd.save(certificate, tmp_path / "C.nc")
+    again = xd.recheck(tmp_path / "C.nc")
+    assert again.attrs["result"] == certificate.attrs["result"]
+    asked = [
+        "certify",
+        MODELS / "ball_drag.toml",
+        "--quantity",
+        "t",
+        "--event",
+        "ground",
+        "--method",
+        "dormand_prince",
+        "--rtol",
+        "1e-8",
+    ]
+    done = call(*asked, "--draws", "5000", "-o", tmp_path / "D.nc")
+    assert "result    time of ground = 3.711 ± 0.040 s" in done.output
+    assert "passed    ledger" in done.output
+    same = call("recheck", tmp_path / "D.nc")
+    assert (same.exit_code, same.output.startswith("the same  ")) == (0, True)
+    assert call("show", tmp_path / "D.nc").output.startswith("certificate of Ball")
+    assert call("recheck", MODELS / "ball_drag.toml").exit_code != 0
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("value", "'value' is"), ("monte_carlo_mean", "'monte_carlo_mean' is"), ("residual", "'residual'"), ("gate_verdict", "'gate_verdict'")],
+)  # fmt: skip
+def test_one_digit_changed_is_named(certificate: xr.Dataset, name: str, said: str) -> None:
+    """Assert that a changed number does not come out again."""
+    values = np.array(certificate[name].values)
+    place = (0,) * values.ndim
+    values[place] = values[place] * (1 + 1e-15) + (1 if values.dtype.kind == "i" else 1e-300)
+    forged = certificate.copy()
+    forged[name] = (certificate[name].dims, values, certificate[name].attrs)
+    with pytest.raises(xd.ArchiveError, match=said):
+        xd.recheck(forged)
+
+
+def test_other_forgeries_are_named(certificate: xr.Dataset, tmp_path: Path) -> None:
+    """Assert a result that was written over, a file of which a byte was changed, and what is no certificate."""
+    forged = certificate.copy()
+    forged.attrs["result"] = "3.712 ± 0.001 s"
+    with pytest.raises(xd.ArchiveError, match=r"'result' is '3\.712"):
+        xd.recheck(forged)
+    xd.save(certificate, tmp_path / "C.nc")
+    content = bytearray((tmp_path / "C.nc").read_bytes())
+    content[len(content) // 2] ^= 1
+    (tmp_path / "C.nc").write_bytes(content)
+    with pytest.raises(xd.ArchiveError, match="damaged"):
+        xd.recheck(tmp_path / "C.nc")
+    with pytest.raises(xd.InputError, match="is no certificate"):
+        xd.recheck(xd.simulate(BALL, method="rk4", step="10 ms", until="1 s"))
+    with pytest.raises(xd.InputError, match="discrepancy"):
+        xd.certify(BALL, "t", terms=[], **ASKED)
+
+
+def test_a_number_that_is_not_defended_fails_its_gates() -> None:
+    """Assert that numbers of coarse steps, and of a linear budget that is not adequate, do not pass."""
+    coarse = xd.certify(BALL, "y", at="1 s", method="forward_euler", step="0.25 s", draws=500)
+    assert gates(coarse)["numerical_part"] == "failed"
+    mass = xd.certify(xd.Model.from_toml(MODELS / "mass_calibration.toml"), "dm", at="1 s", draws=20_000)
+    assert gates(mass)["linear_budget"] == "failed"
