@@ -338,5 +338,33 @@ def test_the_verb(tmp_path: Any) -> None:
     assert call("plot", tmp_path / "B.nc", "-o", tmp_path / "B.svg").exit_code == 0
 
 
+def test_draws_go_on_until_intervals_are_known() -> None:
+    """Assert that draws are doubled until the ends are known, and that what cannot be wanted is named."""
+    asked: dict[str, Any] = {"quantity": "t", "event": "ground", "method": "dormand_prince", "rtol": 1e-6}
+    coarse = xd.error_budget(BALL, **asked, until_uncertainty="10 ms at 95 %")
+    fine = xd.error_budget(BALL, **asked, until_uncertainty="0.8 ms at 95 %")
+    assert coarse.attrs["draws"] == 4096 < fine.attrs["draws"]
+    assert 1.96 * float(fine.monte_carlo_end_doubt) <= 0.8e-3
+    for bad in ("1 m", "-1 s", "1 s at 200 %", "1 s at many %"):
+        with pytest.raises(xd.InputError, match="until_uncertainty is"):
+            xd.error_budget(BALL, **asked, until_uncertainty=bad)
+
+
+def test_shares_of_a_number_that_is_not_linear() -> None:
+    """Assert Sobol indices from declared distributions: of the mass calibration the densities count together alone."""
+    model = xd.Model.from_toml(MODELS / "mass_calibration.toml")
+    found = xd.sobol_indices(model, ["mR", "dmR", "ra", "rW", "rR"], "end_dm", draws=4096)
+    table = {
+        str(name): (float(found.first_order[i]), float(found.total_order[i]))
+        for i, name in enumerate(found.parameter_name.values)
+    }
+    whole = 0.0755**2
+    assert table["mR"] == pytest.approx((0.05**2 / whole, 0.05**2 / whole), abs=0.03)
+    assert table["ra"][0] == pytest.approx(0.0, abs=0.03)
+    assert table["ra"][1] == pytest.approx(1 - 0.0539**2 / whole, abs=0.03)
+    with pytest.raises(xd.InputError, match="'g' has no uncertainty"):
+        xd.sobol_indices(BALL, ["g"], "end_y", until="1 s", draws=64)
+
+
 if __name__ == "__main__":
     print("covered: {:.2%}, median of bound over error {:.2f}".format(*covered(int(sys.argv[1]), int(sys.argv[2]))))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,11 +18,12 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.refining.convergence import VERDICTS, observed_orders
 from xdynamics.faults import InputError
 from xdynamics.model import Model
+from xdynamics.model.spread import normal_quantile
 from xdynamics.schema import BOUNDS, LEVEL, flags
 from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.surveying import quotient
 from xdynamics.sweeping.sweep import plain
-from xdynamics.units import Unit, spell
+from xdynamics.units import Unit, parse_quantity, spell
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
 TERM = "term"
 ROLE = "budget"
 COVERAGE = 0.95
-LEAST_DRAWS = 100
+LEAST_DRAWS, FIRST_DRAWS, MOST_DRAWS = 100, 4096, 1 << 22
 
 
 def error_budget(
@@ -44,6 +46,7 @@ def error_budget(
     draws: int = 0,
     seed: int = 0,
     coverage: float = COVERAGE,
+    until_uncertainty: str | None = None,
     **settings: Any,
 ) -> xr.Dataset:
     """Say how far one number of a run may be off, and why.
@@ -71,6 +74,8 @@ def error_budget(
         Of all that is drawn.
     coverage : float
         Of the intervals.
+    until_uncertainty : str, optional
+        Draw on, twice as many each time, until the intervals' ends are known so well: ``"10 m at 95 %"``.
     **settings
         Of `simulate`: the run that the number is of.
 
@@ -122,8 +127,17 @@ def error_budget(
         raise InputError(f"the budget has two terms '{twice[0]}'; give the declared one another name")
     variables = _table(model, target, unit, found.value, known) | _levels(found, unit)
     more: dict[str, Any] = {"coverage": coverage, "seed": seed, "draws": draws}
-    if draws:
-        monte_carlo = drawn(_drawn(model, target, asked, draws, seed), coverage)
+    if draws or until_uncertainty is not None:
+        monte_carlo, draws = _drawn(
+            model,
+            target,
+            asked,
+            max(draws, FIRST_DRAWS) if until_uncertainty else draws,
+            seed,
+            coverage,
+            _wanted(until_uncertainty, unit, target),
+        )
+        more["draws"] = draws
         linear = float(np.sqrt(physical.covariance(model, _own(known)).sum()))
         variables |= _of_draws(monte_carlo, unit, coverage)
         verdict, apart = judged(found.value, linear, monte_carlo, coverage)
@@ -209,7 +223,35 @@ def _per(unit: Unit, by: Unit) -> str:
     return spell(unit.dimension / by.dimension).text if unit.factor == 1 else quotient(unit.text, by.text)
 
 
-def _drawn(model: Model, target: Target, asked: dict[str, Any], draws: int, seed: int) -> Any:
+def _wanted(told: str | None, unit: Unit, target: Target) -> float:
+    """Return which standard uncertainty the intervals' ends are to have; infinite where nothing is said."""
+    if told is None:
+        return inf
+    size, at, part = str(told).partition(" at ")
+    share = part.strip().removesuffix("%").strip()
+    try:
+        level, quantity = float(share) / 100.0 if at else COVERAGE, parse_quantity(size)
+    except ValueError:
+        level, quantity = nan, parse_quantity(size)
+    if quantity.unit.dimension != unit.dimension or not quantity.value > 0 or not 0.0 < level < 1.0:
+        raise InputError(
+            f"until_uncertainty is {told!r}, needs a positive size of {target.said}, like '1 {unit.text} at 95 %'"
+        )
+    return quantity.si / float(unit.factor) / float(normal_quantile(np.array([(1.0 + level) / 2.0]))[0])
+
+
+def _drawn(model: Model, target: Target, asked: dict[str, Any], draws: int, seed: int, coverage: float, wanted: float) -> tuple[Drawn, int]:  # fmt: skip
+    """Draw until the intervals' ends are known as well as is wanted; return what came, and how many it took."""
+    while True:
+        found = drawn(_values(model, target, asked, draws, seed), coverage)
+        if found.ends_doubt <= wanted:
+            return found, draws
+        if draws >= MOST_DRAWS:
+            raise InputError(f"{draws} draws leave the ends of the interval uncertain by {found.ends_doubt:.3g}, and {wanted:.3g} is wanted; ask for less")  # fmt: skip
+        draws *= 2
+
+
+def _values(model: Model, target: Target, asked: dict[str, Any], draws: int, seed: int) -> Any:
     """March as many runs, each with its inputs drawn from what the model declares."""
     names = [physical.named(model, name) for name in model.uncertain]
     if not names:

@@ -55,16 +55,18 @@ def _asked(settings: dict[str, str | None], atols: tuple[str, ...]) -> dict[str,
 @click.argument("model_file", metavar="MODEL.toml")
 @of_a_number
 @click.option("--draws", type=int, default=0, show_default=True, help="Of the Monte Carlo check.")
+@click.option("--until-uncertainty", metavar="SIZE", help="Draw until the intervals are known so well: '10 m at 95 %'.")
 @click.option("-o", "--output", metavar="B.nc", help="Where to keep the budget.")
 def budget(
     model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
-    coverage: float, output: str | None, atols: tuple[str, ...], changes: tuple[str, ...], **settings: str | None,
+    coverage: float, until_uncertainty: str | None, output: str | None, atols: tuple[str, ...], changes: tuple[str, ...],
+    **settings: str | None,
 ) -> None:  # fmt: skip
     """Say how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
     from xdynamics.budgeting.budget import error_budget
 
     _found(error_budget, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
-                   side=side, draws=draws, seed=seed, coverage=coverage, **_asked(settings, atols))  # fmt: skip
+                   side=side, draws=draws, seed=seed, coverage=coverage, until_uncertainty=until_uncertainty, **_asked(settings, atols))  # fmt: skip
     if output:
         say([f"budget    {output}"])
     sys.exit(DONE)

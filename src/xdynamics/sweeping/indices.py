@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.model import Model
+from xdynamics.model.parts import Parameter
 from xdynamics.sweeping.axes import Column, range_of
-from xdynamics.sweeping.designs import Draws
+from xdynamics.sweeping.designs import LEAST, Draws
 from xdynamics.sweeping.members import OUTCOME
 from xdynamics.sweeping.surveying import ROLE
 from xdynamics.sweeping.sweep import sweep as swept
@@ -28,7 +29,7 @@ SHARES = {
 
 def sobol_indices(
     model: Model,
-    ranges: Mapping[str, Sequence[Any]],
+    ranges: Mapping[str, Sequence[Any]] | Sequence[str],
     quantity: str,
     *,
     draws: int = 1024,
@@ -41,8 +42,9 @@ def sobol_indices(
     Parameters
     ----------
     model : Model
-    ranges : mapping of str to (lowest, highest)
-        Parameters or initial values, spread evenly between.
+    ranges : mapping of str to (lowest, highest), or sequence of str
+        Parameters or initial values, spread evenly between; or names alone, drawn from the distributions that the model
+        declares for them.
     quantity : str
         A word of `keep` that stands for one number: ``"end_y"``, ``"event_time_ground"``, ``"maximum_y"``.
     draws : int
@@ -73,20 +75,24 @@ def sobol_indices(
     for what, value, least in (("draws", draws, 2), ("resamples", resamples, 1)):
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise InputError(f"{what} is {value!r}, needs a whole number from {least} on")
-    if not isinstance(ranges, Mapping) or not ranges:
-        raise InputError(
-            f"ranges are {str(ranges)[:60]}, need the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}"
-        )
-    spans = {str(name): _span(model, str(name), ends) for name, ends in ranges.items()}
+    if not ranges or isinstance(ranges, str):
+        raise InputError(f"ranges are {str(ranges)[:60]!r}, need the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}, or names of what is uncertain in the model")  # fmt: skip
+    spans: dict[str, Column | Parameter]
+    if isinstance(ranges, Mapping):
+        spans = {str(name): _span(model, str(name), ends) for name, ends in ranges.items()}
+    else:
+        spans = {str(name): _declared(model, str(name), ranges) for name in ranges}
     f = _marched(model, spans, quantity, draws, seed, settings)
     told = _shares(f)
     again = np.random.default_rng(seed).integers(draws, size=(resamples, draws))
     low, high = np.quantile([_shares(f[:, one]) for one in again], [0.025, 0.975], axis=0)
+    ends = [_ends(one) for one in spans.values()]
+    where = "where its range" if isinstance(ranges, Mapping) else "where one standard uncertainty beside its value"
     variables: dict[str, Any] = {
         "parameter_name": (("parameter",), np.array([*spans]), about("1", "what was varied", "name")),
-        "parameter_units": (("parameter",), np.array([one.unit.text for one in spans.values()]), about("1", "unit of its range", "name")),
-        "lowest": (("parameter",), np.array([one.values[0] for one in spans.values()]), about("1", "where its range begins, in the parameter's own unit", "axis")),
-        "highest": (("parameter",), np.array([one.values[1] for one in spans.values()]), about("1", "where its range ends, in the parameter's own unit", "axis")),
+        "parameter_units": (("parameter",), np.array([units for units, _, _ in ends]), about("1", "unit of its range", "name")),
+        "lowest": (("parameter",), np.array([one for _, one, _ in ends]), about("1", f"{where} begins, in parameter_units", "axis")),
+        "highest": (("parameter",), np.array([one for _, _, one in ends]), about("1", f"{where} ends, in parameter_units", "axis")),
     }  # fmt: skip
     for i, (name, words) in enumerate(SHARES.items()):
         variables[name] = (("parameter",), told[i], about("1", words, ROLE))
@@ -96,7 +102,7 @@ def sobol_indices(
     return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, more)
 
 
-def _marched(model: Model, spans: Mapping[str, Column], quantity: str, draws: int, seed: int, settings: Mapping[str, Any]) -> NDArray[np.float64]:  # fmt: skip
+def _marched(model: Model, spans: Mapping[str, Column | Parameter], quantity: str, draws: int, seed: int, settings: Mapping[str, Any]) -> NDArray[np.float64]:  # fmt: skip
     """March two designs, and the first with each column of the second; return what came, shape (2 + n, draws)."""
     names = list(spans)
     points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
@@ -133,9 +139,31 @@ def _span(model: Model, name: str, ends: Sequence[Any]) -> Column:
     return range_of(model, name, ends)
 
 
-def _between(span: Column, points: NDArray[np.float64]) -> xr.DataArray:
+def _between(span: Column | Parameter, points: NDArray[np.float64]) -> xr.DataArray:
     """Put points from 0 to 1 between the ends of a range, in its unit."""
     import xarray as xr
 
+    if isinstance(span, Parameter):
+        assert span.spread is not None  # noqa: S101
+        values = span.quantity.value + span.uncertainty * span.spread.at(np.clip(points, LEAST, 1.0 - LEAST))
+        return xr.DataArray(values, attrs={"units": span.quantity.unit.text})
     low, high = span.values.tolist()
     return xr.DataArray(low + (high - low) * points, attrs={"units": span.unit.text})
+
+
+def _declared(model: Model, name: str, names: Sequence[str]) -> Parameter:
+    """Return what has a distribution of its own in the model, and is independent of the others."""
+    if name not in model.uncertain:
+        raise InputError(f"'{name}' has no uncertainty in the model; there are {', '.join(model.uncertain) or 'none'}")
+    for pair in model.correlations:
+        if name in pair and {*pair} <= {*map(str, names)}:
+            raise InputError(f"{pair[0]} and {pair[1]} are correlated: no share of the variance is one's alone")
+    return model.uncertain[name]
+
+
+def _ends(span: Column | Parameter) -> tuple[str, float, float]:
+    """Return the unit of a range and its ends; of a distribution a standard uncertainty to either side."""
+    if isinstance(span, Parameter):
+        value, unit = span.quantity.value, span.quantity.unit.text
+        return unit, value - span.uncertainty, value + span.uncertainty
+    return span.unit.text, float(span.values[0]), float(span.values[1])
