@@ -123,3 +123,83 @@ def test_a_number_that_is_not_defended_fails_its_gates() -> None:
     assert gates(coarse)["numerical_part"] == "failed"
     mass = xd.certify(xd.Model.from_toml(MODELS / "mass_calibration.toml"), "dm", at="1 s", draws=20_000)
     assert gates(mass)["linear_budget"] == "failed"
+
+
+def test_a_bundle_is_made_again_and_every_file_is_held(certificate: xr.Dataset, tmp_path: Path) -> None:
+    """Assert files, standard digests, metadata, figures drawn by the script to the byte, and faults of each kind."""
+    import hashlib
+    import json
+    import runpy
+    import shutil
+
+    folder = xd.bundle(tmp_path / "b", certificate)
+    names = {one.name for one in folder.iterdir()}
+    assert {
+        "certificate.nc",
+        "run.nc",
+        "ledger.nc",
+        "model.toml",
+        "plot.py",
+        "README.md",
+        "SHA256SUMS",
+        "ro-crate-metadata.json",
+    } <= names
+    for line in (folder / "SHA256SUMS").read_text().splitlines():
+        digest, name = line.split("  ")
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+    graph = {one["@id"]: one for one in json.loads((folder / "ro-crate-metadata.json").read_text())["@graph"]}
+    assert graph["./"]["description"].startswith("time of ground = 3.711 ± 0.040 s")
+    assert {one["@id"] for one in graph["./"]["hasPart"]} == names - {"SHA256SUMS", "ro-crate-metadata.json"}
+    assert xd.recheck(folder).attrs["result"] == certificate.attrs["result"]
+    assert xd.reproduce(folder / "run.nc").attrs["identical"]
+    before = (folder / "certificate.png").read_bytes()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        runpy.run_path("plot.py")
+    assert (folder / "certificate.png").read_bytes() == before
+    for k, spoil in enumerate(("damaged", "missing", "added", "no sums")):
+        copy = tmp_path / str(k)
+        shutil.copytree(folder, copy)
+        if spoil == "damaged":
+            (copy / "model.toml").write_text((copy / "model.toml").read_text().replace("0.145", "0.146"))
+        elif spoil == "missing":
+            (copy / "run.nc").unlink()
+        elif spoil == "added":
+            (copy / "more.txt").write_text("x")
+        else:
+            (copy / "SHA256SUMS").unlink()
+        said = {
+            "damaged": "model.toml differs",
+            "missing": "run.nc is missing",
+            "added": "more.txt is none",
+            "no sums": "no SHA256SUMS",
+        }[spoil]
+        with pytest.raises(xd.ArchiveError, match=said):
+            xd.recheck(copy)
+
+
+def test_a_bundle_with_other_sums_is_found_out(certificate: xr.Dataset, tmp_path: Path) -> None:
+    """Assert that who writes the digests anew still does not get another model or run past."""
+    import hashlib
+
+    folder = xd.bundle(tmp_path / "b", certificate)
+    (folder / "model.toml").write_text((folder / "model.toml").read_text().replace("0.145", "0.146"))
+    rows = [line.split("  ")[1] for line in (folder / "SHA256SUMS").read_text().splitlines()]
+    (folder / "SHA256SUMS").write_text(
+        "".join(f"{hashlib.sha256((folder / one).read_bytes()).hexdigest()}  {one}\n" for one in rows)
+    )
+    with pytest.raises(xd.ArchiveError, match="another model"):
+        xd.recheck(folder)
+
+
+def test_what_cannot_be_bundled_is_named(certificate: xr.Dataset, tmp_path: Path) -> None:
+    """Assert a folder that is not empty, a file in its place, and what is no certificate."""
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "x").write_text("")
+    (tmp_path / "file").write_text("")
+    for folder, said in (("full", "holds 'x' already"), ("file", "is a file; name a folder")):
+        with pytest.raises(xd.InputError, match=said):
+            xd.bundle(tmp_path / folder, certificate)
+    with pytest.raises(xd.InputError, match="is no certificate"):
+        xd.bundle(tmp_path / "new", xd.simulate(BALL, method="rk4", step="10 ms", until="1 s"))
+    assert not (tmp_path / "new").exists()

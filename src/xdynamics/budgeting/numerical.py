@@ -74,7 +74,7 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
         If the run does not come to the number, or no finer run can be marched.
     """
     levels = _levels(model, asked)
-    runs = [levels.marched(k) for k in range(LEVELS)]
+    runs = [own_run(model, asked), *(levels.marched(k) for k in range(1, LEVELS))]
     found = [target.in_run(run, model) for run in runs]
     value, inside, located = found[0]
     values = np.array([one[0] for one in found])
@@ -88,6 +88,11 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
         _location(model, target, asked, value, located, runs[0]),
     )
     return Marched(runs[0], value, terms, levels, values, told, tuple(digest_of_run(run) for run in runs))
+
+
+def own_run(model: Model, asked: dict[str, Any]) -> xr.Dataset:
+    """March the run that a number is of; its force samples are kept where they are asked for."""
+    return march(model, **{"force_samples": "none"} | asked)
 
 
 def _levels(model: Model, asked: dict[str, Any]) -> Levels:

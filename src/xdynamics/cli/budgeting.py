@@ -92,9 +92,19 @@ def certify(
 
 @main.command()
 @click.argument("certificate", metavar="C.nc")
+@click.option("-o", "--output", required=True, metavar="FOLDER", help="Where to put it; empty or not there.")
+def bundle(certificate: str, output: str) -> None:
+    """Put a certificate into a folder with its model, run, ledger, figures and scripts, to be made again in one line."""
+    from xdynamics.bundling import bundle as bundled
+
+    say([f"bundle    {bundled(output, certificate)}"])
+
+
+@main.command()
+@click.argument("certificate", metavar="C.nc|FOLDER")
 def recheck(certificate: str) -> None:
-    """Make a certificate again from its file alone, and compare every number; exit code 1 where one differs."""
-    from xdynamics.budgeting.certificate import recheck as made_again
+    """Make a certificate again from its file, or its bundle, alone, and compare every number; exit code 1 where one differs."""
+    from xdynamics.bundling import recheck as made_again
 
     found = made_again(certificate)
     say([f"the same  {certificate}: {found.attrs['of']} = {found.attrs['result']}"])

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 PAGES: dict[str, Any] = {
     "budget": budget,
+    "certificate": budget,
     "comparison": comparison,
     "diagnosis": diagnosis,
     "fit": fit,

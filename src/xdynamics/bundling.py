@@ -1,0 +1,203 @@
+"""A bundle: a certificate in a folder with its model, run, ledger, figures and scripts, made again in one line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from xdynamics import archive
+from xdynamics.archive.target import taking_name
+from xdynamics.budgeting import certificate as certificates
+from xdynamics.budgeting.numerical import own_run
+from xdynamics.evidence.validating.ledger import validate
+from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.figures import plot
+from xdynamics.files import asked, made_folder
+from xdynamics.model import Model
+from xdynamics.schema import EVIDENCE, ROOT_DIGEST
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CERTIFICATE, RUN, LEDGER, MODEL = "certificate.nc", "run.nc", "ledger.nc", "model.toml"
+SCRIPT, README, SUMS, CRATE = "plot.py", "README.md", "SHA256SUMS", "ro-crate-metadata.json"
+LICENSE = "https://spdx.org/licenses/CC-BY-4.0"
+SAID = {
+    CERTIFICATE: "the number with its budget, gates and ledger cases",
+    RUN: "the run that it is of: accepted states with their forces, rejected trials, events",
+    LEDGER: "residuals of the method in exact cases, with derived bounds",
+    MODEL: "the model, with measured tables in it",
+    "certificate.png": "terms of the budget, and intervals of draws",
+    "run.png": "the run",
+    "ledger.png": "residuals over bounds",
+    SCRIPT: "draws the figures from the archives",
+    README: "what is here, and the one line that makes it again",
+}
+_SCRIPT = '''"""Draw the figures of this bundle from its archives: python plot.py"""
+
+import xdynamics as xd
+
+for name in ("certificate", "run", "ledger"):
+    xd.plot(xd.open_run(f"{name}.nc"), f"{name}.png")
+'''
+
+
+def bundle(
+    folder: str | Path,
+    certificate: xr.Dataset | str | Path,
+    *,
+    functions: Mapping[str, Callable[..., float]] | None = None,
+    license: str = LICENSE,  # noqa: A002 - as RO-Crate calls it
+) -> Path:
+    """Put a certificate into a folder of its own, with all that it was made from and that makes it again.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made where it is not there; empty.
+    certificate : xarray.Dataset, str or Path
+        What `certify` returned, or its archive.
+    functions : mapping of str to callable, optional
+        The Python functions that the model's forces call.
+    license : str
+        Address of the licence that the metadata name.
+
+    Returns
+    -------
+    Path
+        The folder: `certificate.nc`, `run.nc` (the accepted-state log), `ledger.nc` (validation residuals), `model.toml`,
+        their figures and `plot.py` that draws them, `README.md`, digests of all in `SHA256SUMS`, and RO-Crate metadata.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something, or it is no certificate, or the package `rocrate` is missing.
+    ArchiveError
+        If the run that is marched is another than the certificate's.
+    """
+    try:
+        from rocrate.rocrate import ROCrate
+    except ImportError:
+        raise InputError("bundles need the package rocrate: pip install xdynamics[report]") from None
+    found = archive.open_run(certificate) if isinstance(certificate, str | Path) else certificate
+    if getattr(found, "attrs", {}).get(EVIDENCE) != certificates.CERTIFICATE:
+        raise InputError(f"{str(certificate)[:60]!r} is no certificate; `certify` makes one")
+    target = made_folder(folder)
+    if there := sorted(one.name for one in target.iterdir()):
+        raise InputError(f"'{target}' holds '{there[0]}' already; name a folder that is empty, or not there")
+    model = Model.from_text(str(found["model_toml"].values), functions=functions)
+    run = own_run(model, json.loads(str(found.attrs["asked"])))
+    digest, wanted = archive.digest_of_run(run), str(found["run_digest"].values[0])
+    if digest != wanted:
+        raise ArchiveError(f"the run comes to the content digest {digest}, in the certificate {wanted}")
+    ledger = validate([str(found.attrs["solver_method"])])
+    for name, one in ((CERTIFICATE, found), (RUN, run), (LEDGER, ledger)):
+        archive.save(one, target / name)
+        plot(one, (target / name).with_suffix(".png"))
+    _write(target / MODEL, model.to_toml())
+    _write(target / SCRIPT, _SCRIPT)
+    _write(target / README, _readme(found, target.name))
+    _crate(ROCrate(), target, found, license)
+    names = [*SAID, CRATE]
+    _write(target / SUMS, "".join(f"{_digest(target / name)}  {name}\n" for name in names))
+    return target
+
+
+def recheck(
+    certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None
+) -> xr.Dataset:
+    """Make a certificate again from nothing but itself, or its bundle, and compare every number.
+
+    Parameters
+    ----------
+    certificate : xarray.Dataset, str or Path
+        What `certify` returned, its archive, or the folder of a bundle, of which every file is compared with its digest,
+        and the run is marched again and compared too.
+    functions : mapping of str to callable, optional
+        The Python functions that the model's forces call.
+
+    Returns
+    -------
+    xarray.Dataset
+        The new certificate.
+
+    Raises
+    ------
+    ArchiveError
+        If anything comes out otherwise; it names what, with both values. If a file is damaged, missing or added.
+    InputError
+        If it is no certificate.
+    """
+    if not isinstance(certificate, str | Path) or not asked(Path(certificate), Path.is_dir):
+        return certificates.recheck(certificate, functions=functions)
+    folder = Path(certificate)
+    if faults := _faults(folder):
+        raise ArchiveError(f"'{folder}' is no whole bundle:{numbered(faults)}", tuple(faults))
+    again = certificates.recheck(folder / CERTIFICATE, functions=functions)
+    model = Model.from_toml(folder / MODEL, functions=functions)
+    if model.digest != again.attrs["model_digest"]:
+        raise ArchiveError(f"'{folder / MODEL}' is another model than the certificate's")
+    with archive.open_run(folder / RUN) as run:
+        if run.attrs[ROOT_DIGEST] != str(again["run_digest"].values[0]):
+            raise ArchiveError(f"'{folder / RUN}' is another run than the certificate's")
+    return again
+
+
+def _faults(folder: Path) -> list[str]:
+    """Compare every file of a bundle with its digest."""
+    if not (folder / SUMS).is_file():
+        return [f"there is no {SUMS}"]
+    rows = [line.partition("  ") for line in (folder / SUMS).read_text(errors="replace").splitlines()]
+    named = {name: digest for digest, _, name in rows}
+    missing = [f"{name} is missing" for name in (*SAID, CRATE) if name not in named or not (folder / name).is_file()]
+    damaged = [f"{name} differs from its digest" for name, digest in named.items() if name in (*SAID, CRATE) and (folder / name).is_file() and _digest(folder / name) != digest]  # fmt: skip
+    added = sorted({one.name for one in folder.iterdir()} - {*SAID, CRATE, SUMS})
+    return [*missing, *damaged, *(f"{name} is none of its files" for name in added)]
+
+
+def _digest(path: Path) -> str:
+    return sha256(path.read_bytes()).hexdigest()
+
+
+def _write(path: Path, text: str) -> None:
+    with taking_name(path) as new:
+        new.part.write_text(text, encoding="utf-8")
+
+
+def _readme(found: xr.Dataset, name: str) -> str:
+    """Say what the bundle is of, what is in it, and how it is made again."""
+    files = "\n".join(f"* `{one}`: {said}" for one, said in SAID.items() if one != README)
+    gates = "\n".join(f"* {line}" for line in certificates.lines_of(found)[1:-2])
+    version = found.attrs.get("xdynamics_version", "")
+    return f"""# {found.attrs["title"]}
+
+{found.attrs["of"]} = {found.attrs["result"]}
+
+{gates}
+
+All of it is made again, and compared number by number, by
+
+    pip install xdynamics=={version} && xdynamics recheck {name}
+
+![Terms of the budget](certificate.png)
+
+![The run](run.png)
+
+{files}
+"""
+
+
+def _crate(crate: Any, target: Path, found: xr.Dataset, licence: str) -> None:
+    """Write RO-Crate metadata of the files (Soiland-Reyes and others 2022, doi:10.3233/DS-210053)."""
+    kinds = {".nc": "application/x-netcdf", ".toml": "application/toml", ".png": "image/png", ".py": "text/x-python", ".md": "text/markdown"}  # fmt: skip
+    crate.name = str(found.attrs["title"])
+    crate.description = f"{found.attrs['of']} = {found.attrs['result']}"
+    crate.datePublished = str(found.attrs["date_created"])
+    crate.license = licence
+    for name, said in SAID.items():
+        about = {"name": name, "description": said, "encodingFormat": kinds[Path(name).suffix], "contentSize": str((target / name).stat().st_size), "sha256": _digest(target / name)}  # fmt: skip
+        crate.add_file(target / name, dest_path=name, properties=about)
+    crate.metadata.write(target)
