@@ -101,6 +101,16 @@ def bundle(certificate: str, output: str) -> None:
 
 
 @main.command()
+@click.argument("folder", metavar="FOLDER")
+@click.option("-o", "--output", required=True, metavar="REPORT.html|.md", help="One file, figures and formulas in it.")
+def report(folder: str, output: str) -> None:
+    """Write the report of a bundle: the number, its model in formulas, convergence, budget, events, ledger, how to remake it."""
+    from xdynamics.documenting.document import document
+
+    say([f"report    {document(folder, output)}"])
+
+
+@main.command()
 @click.argument("certificate", metavar="C.nc|FOLDER")
 def recheck(certificate: str) -> None:
     """Make a certificate again from its file, or its bundle, alone, and compare every number; exit code 1 where one differs."""

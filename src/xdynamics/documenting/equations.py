@@ -1,0 +1,107 @@
+"""A model as formulas and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from xdynamics.documenting.blocks import Block, Formula, Table, Words
+from xdynamics.expressions import Name, latex
+from xdynamics.model import Model
+from xdynamics.model.parts import Function, Parameter
+
+
+def of_model(model: Model) -> Iterator[Block]:
+    """Write the equations of motion, forces, definitions, events, and what numbers the model has."""
+    if model.description:
+        yield Words(model.description)
+    for i, name in enumerate(model.coordinates):
+        terms = [
+            f"{_inertia(model, i, j)}{_dotted(other, 2)}"
+            for j, other in enumerate(model.coordinates)
+            if (i, j) in model.statement.mass_entries
+        ]
+        acting = [
+            rf"F_{{\mathrm{{{_words(term)}}}}}" for term, parts in model.force_components.items() if name in parts
+        ]
+        yield Formula(f"{' + '.join(terms)} = {' + '.join(acting) or '0'}", f"motion of {name}")
+    yield from _forces(model)
+    for name, definition in model.definitions.items():
+        yield Formula(f"{latex(Name(name))} = {latex(definition)}", "definition")
+    for name, state in model.states.items():
+        yield Formula(rf"{_dotted(name, 1)} = {latex(state.rate)}", state.description or f"rate of {name}")
+    yield from _occasions(model)
+    for name, observable in model.observables.items():
+        yield Formula(f"{latex(Name(name))} = {latex(observable)}", "observable")
+    if model.drives:
+        yield Table(["drive", "of", "points", "between them", "beyond", "what"], [[name, one.argument, f"{len(one.table.argument)} in {one.table.name}", one.interpolation, one.outside, one.description] for name, one in model.drives.items()])  # fmt: skip
+    numbers = [(name, one) for name, one in model.parameters.items()]
+    numbers += [
+        (f"{name} at the start", model.starts.get(name, Parameter(quantity)))
+        for name, quantity in model.initial.items()
+    ]
+    yield Table(
+        ["number", "value", "standard uncertainty", "distribution", "what"],
+        [_number(name, one) for name, one in numbers],
+    )
+
+
+def _forces(model: Model) -> Iterator[Formula]:
+    for term, force in model.forces.items():
+        said = f"{term}: {force.description}" if force.description else term
+        if force.potential is not None:
+            yield Formula(rf"V_{{\mathrm{{{_words(term)}}}}} = {latex(force.potential)}", f"potential of {said}")
+        for name, part in force.components.items():
+            body = rf"\mathrm{{{_words(part.name)}}}({', '.join(_symbol(one) for one in part.arguments)})" if isinstance(part, Function) else latex(part)  # fmt: skip
+            on = f", on {name}" if len(model.coordinates) > 1 else ""
+            yield Formula(rf"F_{{\mathrm{{{_words(term)}}}}} = {body}", f"{said}{on}")
+
+
+def _occasions(model: Model) -> Iterator[Formula]:
+    for name, event in model.events.items():
+        body = (
+            rf"\mathrm{{{_words(event.function.name)}}}"
+            if isinstance(event.function, Function)
+            else latex(event.function)
+        )
+        yield Formula(f"{body} = 0", f"event {name}, {event.direction}: {event.action}")
+    for name, contact in model.contacts.items():
+        yield Formula(rf"{latex(contact.gap)} \geq 0", f"contact {name}, restitution {_short(contact.restitution)}")
+    for name, friction in model.frictions.items():
+        yield Formula(
+            rf"\left|F\right| \leq {latex(friction.kinetic)}", f"friction {name}, slipping with {_short(friction.slip)}"
+        )
+
+
+def _short(node: object) -> str:
+    from xdynamics.expressions import text_of
+
+    return "none" if node is None else text_of(node)  # type: ignore[arg-type]
+
+
+def _inertia(model: Model, i: int, j: int) -> str:
+    entry = latex(model.statement.mass_entries[i, j])
+    return rf"\left({entry}\right)\," if " + " in entry or " - " in entry else rf"{entry}\,"
+
+
+def _dotted(name: str, times: int) -> str:
+    return rf"\{'d' * times}ot{{{_symbol(name)}}}"
+
+
+def _symbol(name: str) -> str:
+    return latex(Name(name))
+
+
+def _words(name: str) -> str:
+    return name.replace("_", r"\ ")
+
+
+def _number(name: str, one: Parameter) -> list[str]:
+    spread = one.spread
+    size = "" if spread is None else f"{one.uncertainty:.3g} {one.quantity.unit.text}".removesuffix(" 1")
+    return [
+        name,
+        str(one.quantity).removesuffix(" 1"),
+        size,
+        "" if spread is None else spread.distribution,
+        one.description,
+    ]
