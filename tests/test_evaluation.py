@@ -66,3 +66,38 @@ def test_many_at_once_are_the_same_bits() -> None:
         many = np.broadcast_to(evaluate_many(tree, {"x": x, "y": y}), x.shape)
         each = np.array([evaluate(tree, {"x": a, "y": b}) for a, b in zip(x.tolist(), y.tolist(), strict=True)])
         assert np.array_equal(many, each, equal_nan=True), text
+
+
+@pytest.mark.parametrize(
+    "name", ["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "abs", "sign"]
+)
+@pytest.mark.parametrize("x", [0.5, -0.25, 0.9, 1e-9])
+def test_one_number_at_once_is_what_it_is_alone(name: str, x: float) -> None:
+    """Assert that a function of a number is the same as a number, as an array without a dimension, and as one with one."""
+    node = parse(f"{name}(x)")
+    alone = evaluate(node, {"x": x})
+    for given in (x, np.float64(x), np.array(x), np.array([x])):
+        assert np.array_equal(np.ravel(evaluate_many(node, {"x": given})), [alone], equal_nan=True)
+    if x > 0:
+        both = parse("atan2(x, y) + hypot(x, y) + x**1.3")
+        assert float(evaluate_many(both, {"x": np.float64(x), "y": 2.0})) == evaluate(both, {"x": x, "y": 2.0})
+
+
+def test_an_observable_of_a_parameter_alone() -> None:
+    """Assert that observables and energies with functions of parameters are the same between rows and in them."""
+    model = xd.Model(
+        name="incline", coordinates={"x": "m"}, parameters={"m": "1 kg", "g": "9.81 m s-2", "alpha": "0.5 rad"}, mass={"x": "m"},
+        forces={"weight": {"potential": "-m*g*x*cos(alpha)"}}, initial={"x": "0 m", "v_x": "0 m s-1"},
+        observables={"across": "x*cos(alpha)", "turned": "x*atan(alpha)*log(alpha)*tan(alpha)*cosh(alpha)"},
+    )  # fmt: skip
+    run = xd.simulate(model, method="rk4", step=0.1, until=1.0)
+    study = xd.refine(
+        model, method="rk4", steps=[0.1, 0.05], at=[1.0], observables=["across", "turned", "total_energy"], until=1.0
+    )
+    for name in ("across", "turned", "total_energy"):
+        assert float(study[name][0, 0]) == pytest.approx(float(run[name][-1]), rel=1e-13, abs=1e-13)
+    grid = xd.sweep(
+        model, {"m": [1.0]}, keep=["across", "turned"], times=[1.0], method="rk4", step=0.1, until=1.0
+    ).compute()
+    assert float(grid.across[0, 0]) == float(study.across[0, 0])
+    assert float(grid.turned[0, 0]) == float(study.turned[0, 0])

@@ -133,7 +133,12 @@ def _of_floats(function: Callable[..., float]) -> Callable[..., float]:
 
 
 def _of_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
-    return lambda *given: function(*np.broadcast_arrays(*(np.asarray(one, float) for one in given)))
+    def called(*given: Any) -> Any:
+        arrays = np.broadcast_arrays(*(np.asarray(one, float) for one in given))
+        # an array without a dimension comes out of comparisons as something else
+        return np.reshape(function(*map(np.atleast_1d, arrays)), arrays[0].shape)
+
+    return called
 
 
 _OPERATORS: dict[str, Callable[[float, float], float]] = {

@@ -279,11 +279,11 @@ def _about(sweep: xr.Dataset, name: str, said: str) -> dict[str, Any]:
 def quotient(unit: str, by: str) -> str:
     """Spell one unit over another."""
     inverse = []
-    for one in by.split():
+    for one in by.split() if by != "1" else ():
         name = one.rstrip("-0123456789")
         power = int(one[len(name) :] or 1)
         inverse.append(f"{name}{-power}")
-    return parse_unit(" ".join(one for one in (unit, *inverse) if one not in ("1", "1-1")) or "1").text
+    return parse_unit(" ".join(one for one in (unit, *inverse) if one != "1") or "1").text
 
 
 def _share_of_changes(values: NDArray[Any], axis: int) -> float:
