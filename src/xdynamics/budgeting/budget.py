@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from math import inf, nan
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics.budgeting import numerical, physical
-from xdynamics.budgeting.montecarlo import LINEAR, NOT_CHECKED, Drawn, drawn, judged
+from xdynamics.budgeting.drawing import Asked, drawn_until, wanted_of
+from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, Drawn, judged
 from xdynamics.budgeting.rounding import rounded
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import KINDS, NUMERICAL, PHYSICAL, Declared, Term
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.refining.convergence import VERDICTS, observed_orders
-from xdynamics.faults import InputError
+from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.model import Model
-from xdynamics.model.spread import normal_quantile
 from xdynamics.schema import BOUNDS, LEVEL, flags
-from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.surveying import quotient
 from xdynamics.sweeping.sweep import plain
-from xdynamics.units import Unit, parse_quantity, spell
+from xdynamics.units import Unit, spell
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,7 +30,9 @@ if TYPE_CHECKING:
 TERM = "term"
 ROLE = "budget"
 COVERAGE = 0.95
-LEAST_DRAWS, FIRST_DRAWS, MOST_DRAWS = 100, 4096, 1 << 22
+UNSURE = 0.02  # of a term, by which its slope may be off without a word
+CANCELLED = 1e-12  # of the variances, of which there is nothing left where terms cancel
+LEAST_DRAWS, FIRST_DRAWS = 100, 4096
 
 
 def error_budget(
@@ -47,6 +48,7 @@ def error_budget(
     seed: int = 0,
     coverage: float = COVERAGE,
     until_uncertainty: str | None = None,
+    digits: int = 1,
     **settings: Any,
 ) -> xr.Dataset:
     """Say how far one number of a run may be off, and why.
@@ -76,6 +78,8 @@ def error_budget(
         Of the intervals.
     until_uncertainty : str, optional
         Draw on, twice as many each time, until the intervals' ends are known so well: ``"10 m at 95 %"``.
+    digits : {1, 2}
+        Of the standard uncertainty, whose last half place the linear interval may be off (JCGM 101:2008, 7.9.2 and 8.1).
     **settings
         Of `simulate`: the run that the number is of.
 
@@ -112,50 +116,53 @@ def error_budget(
     """
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
-    _check(draws, seed, coverage)
+    _check(draws, seed, coverage, digits)
     target = Target.of(model, quantity, at, event, occurrence, side)
     asked = {name: plain(name, one) for name, one in settings.items() if one is not None}
     found = numerical.marched(model, target, asked, seed)
     unit = target.units(found.run)
-    declared = [one.term(target, unit) for one in terms]
+    declared = [_declared(one).term(target, unit) for one in ([terms] if isinstance(terms, Declared) else terms or ())]
     known = [
         *found.terms, *physical.inputs(model, target, asked), *physical.tables(model, target, asked, found.value, seed),
         *physical.discrepancy(model, target, unit), *declared,
     ]  # fmt: skip
     names = [one.name for one in known]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"the budget has two terms '{twice[0]}'; give the declared one another name")
+        own = twice[0] in model.parameters or twice[0] in model.drives
+        remedy = f"rename the model's '{twice[0]}'" if own and twice[0] not in {one.name for one in declared} else "give the declared one another name"  # fmt: skip
+        raise InputError(f"the budget has two terms '{twice[0]}'; {remedy}")
+    _doubt_slopes(known, target)
     variables = _table(model, target, unit, found.value, known) | _levels(found, unit)
     more: dict[str, Any] = {"coverage": coverage, "seed": seed, "draws": draws}
     if draws or until_uncertainty is not None:
-        monte_carlo, draws = _drawn(
-            model,
-            target,
-            asked,
-            max(draws, FIRST_DRAWS) if until_uncertainty else draws,
-            seed,
-            coverage,
-            _wanted(until_uncertainty, unit, target),
-        )
+        added = [one.standard for one in known if one.kind == PHYSICAL and one.input_unit is None]
+        wanted = wanted_of(until_uncertainty, unit, target, COVERAGE)
+        first = draws if until_uncertainty is None else max(draws, FIRST_DRAWS)
+        monte_carlo, draws = drawn_until(Asked(model, target, asked, found.value, added), first, seed, coverage, wanted)
         more["draws"] = draws
-        linear = float(np.sqrt(physical.covariance(model, _own(known)).sum()))
+        linear = float(variables["physical_rss"][1])
         variables |= _of_draws(monte_carlo, unit, coverage)
-        verdict, apart = judged(found.value, linear, monte_carlo, coverage)
-        more["linear_apart"] = apart
+        verdict, apart = judged(found.value, linear, monte_carlo, coverage, digits)
+        more |= {"linear_apart": apart, "digits": digits}
     else:
         verdict = NOT_CHECKED
     variables["linear_verdict"] = ((), np.int8(verdict), about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag") | flags(dict(enumerate(LINEAR))))  # fmt: skip
     variables["model_toml"] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
     total, bound = float(variables["total_rss"][1]), float(variables["numerical_bound"][1])
+    told = "k = 2"
+    if verdict == NOT_ADEQUATE:
+        total, told = float(np.hypot(monte_carlo.standard, float(variables["numerical_rss"][1]))), "k = 2, drawn"
     more |= {
         "quantity": quantity, "of": target.said, "event": target.event, "occurrence": occurrence, "side": side,
         "asked": json.dumps(asked, sort_keys=True), "model_digest": model.digest,
-        "solver_method": str(found.run.attrs["solver_method"]), "result": rounded(found.value, total, bound, unit.text),
+        "solver_method": str(found.run.attrs["solver_method"]), "result": rounded(found.value, total, bound, unit.text, told),
     } | ({"at": target.at} if target.at is not None else {})  # fmt: skip
     return exhibit("budget", f"error budget of {model.name}: {target.said}", found.digests, variables, more)
 
 
-def _check(draws: Any, seed: Any, coverage: Any) -> None:
+def _check(draws: Any, seed: Any, coverage: Any, digits: Any) -> None:
+    if isinstance(digits, bool) or digits not in (1, 2):
+        raise InputError(f"digits is {digits!r}; there are 1, 2")
     if isinstance(draws, bool) or not isinstance(draws, int) or not (draws == 0 or draws >= LEAST_DRAWS):
         raise InputError(f"draws is {draws!r}, needs 0 for none, or a whole number from {LEAST_DRAWS} on")
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
@@ -164,18 +171,29 @@ def _check(draws: Any, seed: Any, coverage: Any) -> None:
         raise InputError(f"coverage is {coverage!r}, needs a number between 0 and 1, like 0.95")
 
 
-def _own(terms: Sequence[Term]) -> list[Term]:
-    """Return the terms that are drawn: those of inputs."""
-    return [one for one in terms if one.kind == PHYSICAL and one.input_unit is not None]
+def _declared(one: Any) -> Declared:
+    if not isinstance(one, Declared):
+        raise InputError(f"terms has {str(one)[:60]!r}, needs Declared(name, quantity, standard, at=…)")
+    return one
+
+
+def _doubt_slopes(terms: Sequence[Term], target: Target) -> None:
+    """Warn of slopes that another spacing gives otherwise, where that counts."""
+    whole = float(np.sqrt(sum(one.standard**2 for one in terms)))
+    for one in terms:
+        off = one.sensitivity_doubt * one.input_uncertainty
+        if one.input_unit is not None and off > UNSURE * max(one.standard, UNSURE * whole):
+            warn(f"{target.said} does not change in proportion with '{one.name}' within its uncertainty, or not smoothly: its slope may be off by {off / one.standard if one.standard else inf:.1g} of itself; draw", AccuracyWarning)  # fmt: skip
 
 
 def _table(model: Model, target: Target, unit: Unit, value: float, terms: list[Term]) -> dict[str, Any]:
     """Return the terms as variables, and the totals."""
     parts = {kind: [one for one in terms if one.kind == kind] for kind in KINDS}
     covariance = physical.covariance(model, terms)
-    variance = {NUMERICAL: sum(one.standard**2 for one in parts[NUMERICAL]), PHYSICAL: float(physical.covariance(model, parts[PHYSICAL]).sum())}  # fmt: skip
+    variance = {NUMERICAL: sum(one.standard**2 for one in parts[NUMERICAL]), PHYSICAL: physical.variance(model, parts[PHYSICAL])}  # fmt: skip
     total = variance[NUMERICAL] + variance[PHYSICAL]
-    shares = covariance.sum(axis=1) / total if total > 0.0 else np.zeros(len(terms))
+    cancelled = total <= CANCELLED * float(np.trace(covariance))
+    shares = np.zeros(len(terms)) if cancelled else covariance.sum(axis=1) / total
     said, text = target.said, unit.text
     units = [_per(unit, one.input_unit) if one.input_unit else "" for one in terms]
     bounds = {kind: sum(one.bound for one in parts[kind]) for kind in KINDS}
@@ -191,6 +209,7 @@ def _table(model: Model, target: Target, unit: Unit, value: float, terms: list[T
         "term_name": (np.array([one.name for one in terms]), "1", "what the number may be off by", "name"),
         "term_rule": (np.array([one.rule for one in terms]), "1", "how that was found", "rule"),
         "sensitivity": (np.array([one.sensitivity for one in terms]), "1", "change of the number with the input, in sensitivity_units; nan where there is no input", ROLE),
+        "sensitivity_doubt": (np.array([one.sensitivity_doubt for one in terms]), "1", "how far the sensitivity may be off, by another spacing of the differences", ROLE),
         "sensitivity_units": (np.array(units), "1", "unit of the sensitivity: the number's, per SI unit of the input", "units"),
         "input_uncertainty": (np.array([one.input_uncertainty for one in terms]), "1", "standard uncertainty of the input, in input_units", ROLE),
         "input_units": (np.array([one.input_unit.text if one.input_unit else "" for one in terms]), "1", "SI unit of the input", "units"),
@@ -199,6 +218,12 @@ def _table(model: Model, target: Target, unit: Unit, value: float, terms: list[T
         "share": (shares, "1", "share of the variance; correlated terms share what they have together", ROLE),
     }  # fmt: skip
     found = {name: ((TERM,), values, about(units, words, role)) for name, (values, units, words, role) in along.items()}
+    for name, other in (
+        ("sensitivity", "sensitivity_units"),
+        ("sensitivity_doubt", "sensitivity_units"),
+        ("input_uncertainty", "input_units"),
+    ):
+        found[name][2]["comment"] = f"in the unit that {other} names"
     kinds = np.array([KINDS.index(one.kind) for one in terms], np.int8)
     found["term_kind"] = ((TERM,), kinds, about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS))))  # fmt: skip
     return found | {name: ((), np.float64(one), about(text, words, ROLE)) for name, (one, words) in scalars.items()}
@@ -223,57 +248,20 @@ def _per(unit: Unit, by: Unit) -> str:
     return spell(unit.dimension / by.dimension).text if unit.factor == 1 else quotient(unit.text, by.text)
 
 
-def _wanted(told: str | None, unit: Unit, target: Target) -> float:
-    """Return which standard uncertainty the intervals' ends are to have; infinite where nothing is said."""
-    if told is None:
-        return inf
-    size, at, part = str(told).partition(" at ")
-    share = part.strip().removesuffix("%").strip()
-    try:
-        level, quantity = float(share) / 100.0 if at else COVERAGE, parse_quantity(size)
-    except ValueError:
-        level, quantity = nan, parse_quantity(size)
-    if quantity.unit.dimension != unit.dimension or not quantity.value > 0 or not 0.0 < level < 1.0:
-        raise InputError(
-            f"until_uncertainty is {told!r}, needs a positive size of {target.said}, like '1 {unit.text} at 95 %'"
-        )
-    return quantity.si / float(unit.factor) / float(normal_quantile(np.array([(1.0 + level) / 2.0]))[0])
-
-
-def _drawn(model: Model, target: Target, asked: dict[str, Any], draws: int, seed: int, coverage: float, wanted: float) -> tuple[Drawn, int]:  # fmt: skip
-    """Draw until the intervals' ends are known as well as is wanted; return what came, and how many it took."""
-    while True:
-        found = drawn(_values(model, target, asked, draws, seed), coverage)
-        if found.ends_doubt <= wanted:
-            return found, draws
-        if draws >= MOST_DRAWS:
-            raise InputError(f"{draws} draws leave the ends of the interval uncertain by {found.ends_doubt:.3g}, and {wanted:.3g} is wanted; ask for less")  # fmt: skip
-        draws *= 2
-
-
-def _values(model: Model, target: Target, asked: dict[str, Any], draws: int, seed: int) -> Any:
-    """March as many runs, each with its inputs drawn from what the model declares."""
-    names = [physical.named(model, name) for name in model.uncertain]
-    if not names:
-        raise InputError("nothing in the model has an uncertainty to draw from; give parameters or initial values one")
-    found = target.in_many(model, {"draw": Draws(draws, names, design=DECLARED, seed=seed)}, asked)
-    values = target.values(found.compute())
-    if missing := int(np.count_nonzero(~np.isfinite(values))):
-        raise InputError(f"{target.said} is not there in {missing} of {draws} draws: the inputs are too uncertain for it to be one number")  # fmt: skip
-    return values
-
-
 def _of_draws(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
     """Return what draws tell, as variables."""
     scalars = {
         "monte_carlo_mean": (found.mean, "mean of the draws"),
-        "monte_carlo_standard_uncertainty": (found.standard, "standard deviation of the draws"),
-        "monte_carlo_standard_uncertainty_doubt": (found.standard_doubt, "standard uncertainty of that, being of so many draws"),
-        "monte_carlo_end_doubt": (found.ends_doubt, "standard uncertainty of the intervals' ends, being of so many draws"),
+        "monte_carlo_standard_uncertainty": (found.standard, "standard deviation of the draws of inputs; tables, discrepancies and declared terms are added to each as normal"),
+        "monte_carlo_standard_uncertainty_doubt": (found.standard_doubt, "how well that is known from so many draws: a standard uncertainty, by parts of them"),
+        "monte_carlo_end_doubt": (found.ends_doubt, "how well the symmetric interval's ends are known from so many draws: a standard uncertainty, by parts of them"),
     }  # fmt: skip
     intervals = {
-        "monte_carlo_shortest": (found.shortest, "shortest interval that holds that part of the draws"),
-        "monte_carlo_symmetric": (found.symmetric, "interval with as many draws below as above it"),
+        "monte_carlo_shortest": (found.shortest, "shortest interval that holds the part `coverage` of the draws"),
+        "monte_carlo_symmetric": (
+            found.symmetric,
+            "interval that holds the part `coverage` of the draws, with as many below as above it",
+        ),
     }
     told = {name: ((), np.float64(one), about(unit.text, said, ROLE)) for name, (one, said) in scalars.items()}
     return told | {name: ((BOUNDS,), np.array(one), about(unit.text, said, ROLE) | {"coverage": coverage}) for name, (one, said) in intervals.items()}  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import floor, log10, nan
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ def drawn(values: Floats, coverage: float) -> Drawn:
     --------
     >>> one = drawn(np.arange(1000.0), 0.9)
     >>> one.symmetric, round(one.shortest[1] - one.shortest[0])
-    ((50.0, 950.0), 900)
+    ((49.0, 949.0), 900)
     """
     count = len(values)
     held = round(coverage * count)  # draws in an interval
@@ -60,7 +60,7 @@ def drawn(values: Floats, coverage: float) -> Drawn:
         raise InputError(f"{count} draws are too few for an interval of {coverage:.4g}; take {max(10_000, 2 * PARTS)}")
     ordered = np.sort(values)
     widths = ordered[held:] - ordered[: count - held]
-    k, tail = int(np.argmin(widths)), (count - held) // 2
+    k, tail = int(np.argmin(widths)), max((count - held) // 2 - 1, 0)
     parts = np.array_split(values, PARTS)
     ends = np.array([np.quantile(one, [(1 - coverage) / 2, (1 + coverage) / 2]) for one in parts])
     deviations = np.array([one.std(ddof=1) for one in parts])
@@ -74,21 +74,23 @@ def drawn(values: Floats, coverage: float) -> Drawn:
     )
 
 
-def tolerance_of(standard: float) -> float:
-    """Return half of the last place that a standard uncertainty of one significant digit has (JCGM 101:2008, 7.9.2).
+def tolerance_of(standard: float, digits: int = 1) -> float:
+    """Return half of the last place that a standard uncertainty of so many digits has (JCGM 101:2008, 7.9.2).
 
     Examples
     --------
     >>> tolerance_of(0.0755), tolerance_of(12.0)
     (0.005, 5.0)
+    >>> tolerance_of(0.0755, 2)
+    0.0005
     """
     if not standard > 0.0:
         return nan
-    rounded = float(f"{standard:.0e}")
-    return 0.5 * 10.0 ** floor(log10(rounded) + 1e-9)
+    power = int(f"{standard:.{digits - 1}e}".split("e")[1])
+    return float(f"5e{power - digits}")
 
 
-def judged(value: float, standard: float, found: Drawn, coverage: float) -> tuple[int, float]:
+def judged(value: float, standard: float, found: Drawn, coverage: float, digits: int = 1) -> tuple[int, float]:
     """Compare a linear budget's interval with the draws' own (JCGM 101:2008, 8.1).
 
     Returns
@@ -102,7 +104,7 @@ def judged(value: float, standard: float, found: Drawn, coverage: float) -> tupl
     factor = float(normal_quantile(np.array([(1.0 + coverage) / 2.0]))[0])
     linear = value - factor * standard, value + factor * standard
     apart = max(abs(one - other) for one, other in zip(linear, found.symmetric, strict=True))
-    tolerance, doubt = tolerance_of(found.standard), SURE * found.ends_doubt
-    if apart + doubt <= tolerance:
+    tolerance, doubt = tolerance_of(found.standard, digits), SURE * found.ends_doubt
+    if apart + doubt <= tolerance or apart == doubt == 0.0:
         return ADEQUATE, apart
     return (NOT_ADEQUATE if apart - doubt > tolerance else NOT_CHECKED), apart

@@ -15,20 +15,24 @@ from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
 from xdynamics.model.drives import Table
 from xdynamics.model.parts import Drive, Parameter
-from xdynamics.model.spread import NORMAL, normal_quantile
+from xdynamics.model.spread import matrix_of, normal_quantile, root_of
 from xdynamics.sweeping.axes import FOR_INITIAL
 from xdynamics.units import Unit, spell
 
 Floats = NDArray[np.float64]
 
 DISCREPANCY = "discrepancy"
-SHIFTS = (1e-2, 2.5e-3, 6.25e-4, 1.5625e-4)  # of an input, or of its uncertainty where that is larger, for a slope
+SHIFTS = 4.0 ** np.arange(-3, 5)  # in standard uncertainties, by which an input is changed for a slope
+OWN = 2  # of neighbouring shifts, the pair at one standard uncertainty
+WIDEST, NARROWEST = 1e-2, 1e-9  # of the input, where more than its uncertainty, and less, is no shift
+NOISE = 64.0 * 2.0**-52  # of the number, over a shift: a slope that is no more is none
 SIDES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0  # of a slope of sixth order from these sides
 SHARPER = 1e-3  # of its own, the time tolerance of events in what slopes are taken from
 LINES = 64  # resampled tables
 LEAST = 2.0**-54
-BY_DIFFERENCES = "slope by central differences of sixth order over {0:.3g} of it; next to {1:.1g} of itself"
+BY_DIFFERENCES = "slope by central differences of sixth order over {0:.3g} of its uncertainties; another spacing gives {1:.1g} of the slope more or less"
+NO_SLOPE = "no slope but rounding's"
 
 
 def inputs(model: Model, target: Target, asked: dict[str, Any]) -> list[Term]:
@@ -48,10 +52,10 @@ def inputs(model: Model, target: Target, asked: dict[str, Any]) -> list[Term]:
         factor, (slope, off, shift) = float(one.quantity.unit.factor), slopes[name]
         assert one.spread is not None  # noqa: S101
         size = one.spread.size.si / factor if one.spread.bounded else COVERED * one.uncertainty
-        rule = BY_DIFFERENCES.format(shift, off / abs(slope) if slope else 0.0)
+        rule = BY_DIFFERENCES.format(shift, off / abs(slope)) if slope else NO_SLOPE
         found.append(Term(
-            name, PHYSICAL, abs(slope) * one.uncertainty, abs(slope) * size, rule, slope / factor,
-            one.uncertainty * factor, spell(one.quantity.unit.dimension),
+            name, PHYSICAL, abs(slope) * one.uncertainty, (abs(slope) + off) * size, rule, slope / factor,
+            one.uncertainty * factor, spell(one.quantity.unit.dimension), off / factor,
         ))  # fmt: skip
     return found
 
@@ -59,26 +63,50 @@ def inputs(model: Model, target: Target, asked: dict[str, Any]) -> list[Term]:
 def _slopes(model: Model, target: Target, asked: dict[str, Any]) -> dict[str, tuple[float, float, float]]:
     """Return the slope of the number by every input, per its own unit, how sure it is, and over what: copies side by side.
 
-    Of several spacings that one is taken from which the next differs least: wider ones are bent, narrower ones rounded.
+    From the change by an input's own uncertainty on, wider and narrower ones are taken as long as neighbours agree better:
+    the widest are bent, the narrowest rounded.
     """
     known = model.uncertain
-    sizes = {name: max(abs(one.quantity.value), one.uncertainty) for name, one in known.items()}
-    moves = np.multiply.outer(np.array(SHIFTS), SIDES)
-    values = {name: np.full((len(known), *moves.shape), one.quantity.value) for name, one in known.items()}
+    sizes = np.array([_shifts(one) for one in known.values()])
+    values = {name: np.full((len(known), len(SHIFTS), len(SIDES)), one.quantity.value) for name, one in known.items()}
     for i, name in enumerate(known):
-        values[name][i] += sizes[name] * moves
+        values[name][i] += np.multiply.outer(np.nan_to_num(sizes[i]), SIDES)
     axes = {"input": {named(model, name): _with_units(one.ravel(), known[name]) for name, one in values.items()}}
     sharp = asked | {"time_tolerance": SHARPER * settings_for(model, **asked).time_tolerance}
-    found = target.values(target.in_many(model, axes, sharp)).reshape(len(known), *moves.shape)
+    found = target.values(target.in_many(model, axes, sharp)).reshape(len(known), len(SHIFTS), len(SIDES))
     told = {}
-    for i, name in enumerate(known):
-        slopes = found[i] @ WEIGHTS / (sizes[name] * np.array(SHIFTS))
+    for i, (name, one) in enumerate(known.items()):
+        slopes = found[i] @ WEIGHTS / sizes[i]
         off = np.abs(np.diff(slopes))
         if not np.isfinite(off).any():
-            raise InputError(f"{target.said} is not there any more where '{name}' is changed by a ten-thousandth: a budget of small changes says nothing of it; draw, by a sweep")  # fmt: skip
-        k = int(np.nanargmin(off))
-        told[name] = float(slopes[k]), float(off[k]), SHIFTS[k]
+            least = float(3.0 * np.nanmin(sizes[i]))
+            raise InputError(f"{target.said} is not there any more where '{name}' is changed by {least:.3g} {one.quantity.unit.text}, less than its uncertainty of {one.uncertainty:.3g}: a budget of small changes says nothing of it; draw, by a sweep")  # fmt: skip
+        k = _settled(off)
+        slope, noise = float(slopes[k + 1]), NOISE * float(np.nanmax(np.abs(found[i]))) / float(sizes[i][k + 1])
+        told[name] = (0.0 if abs(slope) <= noise else slope), float(off[k]), float(sizes[i][k + 1] / one.uncertainty)
     return told
+
+
+def _shifts(one: Parameter) -> Floats:
+    """Return by how much an input is changed; nan for what is too much or too little of it."""
+    value, sizes = abs(one.quantity.value), one.uncertainty * SHIFTS
+    usable = (sizes <= max(one.uncertainty, WIDEST * value)) & (sizes >= NARROWEST * value)
+    if not usable.any():  # known better than numbers can be told
+        sizes, usable = NARROWEST * value * SHIFTS, SHIFTS <= 1.0
+    return np.where(usable, sizes, np.nan)
+
+
+def _settled(off: Floats) -> int:
+    """Return the pair of neighbours that agrees best, from the input's own uncertainty on without a step up between."""
+    there = np.flatnonzero(np.isfinite(off)).tolist()
+    start = min(there, key=lambda k: abs(k - OWN))
+    best = start
+    for way in (1, -1):
+        k = start
+        while k + way in there and off[k + way] < off[k]:
+            k += way
+        best = k if off[k] < off[best] else best
+    return best
 
 
 def named(model: Model, name: str) -> str:
@@ -141,13 +169,25 @@ def discrepancy(model: Model, target: Target, unit: Unit) -> list[Term]:
 
 
 def covariance(model: Model, terms: list[Term]) -> Floats:
-    """Return the covariances of what terms contribute: those of inputs that the model correlates, and variances."""
-    found = np.diag([one.standard**2 for one in terms])
+    """Return the covariances of what terms contribute: those of inputs that the model correlates, and variances.
+
+    As L L^T, whose sum is no less than zero where terms cancel.
+    """
     names = [one.name for one in terms]
-    for (first, second), correlation in model.correlations.items():
-        if first in names and second in names and model.uncertain[first].spread.distribution == NORMAL:  # type: ignore[union-attr]
-            i, j = names.index(first), names.index(second)
-            one, other = terms[i], terms[j]
-            shared = correlation * one.sensitivity * one.input_uncertainty * other.sensitivity * other.input_uncertainty
-            found[i, j] = found[j, i] = shared
+    pairs = {pair: one for pair, one in model.correlations.items() if {*pair} <= {*names}}
+    root = root_of(matrix_of(names, pairs)) * np.array([_signed(one) for one in terms])[:, None]
+    found: Floats = root @ root.T
     return found
+
+
+def variance(model: Model, terms: list[Term]) -> float:
+    """Return the variance of what terms contribute together."""
+    names = [one.name for one in terms]
+    pairs = {pair: one for pair, one in model.correlations.items() if {*pair} <= {*names}}
+    root = root_of(matrix_of(names, pairs)) if terms else np.zeros((0, 0))
+    together = np.array([_signed(one) for one in terms]) @ root
+    return float(together @ together)
+
+
+def _signed(one: Term) -> float:
+    return -one.standard if one.sensitivity < 0.0 else one.standard

@@ -8,7 +8,7 @@ EXPANDED = 2.0  # coverage factor
 DIGITS = 2  # of the uncertainty
 
 
-def rounded(value: float, standard: float, numerical: float, units: str) -> str:
+def rounded(value: float, standard: float, numerical: float, units: str, told: str = "k = 2") -> str:
     """Write a value with its expanded uncertainty, rounded by that (JCGM 100:2008, 7.2.6), and the numerical part apart.
 
     Parameters
@@ -18,6 +18,8 @@ def rounded(value: float, standard: float, numerical: float, units: str) -> str:
     numerical : float
         Sum of the numerical bounds.
     units : str
+    told : str
+        Of the coverage factor, and where the standard uncertainty is from.
 
     Examples
     --------
@@ -28,7 +30,7 @@ def rounded(value: float, standard: float, numerical: float, units: str) -> str:
     """
     unit = "" if units == "1" else f" {units}"
     expanded = EXPANDED * standard
-    part = f"k = {EXPANDED:g}, numerical part {_short(numerical)}{unit}"
+    part = f"{told}, numerical part {_short(numerical)}{unit}"
     if not (expanded > 0.0 and isfinite(expanded)):
         return f"{value!r}{unit} ({part})"
     size = float(f"{expanded:.{DIGITS - 1}e}")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, nan, sqrt
+from math import inf, isfinite, nan, sqrt
 
 from xdynamics.budgeting.target import Target
 from xdynamics.faults import InputError
-from xdynamics.units import Quantity, Unit
+from xdynamics.units import Quantity, Unit, parse_quantity, parse_time
 
 NUMERICAL, PHYSICAL = "numerical", "physical"
 KINDS = (NUMERICAL, PHYSICAL)
@@ -35,6 +35,8 @@ class Term:
     input_uncertainty : float
         Of the input, in SI units.
     input_unit : Unit, optional
+    sensitivity_doubt : float
+        How far the sensitivity may be off, in its unit.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Term:
     sensitivity: float = nan
     input_uncertainty: float = nan
     input_unit: Unit | None = None
+    sensitivity_doubt: float = nan
 
     @classmethod
     def bounded(cls, name: str, kind: str, bound: float, rule: str) -> Term:
@@ -61,9 +64,9 @@ class Declared:
     name : str
     quantity : str
         As of the budget, and so `at`, or `event` and `occurrence`: terms of another number are refused.
-    standard : Quantity
-        Standard uncertainty of the quantity.
-    at : float, s, optional
+    standard : str or Quantity
+        Standard uncertainty of the quantity: ``"1 mm"``.
+    at : str or float, s, optional
     event : str, optional
     occurrence : int
     kind : {"numerical", "physical"}
@@ -72,8 +75,8 @@ class Declared:
 
     name: str
     quantity: str
-    standard: Quantity
-    at: float | None = None
+    standard: str | Quantity
+    at: str | float | None = None
     event: str = ""
     occurrence: int = 1
     kind: str = PHYSICAL
@@ -87,17 +90,21 @@ class Declared:
         InputError
             If it is of another quantity, unit, time or event.
         """
-        mine, whose = (self.quantity, self.at, self.event, self.occurrence), (target.quantity, target.at, target.event, target.occurrence)  # fmt: skip
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"a declared term is named {self.name!r}, needs a word")
+        at = None if self.at is None else parse_time(self.at, f"at of term '{self.name}'")
+        mine, whose = (self.quantity, at, self.event, self.occurrence), (target.quantity, target.at, target.event, target.occurrence)  # fmt: skip
         if mine != whose:
-            own = Target(self.quantity, self.at, self.event, self.occurrence, target.side).said
+            own = Target(self.quantity, at, self.event, self.occurrence, target.side).said
             raise InputError(
                 f"term '{self.name}' is of {own}, and the budget of {target.said}: propagate it there first"
             )
-        if self.standard.unit.dimension != unit.dimension:
-            raise InputError(f"term '{self.name}' is {self.standard}, and {target.said} has the unit '{unit.text}'")
+        size = self.standard if isinstance(self.standard, Quantity) else parse_quantity(self.standard)
+        if size.unit.dimension != unit.dimension:
+            raise InputError(f"term '{self.name}' is {size}, and {target.said} has the unit '{unit.text}'")
         if self.kind not in KINDS:
             raise InputError(f"term '{self.name}' is of the kind {self.kind!r}; there are {', '.join(KINDS)}")
-        standard = self.standard.si / float(unit.factor)
+        standard = size.si / float(unit.factor) if isfinite(size.value) else nan
         if not 0.0 <= standard < inf:
-            raise InputError(f"term '{self.name}' is {self.standard}, needs a non-negative number")
+            raise InputError(f"term '{self.name}' is {size}, needs a non-negative number")
         return Term(self.name, self.kind, standard, COVERED * standard, self.description or "declared")

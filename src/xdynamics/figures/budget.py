@@ -37,6 +37,10 @@ def _terms(found: xr.Dataset, axes: Axes) -> None:
     order = np.argsort(-sizes, kind="stable")
     totals = {"numerical": float(found["numerical_rss"]), "physical": float(found["physical_rss"])}
     least = max([*sizes, *totals.values()]) / SPAN
+    if not least > 0.0:
+        axes.text(0.5, 0.5, "nothing is uncertain", transform=axes.transAxes, ha="center", fontsize=9, color="#555555")
+        axes.set_axis_off()
+        return
     for row, i in enumerate(order.tolist()):
         axes.barh(row, max(sizes[i], least), color=COLOUR[kinds[i]], height=0.7)
         axes.annotate(f" {sizes[i]:.2g}", (max(sizes[i], least), row), va="center", fontsize=7)

@@ -65,6 +65,10 @@ class Draws:
             faults.append(f"seed is {self.seed!r}, needs a non-negative whole number")
         if isinstance(self.ranges, str) or not self.ranges:
             faults.append(f"ranges are {self.ranges!r}, need names, and of what is no declared design their ends")
+        elif self.design == DECLARED and (isinstance(self.ranges, Mapping) or not hasattr(self.ranges, "__iter__")):
+            faults.append(
+                f"ranges are {str(self.ranges)[:60]}, and what a model declares is drawn by names alone: ['m', 'k']"
+            )
         if self.design != DECLARED and not isinstance(self.ranges, Mapping):
             faults.append(
                 f"a design of {self.design} needs the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}"
