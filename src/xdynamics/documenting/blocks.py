@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from io import BytesIO
 
-POINTS = 12  # of a formula
+POINTS = 14  # of a formula
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,8 @@ h1 { font-size: 1.6em; line-height: 1.25; margin-bottom: 0.2em; }
 h2 { font-size: 1.15em; margin-top: 2em; border-bottom: 1px solid #d8d8d8; padding-bottom: 0.2em; }
 table { border-collapse: collapse; font: 14px/1.4 Helvetica, Arial, sans-serif; margin: 0.8em 0; width: 100%; }
 th { text-align: left; border-bottom: 2px solid #1c1c1c; padding: 0.3em 0.8em 0.3em 0; vertical-align: bottom; }
-td { border-bottom: 1px solid #e3e3e3; padding: 0.3em 0.8em 0.3em 0; vertical-align: top; overflow-wrap: anywhere; }
+td { border-bottom: 1px solid #e3e3e3; padding: 0.3em 0.8em 0.3em 0; vertical-align: top; }
+td:last-child { overflow-wrap: anywhere; }
 figure { margin: 1em 0; } figure img { max-width: 100%; } figcaption { font-size: 0.85em; color: #555; }
 .formula { margin: 0.5em 0 0.5em 2em; } .formula img { vertical-align: middle; max-width: 100%; } .said { color: #555; margin-left: 1.5em; }
 pre { background: #f4f4f2; padding: 0.8em; white-space: pre-wrap; overflow-wrap: anywhere; font-size: 13px; }
