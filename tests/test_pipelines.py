@@ -26,6 +26,10 @@ SMALL: dict[str, dict[str, Any]] = {
     "impact_oscillator_bifurcation": {"frequencies": "2.4:3.0:12 s-1", "until": "60 s", "occurrences": [5, 15]},
     "mass_calibration": {"draws": 2000},
     "method_comparison": {"methods": ["velocity_verlet", "dop853"], "steps": "160, 80, 40 ms"},
+    "pendulum_period": {
+        "parameters": ["length", "theta"],
+        "number": {"quantity": "t", "event": "middle", "draws": 200},
+    },
     "pendulum_basins": {"x": "-2:2:12 m", "y": "-2:2:12 m", "close": {"x": "1.2:1.4:4 m", "y": "0.4:0.6:4 m"}},
     "rocket_flight": {"steps": ["20 ms", "10 ms"], "apogee": {"quantity": "y", "event": "apogee", "draws": 200}},
 }
@@ -108,3 +112,15 @@ def test_records_drawn_together(tmp_path: Path) -> None:
     with pytest.raises(xd.InputError, match="several records are drawn together if all are refinements of one thing"):
         xd.plot({"a": by_step, "b": by_tolerance})
     assert xd.plot({"a": by_step, "b": by_step}, tmp_path / "two.svg").axes
+
+
+def test_the_record_gives_back_what_was_put_in() -> None:
+    """Assert that the pendulum's fit holds the numbers that its record was made with, within three uncertainties."""
+    folder = ROOT / "pipelines" / "pendulum_period"
+    study = tomllib.loads((folder / "study.toml").read_text())
+    found = xd.fit(xd.Model.from_toml(ROOT / study["model"]), folder / study["record"], study["parameters"])
+    truth = dict(zip(study["parameters"], (0.994, 0.061, 0.341, 0.0), strict=True))
+    for name, value, doubt in zip(
+        found.parameter_name.values, found.estimate.values, found.standard_uncertainty.values, strict=True
+    ):
+        assert abs(value - truth[str(name)]) < 3 * doubt
