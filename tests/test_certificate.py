@@ -113,6 +113,8 @@ def test_other_forgeries_are_named(certificate: xr.Dataset, tmp_path: Path) -> N
         xd.recheck(tmp_path / "C.nc")
     with pytest.raises(xd.InputError, match="is no certificate"):
         xd.recheck(xd.simulate(BALL, method="rk4", step="10 ms", until="1 s"))
+    two = xd.certify(BALL, "y", at="1 s", method="rk4", step="20 ms", draws=400, digits=2)
+    assert xd.recheck(two).attrs["digits"] == 2
     with pytest.raises(xd.InputError, match="discrepancy"):
         xd.certify(BALL, "t", terms=[], **ASKED)
 

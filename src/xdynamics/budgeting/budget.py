@@ -11,27 +11,23 @@ import numpy as np
 
 from xdynamics.budgeting import numerical, physical
 from xdynamics.budgeting.drawing import Asked, drawn_until, wanted_of
-from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, Drawn, judged
+from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, judged
 from xdynamics.budgeting.rounding import rounded
+from xdynamics.budgeting.tables import draws_as, levels_as, terms_as
 from xdynamics.budgeting.target import Target
-from xdynamics.budgeting.term import KINDS, NUMERICAL, PHYSICAL, Declared, Term
+from xdynamics.budgeting.term import PHYSICAL, Declared, Term
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.refining.convergence import VERDICTS, observed_orders
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.model import Model
-from xdynamics.schema import BOUNDS, LEVEL, flags
-from xdynamics.sweeping.surveying import quotient
+from xdynamics.schema import flags
 from xdynamics.sweeping.sweep import plain
-from xdynamics.units import Unit, spell
+from xdynamics.units import Unit
 
 if TYPE_CHECKING:
     import xarray as xr
 
-TERM = "term"
-ROLE = "budget"
 COVERAGE = 0.95
 UNSURE = 0.02  # of a term, by which its slope may be off without a word
-CANCELLED = 1e-12  # of the variances, of which there is nothing left where terms cancel
 LEAST_DRAWS, FIRST_DRAWS = 100, 4096
 
 
@@ -121,6 +117,40 @@ def error_budget(
     asked = {name: plain(name, one) for name, one in settings.items() if one is not None}
     found = numerical.marched(model, target, asked, seed)
     unit = target.units(found.run)
+    known = _terms(model, target, asked, found, unit, terms, seed)
+    variables = terms_as(model, target, unit, found.value, known) | levels_as(found, unit)
+    more: dict[str, Any] = {"coverage": coverage, "seed": seed, "draws": draws}
+    verdict, total = NOT_CHECKED, float(variables["total_rss"][1])
+    if draws or until_uncertainty is not None:
+        added = [one.standard for one in known if one.kind == PHYSICAL and one.input_unit is None]
+        wanted = wanted_of(until_uncertainty, unit, target, COVERAGE)
+        first = draws if until_uncertainty is None else max(draws, FIRST_DRAWS)
+        monte_carlo, draws = drawn_until(Asked(model, target, asked, found.value, added), first, seed, coverage, wanted)
+        variables |= draws_as(monte_carlo, unit, coverage)
+        verdict, apart = judged(found.value, float(variables["physical_rss"][1]), monte_carlo, coverage, digits)
+        more |= {"draws": draws, "linear_apart": apart, "digits": digits}
+        if verdict == NOT_ADEQUATE:
+            total = float(np.hypot(monte_carlo.standard, float(variables["numerical_rss"][1])))
+    variables["linear_verdict"] = ((), np.int8(verdict), about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag") | flags(dict(enumerate(LINEAR))))  # fmt: skip
+    variables["model_toml"] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
+    told = "k = 2, drawn" if verdict == NOT_ADEQUATE else "k = 2"
+    result = rounded(found.value, total, float(variables["numerical_bound"][1]), unit.text, told)
+    more |= {
+        "quantity": quantity, "of": target.said, "event": target.event, "occurrence": occurrence, "side": side,
+        "asked": json.dumps(asked, sort_keys=True), "model_digest": model.digest,
+        "solver_method": str(found.run.attrs["solver_method"]), "result": result,
+    } | ({"at": target.at} if target.at is not None else {})  # fmt: skip
+    return exhibit("budget", f"error budget of {model.name}: {target.said}", found.digests, variables, more)
+
+
+def _terms(model: Model, target: Target, asked: dict[str, Any], found: numerical.Marched, unit: Unit, terms: Any, seed: int) -> list[Term]:  # fmt: skip
+    """Return all terms: of the march, of the model, and declared ones.
+
+    Raises
+    ------
+    InputError
+        If two have one name, or a declared one is none of this number.
+    """
     declared = [_declared(one).term(target, unit) for one in ([terms] if isinstance(terms, Declared) else terms or ())]
     known = [
         *found.terms, *physical.inputs(model, target, asked), *physical.tables(model, target, asked, found.value, seed),
@@ -128,36 +158,11 @@ def error_budget(
     ]  # fmt: skip
     names = [one.name for one in known]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        own = twice[0] in model.parameters or twice[0] in model.drives
-        remedy = f"rename the model's '{twice[0]}'" if own and twice[0] not in {one.name for one in declared} else "give the declared one another name"  # fmt: skip
+        mine = twice[0] not in {one.name for one in declared}
+        remedy = f"rename the model's '{twice[0]}'" if mine else "give the declared one another name"
         raise InputError(f"the budget has two terms '{twice[0]}'; {remedy}")
     _doubt_slopes(known, target)
-    variables = _table(model, target, unit, found.value, known) | _levels(found, unit)
-    more: dict[str, Any] = {"coverage": coverage, "seed": seed, "draws": draws}
-    if draws or until_uncertainty is not None:
-        added = [one.standard for one in known if one.kind == PHYSICAL and one.input_unit is None]
-        wanted = wanted_of(until_uncertainty, unit, target, COVERAGE)
-        first = draws if until_uncertainty is None else max(draws, FIRST_DRAWS)
-        monte_carlo, draws = drawn_until(Asked(model, target, asked, found.value, added), first, seed, coverage, wanted)
-        more["draws"] = draws
-        linear = float(variables["physical_rss"][1])
-        variables |= _of_draws(monte_carlo, unit, coverage)
-        verdict, apart = judged(found.value, linear, monte_carlo, coverage, digits)
-        more |= {"linear_apart": apart, "digits": digits}
-    else:
-        verdict = NOT_CHECKED
-    variables["linear_verdict"] = ((), np.int8(verdict), about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag") | flags(dict(enumerate(LINEAR))))  # fmt: skip
-    variables["model_toml"] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
-    total, bound = float(variables["total_rss"][1]), float(variables["numerical_bound"][1])
-    told = "k = 2"
-    if verdict == NOT_ADEQUATE:
-        total, told = float(np.hypot(monte_carlo.standard, float(variables["numerical_rss"][1]))), "k = 2, drawn"
-    more |= {
-        "quantity": quantity, "of": target.said, "event": target.event, "occurrence": occurrence, "side": side,
-        "asked": json.dumps(asked, sort_keys=True), "model_digest": model.digest,
-        "solver_method": str(found.run.attrs["solver_method"]), "result": rounded(found.value, total, bound, unit.text, told),
-    } | ({"at": target.at} if target.at is not None else {})  # fmt: skip
-    return exhibit("budget", f"error budget of {model.name}: {target.said}", found.digests, variables, more)
+    return known
 
 
 def _check(draws: Any, seed: Any, coverage: Any, digits: Any) -> None:
@@ -184,84 +189,3 @@ def _doubt_slopes(terms: Sequence[Term], target: Target) -> None:
         off = one.sensitivity_doubt * one.input_uncertainty
         if one.input_unit is not None and off > UNSURE * max(one.standard, UNSURE * whole):
             warn(f"{target.said} does not change in proportion with '{one.name}' within its uncertainty, or not smoothly: its slope may be off by {off / one.standard if one.standard else inf:.1g} of itself; draw", AccuracyWarning)  # fmt: skip
-
-
-def _table(model: Model, target: Target, unit: Unit, value: float, terms: list[Term]) -> dict[str, Any]:
-    """Return the terms as variables, and the totals."""
-    parts = {kind: [one for one in terms if one.kind == kind] for kind in KINDS}
-    covariance = physical.covariance(model, terms)
-    variance = {NUMERICAL: sum(one.standard**2 for one in parts[NUMERICAL]), PHYSICAL: physical.variance(model, parts[PHYSICAL])}  # fmt: skip
-    total = variance[NUMERICAL] + variance[PHYSICAL]
-    cancelled = total <= CANCELLED * float(np.trace(covariance))
-    shares = np.zeros(len(terms)) if cancelled else covariance.sum(axis=1) / total
-    said, text = target.said, unit.text
-    units = [_per(unit, one.input_unit) if one.input_unit else "" for one in terms]
-    bounds = {kind: sum(one.bound for one in parts[kind]) for kind in KINDS}
-    scalars = {
-        "value": (value, f"{said}, the run's own"),
-        "numerical_bound": (bounds[NUMERICAL], "sum of the numerical terms' bounds"),
-        "physical_bound": (bounds[PHYSICAL], "sum of the physical terms' bounds"),
-        "numerical_rss": (np.sqrt(variance[NUMERICAL]), "root of the sum of squares of the numerical terms"),
-        "physical_rss": (np.sqrt(variance[PHYSICAL]), "standard uncertainty by the physical terms, with their correlations"),
-        "total_rss": (np.sqrt(total), "standard uncertainty by all terms"),
-    }  # fmt: skip
-    along: dict[str, Any] = {
-        "term_name": (np.array([one.name for one in terms]), "1", "what the number may be off by", "name"),
-        "term_rule": (np.array([one.rule for one in terms]), "1", "how that was found", "rule"),
-        "sensitivity": (np.array([one.sensitivity for one in terms]), "1", "change of the number with the input, in sensitivity_units; nan where there is no input", ROLE),
-        "sensitivity_doubt": (np.array([one.sensitivity_doubt for one in terms]), "1", "how far the sensitivity may be off, by another spacing of the differences", ROLE),
-        "sensitivity_units": (np.array(units), "1", "unit of the sensitivity: the number's, per SI unit of the input", "units"),
-        "input_uncertainty": (np.array([one.input_uncertainty for one in terms]), "1", "standard uncertainty of the input, in input_units", ROLE),
-        "input_units": (np.array([one.input_unit.text if one.input_unit else "" for one in terms]), "1", "SI unit of the input", "units"),
-        "standard_uncertainty": (np.array([one.standard for one in terms]), text, "standard uncertainty that the term contributes", ROLE),
-        "bound": (np.array([one.bound for one in terms]), text, "what the term contributes at most; without bounds two standard uncertainties", ROLE),
-        "share": (shares, "1", "share of the variance; correlated terms share what they have together", ROLE),
-    }  # fmt: skip
-    found = {name: ((TERM,), values, about(units, words, role)) for name, (values, units, words, role) in along.items()}
-    for name, other in (
-        ("sensitivity", "sensitivity_units"),
-        ("sensitivity_doubt", "sensitivity_units"),
-        ("input_uncertainty", "input_units"),
-    ):
-        found[name][2]["comment"] = f"in the unit that {other} names"
-    kinds = np.array([KINDS.index(one.kind) for one in terms], np.int8)
-    found["term_kind"] = ((TERM,), kinds, about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS))))  # fmt: skip
-    return found | {name: ((), np.float64(one), about(text, words, ROLE)) for name, (one, words) in scalars.items()}
-
-
-def _levels(found: numerical.Marched, unit: Unit) -> dict[str, Any]:
-    """Return the run's own level and the finer ones, and what they tell."""
-    levels, text = found.levels, unit.text
-    orders = observed_orders(found.values, levels.values)
-    return {
-        levels.varied.name: ((LEVEL,), levels.values, about(levels.varied.units, levels.varied.said, ROLE)),
-        "level_value": ((LEVEL,), found.values, about(text, "the number in each level; the first is the run's own", ROLE)),
-        "observed_order": ((LEVEL,), orders, about("1", "order by a level and its neighbours", ROLE) | {"formal_order": levels.formal}),
-        "level_verdict": ((), np.int8(found.told.verdict), about("1", "what the levels tell", "flag") | flags(dict(enumerate(VERDICTS)))),
-        "run_digest": ((LEVEL,), np.array(found.digests), about("1", "content digest of the level's run", "digest")),
-        "run_outcome": ((), np.array(str(found.run.attrs["run_outcome"])), about("1", "outcome of the run", "outcome")),
-    }  # fmt: skip
-
-
-def _per(unit: Unit, by: Unit) -> str:
-    """Spell the number's unit over that of an input."""
-    return spell(unit.dimension / by.dimension).text if unit.factor == 1 else quotient(unit.text, by.text)
-
-
-def _of_draws(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
-    """Return what draws tell, as variables."""
-    scalars = {
-        "monte_carlo_mean": (found.mean, "mean of the draws"),
-        "monte_carlo_standard_uncertainty": (found.standard, "standard deviation of the draws of inputs; tables, discrepancies and declared terms are added to each as normal"),
-        "monte_carlo_standard_uncertainty_doubt": (found.standard_doubt, "how well that is known from so many draws: a standard uncertainty, by parts of them"),
-        "monte_carlo_end_doubt": (found.ends_doubt, "how well the symmetric interval's ends are known from so many draws: a standard uncertainty, by parts of them"),
-    }  # fmt: skip
-    intervals = {
-        "monte_carlo_shortest": (found.shortest, "shortest interval that holds the part `coverage` of the draws"),
-        "monte_carlo_symmetric": (
-            found.symmetric,
-            "interval that holds the part `coverage` of the draws, with as many below as above it",
-        ),
-    }
-    told = {name: ((), np.float64(one), about(unit.text, said, ROLE)) for name, (one, said) in scalars.items()}
-    return told | {name: ((BOUNDS,), np.array(one), about(unit.text, said, ROLE) | {"coverage": coverage}) for name, (one, said) in intervals.items()}  # fmt: skip

@@ -30,7 +30,7 @@ PASSED, FAILED = "passed", "failed"
 GATES = (PASSED, FAILED)
 DRAWS = 10_000
 SMALL = 0.1  # of the physical uncertainty, that the numerical bound may be
-SAME = ("quantity", "of", "result", "event", "occurrence", "side", "asked", "coverage", "seed", "draws", "model_digest", "solver_method", "linear_apart")  # fmt: skip
+SAME = ("quantity", "of", "result", "event", "occurrence", "side", "asked", "coverage", "seed", "draws", "model_digest", "solver_method", "linear_apart", "digits")  # fmt: skip
 
 
 def certify(
@@ -139,7 +139,7 @@ def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Cal
     place = {"at": float(attributes["at"])} if "at" in attributes else {"event": str(attributes["event"]), "occurrence": int(attributes["occurrence"]), "side": str(attributes["side"])}  # fmt: skip
     again = certify(
         model, str(attributes["quantity"]), draws=int(attributes["draws"]), seed=int(attributes["seed"]),
-        coverage=float(attributes["coverage"]), **place, **json.loads(str(attributes["asked"])),
+        coverage=float(attributes["coverage"]), digits=int(attributes.get("digits", 1)), **place, **json.loads(str(attributes["asked"])),
     )  # fmt: skip
     if faults := _apart(given, again):
         raise ArchiveError(f"the certificate of {attributes.get('of')} does not come out again:{numbered(faults)}", tuple(faults))  # fmt: skip
