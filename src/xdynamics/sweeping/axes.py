@@ -127,11 +127,8 @@ def _axis(model: Model, dim: str, given: Any) -> Axis:
         return Axis(dim, _drawn(model, given), given)
     if not isinstance(given, Mapping):
         column = column_of(model, dim, given)
-        seen: set[Any] = set()
-        for one in column.values.tolist():
-            if one in seen:
-                raise InputError(f"has {one!r} more than once")
-            seen.add(one)
+        if (twice := _twice(column.values)) is not None:
+            raise InputError(f"has {twice!r} more than once")
         return Axis(dim, (column,))
     if not given:
         raise InputError("varies nothing; give names with as many values each")
@@ -145,6 +142,13 @@ def _axis(model: Model, dim: str, given: Any) -> Axis:
         counts = ", ".join(f"{name} has {size}" for name, size in sizes.items())
         raise InputError(f"what varies together needs as many values each: {counts}")
     return Axis(dim, columns)
+
+
+def _twice(values: Values) -> Any:
+    """Return a value that is there more than once; None where there is none."""
+    ordered = np.sort(values.astype(str) if values.dtype == object else values)
+    again = np.flatnonzero(ordered[1:] == ordered[:-1])
+    return ordered[again[0]].item() if again.size else None
 
 
 def _drawn(model: Model, draws: Draws) -> tuple[Column, ...]:
@@ -230,6 +234,10 @@ def numbers_of(given: Any, declared: Unit) -> tuple[Values, Unit]:
     InputError
         If one is no finite number of the kind that is needed.
     """
+    if isinstance(given, str) and (found := _RANGE.fullmatch(given)):
+        values, told = _range(given, found)
+        unit = declared if told == parse_unit("1") else told
+        return _plain(values, unit, declared), unit
     if isinstance(given, str):
         quantities = _of_text(given)
     elif isinstance(given, Quantity | int | float):
@@ -297,21 +305,22 @@ def _quantity(given: Any, declared: Unit) -> Quantity:
 
 
 def _of_text(text: str) -> list[Quantity]:
-    """Read ``0:2e-3:41 kg m-1`` (start:stop:count, both ends included) or ``1, 2, 5 kg`` or ``1 kg``."""
-    if found := _RANGE.fullmatch(text):
-        count = int(found["count"])
-        ends = [parse_quantity(found[name]) for name in ("start", "stop")]
-        unit = _unit_of_range(text, ends, found["unit"])
-        start, stop = (_in(one, unit) for one in _with_unit(ends, unit))
-        if not (1 < count <= MOST_VALUES or (count == 1 and start == stop)):
-            raise InputError(
-                f"is {text!r}, needs start:stop:count unit, both ends included, count from 2 to {MOST_VALUES}"
-            )
-        return [Quantity(float(one), unit) for one in np.linspace(start, stop, count)]
+    """Read ``1, 2, 5 kg`` or ``1 kg``."""
     if ":" in text:
         raise InputError(f"is {text!r}, needs start:stop:count unit, count a whole number, like '0:2e-3:41 kg m-1'")
     parts = [parse_quantity(one) for one in text.split(",")]
     return _with_unit(parts, parts[-1].unit)
+
+
+def _range(text: str, found: re.Match[str]) -> tuple[Values, Unit]:
+    """Read ``0:2e-3:41 kg m-1``: start:stop:count, both ends included."""
+    count = int(found["count"])
+    ends = [parse_quantity(found[name]) for name in ("start", "stop")]
+    unit = _unit_of_range(text, ends, found["unit"])
+    start, stop = (_in(one, unit) for one in _with_unit(ends, unit))
+    if not (1 < count <= MOST_VALUES or (count == 1 and start == stop)):
+        raise InputError(f"is {text!r}, needs start:stop:count unit, both ends included, count from 2 to {MOST_VALUES}")
+    return np.linspace(start, stop, count), unit
 
 
 def _unit_of_range(text: str, ends: list[Quantity], told: str) -> Unit:
