@@ -169,24 +169,22 @@ def discrepancy(model: Model, target: Target, unit: Unit) -> list[Term]:
 
 
 def covariance(model: Model, terms: list[Term]) -> Floats:
-    """Return the covariances of what terms contribute: those of inputs that the model correlates, and variances.
-
-    As L L^T, whose sum is no less than zero where terms cancel.
-    """
-    names = [one.name for one in terms]
-    pairs = {pair: one for pair, one in model.correlations.items() if {*pair} <= {*names}}
-    root = root_of(matrix_of(names, pairs)) * np.array([_signed(one) for one in terms])[:, None]
+    """Return the covariances of what terms contribute: those of inputs that the model correlates, and variances."""
+    root = np.array([_signed(one) for one in terms])[:, None] * _root(model, terms)
     found: Floats = root @ root.T
     return found
 
 
 def variance(model: Model, terms: list[Term]) -> float:
-    """Return the variance of what terms contribute together."""
-    names = [one.name for one in terms]
-    pairs = {pair: one for pair, one in model.correlations.items() if {*pair} <= {*names}}
-    root = root_of(matrix_of(names, pairs)) if terms else np.zeros((0, 0))
-    together = np.array([_signed(one) for one in terms]) @ root
+    """Return the variance of what terms contribute together: a sum of squares, no less than zero where terms cancel."""
+    together = np.array([_signed(one) for one in terms]) @ _root(model, terms)
     return float(together @ together)
+
+
+def _root(model: Model, terms: list[Term]) -> Floats:
+    """Return the root of the correlations of terms; those that are no inputs are independent."""
+    names = [one.name for one in terms]
+    return root_of(matrix_of(names, model.correlations))
 
 
 def _signed(one: Term) -> float:
