@@ -194,6 +194,38 @@ def test_a_bundle_with_other_sums_is_found_out(certificate: xr.Dataset, tmp_path
         xd.recheck(folder)
 
 
+def test_a_bundle_with_another_run_is_found_out(certificate: xr.Dataset, tmp_path: Path) -> None:
+    """Assert the same of a whole archive of another run in the place of the number's own."""
+    import hashlib
+
+    folder = xd.bundle(tmp_path / "b", certificate)
+    xd.simulate(BALL, path=folder / "run.nc", method="rk4", step="10 ms", until="1 s")
+    rows = [line.split("  ")[1] for line in (folder / "SHA256SUMS").read_text().splitlines()]
+    (folder / "SHA256SUMS").write_text(
+        "".join(f"{hashlib.sha256((folder / one).read_bytes()).hexdigest()}  {one}\n" for one in rows)
+    )
+    with pytest.raises(xd.ArchiveError, match="another run than the certificate's"):
+        xd.recheck(folder)
+
+
+def test_a_method_that_fails_its_ledger_is_no_witness(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a failed case of the method fails the gate."""
+    from xdynamics.budgeting import certificate as room
+
+    def failing(methods: list[str]) -> xr.Dataset:
+        found = xd.validate(methods)
+        found["verdict"] = (
+            found.verdict.dims,
+            np.where(np.arange(found.sizes["case"]) == 3, 1, found.verdict.values).astype(np.int8),
+            found.verdict.attrs,
+        )
+        return found
+
+    monkeypatch.setattr(room, "validate", failing)
+    found = xd.certify(BALL, "y", at="1 s", method="rk4", step="20 ms", draws=400)
+    assert gates(found)["ledger"] == "failed"
+
+
 def test_what_cannot_be_bundled_is_named(certificate: xr.Dataset, tmp_path: Path) -> None:
     """Assert a folder that is not empty, a file in its place, and what is no certificate."""
     (tmp_path / "full").mkdir()
