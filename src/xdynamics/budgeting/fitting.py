@@ -170,23 +170,22 @@ def fit(
     low, high = _bounds(asked, bounds or {})
     scales = _scales(asked, start, low, high)
     wanted, weights = asked.measured, asked.weights
-    seen: dict[bytes, tuple[Floats, Floats]] = {}
+    seen: dict[bytes, tuple[Floats, Floats, Floats]] = {}
 
-    def looked(scaled: Floats) -> tuple[Floats, Floats]:
-        """Return weighted residuals and their slopes; the last ones are remembered."""
+    def looked(scaled: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return weighted residuals, their slopes, and what was computed; the last ones are remembered."""
         key = scaled.tobytes()
         if key not in seen:
             values, slopes = _with_slopes(asked, scaled * scales, scales)
             seen.clear()
-            seen[key] = (values - wanted) * weights, slopes * weights[:, None] * scales
+            seen[key] = (values - wanted) * weights, slopes * weights[:, None] * scales, values
         return seen[key]
 
     found = least_squares(
         lambda x: looked(x)[0], start / scales, lambda x: looked(x)[1], bounds=(low / scales, high / scales),
         xtol=CLOSE, ftol=CLOSE, gtol=CLOSE, max_nfev=MOST,
     )  # fmt: skip
-    residual, slopes = looked(found.x)
-    return _dataset(asked, found.x * scales, scales, residual, slopes, found, (low, high))
+    return _dataset(asked, found.x * scales, scales, looked(found.x), found, (low, high))
 
 
 def _asked(model: Any, data: Any, parameters: Any, settings: dict[str, Any]) -> Asked:
@@ -264,7 +263,8 @@ def _with_slopes(asked: Asked, values: Floats, scales: Floats) -> tuple[Floats, 
     return found[0], np.stack([WEIGHTS @ beside[i] / (SHIFT * scales[i]) for i in range(n)], axis=1)
 
 
-def _dataset(asked: Asked, values: Floats, scales: Floats, residual: Floats, slopes: Floats, found: Any, bounds: tuple[Floats, Floats]) -> xr.Dataset:  # fmt: skip
+def _dataset(asked: Asked, values: Floats, scales: Floats, looked: tuple[Floats, Floats, Floats], found: Any, bounds: tuple[Floats, Floats]) -> xr.Dataset:  # fmt: skip
+    residual, slopes, rows = looked
     freedom, square = residual.size - values.size, float(residual @ residual)
     covariance, condition = _covariance(asked, slopes)
     if not asked.data.uncertainties:
@@ -285,7 +285,7 @@ def _dataset(asked: Asked, values: Floats, scales: Floats, residual: Floats, slo
         AT_TIME: ((AT,), asked.data.times, about("s", "time of measurement", "time")),
         "model_toml": ((), np.array(fitted.to_toml()), about("1", "the fitted model as TOML, uncertain and correlated by what was found", "model")),
     }  # fmt: skip
-    rows, n = asked.computed(values[None])[0], len(asked.data.times)
+    n = len(asked.data.times)
     wanted, weights = asked.measured, asked.weights
     for k, (name, unit) in enumerate(asked.quantities.items()):
         mine = slice(k * n, (k + 1) * n)

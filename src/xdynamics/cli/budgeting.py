@@ -1,4 +1,4 @@
-"""Verbs of defended numbers: budget, certify, recheck, fit."""
+"""Verbs of defended numbers: budget, certify, bundle, report, recheck, fit."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from xdynamics.cli.command import BADLY, DONE, main, say
-from xdynamics.cli.marching import absolute, changed_model
-from xdynamics.cli.sweeping import SETTINGS, ends_of
+from xdynamics.cli.marching import asked_of, changed_model
+from xdynamics.cli.sweeping import ends_of
 
 OF_A_NUMBER = (
     click.option("--quantity", required=True, metavar="NAME", help="A coordinate, velocity, state, energy or observable; at an event t, its time."),
@@ -45,12 +45,6 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-def _asked(settings: dict[str, str | None], atols: tuple[str, ...]) -> dict[str, Any]:
-    """Return the settings that were given."""
-    asked: dict[str, Any] = {name: settings[name] for name in SETTINGS if settings[name] is not None}
-    return asked | ({"atol": absolute(atols)} if atols else {})
-
-
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
 @of_a_number
@@ -66,7 +60,7 @@ def budget(
     from xdynamics.budgeting.budget import error_budget
 
     _found(error_budget, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
-                   side=side, draws=draws, seed=seed, coverage=coverage, until_uncertainty=until_uncertainty, **_asked(settings, atols))  # fmt: skip
+           side=side, draws=draws, seed=seed, coverage=coverage, until_uncertainty=until_uncertainty, **asked_of(settings, atols))  # fmt: skip
     if output:
         say([f"budget    {output}"])
     sys.exit(DONE)
@@ -85,7 +79,7 @@ def certify(
     from xdynamics.budgeting.certificate import certify as certified
 
     found = _found(certified, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
-                   side=side, draws=draws, seed=seed, coverage=coverage, **_asked(settings, atols))  # fmt: skip
+                   side=side, draws=draws, seed=seed, coverage=coverage, **asked_of(settings, atols))  # fmt: skip
     say([f"kept      {output}"])
     sys.exit(DONE if not int(found["gate_verdict"].values.max()) else BADLY)
 
@@ -166,11 +160,9 @@ def fit(
     from xdynamics.summary import summary
 
     model = changed_model(model_file, changes)
-    asked: dict[str, Any] = {name: one for name, one in settings.items() if one is not None}
-    asked |= {"atol": absolute(atols)} if atols else {}
     for path in filter(None, (output, fitted)):
         archive.check_target(Path(path))
-    found = fitted_to(model, data, parameters, bounds=ends_of(bounds, "--bounds"), **asked)
+    found = fitted_to(model, data, parameters, bounds=ends_of(bounds, "--bounds"), **asked_of(settings, atols))
     say(summary(found))
     if fitted:
         with taking_name(Path(fitted)) as new:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -159,6 +160,12 @@ def pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
             raise InputError(f"{option} sets {name.strip()!r} twice")
         found[name.strip()] = value.strip()
     return found
+
+
+def asked_of(settings: Mapping[str, str | None], atols: tuple[str, ...]) -> dict[str, Any]:
+    """Return the settings that were given on the command line."""
+    given: dict[str, Any] = {name: one for name, one in settings.items() if one is not None}
+    return given | ({"atol": absolute(atols)} if atols else {})
 
 
 def absolute(texts: tuple[str, ...]) -> dict[str, Any] | None:

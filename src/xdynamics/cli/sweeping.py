@@ -11,11 +11,8 @@ from typing import Any
 import click
 
 from xdynamics.cli.command import BADLY, DONE, complain, main, say
-from xdynamics.cli.marching import absolute, changed_model, pairs
+from xdynamics.cli.marching import asked_of, changed_model, pairs
 from xdynamics.faults import InputError
-
-SETTINGS = ("method", "step", "until", "rtol", "estimator", "min_step", "max_step", "max_steps", "jacobian", "summation",
-            "switches", "time_tolerance")  # fmt: skip
 
 
 @main.command()
@@ -84,12 +81,10 @@ def sweep(
     if ranges or draws is not None:
         given["draw"] = _drawn(ranges, draws, design, seed)
     words = [word.strip() for one in kept for word in one.split(",") if word.strip()] or ["end"]
-    asked: dict[str, Any] = {name: settings[name] for name in SETTINGS if settings[name] is not None}
-    asked |= {"atol": absolute(atols)} if atols else {}
     with _cluster(scheduler), _told() as told:
         try:
             found = swept(model, given, keep=words, times=list(times) or None, occurrences=occurrences, path=output,
-                          check=check, progress=told, **asked)  # fmt: skip
+                          check=check, progress=told, **asked_of(settings, atols))  # fmt: skip
         except KeyboardInterrupt:
             complain(f"interrupted; what is done is kept in '{output}', and the same command goes on with it")
             raise

@@ -16,14 +16,14 @@ from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, 
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
+from xdynamics.model.reading import RUN_KEYS
 from xdynamics.model.switches import LOCATED, STEPPED_OVER, watched_switches
 from xdynamics.model.words import near
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, parse_time
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
-KNOWN = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step", "max_steps",
-         "force_samples", "scales", "jacobian", "summation", "switches", "nodes", "time_tolerance")  # fmt: skip
+KNOWN = (*RUN_KEYS, "nodes")  # settings, of which a model file has all but nodes
 PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 
 

@@ -179,12 +179,9 @@ def _check_spreads(statement: Statement, known: Mapping[str, Dimension], ledger:
                 ledger.note(
                     f"correlation of '{name}', which is {spread.distribution}; normal numbers alone are correlated here"
                 )
+    names = list(dict.fromkeys(name for pair in statement.correlations for name in pair))
     with ledger.entry("correlations"):
-        root_of(
-            matrix_of(
-                list(dict.fromkeys(name for pair in statement.correlations for name in pair)), statement.correlations
-            )
-        )
+        root_of(matrix_of(names, statement.correlations))
     for name, one in statement.discrepancy.items():
         with ledger.entry(f"discrepancy '{name}'"):
             if name not in statement.observables and (name not in known or name in statement.parameters):

@@ -147,12 +147,8 @@ def _rows(name: str, lines: list[tuple[int, str]], columns: int) -> list[tuple[f
             break
         cells = line.split(",")
         if len(cells) != columns:
-            needed = "a pair" if columns == 2 else "three"
-            many = (
-                f"the first of {len(cells)} cells, needs {needed}"
-                if len(cells) > 1
-                else f"no {needed.rsplit(maxsplit=1)[-1]}"
-            )
+            needed, none = ("a pair", "no pair") if columns == 2 else ("three", "no three")
+            many = f"the first of {len(cells)} cells, needs {needed}" if len(cells) > 1 else none
             ledger.note(f"line {number}: {_short(cells[0])} is {many} of numbers")
             continue
         wrong = [cell for cell in cells if not _is_number(cell)]
