@@ -457,5 +457,18 @@ def test_terms_that_are_none_are_named(terms: Any) -> None:
         xd.error_budget(BALL, "y", at=1.0, method="dormand_prince", rtol=1e-8, terms=terms)
 
 
+@pytest.mark.parametrize("size", [1e-9, 1.0, 9.4607304725808e15])
+def test_bounds_hold_with_absolute_tolerances_on_any_scale(size: float) -> None:
+    """Assert that absolute tolerances get finer with the relative one: a nanometre, a metre, a light year."""
+    model = xd.Model(
+        name="spring", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": f"{size!r} m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    atol = {"x": f"{1e-9 * size!r} m", "v_x": f"{1e-9 * size!r} m s-1"}
+    budget = xd.error_budget(model, "x", at="3 s", method="dop853", rtol=1e-9, atol=atol, until="4 s")
+    off = abs(float(budget.value) - size * math.cos(6.0))
+    assert off <= float(budget.numerical_bound) <= 4.0 * off
+
+
 if __name__ == "__main__":
     print("covered: {:.2%}, median of bound over error {:.2f}".format(*covered(int(sys.argv[1]), int(sys.argv[2]))))

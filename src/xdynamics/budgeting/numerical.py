@@ -74,7 +74,7 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
         If the run does not come to the number, or no finer run can be marched.
     """
     levels = _levels(model, asked)
-    runs = [own_run(model, asked), *(levels.marched(k) for k in range(1, LEVELS))]
+    runs = [own_run(model, asked), *(_finer(levels, asked, k) for k in range(1, LEVELS))]
     found = [target.in_run(run, model) for run in runs]
     value, inside, located = found[0]
     values = np.array([one[0] for one in found])
@@ -112,6 +112,15 @@ def _levels(model: Model, asked: dict[str, Any]) -> Levels:
     if ratio < LEAST_RATIO:
         raise InputError(f"rtol is {rtol!r}, and a budget needs three tolerances under it that differ; give a larger one, or a step")  # fmt: skip
     return Levels.of(model, _given("rtols", [rtol / ratio**k for k in range(LEVELS)]), rest, fewest=LEVELS)
+
+
+def _finer(levels: Levels, asked: dict[str, Any], k: int) -> xr.Dataset:
+    """March a finer level; absolute tolerances that are given go with the relative one, or they would be all of the error."""
+    tolerances = settings_for(levels.model, **asked).tolerances
+    if tolerances is None or levels.varied.keyword != "rtols" or not (tolerances.atol or tolerances.bare is not None):
+        return levels.marched(k)
+    ratio = float(levels.values[k] / levels.values[0])
+    return march(levels.model, **levels.asked_of(levels.values[k]) | _own_tolerances(levels.model, asked, ratio))
 
 
 def _given(keyword: str, values: list[float]) -> dict[str, Any]:
@@ -167,13 +176,13 @@ def _nudged(model: Model, rng: np.random.Generator) -> Model:
         return model
 
 
-def _own_tolerances(model: Model, asked: dict[str, Any]) -> dict[str, Any]:
-    """Return absolute tolerances that are the same in other units: a number without a unit is in those of the march."""
+def _own_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0) -> dict[str, Any]:
+    """Return absolute tolerances, a part of them, that are the same in other units: a bare number is in those of the march."""
     tolerances = settings_for(model, **asked).tolerances
     if tolerances is None:
         return {}
     names = variables(model)
-    return {"atol": {name: Quantity(tolerances.of(name), Unit("", model.dimensions[name])) for name in names}}
+    return {"atol": {name: Quantity(ratio * tolerances.of(name), Unit("", model.dimensions[name])) for name in names}}
 
 
 def _location(
