@@ -223,7 +223,26 @@ def test_a_process_that_is_gone_is_replaced(tmp_path: Path, other: _Examiner) ->
     for _ in range(2):
         assert other.examine(path, tail_of(path)).digest == xd.verify(path)
         assert other._process is not None
-        os.kill(other._process.pid, signal.SIGKILL)
+        os.killpg(other._process.pid, signal.SIGKILL)  # with its reader
+
+
+def test_one_reader_reads_what_has_no_fault(tmp_path: Path, other: _Examiner, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a reader goes on to the next file, and that one which has read others accuses none alone."""
+    path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
+    broken = tmp_path / "broken.nc"
+    broken.write_bytes(path.read_bytes().replace(b"velocity_verlet", b"velocity_werlet"))
+    asked: list[dict[str, Any]] = []
+    answered = other._answered
+
+    def noted(*question: Any) -> Any:
+        asked.append(answered(*question))
+        return {"code": -signal.SIGSEGV} if len(asked) == 3 else asked[-1]
+
+    monkeypatch.setattr(other, "_answered", noted)
+    assert [other.examine(file, tail_of(file)).faults == () for file in (path, path, path)] == [True] * 3
+    assert len(asked) == 4  # the third was asked about twice: the first answer was a crash
+    assert [bool(other.examine(file, tail_of(file)).faults) for file in (broken, broken, path)] == [True, True, False]
+    assert len(asked) == 8  # `broken` twice, by a second reader; then once, by its own
 
 
 def test_where_no_process_can_be_had(tmp_path: Path, other: _Examiner, monkeypatch: pytest.MonkeyPatch) -> None:

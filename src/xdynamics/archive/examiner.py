@@ -54,6 +54,7 @@ class _Examiner:
     def __init__(self) -> None:
         self._turn = threading.Lock()
         self._process: subprocess.Popen[str] | None = None
+        self._has_read = False  # the reader of that process, another file before
 
     def examine(self, path: Path, tail: Tail, seconds: float = SECONDS, memory: int = MEMORY) -> Examination:
         """Have an archive examined.
@@ -72,8 +73,6 @@ class _Examiner:
         with self._turn:
             try:
                 answer = self._asked(json.dumps(question), WAITED * seconds + STARTING)
-                if answer is None:
-                    self.end()
             except BaseException:
                 self.end()
                 raise
@@ -92,6 +91,7 @@ class _Examiner:
                 os.killpg(self._process.pid, signal.SIGKILL)  # with what it was just reading a file in
             self._process.communicate()
             self._process = None
+        self._has_read = False
 
     def forget(self) -> None:
         """Leave the process to the one that this one was forked from."""
@@ -99,9 +99,21 @@ class _Examiner:
         if self._process is not None:
             self._process.returncode = 0  # not ours to wait for
             self._process = None
+        self._has_read = False
 
     def _asked(self, question: str, seconds: float) -> Any:
-        """Put a question; return the answer, None where there comes none, `READY` where there is no process to ask."""
+        """Put a question, a second time where the reader might have a fault from another file; return the answer."""
+        for _ in range(2):
+            answer = self._answered(question, seconds)
+            had_read, self._has_read = self._has_read, _is_faultless(answer)
+            if answer is None:
+                self.end()
+            if self._has_read or not had_read:
+                break
+        return answer
+
+    def _answered(self, question: str, seconds: float) -> Any:
+        """Return what is answered, None where that is nothing, `READY` where there is no process to ask."""
         for _ in range(2):  # the process reads no file itself: its own end, after a long pause say, is no fault of one
             process = self._started()
             if process is None:
@@ -132,6 +144,11 @@ class _Examiner:
             if _said(self._process, STARTING) != READY:
                 self.end()
         return self._process
+
+
+def _is_faultless(answer: Any) -> bool:
+    """Tell whether an answer is that of a reader which goes on to the next file."""
+    return isinstance(answer, dict) and not answer.get("faults", True)
 
 
 def _said(process: subprocess.Popen[str], seconds: float) -> Any:

@@ -1,8 +1,8 @@
 """The process that reads files which nobody vouches for: what ends or hangs it is told from outside.
 
 HDF5 follows what a file says; a file can be made so that it never comes to an end, takes all memory or crashes. The
-process takes one request a line, JSON, and answers in one line. It forks for every file, so that it starts fast, and
-nothing that one file leaves behind in the library touches another.
+process takes one request a line, JSON, and answers in one line. It forks a reader, so that it starts fast, and ends with
+the first file that has a fault: nothing that one leaves behind in the library touches another.
 """
 
 from __future__ import annotations
@@ -16,37 +16,46 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from xdynamics.archive.examination import examine
+from xdynamics.archive.examination import Examination, examine
 from xdynamics.archive.seals import Tail
 
 PATIENCE = 60.0  # s without a request, after which the process ends
 READY = "ready"
+UNASKED = 64  # the exit code of a reader that nobody asks any more
 # bytes of chunks kept of each variable, which is read once and in order: the library's own 64 MiB, kept until the file
 # is closed, would make the memory needed that of the file
 CACHE = 1_000_000
 
 
 def main() -> None:
-    """Answer requests until nobody asks any more."""
+    """Have requests answered until nobody asks any more."""
     import netCDF4  # once, for every process that is forked
 
     netCDF4.set_chunk_cache(size=CACHE)
     _answer(READY)
-    while select.select([sys.stdin], [], [], PATIENCE)[0]:
-        line = sys.stdin.readline()
-        if not line:
-            return
+    while True:
         child = os.fork()
         if not child:
-            _examine(json.loads(line))
-            os._exit(0)
+            _read()
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        if code == UNASKED:
+            return
         if code:
             _answer({"code": code})
 
 
-def _examine(asked: dict[str, Any]) -> None:
-    """Examine one file, in a process that ends with it."""
+def _read() -> None:
+    """Answer requests until a file has a fault, or nobody asks any more, in a process that ends with it."""
+    while select.select([sys.stdin], [], [], PATIENCE)[0] and (line := sys.stdin.readline()):
+        found = _examined(json.loads(line))
+        _answer(vars(found))
+        if found.faults:
+            os._exit(0)
+    os._exit(UNASKED)
+
+
+def _examined(asked: dict[str, Any]) -> Examination:
+    """Examine one file within its bounds."""
     _bound_memory(asked["memory"])
     # processor time: what waits for a disk or for other processes is no fault of the file
     signal.setitimer(signal.ITIMER_PROF, asked["seconds"])
@@ -55,7 +64,7 @@ def _examine(asked: dict[str, Any]) -> None:
     except BaseException:  # noqa: BLE001 - whatever it is, it must not come to the loop that this one was forked from
         os._exit(1)
     signal.setitimer(signal.ITIMER_PROF, 0.0)
-    _answer(vars(found))
+    return found
 
 
 def _answer(what: object) -> None:
@@ -69,4 +78,4 @@ def _bound_memory(more: int) -> None:
     except OSError:
         return  # a system that does not say how much there is already
     most = pages * resource.getpagesize() + more
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
