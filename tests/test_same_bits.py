@@ -74,3 +74,24 @@ def test_digests_are_the_same(where: str, here: tuple[str, Path]) -> None:
         pytest.skip("this machine has no AVX2")
     assert len(here[0].split()) == 9
     assert digests(here[1], **ELSEWHERE[where]) == here[0]
+
+
+CERTIFIED = """
+import sys
+import xdynamics as xd
+ball = xd.Model.from_toml("data/models/ball_drag.toml")
+if len(sys.argv) > 2:
+    xd.recheck(sys.argv[1])
+else:
+    xd.save(xd.certify(ball, "y", at="1 s", draws=200, method="dop853", rtol=1e-6), sys.argv[1])
+"""
+NARROW = {
+    "OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR AVX2 FMA3 AVX512F AVX512_SKX",
+} | ELSEWHERE["a C library without AVX2 and fma"]  # fmt: skip
+
+
+def test_a_certificate_comes_out_again_elsewhere(tmp_path: Path) -> None:
+    """Assert every bit of a budget, draws and verdicts where numpy, BLAS and the C library have no wide vectors."""
+    for more in ([], ["again"]):
+        environment = {**os.environ, **(NARROW if more else {})}
+        subprocess.run([sys.executable, "-W", "ignore", "-c", CERTIFIED, str(tmp_path / "c.nc"), *more], check=True, cwd=ROOT, env=environment)  # fmt: skip

@@ -16,6 +16,7 @@ from xdynamics.budgeting.rounding import rounded
 from xdynamics.budgeting.tables import draws_as, levels_as, terms_as
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import PHYSICAL, Declared, Term
+from xdynamics.elementary.arrays import applied
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.model import Model
@@ -130,7 +131,7 @@ def error_budget(
         verdict, apart = judged(found.value, float(variables["physical_rss"][1]), monte_carlo, coverage, digits)
         more |= {"draws": draws, "linear_apart": apart, "digits": digits}
         if verdict == NOT_ADEQUATE:
-            total = float(np.hypot(monte_carlo.standard, float(variables["numerical_rss"][1])))
+            total = float(applied("hypot", monte_carlo.standard, float(variables["numerical_rss"][1])))
     variables["linear_verdict"] = ((), np.int8(verdict), about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag") | flags(dict(enumerate(LINEAR))))  # fmt: skip
     variables["model_toml"] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
     told = "k = 2, drawn" if verdict == NOT_ADEQUATE else "k = 2"
@@ -153,7 +154,7 @@ def _terms(model: Model, target: Target, asked: dict[str, Any], found: numerical
     """
     declared = [_declared(one).term(target, unit) for one in ([terms] if isinstance(terms, Declared) else terms or ())]
     known = [
-        *found.terms, *physical.inputs(model, target, asked), *physical.tables(model, target, asked, found.value, seed),
+        *found.terms, *physical.inputs(model, target, asked, found.run), *physical.tables(model, target, asked, found.value, seed),
         *physical.discrepancy(model, target, unit), *declared,
     ]  # fmt: skip
     names = [one.name for one in known]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.archive import digest_of_run
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import NUMERICAL, Term
+from xdynamics.elementary.arrays import exp
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.refining.convergence import Judged, judge
 from xdynamics.evidence.refining.levels import Levels
@@ -148,7 +149,7 @@ def _roundoff(model: Model, target: Target, asked: dict[str, Any], value: float,
     rng, off = np.random.default_rng(seed), []
     settings = asked | _own_tolerances(model, asked)
     in_units = not model.python_functions
-    for length, time, mass in np.exp(rng.uniform(-0.5, 0.5, (COPIES, 3))).tolist():
+    for length, time, mass in exp(rng.uniform(-0.5, 0.5, (COPIES, 3))).tolist():
         scales = {"length": f"{length!r} m", "time": f"{time!r} s", "mass": f"{mass!r} kg"} if in_units else None
         copy = _nudged(model, rng)
         off.append(value - target.in_run(march(copy, **settings | {"scales": scales}), copy)[0])

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.budgeting.slopes import slopes_along
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
+from xdynamics.budgeting.variational import NotVariedError
+from xdynamics.elementary.arrays import dot, product
 from xdynamics.evidence.marching import march
 from xdynamics.faults import InputError
 from xdynamics.march.asking import settings_for
@@ -18,6 +22,9 @@ from xdynamics.model.parts import Drive, Parameter
 from xdynamics.model.spread import matrix_of, normal_quantile, root_of
 from xdynamics.sweeping.axes import FOR_INITIAL
 from xdynamics.units import Unit, spell
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Floats = NDArray[np.float64]
 
@@ -31,11 +38,31 @@ WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0  # of a slope of 
 SHARPER = 1e-3  # of its own, the time tolerance of events in what slopes are taken from
 LINES = 64  # resampled tables
 LEAST = 2.0**-54
+AGREED = 0.02  # of a slope, within which variational equations and differences are the same
 BY_DIFFERENCES = "slope by central differences of sixth order over {0:.3g} of its uncertainties; another spacing gives {1:.1g} of the slope more or less"
+BY_EQUATIONS = "slope by variational equations on the run's steps; central differences of sixth order over {0:.3g} of its uncertainties give {1:.1g} of the slope more or less"
 NO_SLOPE = "no slope but rounding's"
 
 
-def inputs(model: Model, target: Target, asked: dict[str, Any]) -> list[Term]:
+@dataclass(frozen=True)
+class Slope:
+    """How a number changes with an input, per the input's own unit.
+
+    Attributes
+    ----------
+    value : float
+    off : float
+        How far it may be off.
+    rule : str
+        How it was found.
+    """
+
+    value: float
+    off: float
+    rule: str
+
+
+def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset) -> list[Term]:
     """Return a term for everything that has an uncertainty in the model.
 
     Raises
@@ -46,22 +73,47 @@ def inputs(model: Model, target: Target, asked: dict[str, Any]) -> list[Term]:
     known = model.uncertain
     if not known:
         return []
-    slopes = _slopes(model, target, asked)
+    slopes = _slopes(model, target, asked, run)
     found = []
     for name, one in known.items():
-        factor, (slope, off, shift) = float(one.quantity.unit.factor), slopes[name]
+        factor, slope = float(one.quantity.unit.factor), slopes[name]
         assert one.spread is not None  # noqa: S101
         size = one.spread.size.si / factor if one.spread.bounded else COVERED * one.uncertainty
-        rule = BY_DIFFERENCES.format(shift, off / abs(slope)) if slope else NO_SLOPE
         found.append(Term(
-            name, PHYSICAL, abs(slope) * one.uncertainty, (abs(slope) + off) * size, rule, slope / factor,
-            one.uncertainty * factor, spell(one.quantity.unit.dimension), off / factor,
+            name, PHYSICAL, abs(slope.value) * one.uncertainty, (abs(slope.value) + slope.off) * size, slope.rule,
+            slope.value / factor, one.uncertainty * factor, spell(one.quantity.unit.dimension), slope.off / factor,
         ))  # fmt: skip
     return found
 
 
-def _slopes(model: Model, target: Target, asked: dict[str, Any]) -> dict[str, tuple[float, float, float]]:
-    """Return the slope of the number by every input, per its own unit, how sure it is, and over what: copies side by side.
+def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset) -> dict[str, Slope]:
+    """Return the slope by every input: by variational equations where differences over its uncertainty give the same.
+
+    Where they part, small changes do not tell of those that the uncertainty makes, and the differences do.
+    """
+    by_differences = _differences(model, target, asked)
+    try:
+        by_equations, why = slopes_along(run, model, target), ""
+    except NotVariedError as error:
+        by_equations, why = {}, f"; no variational equations: {error}"
+    found = {}
+    for name, (slope, off, shift) in by_differences.items():
+        exact = by_equations.get(name, slope)
+        apart = abs(exact - slope)
+        if not slope:
+            found[name] = Slope(0.0, off, NO_SLOPE)
+        elif not by_equations:
+            found[name] = Slope(slope, off, BY_DIFFERENCES.format(shift, off / abs(slope)) + why)
+        elif apart <= AGREED * abs(slope):
+            found[name] = Slope(exact, apart, BY_EQUATIONS.format(shift, apart / abs(exact)))
+        else:
+            why = f"; the variational equations, of the smallest changes, give {exact:.3g}"
+            found[name] = Slope(slope, max(off, apart), BY_DIFFERENCES.format(shift, off / abs(slope)) + why)
+    return found
+
+
+def _differences(model: Model, target: Target, asked: dict[str, Any]) -> dict[str, tuple[float, float, float]]:
+    """Return slopes from copies side by side, how sure they are, and over how much of an uncertainty they were taken.
 
     From the change by an input's own uncertainty on, wider and narrower ones are taken as long as neighbours agree better:
     the widest are bent, the narrowest rounded.
@@ -76,14 +128,17 @@ def _slopes(model: Model, target: Target, asked: dict[str, Any]) -> dict[str, tu
     found = target.values(target.in_many(model, axes, sharp)).reshape(len(known), len(SHIFTS), len(SIDES))
     told = {}
     for i, (name, one) in enumerate(known.items()):
-        slopes = found[i] @ WEIGHTS / sizes[i]
+        slopes = dot(found[i], WEIGHTS) / sizes[i]
         off = np.abs(np.diff(slopes))
         if not np.isfinite(off).any():
             least = float(3.0 * np.nanmin(sizes[i]))
             raise InputError(f"{target.said} is not there any more where '{name}' is changed by {least:.3g} {one.quantity.unit.text}, less than its uncertainty of {one.uncertainty:.3g}: a budget of small changes says nothing of it; draw, by a sweep")  # fmt: skip
         k = _settled(off)
         slope, noise = float(slopes[k + 1]), NOISE * float(np.nanmax(np.abs(found[i]))) / float(sizes[i][k + 1])
-        told[name] = (0.0 if abs(slope) <= noise else slope), float(off[k]), float(sizes[i][k + 1] / one.uncertainty)
+        doubt, share = float(off[k]), float(sizes[i][k + 1] / one.uncertainty)
+        if abs(slope) <= noise:  # and no more between neighbours, of which the narrower one is noisier
+            slope, doubt = 0.0, 0.0 if doubt <= 8.0 * noise else doubt
+        told[name] = slope, doubt, share
     return told
 
 
@@ -171,14 +226,13 @@ def discrepancy(model: Model, target: Target, unit: Unit) -> list[Term]:
 def covariance(model: Model, terms: list[Term]) -> Floats:
     """Return the covariances of what terms contribute: those of inputs that the model correlates, and variances."""
     root = np.array([_signed(one) for one in terms])[:, None] * _root(model, terms)
-    found: Floats = root @ root.T
-    return found
+    return product(root, root.T)
 
 
 def variance(model: Model, terms: list[Term]) -> float:
     """Return the variance of what terms contribute together: a sum of squares, no less than zero where terms cancel."""
-    together = np.array([_signed(one) for one in terms]) @ _root(model, terms)
-    return float(together @ together)
+    together = dot(np.array([_signed(one) for one in terms]), _root(model, terms).T)
+    return float(dot(together, together))
 
 
 def _root(model: Model, terms: list[Term]) -> Floats:

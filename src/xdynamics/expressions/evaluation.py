@@ -6,12 +6,13 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
 
 from xdynamics.elementary import FUNCTIONS
+from xdynamics.elementary.arrays import applied
 from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of
 from xdynamics.faults import InputError
 
@@ -132,15 +133,6 @@ def _of_floats(function: Callable[..., float]) -> Callable[..., float]:
     return lambda *given: function(*map(float, given))
 
 
-def _of_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
-    def called(*given: Any) -> Any:
-        arrays = np.broadcast_arrays(*(np.asarray(one, float) for one in given))
-        # an array without a dimension comes out of comparisons as something else
-        return np.reshape(function(*map(np.atleast_1d, arrays)), arrays[0].shape)
-
-    return called
-
-
 _OPERATORS: dict[str, Callable[[float, float], float]] = {
     "+": lambda x, y: x + y, "-": lambda x, y: x - y, "*": lambda x, y: x * y, "/": _quotient,
     "<": lambda x, y: x < y, "<=": lambda x, y: x <= y, ">": lambda x, y: x > y, ">=": lambda x, y: x >= y,
@@ -166,7 +158,7 @@ ARRAYS = Arithmetic(
     {
         "abs": np.abs, "sign": lambda x: np.where(x > 0.0, 1.0, np.where(x < 0.0, -1.0, x)),
         "sqrt": np.sqrt, "positive": lambda x: np.where(x > 0.0, x, np.nan),
-        **{name: _of_arrays(one) for name, one in FUNCTIONS.items()},
+        **{name: partial(applied, name) for name in FUNCTIONS},
     },
     lambda truth, yes, no: np.where(truth, yes(), no()),
 )  # fmt: skip

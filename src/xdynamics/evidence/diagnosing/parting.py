@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.arrays import dot, least_squares, log
 from xdynamics.evidence.inside import model_of, sampled
 from xdynamics.evidence.marching import march
 from xdynamics.faults import InputError
@@ -85,9 +86,10 @@ def _exponent(times: Floats, apart: Floats) -> float:
     last = int(far[0]) if far.size else len(apart)
     t, size = times[1:last], apart[1:last]
     known = size > 0.0
-    t, size = t[known], np.log(size[known])
-    if t.size < 8 or size.max() - size[0] < np.log(GROWN):
+    t, size = t[known], log(size[known])
+    if t.size < 8 or size.max() - size[0] < log(GROWN):
         return 0.0
-    fits: list[Any] = [np.polyfit(x, size, 1, full=True) for x in (t, np.log(t))]
-    straight, power = (float(one[1][0]) for one in fits)
-    return float(fits[0][0][0]) if straight < power else 0.0
+    lines = [np.stack([np.ones(t.size), x], axis=1) for x in (t, log(t))]
+    fits = [least_squares(one, size) for one in lines]
+    straight, power = (float(np.sum((size - dot(one, fit)) ** 2)) for one, fit in zip(lines, fits, strict=True))
+    return float(fits[0][1]) if straight < power else 0.0

@@ -15,6 +15,8 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.arrays import dot, expm1, least_squares, log, power
+
 Floats = NDArray[np.float64]
 
 SAFETY, CAUTION = 1.25, 3.0  # factors of an error estimate that is trusted, and of one that is not
@@ -69,15 +71,22 @@ def observed_orders(values: Floats, steps: Floats) -> Floats:
 
 def _solved(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
     """Solve Celik's equation ``abs(grown) = fine**p (coarse**p - s)/(fine**p - s)`` for p, which it grows with."""
+    equal = coarse == fine  # then it is the power of one ratio
+    found = np.clip(log(np.abs(grown)) / log(fine), -STEEPEST, STEEPEST)
+    found[~equal] = _bisected(grown[~equal], log(coarse[~equal]), log(fine[~equal]))
+    return found
+
+
+def _bisected(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
+    """Solve it for ratios that differ, of which the logarithms are given: order 0 is no division of zeros then."""
     size, sign = np.abs(grown), np.sign(grown)
     low, high = np.full(size.shape, -STEEPEST), np.full(size.shape, STEEPEST)
     for _ in range(BISECTIONS):
         p = (low + high) / 2.0
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            # by powers of logarithms, so that order 0 is no division of zeros
-            upper = np.where(sign > 0, np.expm1(p * np.log(coarse)), coarse**p + 1.0)
-            lower = np.where(sign > 0, -np.expm1(-p * np.log(fine)), 1.0 + fine**-p)
-            value = np.where(p == 0.0, np.where(sign > 0, np.log(coarse) / np.log(fine), 1.0), upper / lower)
+            upper = expm1(p * coarse) + np.where(sign > 0, 0.0, 2.0)
+            lower = np.where(sign > 0, -1.0, 1.0) * expm1(-p * fine) + np.where(sign > 0, 0.0, 2.0)
+            value = np.where(p == 0.0, np.where(sign > 0, coarse / fine, 1.0), upper / lower)
         above = value > size
         low, high = np.where(above, low, p), np.where(above, p, high)
     found: Floats = (low + high) / 2.0
@@ -86,13 +95,13 @@ def _solved(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
 
 def extrapolated(coarse: Floats, fine: Floats, ratio: float, order: Floats | float) -> Floats:
     """Return Richardson's limit of two values whose steps have a ratio above 1."""
-    found: Floats = fine + (fine - coarse) / np.expm1(order * np.log(ratio))
+    found: Floats = fine + (fine - coarse) / expm1(order * log(ratio))
     return found
 
 
 def convergence_index(coarse: Floats, fine: Floats, ratio: float, order: Floats | float) -> Floats:
     """Return the grid convergence index of the finer value, absolute: 1.25 times what Richardson's limit is away."""
-    found: Floats = SAFETY * np.abs((fine - coarse) / np.expm1(order * np.log(ratio)))
+    found: Floats = SAFETY * np.abs((fine - coarse) / expm1(order * log(ratio)))
     return found
 
 
@@ -188,13 +197,13 @@ def _free(values: Floats, h: Floats, formal: float, weights: Floats) -> Fit:
 def _fixed(values: Floats, h: Floats, orders: tuple[float, ...], weights: Floats, *, free: bool = False) -> Fit:
     """Fit with given orders; one that was searched for counts as a parameter too."""
     # steps over the coarsest: powers of small numbers would leave nothing of each other
-    scaled = np.stack([np.ones(len(h)), *((h / h[0]) ** one for one in orders)], axis=1)
+    scaled = np.stack([np.ones(len(h)), *(power(h / h[0], one) for one in orders)], axis=1)
     root = np.sqrt(weights)
-    solution = np.linalg.lstsq(root[:, None] * scaled, root * values, rcond=None)[0]
-    away = values - scaled @ solution
+    solution = least_squares(root[:, None] * scaled, root * values)
+    away = values - dot(scaled, solution)
     left = len(values) - 1 - len(orders) - int(free)
     spread = float(np.sqrt(np.sum(weights * away**2) / left)) if left > 0 else inf
-    slopes = tuple(float(one / h[0] ** p) for one, p in zip(solution[1:], orders, strict=True))
+    slopes = tuple(float(one / power(h[0], p)) for one, p in zip(solution[1:], orders, strict=True))
     limit = float(solution[0])
     return Fit(limit, slopes, orders, spread, float(away[-1]), float(values[-1]) - limit)
 
@@ -300,5 +309,5 @@ def _left(values: Floats, steps: Floats, order: float) -> float:
     for k in range(max(0, len(values) - LOOKED_AT), len(values) - 1):
         change, ratio, down = abs(values[k + 1] - values[k]), steps[k] / steps[k + 1], steps[k + 1] / steps[-1]
         if np.isfinite(change):
-            found = max(found, float(change / np.expm1(order * np.log(ratio)) / down**order))
+            found = max(found, float(change / expm1(order * log(ratio)) / power(down, order)))
     return found

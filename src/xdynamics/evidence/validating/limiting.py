@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive
+from xdynamics.elementary.arrays import log
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.inside import wanted_times
 from xdynamics.evidence.marching import march
@@ -126,10 +127,10 @@ def _approach(name: str, units: str, values: Floats, limit: Floats, away: Floats
     """Say how one quantity comes to its limit; levels first."""
     distance = values - limit
     with np.errstate(divide="ignore", invalid="ignore"):
-        nearer = np.log(away[:-1] / away[1:])
+        nearer = log(away[:-1] / away[1:])
         # values that are all as far from a limit, as from one that stands for infinity, have no order in it
         nearer = np.where(nearer > LEAST_NEARER, nearer, np.nan)
-        orders = np.log(np.abs(distance[:-1] / distance[1:])) / nearer[:, None]
+        orders = log(np.abs(distance[:-1] / distance[1:])) / nearer[:, None]
     away_from = np.abs(distance)
     closer = ((np.diff(away_from, axis=0) < 0.0) | (away_from[1:] == 0.0)).all(axis=0)
     each = (LEVEL, AT)

@@ -1,0 +1,128 @@
+"""The slopes of one number by every uncertain input, from the variational equations of its run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.budgeting.saltation import Met, Place
+from xdynamics.budgeting.target import TIME, Target
+from xdynamics.budgeting.variational import LARGEST, Along, Equations, NotVariedError, gauss, touching
+from xdynamics.faults import InputError
+from xdynamics.kernels.layout import layout_of
+from xdynamics.methods import METHODS
+from xdynamics.model import Model
+from xdynamics.model.motion import variables
+from xdynamics.record.words import words_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+BY_IMPULSES = "moreau_jean"  # contacts over whole steps, without events
+UNTOLD = ("pole", "cluster", "rest", "takeoff", "stick", "slip")  # kinds of events that no map of a state tells
+
+
+def slopes_along(run: xr.Dataset, model: Model, target: Target) -> dict[str, float]:
+    """Return the slope of a number by every uncertain input, both in their own units.
+
+    Raises
+    ------
+    NotVariedError
+        If something of the run, its contacts or its forces is not told by the variational equations.
+    """
+    inputs = tuple(model.uncertain)
+    found = _changes(run, model, target, inputs)
+    factor = float(target.units(run).factor)
+    units = [float(model.uncertain[name].quantity.unit.factor) for name in inputs]
+    if not np.isfinite(found).all():
+        raise NotVariedError("the equations have no finite solution")
+    return {name: float(one) * unit / factor for name, one, unit in zip(inputs, found, units, strict=True)}
+
+
+def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, ...]) -> Floats:
+    """Walk along the run, from event to event, to the number; return its slopes in SI units."""
+    along = Along(run, _equations(run, model, inputs), METHODS[run.attrs["solver_method"]].order)
+    change, row, seen = _start(model, inputs), 0, 0
+    for before, after, names in _instants(run):
+        if target.at is not None and float(run["time"][before]) > target.at:
+            break
+        if held := touching(run, before):
+            raise NotVariedError(f"'{held}' is not open all the time")
+        change = along.over(change, row, before)
+        met = Met(along, before, after, names, change)
+        seen += names.count(target.event)
+        if target.event in names and seen >= target.occurrence:
+            return _at_event(met, target)
+        change, row = met.left(), after
+    assert target.at is not None  # noqa: S101 - a number at an event was found in the run before
+    last = int(np.searchsorted(run["time"].values, target.at, side="right")) - 1
+    if held := touching(run, last):
+        raise NotVariedError(f"'{held}' is not open all the time")
+    change = along.over(change, row, last, target.at)
+    return _of_quantity(_end(along, last, target.at, change), target)
+
+
+def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equations:
+    """Return the equations of a model that has them, where they are not too many."""
+    if model.frictions:
+        raise NotVariedError("friction elements slip or stick all the time")
+    if model.contacts and run.attrs["solver_method"] == BY_IMPULSES:
+        raise NotVariedError(f"{BY_IMPULSES} has no events")
+    if model.python_functions:
+        raise NotVariedError("a force or event is written in Python")
+    found = Equations(model, inputs)
+    if found.size * len(gauss(METHODS[run.attrs["solver_method"]].order // 2 + 2)[0]) > LARGEST:
+        raise NotVariedError(f"{found.size} variables are too many")
+    return found
+
+
+def _start(model: Model, inputs: tuple[str, ...]) -> Floats:
+    """Return the change at the start: of a variable whose own value there is an input, 1."""
+    names = variables(model)
+    return np.array([[float(name == one and one in model.starts) for one in inputs] for name in names])
+
+
+def _instants(run: xr.Dataset) -> Iterator[tuple[int, int, tuple[str, ...]]]:
+    """Yield the rows on both sides of every instant with events, and the names of those."""
+    if not run.sizes.get("event", 0):
+        return
+    detectors, kinds = (words_of(run[name]) for name in ("event_detector", "event_kind"))
+    rows = [run[name].values.tolist() for name in ("event_row_before", "event_row_after")]
+    together: dict[tuple[int, int], list[str]] = {}
+    for before, after, name, kind in zip(*rows, detectors, kinds, strict=True):
+        together.setdefault((before, after), []).append(name)
+        if kind in UNTOLD:
+            together[before, after].append(f"{kind} of {name}")
+    for (before, after), names in together.items():
+        yield before, after, tuple(names)
+
+
+def _at_event(met: Met, target: Target) -> Floats:
+    """Return the slopes of a number at an event."""
+    time = met.time_of(target.event)
+    if target.quantity == TIME:
+        return time
+    return _of_quantity(met.meeting(time) if target.side == "before" else met.behind(time), target)
+
+
+def _end(along: Along, last: int, at: float, change: Floats) -> Place:
+    """Return the state at a time and how it changes."""
+    met = Met(along, last, last, (), change)
+    place = met.meeting(np.zeros(change.shape[1]))
+    state = along.states(np.array([at]), np.array([last]))
+    return Place(place.model, state, place.changes)
+
+
+def _of_quantity(place: Place, target: Target) -> Floats:
+    """Return how a coordinate, velocity, state, energy or observable changes."""
+    if target.quantity in place.changes:
+        return place.changes[target.quantity]
+    derived = layout_of(place.model).derived
+    if target.quantity not in derived:
+        raise InputError(f"quantity is {target.quantity!r}")
+    return place.change(derived[target.quantity])

@@ -1,0 +1,239 @@
+"""How a run changes with its inputs: its variational equations, from its own trees, through events and impacts.
+
+With M a = F and x' = r, a small change z of coordinates, velocities and states that comes from inputs p obeys
+
+    M dv' = (dF/dz - (dM/dz) a) z + dF/dp - (dM/dp) a,    dq' = dv,    dx' = (dr/dz) z + dr/dp.
+
+These linear equations are solved on the run's own steps by Gauss's collocation, of an order above that of the run's
+method (Hairer, Lubich, Wanner, Geometric Numerical Integration, 2006, II.1.3 and VI.9), about states that are made again
+inside the steps. What an event does to a change: see `saltation`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.elementary.arrays import applied, product, solved
+from xdynamics.evidence.sampling import sample
+from xdynamics.expressions import Name, Node, derivatives
+from xdynamics.expressions.calculus import ONE
+from xdynamics.model import Model
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, force_totals, slope, tables_of, variables
+from xdynamics.schema import acceleration, rate, velocity
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+BLOCK = 2048  # steps that are solved side by side
+NEWTON = 8  # steps to a root of a polynomial of Legendre
+LARGEST = 96  # numbers in the system of one step: above, differences are the shorter way
+
+
+class NotVariedError(Exception):
+    """A run whose changes these equations do not tell: what stands in their way."""
+
+
+def varying(model: Model, inputs: Sequence[str]) -> dict[str, dict[str, Node]]:
+    """Return what trees are differentiated by: time, variables, inputs, and drives of them by their slopes."""
+    own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in ("t", *variables(model), *inputs)}
+    return own | {name: {drive.argument: Name(slope(name))} for name, drive in model.drives.items()}
+
+
+@dataclass(frozen=True)
+class Equations:
+    """The linear equations about a run's states.
+
+    Attributes
+    ----------
+    model : Model
+    inputs : tuple of str
+        Parameters, then variables whose values at the start are uncertain.
+    """
+
+    model: Model
+    inputs: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """How many variables there are."""
+        return len(variables(self.model))
+
+    def about(self, state: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+        """Return the matrices of z' = A z + B p at k states: shapes (k, n, n) and (k, n, m)."""
+        model, columns, trees = self.model, self._columns, _trees(self.model, self._parameters)
+        k, n, of, width = len(state["t"]), len(model.coordinates), list(trees), self.size + len(self.inputs)
+        found = evaluated_many(model, [trees[key] for key in of], state, constants(model), tables_of(model))
+        numbers = {key: np.broadcast_to(np.asarray(one, float), (k,)) for key, one in zip(of, found, strict=True)}
+        mass, force = np.zeros((k, n, n)), np.zeros((k, n, width))
+        rest = np.zeros((k, self.size - 2 * n, width))
+        rows = {name: i for i, name in enumerate(model.coordinates)}
+        for (kind, one, by), value in numbers.items():
+            if kind == MASS:
+                mass[:, *one] = value
+            elif kind == FORCE:
+                force[:, rows[one], columns[by]] += value
+            elif kind == INERTIA:
+                force[:, one[0], columns[by]] -= value * numbers[ACCELERATION, list(rows)[one[1]], ""]
+            elif kind == RATE:
+                rest[:, list(model.states).index(one), columns[by]] = value
+        whole = np.zeros((k, self.size, width))
+        whole[:, :n, n : 2 * n] = np.eye(n)
+        if n:
+            whole[:, n : 2 * n] = solved(mass, force)
+        whole[:, 2 * n :] = rest
+        return whole[..., : self.size], whole[..., self.size :]
+
+    @property
+    def _parameters(self) -> tuple[str, ...]:
+        return tuple(name for name in self.inputs if name in self.model.parameters)
+
+    @property
+    def _columns(self) -> dict[str, int]:
+        """Where what is differentiated by stands: variables, then inputs."""
+        names = {name: i for i, name in enumerate(variables(self.model))}
+        return names | {name: self.size + self.inputs.index(name) for name in self._parameters}
+
+
+FORCE, MASS, INERTIA, RATE, ACCELERATION = range(5)
+
+
+@lru_cache(maxsize=16)
+def _trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[int, Any, str], Node]:
+    """Write all derivatives: by what they are of, its place, and what they are by."""
+    by, states = varying(model, parameters), {rate(name): name for name in model.states}
+    found: dict[tuple[int, Any, str], Node] = {}
+    place: Any
+    for name, tree in force_totals(model).items():
+        kind, place = (RATE, states[name]) if name in states else (FORCE, name.removeprefix("force_"))
+        found |= {(kind, place, one): by_one for one, by_one in derivatives(tree, by).items() if one != "t"}
+    for place, entry in model.statement.mass_entries.items():
+        tree = model.expanded(entry)
+        found[MASS, place, ""] = tree
+        found |= {(INERTIA, place, one): by_one for one, by_one in derivatives(tree, by).items() if one != "t"}
+    if any(kind == INERTIA for kind, _, _ in found):
+        found |= {(ACCELERATION, name, ""): Name(acceleration(name)) for name in model.coordinates}
+    return found
+
+
+@dataclass(frozen=True)
+class Along:
+    """The changes of one run along its steps.
+
+    Attributes
+    ----------
+    run : xarray.Dataset
+    equations : Equations
+    order : int
+        Of the run's method.
+    """
+
+    run: xr.Dataset
+    equations: Equations
+    order: int
+
+    def over(self, change: Floats, first: int, last: int, end: float | None = None) -> Floats:
+        """Carry a change from one row to another, and on to a time in the step behind that.
+
+        Parameters
+        ----------
+        change : ndarray, shape (n, m), SI
+            By how much every variable changes with every input.
+        """
+        time = np.asarray(self.run["time"])[first : last + 1].astype(float)
+        time = np.append(time, end) if end is not None else time
+        starts, sizes, rows = time[:-1], np.diff(time), first + np.arange(len(time) - 1)
+        moving = np.flatnonzero(sizes > 0.0)
+        for k in range(0, len(moving), BLOCK):
+            part = moving[k : k + BLOCK]
+            whole, added = self._steps(rows[part], starts[part], sizes[part])
+            change = product(whole, change) + added
+        return change
+
+    def _steps(self, rows: NDArray[np.int64], starts: Floats, sizes: Floats) -> tuple[Floats, Floats]:
+        """Return what steps one after the other do: the matrix of a change before them, and what comes to it."""
+        nodes, weights, ends = gauss(self.order // 2 + 2)
+        times = (starts[:, None] + sizes[:, None] * nodes).ravel()
+        states = self.states(times, np.repeat(rows, len(nodes)))
+        shape = len(starts), len(nodes)
+        by_state, by_input = (one.reshape(*shape, *one.shape[1:]) for one in self.equations.about(states))
+        s, n, h = len(nodes), self.equations.size, sizes[:, None, None]
+        inner = (weights[:, None, :, None] * by_state[:, :, :, None, :]).reshape(len(starts), s * n, s * n)
+        right = np.concatenate([by_state, by_input], axis=-1).reshape(len(starts), s * n, -1)
+        rates = solved(np.eye(s * n) - h * inner, right).reshape(*shape, n, -1)
+        moved = h * np.sum(ends[:, None, None] * rates, axis=1)
+        return joined(np.eye(n) + moved[..., :n], moved[..., n:])
+
+    def states(self, times: Floats, rows: NDArray[np.int64]) -> dict[str, Floats]:
+        """Return the run's states inside its steps, in SI units, with their regime."""
+        model = self.equations.model
+        found = sample(self.run, times, functions=model.functions)
+        states = {name: found[name].values * float(unit.factor) for name, unit in model.units.items()}
+        regime = self.run["regime"].values[rows] if "regime" in self.run else np.zeros(rows.size)
+        return states | {"t": times, REGIME_NUMBER: regime.astype(float)}
+
+    def row(self, row: int) -> dict[str, Floats]:
+        """Return the state of a row as arrays of one number, SI, with its regime."""
+        model, run = self.equations.model, self.run
+        values = {name: float(run[name][row]) * float(unit.factor) for name, unit in model.units.items()}
+        values |= {"t": float(run["time"][row]), REGIME_NUMBER: float(run["regime"][row]) if "regime" in run else 0.0}
+        return {name: np.array([one]) for name, one in values.items()}
+
+    def rates(self, row: int) -> dict[str, Floats]:
+        """Return how fast time and every variable change at a row, as it was recorded, SI."""
+        model, found = self.equations.model, {"t": 1.0}
+        for name, one in model.coordinates.items():
+            factor = float(one.unit.factor)
+            found[name] = float(self.run[velocity(name)][row]) * factor
+            found[velocity(name)] = float(self.run[acceleration(name)][row]) * factor
+        for name, state in model.states.items():
+            found[name] = float(self.run[rate(name)][row]) * float(state.unit.factor)
+        return {name: np.array([one]) for name, one in found.items()}
+
+
+def joined(whole: Floats, added: Floats) -> tuple[Floats, Floats]:
+    """Put k changes z -> whole z + added one after the other, in pairs."""
+    while len(whole) > 1:
+        if len(whole) % 2:
+            whole = np.concatenate([whole, np.eye(whole.shape[-1])[None]])
+            added = np.concatenate([added, np.zeros_like(added[:1])])
+        whole, added = product(whole[1::2], whole[::2]), product(whole[1::2], added[::2]) + added[1::2]
+    return whole[0], added[0]
+
+
+@lru_cache
+def gauss(stages: int) -> tuple[Floats, Floats, Floats]:
+    """Return nodes, weights of the stages, and weights of the end of Gauss's collocation on [0, 1], of order 2 s.
+
+    Hairer, Nørsett, Wanner, Solving Ordinary Differential Equations I, 1993, II.7.
+    """
+    from numpy.polynomial import legendre
+
+    steepness = legendre.legder([0.0] * stages + [1.0])
+    roots = applied("cos", np.pi * (np.arange(stages, 0, -1) - 0.25) / (stages + 0.5))
+    for _ in range(NEWTON):
+        roots = roots - legendre.legvander(roots, stages)[:, -1] / legendre.legval(roots, steepness)
+    weights = 2.0 / ((1.0 - roots**2) * legendre.legval(roots, steepness) ** 2)
+    at_roots: Floats = legendre.legvander(roots, stages).astype(float)
+    degrees = np.arange(1, stages)
+    integrals = np.empty((stages, stages))  # of Legendre's polynomials from 0 to each node
+    integrals[:, 0] = (roots + 1.0) / 2.0
+    integrals[:, 1:] = (at_roots[:, 2:] - at_roots[:, :-2]) / (2.0 * (2.0 * degrees + 1.0))
+    return (roots + 1.0) / 2.0, solved(at_roots[:, :-1].T, integrals.T).T, weights / 2.0
+
+
+def touching(run: xr.Dataset, last: int) -> str:
+    """Name a contact or friction element that holds or slips before a row; nothing where there is none."""
+    for name in map(str, run.data_vars):
+        is_state = name.startswith((schema.contact_state(""), schema.friction_state("")))
+        if is_state and np.asarray(run[name])[: last + 1].any():
+            return name
+    return ""

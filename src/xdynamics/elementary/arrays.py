@@ -1,0 +1,138 @@
+"""Arrays of numbers by arithmetic that is the same on every machine.
+
+numpy takes logarithms and powers, and BLAS and LAPACK products and solutions, by what the processor has: their last bits
+are other ones elsewhere. What evidence is made of comes from here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.elementary.functions import FUNCTIONS
+
+Floats = NDArray[np.float64]
+
+DEPENDENT = 1e-14  # of a column, that is left beside those before it
+
+
+def log(x: Any) -> Floats:
+    """Return natural logarithms: -inf of 0, nan of what is negative."""
+    return applied("log", x)
+
+
+def exp(x: Any) -> Floats:
+    """Return powers of e."""
+    return applied("exp", x)
+
+
+def expm1(x: Any) -> Floats:
+    """Return exp(x) - 1, near 0 too: 2 sinh(x/2) exp(x/2)."""
+    half = np.asarray(x, float) / 2.0
+    return 2.0 * applied("sinh", half) * applied("exp", half)
+
+
+def power(x: Any, y: Any) -> Floats:
+    """Return x**y, x not negative."""
+    return applied("power", x, y)
+
+
+def product(left: Floats, right: Floats) -> Floats:
+    """Return the matrix product of the last two axes, summed from the first number on.
+
+    Examples
+    --------
+    >>> product(np.eye(2), np.array([[1.0, 2.0], [3.0, 4.0]])).tolist()
+    [[1.0, 2.0], [3.0, 4.0]]
+    """
+    shape = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
+    found: Floats = np.zeros((*shape, left.shape[-2], right.shape[-1]))
+    for k in range(left.shape[-1]):
+        found += left[..., :, k : k + 1] * right[..., k : k + 1, :]
+    return found
+
+
+def dot(left: Floats, right: Floats) -> Floats:
+    """Return the sum of products along the last axis, from the first one on.
+
+    Examples
+    --------
+    >>> float(dot(np.array([1.0, 2.0]), np.array([3.0, 4.0])))
+    11.0
+    """
+    found: Floats = product(np.asarray(left)[..., None, :], np.asarray(right)[..., :, None])[..., 0, 0]
+    return found
+
+
+def solved(matrices: Floats, right: Floats) -> Floats:
+    """Solve systems side by side, by elimination with the largest pivot of each column.
+
+    Golub and Van Loan, Matrix Computations, 4th ed., section 3.4. Singular ones give what is no number.
+
+    Parameters
+    ----------
+    matrices : ndarray, shape (..., n, n)
+    right : ndarray, shape (..., n, m)
+
+    Examples
+    --------
+    >>> solved(np.array([[0.0, 2.0], [1.0, 1.0]]), np.array([[4.0], [5.0]])).tolist()
+    [[3.0], [2.0]]
+    """
+    n, shape = matrices.shape[-1], np.broadcast_shapes(matrices.shape[:-2], right.shape[:-2])
+    both = np.concatenate([np.broadcast_to(one, shape + one.shape[-2:]) for one in (matrices, right)], axis=-1)
+    rows = both.reshape(-1, n, both.shape[-1])  # what was joined is a copy
+    each = np.arange(len(rows))
+    with np.errstate(all="ignore"):
+        for k in range(n):
+            best = k + np.argmax(np.abs(rows[:, k:, k]), axis=1)
+            taken = rows[each, best].copy()
+            rows[each, best] = rows[:, k]
+            rows[:, k] = taken
+            factors = rows[:, k + 1 :, k] / taken[:, None, k]
+            rows[:, k + 1 :, k:] -= factors[:, :, None] * taken[:, None, k:]
+        found = rows[:, :, n:]
+        for k in reversed(range(n)):
+            found[:, k] /= rows[:, k, k, None]
+            found[:, :k] -= rows[:, :k, k, None] * found[:, k, None]
+    return found.reshape(*shape, n, right.shape[-1])
+
+
+def least_squares(columns: Floats, values: Floats) -> Floats:
+    """Return the coefficients of a sum of columns that is nearest to values, by orthogonal columns.
+
+    Golub and Van Loan, Matrix Computations, 4th ed., section 5.2.8 (modified Gram-Schmidt), the values as a last column,
+    which keeps what is small beside them (Björck 1967, doi:10.1007/BF01934122). A column that depends on those before
+    it has the coefficient 0.
+
+    Examples
+    --------
+    >>> least_squares(np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]]), np.array([1.0, 3.0, 5.0])).tolist()
+    [1.0, 2.0]
+    """
+    n = columns.shape[1]
+    left, upper = np.column_stack([columns, values]), np.zeros((n, n + 1))
+    sizes = np.sqrt(np.sum(columns**2, axis=0))
+    for k in range(n):
+        size = np.sqrt(np.sum(left[:, k] ** 2))
+        if not size > DEPENDENT * sizes[k]:
+            continue
+        unit = left[:, k] / size
+        upper[k, k:] = np.sum(unit[:, None] * left[:, k:], axis=0)
+        left[:, k:] -= unit[:, None] * upper[k, None, k:]
+    found = np.zeros(n)
+    for k in reversed(range(n)):
+        if upper[k, k]:
+            found[k] = (upper[k, n] - float(np.sum(upper[k, k + 1 : n] * found[k + 1 :]))) / upper[k, k]
+    return found
+
+
+def applied(name: str, *given: Any) -> Floats:
+    """Return an elementary function of arrays of one shape, or of numbers."""
+    arrays = np.broadcast_arrays(*(np.asarray(one, float) for one in given))
+    with np.errstate(all="ignore"):
+        # an array without a dimension comes out of comparisons as something else
+        found: Floats = np.reshape(FUNCTIONS[name](*map(np.atleast_1d, arrays)), arrays[0].shape)
+    return found
