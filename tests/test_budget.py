@@ -472,3 +472,34 @@ def test_bounds_hold_with_absolute_tolerances_on_any_scale(size: float) -> None:
 
 if __name__ == "__main__":
     print("covered: {:.2%}, median of bound over error {:.2f}".format(*covered(int(sys.argv[1]), int(sys.argv[2]))))
+
+
+REVERSED = xd.Model(
+    name="swing", coordinates={"x": "m", "y": "m"}, parameters={"k": "4 s-2"}, mass={"x": "1*kilogram", "y": "2*kilogram"},
+    forces={"spring": {"potential": "k*1*kilogram*(x**2/2 + (x*y)**2/(1*metre)**2 + y**2/3)"}},
+    initial={"x": "0.7 m", "v_x": "0.1 m s-1", "y": "0.4 m", "v_y": "-0.2 m s-1"},
+)  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")
+@pytest.mark.parametrize("method", [name for name, one in xd.METHODS.items() if not one.refusals(REVERSED)])
+def test_symmetric_methods_march_back(method: str) -> None:
+    """Assert that a method comes back to its start, but for rounding, just if it says that it is symmetric."""
+    run = xd.simulate(REVERSED, method=method, step="250 ms", until="5 s")
+    end = {name: float(run[name][-1]) * (-1 if name.startswith("v_") else 1) for name in ("x", "v_x", "y", "v_y")}
+    back = xd.simulate(REVERSED.replace(initial=end), method=method, step="250 ms", until="5 s")
+    off = max(abs(float(back[name][-1]) - float(run[name][0])) for name in ("x", "y"))
+    assert (off < 1e-12) is xd.METHODS[method].symmetric
+
+
+def test_rounding_of_a_symmetric_method_is_seen_by_marching_back() -> None:
+    """Assert that the way back is told, is what rounding does, and that a time-dependent force has none."""
+    budget = xd.error_budget(REVERSED, "x", at=4.02, method="velocity_verlet", step=0.05, until=5.0, summation="plain")
+    rule = str(budget.term_rule.values[1])
+    distance = float(rule.partition("back by its own steps the run comes to ")[2].split()[0])
+    assert 0.0 < distance < 1e-12
+    assert distance <= 1.01 * float(budget.bound[1])
+    forced = REVERSED.to_toml().replace('[forces."spring"]', '[forces."push"]\n"x" = "1e-3*newton*sin(t/second)"\n[forces."spring"]').replace("[forces.spring]", '[forces.push]\nx = "1e-3*newton*sin(t/second)"\n[forces.spring]')  # fmt: skip
+    model = xd.Model.from_text(forced)
+    assert "push" in model.forces
+    assert "marched back" not in str(xd.error_budget(model, "x", at=4.0, method="velocity_verlet", step=0.05, until=5.0).term_rule.values[1])  # fmt: skip

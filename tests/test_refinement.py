@@ -319,3 +319,15 @@ def test_an_interrupt_ends_the_study(tmp_path: Path) -> None:
     assert process.returncode != 0
     assert "Traceback" not in said
     assert list(tmp_path.iterdir()) == []
+
+
+def test_absolute_tolerances_go_with_the_relative_one() -> None:
+    """Assert that a given atol is that of the first level, and the errors of a nanometre go on to shrink."""
+    model = xd.Model(
+        name="spring", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "1 nm", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    atol = {"x": "1e-4 nm", "v_x": "1e-4 nm s-1"}
+    study = xd.refine(model, method="dop853", rtols=[1e-4, 1e-6, 1e-8], atol=atol, at=["3 s"], until="3 s")
+    off = np.abs(study["x"].values[:, 0] - 1e-9 * np.cos(6.0))
+    assert off[0] > 20.0 * off[1] > 400.0 * off[2]

@@ -98,8 +98,13 @@ def error_budget(
     Numerical terms. Truncation: three finer runs; what the finest is away and uncertain by (see `refine`). Rounding:
     copies in units drawn at random, of which every operation is rounded in another way, as CADNA and Verificarlo do it
     operation by operation (Vignes 1993, doi:10.1016/0378-4754(93)90003-D; Denis, de Oliveira Castro, Petit 2016,
-    doi:10.1109/ARITH.2016.31). A bound is taken for a rectangular distribution. Physical terms: JCGM 100:2008, 5.1 and
-    5.2 (correlated inputs). Monte Carlo: JCGM 101:2008; of the march's own errors nothing is drawn.
+    doi:10.1109/ARITH.2016.31); of reversible runs of a symmetric method the way back to the start too. A bound is taken
+    for a rectangular distribution.
+
+    Physical terms: JCGM 100:2008, 5.1 and 5.2 (correlated inputs). Slopes are by the run's variational equations, with
+    saltation matrices at events and impacts, compared with central differences over about the input's uncertainty; where
+    both part, and where a contact is held, dry friction acts or a force is written in Python, they are the differences'
+    (`term_rule` says which). Monte Carlo: JCGM 101:2008; of the march's own errors nothing is drawn.
 
     Examples
     --------

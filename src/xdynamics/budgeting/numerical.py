@@ -9,19 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive import digest_of_run
+from xdynamics.budgeting.reversal import returned
 from xdynamics.budgeting.target import Target
-from xdynamics.budgeting.term import NUMERICAL, Term
+from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
 from xdynamics.elementary.arrays import exp
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.refining.convergence import Judged, judge
-from xdynamics.evidence.refining.levels import Levels
+from xdynamics.evidence.refining.levels import Levels, absolute_tolerances
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march.asking import settings_for
 from xdynamics.march.settings import LEAST_RTOL
 from xdynamics.methods.scheme import Scheme
 from xdynamics.model import Model
-from xdynamics.model.motion import variables
-from xdynamics.units import Quantity, Unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -75,7 +74,7 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
         If the run does not come to the number, or no finer run can be marched.
     """
     levels = _levels(model, asked)
-    runs = [own_run(model, asked), *(_finer(levels, asked, k) for k in range(1, LEVELS))]
+    runs = [own_run(model, asked), *(levels.marched(k) for k in range(1, LEVELS))]
     found = [target.in_run(run, model) for run in runs]
     value, inside, located = found[0]
     values = np.array([one[0] for one in found])
@@ -84,7 +83,7 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
     told = judge(values, levels.values, levels.formal, noise, 0.0, doubt, smooth=levels.varied.keyword == "steps")
     terms = (
         _truncation(levels, values, told),
-        _roundoff(model, target, asked, value, seed),
+        _roundoff(runs[0], model, target, asked, value, seed),
         Term.bounded(INTERPOLATION, NUMERICAL, inside, "a shortened step against two of half its length, extrapolated"),
         _location(model, target, asked, value, located, runs[0]),
     )
@@ -115,15 +114,6 @@ def _levels(model: Model, asked: dict[str, Any]) -> Levels:
     return Levels.of(model, _given("rtols", [rtol / ratio**k for k in range(LEVELS)]), rest, fewest=LEVELS)
 
 
-def _finer(levels: Levels, asked: dict[str, Any], k: int) -> xr.Dataset:
-    """March a finer level; absolute tolerances that are given go with the relative one, or they would be all of the error."""
-    tolerances = settings_for(levels.model, **asked).tolerances
-    if tolerances is None or levels.varied.keyword != "rtols" or not (tolerances.atol or tolerances.bare is not None):
-        return levels.marched(k)
-    ratio = float(levels.values[k] / levels.values[0])
-    return march(levels.model, **levels.asked_of(levels.values[k]) | _own_tolerances(levels.model, asked, ratio))
-
-
 def _given(keyword: str, values: list[float]) -> dict[str, Any]:
     return {"steps": None, "rtols": None, "time_tolerances": None, "rules": None, keyword: values}
 
@@ -140,24 +130,28 @@ def _truncation(levels: Levels, values: Floats, told: Judged) -> Term:
     return Term.bounded(TRUNCATION, NUMERICAL, bound, rule)
 
 
-def _roundoff(model: Model, target: Target, asked: dict[str, Any], value: float, seed: int) -> Term:
-    """March copies, of which every operation is rounded in another way.
+def _roundoff(run: xr.Dataset, model: Model, target: Target, asked: dict[str, Any], value: float, seed: int) -> Term:
+    """March copies, of which every operation is rounded in another way, and back where the method undoes its own steps.
 
     They are marched in units drawn at random; parameters and starts are moved by a spacing of numbers, which reading them
     may have done, and what an observable takes away from another is rounded differently with them.
     """
     rng, off = np.random.default_rng(seed), []
-    settings = asked | _own_tolerances(model, asked)
+    settings = asked | absolute_tolerances(model, asked)
     in_units = not model.python_functions
     for length, time, mass in exp(rng.uniform(-0.5, 0.5, (COPIES, 3))).tolist():
         scales = {"length": f"{length!r} m", "time": f"{time!r} s", "mass": f"{mass!r} kg"} if in_units else None
         copy = _nudged(model, rng)
         off.append(value - target.in_run(march(copy, **settings | {"scales": scales}), copy)[0])
-    spacing = EPS * abs(value) / 2.0
+    back, spacing = returned(run, model, target, asked), EPS * abs(value) / 2.0
     standard = float(np.sqrt(np.mean(np.square(off)) + spacing**2 / 3.0))
+    bound = TRUSTED * float(np.abs(off).max()) + spacing
     units = "in units drawn at random" if in_units else "in SI units, which forces in Python know alone"
     rule = f"{COPIES} copies {units}, from numbers a spacing beside: every operation is rounded in another way"
-    return Term(ROUNDOFF, NUMERICAL, standard, TRUSTED * float(np.abs(off).max()) + spacing, rule)
+    if back is not None:
+        rule += f"; marched back by its own steps the run comes to {back:.2g} of its start"
+        standard, bound = max(standard, back / BOUNDED), max(bound, back)
+    return Term(ROUNDOFF, NUMERICAL, standard, bound, rule)
 
 
 def _nudged(model: Model, rng: np.random.Generator) -> Model:
@@ -175,15 +169,6 @@ def _nudged(model: Model, rng: np.random.Generator) -> Model:
         return model.replace(**moved)
     except ModelError:
         return model
-
-
-def _own_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0) -> dict[str, Any]:
-    """Return absolute tolerances, a part of them, that are the same in other units: a bare number is in those of the march."""
-    tolerances = settings_for(model, **asked).tolerances
-    if tolerances is None:
-        return {}
-    names = variables(model)
-    return {"atol": {name: Quantity(ratio * tolerances.of(name), Unit("", model.dimensions[name])) for name in names}}
 
 
 def _location(

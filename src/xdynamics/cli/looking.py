@@ -53,7 +53,7 @@ def methods() -> None:
     from xdynamics.summary import shortened
 
     for one in METHODS.values():
-        kind = "symplectic" if one.symplectic else "not symplectic"
+        kind = f"{'symplectic' if one.symplectic else 'not symplectic'}{', symmetric' if one.symmetric else ''}"
         click.echo(
             f"{one.name}: order {one.order}, {kind}, {one.evaluations} force evaluations {'an iteration' if one.implicit else 'a step'}"
         )

@@ -103,6 +103,7 @@ POSITION_VERLET = Method(
     synonyms=("leapfrog, drift-kick-drift", "Stoermer-Verlet in position form"),
     order=2,
     symplectic=True,
+    symmetric=True,
     evaluations=2,
     update=update_of("""
         drift  1/2  1/2
@@ -134,6 +135,7 @@ FOREST_RUTH = Method(
     synonyms=("Forest-Ruth in velocity form", "Yoshida's fourth-order method", "triple jump of velocity Verlet"),
     order=4,
     symplectic=True,
+    symmetric=True,
     evaluations=3,
     update=verlet_composed("""
          1.351207191959657634047688
@@ -151,6 +153,7 @@ PEFRL = Method(
     synonyms=("position extended Forest-Ruth like",),
     order=4,
     symplectic=True,
+    symmetric=True,
     evaluations=5,
     update=update_of("""
         drift  0.1786178958448091  -0.06626458266981849  0.77529337365001878  -0.06626458266981849  0.1786178958448091
@@ -166,6 +169,7 @@ YOSHIDA6 = Method(
     synonyms=("Yoshida's sixth-order solution A",),
     order=6,
     symplectic=True,
+    symmetric=True,
     evaluations=7,
     update=verlet_composed("""
          0.78451361047755726381949763
@@ -183,6 +187,7 @@ KAHAN_LI6 = Method(
     synonyms=("s9odr6a",),
     order=6,
     symplectic=True,
+    symmetric=True,
     evaluations=9,
     update=verlet_composed("""
          0.39216144400731413927925056
@@ -203,6 +208,7 @@ YOSHIDA8 = Method(
     ),
     order=8,
     symplectic=True,
+    symmetric=True,
     evaluations=15,
     update=verlet_composed("""
          0.74167036435061295344822780
@@ -225,6 +231,7 @@ KAHAN_LI8 = Method(
     synonyms=("s17odr8a",),
     order=8,
     symplectic=True,
+    symmetric=True,
     evaluations=17,
     update=verlet_composed("""
          0.13020248308889008087881763

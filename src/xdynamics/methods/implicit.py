@@ -11,6 +11,7 @@ IMPLICIT_VELOCITY_VERLET = Method(
     ),
     order=2,
     symplectic=False,
+    symmetric=True,
     evaluations=2,
     update="""
         q1 = q + h*v + h**2/2*a
@@ -32,6 +33,7 @@ IMPLICIT_MIDPOINT = Method(
     synonyms=("Gauss method with one stage", "implicit midpoint rule"),
     order=2,
     symplectic=True,
+    symmetric=True,
     evaluations=2,
     update=spread("""
         y2 = y + h/2*k

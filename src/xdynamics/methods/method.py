@@ -155,6 +155,8 @@ class Method:
         Order of the local error of the interpolant, less one.
     simplified : bool
         Whether its stages are found by the simplified Newton iterations of RADAU5 (`march.implicit.radau`), for the same solution.
+    symmetric : bool
+        Whether a step of size -h undoes one of size h: the method is its own adjoint, impacts aside (Hairer, Lubich, Wanner, section V.1).
     stepping : bool
         Whether contacts act by impulses over whole steps (`march.contacts.stepping`), and not as events.
     """
@@ -174,6 +176,7 @@ class Method:
     interpolation: str = HERMITE_WORDS
     interpolation_order: int = 3
     simplified: bool = False
+    symmetric: bool = False
     stepping: bool = False
 
     @cached_property

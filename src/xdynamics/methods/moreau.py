@@ -8,6 +8,7 @@ MOREAU_JEAN = Method(
     synonyms=("Moreau's midpoint rule", "nonsmooth contact dynamics with explicit forces"),
     order=2,
     symplectic=True,
+    symmetric=True,
     evaluations=2,
     update=POSITION_VERLET.update,
     words=(

@@ -8,6 +8,7 @@ VELOCITY_VERLET = Method(
     synonyms=("leapfrog, kick-drift-kick", "Stoermer-Verlet in velocity form", "Newmark beta = 0, gamma = 1/2"),
     order=2,
     symplectic=True,
+    symmetric=True,
     evaluations=1,
     update="""
         q1 = q + h*v + h**2/2*a

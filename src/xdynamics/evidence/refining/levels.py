@@ -16,7 +16,8 @@ from xdynamics.faults import InputError
 from xdynamics.march.asking import settings_for
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.model import Model
-from xdynamics.units import parse_time
+from xdynamics.model.motion import variables
+from xdynamics.units import Quantity, Unit, parse_time
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -142,12 +143,27 @@ class Levels:
     def asked_of(self, value: Any) -> dict[str, Any]:
         """Return the settings of a level."""
         keys = {STEPS: "step", RTOLS: "rtol", TIME_TOLERANCES: "time_tolerance"}
-        return {"force_samples": "none"} | self.asked | ({keys[self.varied]: float(value)} if self.ordered else {})
+        varied = {keys[self.varied]: float(value)} if self.ordered else {}
+        if self.varied is RTOLS:
+            coarsest = self.asked | {"rtol": float(self.values[0])}
+            tolerances = settings_for(self.model, **coarsest).tolerances
+            if tolerances and (tolerances.atol or tolerances.bare is not None):  # or they would be all of the error
+                varied |= absolute_tolerances(self.model, coarsest, float(value) / float(self.values[0]))
+        return {"force_samples": "none"} | self.asked | varied
 
     def marched(self, k: int) -> xr.Dataset:
         """Return the run of a level."""
         path = None if self.keep is None else self.keep / f"level_{k}.nc"
         return march(self.model_of(self.values[k]), path, **self.asked_of(self.values[k]))
+
+
+def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0) -> dict[str, Any]:
+    """Return absolute tolerances, or a part of them, as they are in any units: a bare number is in those of the march."""
+    tolerances = settings_for(model, **asked).tolerances
+    if tolerances is None:
+        return {}
+    names = variables(model)
+    return {"atol": {name: Quantity(ratio * tolerances.of(name), Unit("", model.dimensions[name])) for name in names}}
 
 
 def _read(varied: Varied, given: Any) -> Any:
