@@ -43,7 +43,7 @@ def test_python_statement_equals_file() -> None:
         ('value = 0.145', "value = nan", "parameter 'm': quantity nan is not finite"),
         ('"-c*v_y*abs(v_y)"', '"-c*v_z*abs(v_y)"', "name 'v_z' .* is not declared; did you mean 'v_y'"),
         ('direction = "falling"\naction = "record"', 'direction = "down"', "direction 'down' is not known; there are rising, falling"),
-        ('v_y = "20 m s-1"', "", "initial value of 'v_y' is missing, in 'm s-1'"),
+        ('y = "0 m"', "", "initial value of 'y' is missing, in 'm'"),
         ('v_y = "20 m s-1"', 'v_y = "20 m"', "initial value 'v_y = 20.0 m' has units 'm', needs 'm s-1'"),
         ('action = "stop"', 'action = "impact"', "event 'ground': key 'restitution' is missing"),
         ('[mass]\ny = "m"', "[mass]", "mass: of coordinate 'y' is missing"),

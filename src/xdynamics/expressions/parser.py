@@ -74,7 +74,8 @@ def _check_raw(source: str) -> None:
     good = _ALLOWED.match(source)
     end = good.end() if good else 0
     if end < len(source):
-        raise InputError(f"expression {_shown(source)} has the character {source[end]!r} at column {end + 1}")
+        remedy = "; a power is written **" if source[end] == "^" else ""
+        raise InputError(f"expression {_shown(source)} has the character {source[end]!r} at column {end + 1}{remedy}")
     if found := re.search(r"(?<![A-Za-z0-9_])[0-9.]+_", source):
         raise InputError(f"expression {_shown(source)} has an underscore in a number at column {found.start() + 1}")
 

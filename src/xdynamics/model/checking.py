@@ -58,7 +58,10 @@ def check(statement: Statement) -> dict[str, Dimension]:
     accelerations = {acceleration(name): known[name] / TIME**2 for name in statement.coordinates}
     for name, observable in statement.observables.items():
         with ledger.entry(f"observable '{name}'"):
-            spell(dimension_of(observable, known | accelerations))
+            found, chosen = dimension_of(observable, known | accelerations), statement.observed.get(name)
+            spell(found)
+            if chosen and chosen.unit and chosen.unit.dimension != found:
+                raise InputError(f"has units '{found}', and is to be in '{chosen.unit.text}'")
     check_validation(statement, known, ledger)
     _check_spreads(statement, known | accelerations, ledger)
     ledger.settle()

@@ -24,6 +24,7 @@ from xdynamics.model.parts import (
     Force,
     Friction,
     Function,
+    Observable,
     Parameter,
     Regime,
     State,
@@ -31,7 +32,7 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.reach import ANYWHERE, BELOW, EMBEDDED, REACHES, Reach
 from xdynamics.model.reading import read
-from xdynamics.model.spread import SIZES, Discrepancy
+from xdynamics.model.spread import SIZES, Discrepancy, parted
 from xdynamics.model.statement import Statement
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, parse_unit
@@ -88,6 +89,7 @@ class Model:
     regimes: dict[str, Regime]
     regime: str
     observables: dict[str, Node]
+    observed: dict[str, Observable]
     run: dict[str, Any]
     validation: dict[str, Validation]
     correlations: dict[tuple[str, str], float]
@@ -217,7 +219,7 @@ class Model:
         }
         initial = {name: Quantity(0.0, one.unit) for name, one in self.initial.items()}
         said = replace(
-            self.statement, name="", description="", parameters=parameters, initial=initial, starts={}, run={},
+            self.statement, name="", description="", parameters=parameters, initial=initial, starts={}, observed={}, run={},
             validation={}, correlations={}, discrepancy={},
         )  # fmt: skip
         return toml.write(said)
@@ -313,6 +315,13 @@ def _replaced(entry: str, old: Any, value: Any) -> Any:
     text = old.get("value") if isinstance(old, Mapping) else old
     if getattr(value, "ndim", None) == 0:  # a number of numpy or xarray writes itself with its type
         value = value.item()
+    try:
+        both = parted(value)
+    except InputError as error:
+        raise ModelError(f"{entry} = {value!r}: {error}") from None
+    if both:
+        kept = {key: one for key, one in old.items() if key not in ("unit", *SIZES)} if isinstance(old, Mapping) else {}
+        return kept | {"value": both[0], "uncertainty": both[1]}
     if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
         return value
     try:

@@ -223,6 +223,14 @@ class Friction:
 
 
 @dataclass(frozen=True)
+class Observable:
+    """How an observable is recorded: its unit, where that is chosen, and what it is."""
+
+    unit: Unit | None = None
+    description: str = ""
+
+
+@dataclass(frozen=True)
 class Validation:
     """What a quantity of a run is to be.
 

@@ -10,30 +10,30 @@ from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.drives import INTERPOLATIONS, OUTSIDE, Table
+from xdynamics.model.grammar import HEAD, SECTIONS, keys_of
 from xdynamics.model.parts import (
     STRIKE,
     Coordinate,
     Drive,
     Force,
     Function,
+    Observable,
     Parameter,
     State,
 )
 from xdynamics.model.python import Functions, expression_or_function
 from xdynamics.model.reach import Reach
-from xdynamics.model.spread import KEYS, Discrepancy, correlations_of, spread_of
+from xdynamics.model.spread import Discrepancy, correlations_of, parted, spread_of
 from xdynamics.model.statement import Statement
 from xdynamics.model.switching import event, regime
 from xdynamics.model.touching import contact, friction, impact
 from xdynamics.model.validating import validation
-from xdynamics.model.words import choice, described, flag, keys, near
+from xdynamics.model.words import choice, described, flag, near
+from xdynamics.schema import velocity
 from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
-SECTIONS = ("name", "description", "coordinates", "parameters", "mass", "definitions", "forces", "drives", "states",
-            "initial", "events", "contacts", "frictions", "regimes", "observables", "validation", "correlations", "discrepancy", "run")  # fmt: skip
-RUN_KEYS = ("method", "step", "until", "rtol", "atol", "estimator", "safety", "growth_limits", "min_step", "max_step",
-            "max_steps", "force_samples", "scales", "jacobian", "summation", "switches",
-            "time_tolerance")  # fmt: skip
+RUN_KEYS = SECTIONS["run"].known
+HEAD_KEYS = tuple(one.name for one in HEAD)
 
 
 def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: Reach) -> Statement:
@@ -49,9 +49,9 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     if not isinstance(name, str) or not name.strip():
         ledger.note('name is missing; write name = "…" first')
     for key in statement:
-        if key not in SECTIONS:
-            ledger.note(f"[{key}] is no section{near(key, SECTIONS)}")
-    sections = {key: _table(statement, key, ledger) for key in SECTIONS[2:]}
+        if key not in (*HEAD_KEYS, *SECTIONS):
+            ledger.note(f"[{key}] is no section{near(key, tuple(SECTIONS))}")
+    sections = {key: _table(statement, key, ledger) for key in SECTIONS}
     sections["events"], sections["strikes"] = _told_apart(sections["events"], sections["contacts"], ledger)
     parts: dict[str, Any] = {"name": name, "description": ""}
     with ledger.entry("description"):
@@ -70,14 +70,19 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["coordinates"] = entries("coordinates", "coordinate", _coordinate)
     parts["parameters"] = entries("parameters", "parameter", _parameter)
     parts["definitions"] = entries("definitions", "definition", parse)
-    parts["drives"] = entries("drives", "drive", lambda given: _drive(given, reach))
+    parts["drives"] = {}
+    for one, given in sections["drives"].items():
+        with ledger.entry(f"drive '{one}'"):
+            parts["drives"][one] = _drive(one, given, reach)
     parts["states"] = entries("states", "state", _state)
     parts["forces"] = entries("forces", "force", lambda given: _force(given, functions))
     parts["events"] = entries("events", "event", lambda given: event(given, functions))
     parts["contacts"] = entries("contacts", "contact", contact) | entries("strikes", "event", impact)
     parts["frictions"] = entries("frictions", "friction", friction)
     parts["regimes"] = entries("regimes", "regime", regime)
-    parts["observables"] = entries("observables", "observable", parse)
+    observables = entries("observables", "observable", _observable)
+    parts["observables"] = {one: tree for one, (tree, _) in observables.items()}
+    parts["observed"] = {one: about for one, (_, about) in observables.items() if about != Observable()}
     parts["validation"] = {}
     for one, given in sections["validation"].items():
         with ledger.entry(f"validation '{one}'"):
@@ -85,7 +90,9 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["regime"] = _first_regime(sections["initial"], list(parts["regimes"]), ledger)
     sections["initial"] = {key: value for key, value in sections["initial"].items() if key != "regime"}
     starts = entries("initial", "initial value", _parameter)
+    still = {velocity(one): Quantity(0.0, about.unit.per_second()) for one, about in parts["coordinates"].items()}
     parts["initial"] = {"t": Quantity(0.0, Unit("s", TIME))} | {key: one.quantity for key, one in starts.items()}
+    parts["initial"] |= {key: one for key, one in still.items() if key not in sections["initial"]}
     parts["starts"] = {key: one for key, one in starts.items() if one.spread or one.description}
     parts["correlations"] = {}
     with ledger.entry("correlations"):
@@ -119,36 +126,45 @@ def _told_apart(
 
 def _coordinate(given: Any) -> Coordinate:
     given = {"unit": given} if isinstance(given, str) else given
-    keys(given, ("unit", "description"), needed=("unit",))
+    keys_of("coordinates", given)
     return Coordinate(parse_unit(given["unit"]), described(given))
 
 
 def _parameter(given: Any) -> Parameter:
+    if both := parted(given):
+        given = {"value": both[0], "uncertainty": both[1]}
     if not isinstance(given, Mapping):
         return Parameter(parse_quantity(given))
-    keys(given, ("value", "unit", *KEYS, "description"), needed=("value",))
+    keys_of("parameters", given)
     quantity = _in_unit(given["value"], given.get("unit"))
     return Parameter(quantity, spread_of(given, quantity), described(given))
 
 
 def _discrepancy(given: Any) -> Discrepancy:
     given = given if isinstance(given, Mapping) else {"standard": given}
-    keys(given, ("standard", "description"), needed=("standard",))
+    keys_of("discrepancy", given)
     standard = parse_quantity(given["standard"])
     if standard.value < 0:
         raise InputError(f"standard {given['standard']!r} must be non-negative")
     return Discrepancy(standard, described(given))
 
 
+def _observable(given: Any) -> tuple[Node, Observable]:
+    given = given if isinstance(given, Mapping) else {"expression": given}
+    keys_of("observables", given)
+    unit = parse_unit(given["unit"]) if "unit" in given else None
+    return parse(given["expression"]), Observable(unit, described(given))
+
+
 def _state(given: Any) -> State:
-    keys(given, ("unit", "rate", "description", "smooth"), needed=("unit", "rate"))
+    keys_of("states", given)
     return State(parse_unit(given["unit"]), parse(given["rate"]), described(given), flag(given, "smooth"))
 
 
 def _force(given: Any, functions: Functions) -> Force:
     if not isinstance(given, Mapping) or not given:
         raise InputError(f"{given!r} needs a potential or a component per coordinate")
-    components = {key: value for key, value in given.items() if key not in ("potential", "description", "smooth")}
+    components = {key: value for key, value in given.items() if key not in SECTIONS["forces"].known}
     if not components and "potential" not in given:
         raise InputError("needs a potential or a component per coordinate")
     if "potential" in given:
@@ -161,8 +177,12 @@ def _force(given: Any, functions: Functions) -> Force:
     return Force(None, read, described(given), flag(given, "smooth"))
 
 
-def _drive(given: Any, reach: Reach) -> Drive:
-    keys(given, ("table", "csv", "argument", "interpolation", "outside", "description"), needed=("table",))
+def _drive(owner: str, given: Any, reach: Reach) -> Drive:
+    if isinstance(given, Mapping) and "csv" in given:
+        given = {"table": f"{owner}.csv"} | dict(given)
+    keys_of("drives", given)
+    if "table" not in given:
+        raise InputError("key 'table' is missing; name a CSV file there, or write its text behind csv")
     name = given["table"]
     if not isinstance(name, str) or not name.isprintable() or not isinstance(given.get("csv", ""), str):
         raise InputError(f"table {name!r} must be the name of a CSV file")

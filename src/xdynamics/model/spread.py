@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
@@ -22,6 +23,7 @@ HALF_WIDTHS = {RECTANGULAR: sqrt(3.0), TRIANGULAR: sqrt(6.0), ARCSINE: sqrt(2.0)
 SIZES = ("uncertainty", "half_width")
 KEYS = (*SIZES, "distribution", "degrees_of_freedom")
 
+_BETWEEN = re.compile(r"±|\+/-|\+-")
 NOTHING = 1e-12  # of a variance that is left
 
 Floats = NDArray[np.float64]
@@ -81,6 +83,21 @@ class Discrepancy:
 
     standard: Quantity
     description: str = ""
+
+
+def parted(text: Any) -> tuple[str, str] | None:
+    """Take ``50 ± 0.5 g`` apart into the value and its standard uncertainty, as `show` prints them.
+
+    Examples
+    --------
+    >>> parted("50 ± 0.5 g")
+    ('50 g', '0.5 g')
+    """
+    if not isinstance(text, str) or (found := _BETWEEN.search(text)) is None:
+        return None
+    value, size = text[: found.start()].strip(), text[found.end() :].strip()
+    unit = parse_quantity(size).unit.text
+    return f"{value} {unit}", size
 
 
 def spread_of(given: Mapping[str, Any], value: Quantity) -> Spread | None:

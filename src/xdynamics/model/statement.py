@@ -16,6 +16,7 @@ from xdynamics.model.parts import (
     Force,
     Friction,
     Function,
+    Observable,
     Parameter,
     Regime,
     State,
@@ -46,6 +47,7 @@ class Statement:
     regimes: dict[str, Regime]
     regime: str  # that the motion begins in
     observables: dict[str, Node]
+    observed: dict[str, Observable]  # of which a unit is chosen, or something is said
     run: dict[str, Any]
     validation: dict[str, Validation]
     correlations: dict[tuple[str, str], float]

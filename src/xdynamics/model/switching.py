@@ -7,13 +7,12 @@ from typing import Any
 
 from xdynamics.expressions import Node, parse
 from xdynamics.faults import InputError
+from xdynamics.model.grammar import keys_of
 from xdynamics.model.parts import ACTIONS, DIRECTIONS, ROOT_STATES, STRIKE, Event, Function, Regime
 from xdynamics.model.python import Functions, expression_or_function
-from xdynamics.model.words import choice, described, keys, tolerance
+from xdynamics.model.words import choice, described, tolerance
 from xdynamics.units import parse_unit
 
-_KEYS = ("function", "direction", "action", "to", "set", "count", "time_tolerance", "root_state", "unit",
-         "description")  # fmt: skip
 _OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other knows
 
 
@@ -25,7 +24,7 @@ def event(given: Any, functions: Functions) -> Event:
     InputError
         Naming the key that is wrong.
     """
-    keys(given, _KEYS, needed=("function",))
+    keys_of("events", given)
     action = choice(given, "action", (*ACTIONS, STRIKE), "record")
     for key, needed in _OF_ACTIONS.items():
         if action == needed and key not in given:
@@ -72,7 +71,7 @@ def regime(given: Any) -> Regime:
     InputError
         If it lists no names of forces.
     """
-    keys(given, ("forces", "description"), needed=("forces",))
+    keys_of("regimes", given)
     names = given["forces"]
     if not isinstance(names, list | tuple) or not all(isinstance(one, str) for one in names):
         raise InputError(f"forces is {names!r}, needs a list of the forces that act in it")

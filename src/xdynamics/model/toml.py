@@ -55,7 +55,7 @@ def write(statement: Statement) -> str:
         _section(lines, f"frictions.{name}", _described(body | _tolerance(friction), friction))
     for name, regime in statement.regimes.items():
         _section(lines, f"regimes.{name}", _described({"forces": list(regime.forces)}, regime))
-    _section(lines, "observables", {name: text_of(node) for name, node in statement.observables.items()})
+    _section(lines, "observables", {name: _observable(statement, name) for name in statement.observables})
     for name, one in statement.validation.items():
         _section(lines, f"validation.{name}", _described(_validation(one), one))
     _section(lines, "correlations", _correlations(statement))
@@ -89,6 +89,13 @@ def _parameter(part: Any) -> str | dict[str, Any]:
         if part.spread.degrees_of_freedom is not None:
             body["degrees_of_freedom"] = part.spread.degrees_of_freedom
     return _described(body, part)
+
+
+def _observable(statement: Statement, name: str) -> str | dict[str, Any]:
+    text, about = text_of(statement.observables[name]), statement.observed.get(name)
+    if about is None:
+        return text
+    return _described({"expression": text} | ({"unit": about.unit.text} if about.unit else {}), about)
 
 
 def _correlations(statement: Statement) -> dict[str, dict[str, float]]:

@@ -7,14 +7,12 @@ from typing import Any
 
 from xdynamics.expressions import Node, parse
 from xdynamics.faults import InputError
+from xdynamics.model.grammar import SECTIONS, keys_of
 from xdynamics.model.parts import DIRECTIONS, IMPACT_LAWS, TANGENTIALS, Contact, Friction
 from xdynamics.model.words import choice, described, keys, tolerance
 from xdynamics.units import Quantity, parse_quantity
 
-_OF_CONTACTS = ("gap", "restitution", "tangential", "slip", "friction", "static", "time_tolerance", "rest_height", "law",
-                "description")  # fmt: skip
 _OF_COULOMB = ("slip", "friction", "static")
-_OF_FRICTIONS = ("slip", "kinetic", "static", "time_tolerance", "description")
 
 
 def contact(given: Any) -> Contact:
@@ -25,7 +23,7 @@ def contact(given: Any) -> Contact:
     InputError
         Naming the key that is wrong.
     """
-    keys(given, _OF_CONTACTS, needed=("gap", "restitution"))
+    keys_of("contacts", given)
     tangential = choice(given, "tangential", TANGENTIALS, "frictionless")
     if tangential == "coulomb":
         if missing := [key for key in _OF_COULOMB[:2] if key not in given]:
@@ -50,10 +48,11 @@ def impact(given: Any) -> Contact:
     InputError
         Naming the key that is wrong.
     """
-    keys(given, ("function", "direction", "action", *_OF_CONTACTS[1:]), needed=("function", "restitution"))
+    own = tuple(key for key in SECTIONS["contacts"].known if key != "gap")
+    keys(given, ("function", "direction", "action", *own), needed=("function", "restitution"))
     direction = choice(given, "direction", DIRECTIONS[:2], "falling")
     gap = given["function"] if direction == "falling" else f"-({given['function']})"
-    return contact({"gap": gap} | {key: value for key, value in given.items() if key in _OF_CONTACTS})
+    return contact({"gap": gap} | {key: value for key, value in given.items() if key in own})
 
 
 def friction(given: Any) -> Friction:
@@ -64,7 +63,7 @@ def friction(given: Any) -> Friction:
     InputError
         Naming the key that is wrong.
     """
-    keys(given, _OF_FRICTIONS, needed=("slip", "kinetic"))
+    keys_of("frictions", given)
     kinetic = _expression(given, "kinetic")
     static = _expression(given, "static") if "static" in given else kinetic
     return Friction(parse(given["slip"]), kinetic, static, tolerance(given), described(given))

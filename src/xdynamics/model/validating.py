@@ -7,12 +7,12 @@ from typing import Any
 
 from xdynamics.expressions import dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger
+from xdynamics.model.grammar import keys_of
 from xdynamics.model.parts import Validation
 from xdynamics.model.statement import Statement
-from xdynamics.model.words import described, keys
+from xdynamics.model.words import described
 from xdynamics.units import TIME, Dimension, Quantity, parse_quantity, parse_time, spell
 
-_KEYS = ("expression", "quantity", "times", "bound", "event", "occurrence", "description")
 ROUNDING, ORDER, BAND, UNSCALED = "rounding", "order", "band", "unscaled"
 _FROM_ORDER = re.compile(r"rounding from order ([1-9]\d?)")
 WORDS = f"'{ROUNDING}', '{ROUNDING} from order 2', '{ORDER}', '{BAND}', '{UNSCALED}'"
@@ -21,7 +21,7 @@ WORDS = f"'{ROUNDING}', '{ROUNDING} from order 2', '{ORDER}', '{BAND}', '{UNSCAL
 def validation(name: str, given: Any) -> Validation:
     """Read one closed form."""
     given = {"expression": given} if isinstance(given, str) else given
-    keys(given, _KEYS, needed=("expression", "bound"))
+    keys_of("validation", given)
     times = given.get("times", [])
     if isinstance(times, str | int | float):
         times = [times]

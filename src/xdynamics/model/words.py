@@ -11,7 +11,7 @@ from xdynamics.units import TIME, Quantity, parse_quantity
 
 
 def keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
-    """Refuse what is no table, has other keys than the known ones, or lacks one that is needed."""
+    """Refuse what is no table, has other keys than the known ones, or lacks one that is needed; see `grammar`."""
     if not isinstance(given, Mapping):
         raise InputError(f"{given!r} must be a table with {', '.join(needed)}")
     faults = [f"key '{key}' is not known{near(key, known)}" for key in given if key not in known]

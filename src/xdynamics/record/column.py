@@ -82,6 +82,9 @@ class Units:
             return spell(layout.energy_dimension or NONE)
         if name in layout.gaps:
             return spell(dimension_of(layout.gaps[name], self.about.model.dimensions))
+        chosen = self.about.model.observed.get(name)
+        if chosen is not None and chosen.unit is not None:
+            return chosen.unit
         known = self.about.model.dimensions
         accelerations = {schema.acceleration(one): known[one] / TIME**2 for one in layout.coordinates}
         return spell(dimension_of(self.about.model.observables[name], known | accelerations))

@@ -107,7 +107,8 @@ def _steps(about: About) -> list[Column]:
         role = "energy" if name in schema.ENERGIES else "gap" if name in layout.gaps else "observable"
         said = "gap of contact" if role == "gap" else "observable"
         owner = name.removeprefix(schema.contact_gap("")) if role == "gap" else name
-        add(name, schema.ENERGIES.get(name, f"{said} {owner}"), role, units.derived(name))
+        told = model.observed[name].description if name in model.observed else ""
+        add(name, told or schema.ENERGIES.get(name, f"{said} {owner}"), role, units.derived(name))
     for k, one in enumerate(reactions(model)):
         add(one.name, _said_of(one), "reaction", units.known[one.name], _declared(model, one))
         found.append(Column(_state_of(one), _flag(2 + k)))

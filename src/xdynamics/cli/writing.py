@@ -1,0 +1,56 @@
+"""Verbs for whoever writes a model: what may stand in it, a first one, and whether one is right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from xdynamics.cli.command import main, say
+from xdynamics.cli.marching import changed_model
+
+
+@main.command(name="help")
+@click.argument("topic", required=False)
+def help_on(topic: str | None) -> None:
+    """Explain what may stand in a model file: `help model`, `help drives`, `help language`, `help record`."""
+    from xdynamics.documenting.guide import guide
+
+    say(guide(topic))
+
+
+@main.command()
+@click.argument("path", metavar="MODEL.toml")
+def new(path: str) -> None:
+    """Write a model to begin with: a driven pendulum, with a word on each section."""
+    from xdynamics.documenting.guide import STARTER
+    from xdynamics.faults import InputError
+
+    target = Path(path)
+    if target.suffix != ".toml":
+        raise InputError(f"'{path}' is no name for a model file, needs one like pendulum.toml")
+    try:
+        with target.open("x", encoding="utf-8") as file:
+            file.write(STARTER)
+    except FileExistsError:
+        raise InputError(f"'{path}' is there already, and is not written over; give another name") from None
+    except OSError as error:
+        raise InputError(f"'{path}' cannot be written: {error.strerror or error}") from None
+    say(_next(path))
+
+
+def _next(path: str) -> Iterator[str]:
+    yield f"model     {path}"
+    yield f"next      xdynamics check {path}; xdynamics run {path} -o run.nc; xdynamics plot run.nc -o run.png"
+
+
+@main.command()
+@click.argument("model_file", metavar="MODEL.toml")
+@click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+@click.option("--tables", type=click.Choice(["below", "anywhere"]), default="below", help="Where the model may take tables from.")  # fmt: skip
+def check(model_file: str, changes: tuple[str, ...], tables: str) -> None:
+    """Read a model and check every unit; print its equations, time scales, and the methods that take it. Marches nothing."""
+    from xdynamics.documenting.plain import lines_of
+
+    say(lines_of(changed_model(model_file, changes, tables)))

@@ -1,0 +1,165 @@
+"""The guide of the command line: what may stand in a model file, the language of expressions, units, the record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+
+from xdynamics import schema
+from xdynamics.expressions.tree import FUNCTIONS
+from xdynamics.faults import InputError
+from xdynamics.model.grammar import HEAD, NEEDED, SECTIONS, Key
+from xdynamics.model.words import near
+from xdynamics.schema import Variable
+from xdynamics.units import CONSTANTS, PREFIX, SPELLING
+
+# functions of the language that need a word; the others are what they are anywhere
+SAID = {
+    "where": "where(x > 0*metre, a, b): a where the comparison holds, else b; comparisons stand nowhere else",
+    "min": "of two or more", "max": "of two or more", "sign": "-1, 0 or 1", "atan2": "atan2(y, x), in radians",
+    "hypot": "sqrt(x**2 + y**2)", "sqrt": "of any unit with even powers", "log": "natural",
+}  # fmt: skip
+BY_NAME = (  # of the record, what is called after what
+    ("x, v_x, a_x", "step", "every coordinate, its velocity and acceleration, in their own units"),
+    ("force_<term>_x", "step", "every force term, by coordinate"),
+    ("fuel, rate_fuel", "step", "every first-order state and its rate"),
+    ("<observable>", "step", "every declared observable, kinetic_energy, potential_energy, total_energy"),
+    ("error_norm, error_x, error_v_x", "step", "estimated local errors, where the method makes them"),
+    ("contact_gap_<name>, contact_force_<name>, contact_state_<name>", "step", "of every contact"),
+    ("friction_force_<name>, friction_state_<name>", "step", "of every friction"),
+    ("event_<observable>, event_<observable>_uncertainty", "event", "observables at the event"),
+    ("event_impulse_x, event_offset_x, event_energy_lost", "event", "what an impact did"),
+    ("sample_x, sample_v_x, sample_force_<term>_x, sample_<drive>", "sample", "what a force evaluation used and gave"),
+    ("m, g, …", "", "every parameter, with its uncertainty as an attribute"),
+)
+STARTER = """\
+# A driven pendulum. `xdynamics help model` tells all sections, `xdynamics help forces` every key of one.
+name = "Driven pendulum"
+description = "A pendulum with friction in its bearing, and a torque that swings"
+
+[coordinates]                 # what moves; the velocity of theta is v_theta
+theta = { unit = "rad", description = "angle from the vertical" }
+
+[parameters]                  # numbers with units; an uncertainty makes a term of an error budget
+m = "0.2 kg"
+l = { value = "0.5 m", uncertainty = "1 mm", description = "from the pivot to the bob" }
+g = "9.80665 m s-2"
+b = { value = "2e-3 kg m2 s-1", description = "of the bearing" }
+torque = "0.1 N m"
+w = "3 s-1"
+
+[mass]                        # what multiplies the acceleration: of an angle a moment of inertia
+theta = "m*l**2/radian**2"
+
+[forces.gravity]              # of a potential, the force is its negative gradient
+potential = "-m*g*l*cos(theta)"
+
+[forces.bearing]              # else a component for each coordinate: of an angle a torque
+theta = "-b*v_theta/radian**2"
+
+[forces.drive]
+theta = "torque*sin(w*t)/radian"
+
+# [drives.push]               # measured data: use `push` in an expression
+# table = "push.csv"          # header: t [s],push [N m]
+
+[events.turn]                 # a function whose zeros are located; action: record, stop, switch, reset, impact
+function = "v_theta"
+
+[observables]                 # what else is recorded
+height = { expression = "-l*cos(theta)", unit = "cm", description = "of the bob over the pivot" }
+
+[initial]                     # where it starts; a velocity that is not there is 0
+theta = "30 degree"
+
+[run]                         # defaults of `xdynamics run`
+method = "dop853"
+rtol = 1e-9
+until = "20 s"
+"""
+
+
+def guide(topic: str | None) -> Iterator[str]:
+    """Explain a topic, or list them.
+
+    Raises
+    ------
+    InputError
+        If there is no such topic.
+    """
+    topics: dict[str, Callable[[], Iterable[str]]] = {
+        "model": _model, "language": _language, "units": _units, "record": _record,
+        **{name: partial(_section, name) for name in SECTIONS},
+    }  # fmt: skip
+    if topic is None:
+        return iter(("topics    " + ", ".join(topics), "usage     xdynamics help TOPIC; xdynamics VERB --help"))
+    if topic not in topics:
+        raise InputError(f"help has no topic '{topic}'{near(topic, tuple(topics))}")
+    return iter(topics[topic]())
+
+
+def _model() -> Iterator[str]:
+    yield "A model file is TOML. Above its sections stand"
+    yield from _keys(HEAD)
+    yield "and its sections are"
+    width = max(map(len, SECTIONS)) + 2
+    for name, one in SECTIONS.items():
+        yield f"  {f'[{name}]':{width}}  {one.about}"
+    yield "`xdynamics help forces`, and so on, tells the keys of one; `xdynamics new MODEL.toml` writes one to begin with."
+
+
+def _section(name: str) -> Iterator[str]:
+    one = SECTIONS[name]
+    where = f"[{name}] or [{name}.<{one.entry.replace(' ', '_')}>]" if one.entry else f"[{name}]"
+    yield f"{where}: {one.about}"
+    if one.short:
+        yield f"  in short, in the place of a table: {one.short}" if one.entry else f"  {one.short}"
+    yield from _keys(one.keys)
+    yield "for example"
+    for line in one.example.rstrip("\n").split("\n"):
+        yield f"  {line}"
+
+
+def _keys(keys: Iterable[Key]) -> Iterator[str]:
+    known = list(keys)
+    width = max(len(one.name) for one in known)
+    for one in known:
+        rest = {"": "", NEEDED: "; needed"}.get(one.default, f"; default: {one.default}")
+        yield f"  {one.name:{width}}  {one.about}  ({one.takes}{rest})"
+
+
+def _language() -> Iterator[str]:
+    yield "An expression has numbers, names, t, pi, + - * / ** (a constant exponent), parentheses, and these functions:"
+    plain = [name for name in FUNCTIONS if name not in SAID]
+    yield f"  {', '.join(plain)}"
+    for name in FUNCTIONS:
+        if name in SAID:
+            yield f"  {name:6}  {SAID[name]}"
+    yield "A number without a unit is a pure number: 2*metre is a length. Unit names in expressions are"
+    yield f"  {', '.join(CONSTANTS)}"
+    yield "Every term has to have the unit of its place; angles are pure numbers, and radian is 1."
+    yield "  '-c*v_y*abs(v_y)', 'm*l**2/radian**2', 'where(x < a, k*x, k*a)', 'g*sin(theta)'"
+
+
+def _units() -> Iterator[str]:
+    yield "A quantity is a number and a unit in UDUNITS spelling: '9.81 m s-2', '5 cm', '30 degree', '2 kg m2 s-1', '1' for none."
+    yield f"  units     {', '.join(SPELLING.values())}"
+    yield f"  prefixes  {', '.join(one for one in PREFIX.values() if one)}; u is micro"
+    yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty behind a sign: 50 ± 0.5 g"
+
+
+def _record() -> Iterator[str]:
+    yield "A run is one xarray Dataset, without coordinate variables but time(step). Its dimensions are"
+    for name in (schema.STEPS, schema.TRIALS, schema.EVENTS, schema.SAMPLES, schema.BOUNDS):
+        yield f"  {name:6}  {schema.DIMENSIONS[name]}"
+    yield "and its variables, first those that are called after the model's own names,"
+    for name, dim, about in BY_NAME:
+        yield f"  {name}{f' ({dim})' if dim else ''}: {about}"
+    yield "then those of every run."
+    for one in schema.FIXED:
+        yield _variable(one)
+
+
+def _variable(one: Variable) -> str:
+    told = [*one.dims, *([one.units] if one.units != "1" else [])]
+    return f"  {one.name}{' (' if told else ''}{', '.join(told)}{')' if told else ''}: {one.long_name}"

@@ -1,0 +1,89 @@
+"""A model in lines of text: its equations, where it starts, how fast it moves, which methods take it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from xdynamics.evidence.modes import modes
+from xdynamics.expressions import Node, text_of
+from xdynamics.faults import InputError
+from xdynamics.methods import METHODS
+from xdynamics.model import Model
+from xdynamics.model.parts import Function
+from xdynamics.model.switches import switches
+from xdynamics.schema import acceleration
+
+COUNTED = ("coordinates", "states", "parameters", "forces", "drives", "events", "contacts", "frictions", "regimes", "observables")  # fmt: skip
+
+
+def lines_of(model: Model) -> Iterator[str]:
+    """Say what a model is, of which every name and unit fits."""
+    counts = [(len(getattr(model, kind)), kind) for kind in COUNTED]
+    said = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
+    yield f"{model.name}: {said}; every name is known and every unit fits"
+    yield from _motion(model)
+    yield from _occasions(model)
+    starts = (f"{name} = {quantity}" for name, quantity in model.initial.items())
+    yield f"start     {', '.join(starts)}{f', regime {model.regime}' if model.regime else ''}"
+    yield from _scales(model)
+
+
+def _motion(model: Model) -> Iterator[str]:
+    for i, name in enumerate(model.coordinates):
+        inertia = [
+            f"{_factor(model.statement.mass_entries[i, j])}*{acceleration(other)}"
+            for j, other in enumerate(model.coordinates)
+            if (i, j) in model.statement.mass_entries
+        ]
+        acting = [term for term, parts in model.force_components.items() if name in parts]
+        yield f"motion    {' + '.join(inertia)} = {' + '.join(acting) or '0'}"
+    for term, parts in model.force_components.items():
+        for name, one in parts.items():
+            body = f"{one.name}({', '.join(one.arguments)})" if isinstance(one, Function) else text_of(one)
+            yield f"force     {term} of {name} = {body}"
+    for name, definition in model.definitions.items():
+        yield f"with      {name} = {text_of(definition)}"
+    for name, state in model.states.items():
+        yield f"rate      of {name} = {text_of(state.rate)}"
+
+
+def _factor(node: Node) -> str:
+    text = text_of(node)
+    return f"({text})" if " + " in text or " - " in text else text
+
+
+def _occasions(model: Model) -> Iterator[str]:
+    for name, event in model.events.items():
+        body = event.function.name if isinstance(event.function, Function) else text_of(event.function)
+        yield f"event     {name}: {body} = 0, {event.direction}: {event.action}{f' to {event.to}' if event.to else ''}"
+    for name, contact in model.contacts.items():
+        yield f"contact   {name}: {text_of(contact.gap)} >= 0, restitution {text_of(contact.restitution)}, {contact.tangential}"
+    for name, friction in model.frictions.items():
+        yield f"friction  {name}: at most {text_of(friction.static)} against {text_of(friction.slip)}, {text_of(friction.kinetic)} while it slips"
+    if hidden := [one.name for one in switches(model)]:
+        yield f"switches  {', '.join(hidden)}: kinks and jumps inside forces, which are located"
+
+
+def _scales(model: Model) -> Iterator[str]:
+    """Say time scales and steps about the start, or why they are not known there."""
+    steps: dict[str, float] = {}
+    try:
+        found = modes(model)
+    except InputError as error:
+        yield f"scales    not known at the start: {error}"
+    else:
+        periods = [f"{one:.4g} s" for one in found["period"].values if 0.0 < one < float("inf")]
+        fastest = float(found["fastest_time_scale"])
+        scale = f"fastest {fastest:.4g} s" if fastest < float("inf") else "none at the start: nothing turns or decays"
+        yield f"scales    {scale}{'; periods ' if periods else ''}{', '.join(periods[:4])}"
+        steps = dict(zip(METHODS, found["suggested_step"].values.tolist(), strict=True))
+    refused: dict[str, list[str]] = {}
+    for name, one in METHODS.items():
+        if why := one.refusals(model):
+            refused.setdefault("; ".join(why), []).append(name)
+            continue
+        near = steps.get(name, float("nan"))
+        step = "" if not 0.0 < near < float("inf") else f", a step of {near:.2g} s to begin with"
+        yield f"method    {name}: order {one.order}{', chooses steps' if one.estimate else ''}{step}"
+    for reason, names in refused.items():
+        yield f"not by    {', '.join(names)}: {reason}"

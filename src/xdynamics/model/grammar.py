@@ -1,0 +1,264 @@
+"""What may stand in a model file: every section and every key, with its unit, its default and an example.
+
+The reader takes the keys that it knows from here, and `xdynamics help` prints them: none can be read and not be told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from xdynamics.model.drives import INTERPOLATIONS, OUTSIDE
+from xdynamics.model.parts import ACTIONS, DIRECTIONS, IMPACT_LAWS, ROOT_STATES, STRIKE, TANGENTIALS
+from xdynamics.model.spread import DISTRIBUTIONS
+from xdynamics.model.words import keys
+
+NEEDED = "needed"
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a section's entries, or of the section itself.
+
+    Attributes
+    ----------
+    name : str
+        In angle brackets where it is any name of that kind.
+    takes : str
+        What stands behind it, with its unit.
+    about : str
+    default : str
+        What holds where it is not there; `NEEDED` of one that has to be.
+    """
+
+    name: str
+    takes: str
+    about: str
+    default: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section of a model file.
+
+    Attributes
+    ----------
+    about : str
+    entry : str
+        What an entry is called, of a section of named entries; empty where keys stand in the section itself.
+    short : str
+        What may stand in the place of an entry's table.
+    keys : tuple of Key
+    example : str
+        TOML in which every key is used.
+    """
+
+    about: str
+    entry: str
+    keys: tuple[Key, ...]
+    example: str
+    short: str = ""
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """The words that may stand as keys."""
+        return tuple(one.name for one in self.keys if not one.name.startswith("<"))
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Those that have to."""
+        return tuple(one.name for one in self.keys if one.default == NEEDED and not one.name.startswith("<"))
+
+
+def _words(words: tuple[str, ...]) -> str:
+    return " | ".join(f'"{one}"' for one in words)
+
+
+DESCRIPTION = Key("description", "text", "what it is, for people; it goes into the record", "none")
+TOLERANCE = Key("time_tolerance", "time", "how well it is located", "that of the run")
+SPREAD = (
+    Key("uncertainty", "number in the value's unit, or quantity", "standard uncertainty", "none"),
+    Key("half_width", "number in the value's unit, or quantity", "half the width between bounds, in its place", "none"),
+    Key("distribution", _words(DISTRIBUTIONS), "how it is distributed", "normal; with half_width rectangular"),
+    Key("degrees_of_freedom", "number over 2", "of the distribution t", "needed there"),
+)
+OF_EVENTS = (
+    Key("function", "expression of any unit", "what passes through zero; also a numba function", NEEDED),
+    Key("direction", _words(DIRECTIONS), "which passages count", "either; of impacts falling"),
+    Key("action", _words((*ACTIONS, STRIKE)), "what is done there; impact takes the keys of a contact too", "record"),
+    Key("to", "name of a regime", "that a switch goes on in", "needed by switch"),
+    Key("set", "table of expressions", "new values that a reset gives, from those before", "needed by reset"),
+    Key("count", "whole number from 1 on", "the occurrence from which on to act", "1"),
+    TOLERANCE,
+    Key("root_state", _words(ROOT_STATES), "where it is located: on shortened steps, or on the step's interpolant", "reintegrate"),
+    Key("unit", "unit", "of a function in Python", "1"),
+    DESCRIPTION,
+)  # fmt: skip
+OF_CONTACTS = (
+    Key("gap", "expression, m or rad", "of coordinates and time; motion only where it is not negative", NEEDED),
+    Key("restitution", "expression, 1", "Newton's coefficient; may read approach_speed", NEEDED),
+    Key("tangential", _words(TANGENTIALS), "friction along the surface", "frictionless"),
+    Key("slip", "expression, m s-1", "velocity along the surface", "needed by coulomb"),
+    Key("friction", "expression, 1", "coefficient while it slips", "needed by coulomb"),
+    Key("static", "expression, 1", "coefficient up to which it sticks", "friction"),
+    TOLERANCE,
+    Key("rest_height", "quantity, m", "lower bounces may be skipped into rest", "1e-9 of the largest gap so far"),
+    Key("law", _words(IMPACT_LAWS), "of impacts, several at once included", "newton"),
+    DESCRIPTION,
+)
+
+SECTIONS: dict[str, Section] = {
+    "coordinates": Section(
+        "what moves; the velocity of x is v_x, its acceleration a_x", "coordinate",
+        (Key("unit", "unit", "of the coordinate; angles in rad or degree", NEEDED), DESCRIPTION),
+        '[coordinates]\nx = "m"\ntheta = { unit = "rad", description = "angle from the vertical" }\n',
+        'its unit: "m"',
+    ),
+    "parameters": Section(
+        "constants of the model", "parameter",
+        (Key("value", "quantity, or a number beside unit", "of the parameter", NEEDED), Key("unit", "unit", "where the value has none", "1"), *SPREAD, DESCRIPTION),
+        '[parameters]\nm = "0.2 kg"\nl = { value = 0.5, unit = "m", uncertainty = 1e-3, description = "length" }\n'
+        'k = { value = "40 N m-1", half_width = "1 N m-1", distribution = "triangular" }\n'
+        'c = { value = "0.1 kg s-1", uncertainty = 0.01, distribution = "t", degrees_of_freedom = 9 }\n',
+        'its value: "9.81 m s-2", or with its standard uncertainty: "9.81 ± 0.01 m s-2"',
+    ),
+    "mass": Section(
+        "what multiplies the acceleration of each coordinate, and nothing else", "",
+        (Key("<coordinate>", "expression, kg (kg m2 of an angle)", "mass or moment of inertia", NEEDED), Key("matrix", "rows of expressions", "the whole mass matrix in their place, which may depend on coordinates", "")),
+        '[mass]\nmatrix = [["2*m", "m*l*cos(theta)/radian"], ["m*l*cos(theta)/radian", "m*l**2/radian**2"]]\n',
+    ),
+    "definitions": Section(
+        "names for expressions that are used again", "definition", (Key("<name>", "expression of any unit", "may read other definitions"),),
+        '[definitions]\nspeed = "hypot(v_x, l*v_theta/radian)"\n',
+    ),
+    "forces": Section(
+        "force terms by name", "force",
+        (
+            Key("potential", "expression, J", "the force is its negative gradient, and energies are known", "components"),
+            Key("<coordinate>", "expression, N (N m of an angle)", "component of the (generalised) force; also a numba function", ""),
+            Key("smooth", "true | false", "its abs, sign, min, max, where are no switches to be located", "false"),
+            DESCRIPTION,
+        ),
+        '[forces.gravity]\npotential = "-m*9.81*newton/kilogram*l*cos(theta)"\n'
+        '[forces.drag]\nx = "-c*v_x"\ntheta = "-c*l**2*v_theta/radian"\nsmooth = true\ndescription = "of the air"\n',
+    ),
+    "drives": Section(
+        "measured tables, which expressions read by name", "drive",
+        (
+            Key("table", "file name", "a CSV beside the model, whose header has units: time [s],pull [N]; a column u(pull) [N] for uncertainties", "needed without csv"),
+            Key("csv", "text", "the table itself, in the place of the file", "the file"),
+            Key("argument", 't, a coordinate or a velocity', "what it is measured over", "t"),
+            Key("interpolation", _words(INTERPOLATIONS), "between its points", "linear"),
+            Key("outside", _words(OUTSIDE), "beyond its ends", "error"),
+            DESCRIPTION,
+        ),
+        '[drives.pull]\ntable = "pull.csv"\ncsv = "t [s],pull [N]\\n0,0\\n2,3\\n9,0\\n"\ninterpolation = "pchip"\noutside = "zero"\n'
+        '[drives.soft]\ntable = "soft.csv"\ncsv = "x [mm],soft [N],u(soft) [N]\\n-900,5,0.1\\n900,-5,0.1\\n"\nargument = "x"\ndescription = "measured spring"\n',
+    ),
+    "states": Section(
+        "first-order companions of the motion: fuel, charge, memory of a controller", "state",
+        (Key("unit", "unit", "of the state", NEEDED), Key("rate", "expression, that unit per second", "how fast it changes", NEEDED), Key("smooth", "true | false", "as of forces", "false"), DESCRIPTION),
+        '[states.fuel]\nunit = "kg"\nrate = "-1e-3*kilogram/second*abs(v_x)/(1*metre/second)"\nsmooth = true\ndescription = "what is left"\n',
+    ),
+    "initial": Section(
+        "where the motion starts: t, every coordinate, velocity and state", "initial value",
+        (Key("value", "quantity, or a number beside unit", "at the start", NEEDED), Key("unit", "unit", "where the value has none", "1"), *SPREAD, DESCRIPTION),
+        '[initial]\nt = "0 s"\nx = { value = "10 mm", uncertainty = 0.1, description = "read off the scale" }\nv_x = "0 m s-1"\n'
+        'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nregime = "pulled"\n',
+        'its value: "20 m s-1"; regime = "coast" names the regime that it begins in, else the first; a velocity that is not there is 0',
+    ),
+    "events": Section(
+        "functions whose zeros are located, and what is done there", "event", OF_EVENTS,
+        '[events.turn]\nfunction = "v_x"\ndirection = "falling"\ntime_tolerance = "1 ns"\n'
+        '[events.release]\nfunction = "t - 2*second"\naction = "switch"\nto = "free"\ndescription = "the string is cut"\n'
+        '[events.wall]\nfunction = "2*metre - x"\ndirection = "falling"\naction = "reset"\nset = { v_x = "-0.9*v_x" }\nroot_state = "interpolant"\n'
+        '[events.third]\nfunction = "theta"\naction = "stop"\ncount = 3\n',
+    ),
+    "contacts": Section(
+        "unilateral contacts: impacts, rest, take-off, Coulomb's friction", "contact", OF_CONTACTS,
+        '[contacts.floor]\ngap = "x + 1*metre"\nrestitution = "0.8*exp(-approach_speed/(9*metre/second))"\nrest_height = "1 nm"\nlaw = "poisson"\n'
+        '[contacts.pad]\ngap = "3*metre - x"\nrestitution = 0.5\nlaw = "poisson"\ntangential = "coulomb"\nslip = "l*v_theta/radian"\nfriction = 0.3\nstatic = 0.4\ntime_tolerance = "1 ps"\ndescription = "rubber"\n',
+    ),
+    "frictions": Section(
+        "dry friction with true stick, where the normal load is known", "friction",
+        (
+            Key("slip", "expression, m s-1 (rad s-1)", "relative velocity, linear in velocities", NEEDED),
+            Key("kinetic", "expression, N", "how large the force is while it slips", NEEDED),
+            Key("static", "expression, N", "the most that sticking holds", "kinetic"),
+            TOLERANCE, DESCRIPTION,
+        ),
+        '[frictions.belt]\nslip = "v_x - 0.1*metre/second"\nkinetic = "0.2*newton"\nstatic = "0.4*newton"\ntime_tolerance = "1 ns"\ndescription = "felt"\n',
+    ),
+    "regimes": Section(
+        "which forces act together while a regime lasts; events switch between them", "regime",
+        (Key("forces", "list of names", "the terms that act", NEEDED), DESCRIPTION),
+        '[regimes.pulled]\nforces = ["gravity", "drag"]\ndescription = "by the motor"\n[regimes.free]\nforces = ["gravity"]\n',
+    ),
+    "observables": Section(
+        "what else is recorded along the run and at events", "observable",
+        (Key("expression", "expression of any unit", "what is recorded", NEEDED), Key("unit", "unit", "that it is recorded in", "the SI unit"), DESCRIPTION),
+        '[observables]\nheight = "-l*cos(theta)"\nspeed_of_it = { expression = "v_x", unit = "km h-1", description = "as on a speedometer" }\n',
+        'its expression: "m*v_x"',
+    ),
+    "validation": Section(
+        "closed forms that a run is compared with by `xdynamics validate`", "closed form",
+        (
+            Key("expression", "expression of t and parameters", "what the quantity is to be", NEEDED),
+            Key("bound", 'quantity, "rounding", "rounding from order 2", "order", "band" or "unscaled"', "the most that it may be off, or how that follows", NEEDED),
+            Key("quantity", "name", "a coordinate, velocity, state, energy, observable, contact force; at an event also t", "the table's name"),
+            Key("times", "time or list of times", "where it is compared", "at every accepted state"),
+            Key("event", "name", "behind which it is compared", "none"),
+            Key("occurrence", "whole number from 1 on", "which of these", "1"),
+            DESCRIPTION,
+        ),
+        '[validation.x]\nexpression = "0.01*metre"\nbound = "1 km"\ntimes = ["0 s", "1 s"]\ndescription = "at rest"\n'
+        '[validation.first_turn]\nquantity = "t"\nexpression = "0*second"\nbound = "order"\nevent = "turn"\noccurrence = 1\n',
+        "expression and bound are both needed",
+    ),
+    "correlations": Section(
+        "correlation coefficients of uncertain inputs", "", (Key("<name>", "table of numbers from -1 to 1", "by the other name", "0"),),
+        "[correlations]\nl = { x = 0.3 }\n",
+    ),
+    "discrepancy": Section(
+        "what the model itself may have a quantity wrong, declared by its author", "discrepancy",
+        (Key("standard", "quantity", "standard uncertainty", NEEDED), DESCRIPTION),
+        '[discrepancy]\nx = { standard = "1 mm", description = "no wind in it" }\n',
+        'its standard uncertainty: "1 mm"',
+    ),
+    "run": Section(
+        "defaults of `xdynamics run`, each an option of the command too", "",
+        (
+            Key("method", "name of a method", "see `xdynamics methods`", "needed here or there"),
+            Key("step", "time", "of the grid; with a tolerance, the first step", "needed without a tolerance"),
+            Key("until", "time", "end of the run", "needed here or there"),
+            Key("rtol", "number", "relative tolerance: steps are chosen", "none"),
+            Key("atol", 'number in every variable\'s unit, or table { y = "1 um" }', "absolute tolerance", "rtol in each unit"),
+            Key("estimator", '"embedded" | "step_doubling" | "step_doubling_extrapolated" | "none"', "where errors are estimated from", "embedded where there is one"),
+            Key("safety", "number below 1", "of the proposed step", "0.9"),
+            Key("growth_limits", "pair of numbers", "of a step to the next", "[0.2, 10]"),
+            Key("min_step", "time", "shortest step that control may take", "the spacing of t"),
+            Key("max_step", "time", "longest", "the whole span"),
+            Key("max_steps", "whole number", "after which the run ends", "1000000"),
+            Key("time_tolerance", "time", "how well events are located that do not say so", "1 ps, below a second 1e-12 of the span"),
+            Key("force_samples", '"all" | "none"', "whether every force evaluation is recorded", "all"),
+            Key("scales", 'table of length, time, mass', "to march in variables without a unit", "SI units"),
+            Key("jacobian", '"exact" | "differences"', "of radau_iia", "exact"),
+            Key("summation", '"compensated" | "plain"', "whether rounding is carried on", "compensated for symplectic methods"),
+            Key("switches", '"located" | "stepped over"', "kinks and jumps inside forces", "located"),
+        ),
+        '[run]\nmethod = "dop853"\nuntil = "9 s"\nrtol = 1e-8\natol = { x = "1 um" }\nstep = "1 ms"\nestimator = "embedded"\nsafety = 0.8\ngrowth_limits = [0.2, 5]\n'
+        'min_step = "1 ns"\nmax_step = "1 s"\nmax_steps = 100000\ntime_tolerance = "1 ns"\nforce_samples = "none"\nscales = { length = "0.5 m" }\njacobian = "exact"\nsummation = "plain"\nswitches = "located"\n',
+    ),
+}  # fmt: skip
+
+# what stands above all sections
+HEAD = (
+    Key("name", "text", "of the model, first of all", NEEDED),
+    DESCRIPTION,
+)
+
+
+def keys_of(section: str, given: Any, more: tuple[str, ...] = (), needed: tuple[str, ...] | None = None) -> None:
+    """Refuse what is no table, has other keys than the section's and some more, or lacks one that is needed."""
+    about = SECTIONS[section]
+    keys(given, about.known + more, about.needed if needed is None else needed)
