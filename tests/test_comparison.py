@@ -202,7 +202,7 @@ def test_a_run_beside_measured_data(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ({"t": [0.1], "x [m]": [1]}, "column 't' has no unit; write it like"),
+        ({"t": [0.1], "x [m]": [1]}, "column 't': it has no unit; write it like"),
         ({"x [m]": [1]}, "has no column of times, like 'time .s.'; there are x"),
         ({"time [m]": [0.1], "x [m]": [1]}, "column 'time' is in 'm', needs a time"),
         ({"time [s]": [0.1, np.nan], "x [m]": [1, 2]}, "row 2 is nan, needs a number; leave out rows with gaps"),

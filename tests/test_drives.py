@@ -52,7 +52,7 @@ def test_faults_of_a_table_are_few() -> None:
     with pytest.raises(xd.InputError) as caught:
         Table.parse("a.csv", "t [s],f [N]\n" + "x,1\n" * 12 + "0,1\n0\n" + "1,inf\n" * 12)
     assert len(caught.value.faults) == 20
-    assert caught.value.faults[12] == "line 15: '0' is no pair of numbers"
+    assert caught.value.faults[12] == "line 15, '0' …, has 1 cells, the header 2"
 
 
 @pytest.mark.parametrize("rule", CURVES)

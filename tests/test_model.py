@@ -117,15 +117,24 @@ def test_traits_name_the_culprit() -> None:
     [
         ("", "is empty"),
         ("time [s],thrust [N]\n", "has 0 rows, needs 2"),
-        ("time,thrust\n0,1\n1,2", "line 1: header 'time,thrust' needs two columns with units"),
+        (
+            "time,thrust\n0,1\n1,2",
+            r"line 1 \(separated by commas(?s:.*)column 'time': it has no unit; write it like 'time .s.'",
+        ),
         ("time [s],thrust [N]\n0,1\n0,2", "line 3: argument 0.0 does not increase after 0.0"),
-        ("# a note\ntime [s],thrust [N]\n0,1\n1,nan", "line 4: 'nan' is not finite"),
-        ("time [s],thrust [N]\n0,1\n1;2", "line 3: '1;2' is no pair of numbers"),
+        (
+            "# a note\ntime [s],thrust [N]\n0,1\n1,nan",
+            "line 4: column 'thrust .N.' has a gap; fill it, or leave such lines out with gaps = \"skip\"",
+        ),
+        ("time [s],thrust [N]\n0,1\n1;2", "line 3, '1;2' …, has 1 cells, the header 2"),
         ("time [s],thrust [N]\n0,1\n1,two", "line 3: 'two' is no number"),
-        ("time [s],thrust [N]\n0,1\n1,2,3", "line 3: '1' is the first of 3 cells, needs a pair of numbers"),
+        ("time [s],thrust [N]\n0,1\n1,2,3", "line 3, '1' …, has 3 cells, the header 2"),
         ("time [s],thrust [N]\n0,1\n" + "secret" * 9 + ",2", "line 3: 'secretsecretsecretsecret…' is no number"),
         ("time [s],thrust [bananas]\n0,1\n1,2", "unit 'bananas' is not known"),
-        ("time [s],thrust [N],more [1]\n0,1,2\n1,2,3", "needs two columns"),
+        (
+            "time [s],thrust [N],more [1]\n0,1,2\n1,2,3",
+            "has 2 columns of values: say which with column = .thrust.; it is separated by commas, columns",
+        ),
     ],
 )
 def test_faulty_table_is_refused_by_line(text: str, message: str) -> None:

@@ -143,10 +143,10 @@ def test_correlations_that_contradict_each_other_are_refused() -> None:
 def test_tables_with_uncertainties(tmp_path: Path) -> None:
     """Assert that a third column is the second's, by name and unit, and that wide tables keep it with its own."""
     for header, row, said in [
-        ("t [s],push [N],u(pull) [N]", "0,1,1", "uncertainties of the second"),
+        ("t [s],push [N],u(pull) [N]", "0,1,1", "has 2 columns of values"),
         ("t [s],push [N],u(push) [m]", "0,1,1", "uncertainties are in 'm'"),
         ("t [s],push [N],u(push) [N]", "0,1,-1", "the uncertainty -1.0 is negative"),
-        ("t [s],push [N],u(push) [N]", "0,1", "needs three"),
+        ("t [s],push [N],u(push) [N]", "0,1", "has 2 cells, the header 3"),
     ]:
         with pytest.raises(xd.ModelError, match=said):
             xd.Model.from_text(TOML.replace("t [s],push [N],u(push) [mN]", header).replace("0,1,20", row))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import stat
 from collections.abc import Callable, Iterator
@@ -75,14 +76,15 @@ def read_bounded(path: Path, most: int) -> bytes:
 
 
 def decoded(content: bytes) -> str:
-    """Return a text in UTF-8, with or without its mark, with lines that end by newlines.
+    """Return a text in UTF-8, with or without its mark, or in UTF-16 with it, with lines that end by newlines.
 
     Raises
     ------
     ValueError
         If it is no such text.
     """
-    return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    return content.decode("utf-16" if wide else "utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def made_folder(folder: str | Path) -> Path:

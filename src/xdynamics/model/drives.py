@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import re
 from dataclasses import dataclass, field
-from math import isfinite
+from math import inf
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
+from xdynamics.model.sheet import MOST_FAULTS, Sheet, Title, shown
 from xdynamics.model.splines import hermite_pieces, monotone_slopes, spline_slopes
-from xdynamics.units import Unit, parse_unit
+from xdynamics.units import Unit
 
 INTERPOLATIONS = ("previous", "linear", "pchip", "cubic")
 OUTSIDE = ("error", "zero", "hold")
-MOST_FAULTS = 20  # of a table that an error tells
-SHOWN = 24  # characters of a cell that an error shows
-
-_PLAIN = re.compile(r"[\s0-9.eE+\-a-zA-Z]+", re.ASCII)  # no underscore, no digits of other alphabets
-_HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]\s*")
+REFUSE, SKIP = GAPS = ("refuse", "skip")
 
 Floats = NDArray[np.float64]
 
@@ -41,6 +36,8 @@ class Table:
         `argument` strictly increases.
     uncertainty : ndarray, shape (n,), SI, optional
         Standard uncertainty of each value: a column ``u(thrust) [N]``.
+    column, gaps : str
+        As they were asked for.
     """
 
     name: str
@@ -50,24 +47,36 @@ class Table:
     argument: Floats = field(compare=False, repr=False)
     value: Floats = field(compare=False, repr=False)
     uncertainty: Floats | None = field(default=None, compare=False, repr=False)
+    column: str = ""
+    gaps: str = "refuse"
 
     @classmethod
-    def parse(cls, name: str, text: str) -> Table:
-        """Read CSV text.
+    def parse(cls, name: str, text: str, column: str = "", gaps: str = REFUSE) -> Table:
+        """Read CSV text: cells separated by commas, semicolons or tabs, with decimal points or commas.
+
+        Parameters
+        ----------
+        name, text : str
+        column : str
+            Name, or whole header, of the values, where there is more than one column of them.
+        gaps : {"refuse", "skip"}
+            What is done with lines in which a number is missing.
 
         Raises
         ------
         InputError
             If the text is faulty; every fault with its line number, and no more of a line than a cell's beginning.
         """
-        text = text.replace("\r\n", "\n").replace("\r", "\n")
-        lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.strip() and not line.startswith("#")]
-        if not lines:
-            raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
-        units = _header(name, *lines[0])
-        rows = _rows(name, lines[1:], len(units))
-        columns = [np.array([unit.to_si(row[k]) for row in rows]) for k, unit in enumerate(units)]
-        return cls(name, text, units[0], units[1], *columns)
+        sheet = Sheet.of(name, text)
+        titles = sheet.titles()
+        places = _chosen(sheet, titles, column)
+        rows = sheet.numbers(places, skip=gaps == SKIP)
+        _check_rows(sheet, rows)
+        units = [titles[k].unit for k in places]
+        columns = [np.array([unit.to_si(row[k]) for _, row in rows]) for k, unit in enumerate(units)]
+        doubts = columns[2] if len(columns) == 3 else None
+        kept = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+        return cls(name, kept, units[0], units[1], columns[0], columns[1], doubts, column, gaps)
 
 
 def coefficients(
@@ -114,74 +123,47 @@ def _pieces(argument: Floats, value: Floats, interpolation: str) -> Floats:
     return hermite_pieces(argument, value, slopes(argument, value))
 
 
-def _header(name: str, number: int, line: str) -> list[Unit]:
-    """Read the units of the columns: argument, value, and where they are told the value's uncertainties."""
-    cells = next(csv.reader([line[:1000]]))
-    found = [_HEADER.fullmatch(cell) for cell in cells]
-    doubted = len(cells) == 3 and all(found) and found[2]["name"] == f"u({found[1]['name']})"  # type: ignore[index]
-    if not all(found) or not (len(cells) == 2 or doubted):
-        raise InputError(
-            f"table '{name}', line {number}: header {_short(line)} needs two columns with units, like 'time [s],thrust [N]',"
-            " and may have a third one with uncertainties of the second, like 'u(thrust) [N]'"
+def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> list[int]:
+    """Return the places of argument, values, and their uncertainties where there are some."""
+    names = [one.name for one in titles]
+    doubts = {f"u({name})" for name in names}
+    values = [k for k, name in enumerate(names) if k and name not in doubts]
+    if column:
+        wanted = [k for k in values if column.strip() in (names[k], sheet.header[k].strip())]
+        if not wanted:
+            raise InputError(f"table '{sheet.name}' has no column {shown(column)} of values; it is {sheet.found}")
+        values = wanted
+    if len(values) != 1:
+        many = (
+            f'{len(values)} columns of values: say which with column = "{names[values[0]]}"'
+            if values
+            else "no column of values beside the first"
         )
-    ledger = Ledger(f"table '{name}', line {number}")
-    units = []
-    for one in found:
-        assert one is not None  # noqa: S101
-        with ledger.entry(f"column {_short(one['name'])}"):
-            units.append(parse_unit(one["unit"]))
-    ledger.settle()
-    if doubted and units[2].dimension != units[1].dimension:
+        raise InputError(f"table '{sheet.name}', line {sheet.header_line}, has {many}; it is {sheet.found}, and needs two with units, like 'time [s],thrust [N]', with uncertainties a third, 'u(thrust) [N]'")  # fmt: skip
+    doubt = f"u({names[values[0]]})"
+    places = [0, values[0], *([names.index(doubt)] if doubt in names else [])]
+    if len(places) == 3 and titles[places[2]].unit.dimension != titles[places[1]].unit.dimension:
         raise InputError(
-            f"table '{name}', line {number}: uncertainties are in '{units[2].text}', the values in '{units[1].text}'"
+            f"table '{sheet.name}', line {sheet.header_line}: uncertainties are in '{titles[places[2]].unit.text}', the values in '{titles[places[1]].unit.text}'"
         )
-    return units
+    return places
 
 
-def _rows(name: str, lines: list[tuple[int, str]], columns: int) -> list[tuple[float, ...]]:
-    """Read the numbers, gathering faults by line."""
-    ledger = Ledger(f"table '{name}'")
-    rows: list[tuple[float, ...]] = []
-    for number, line in lines:
-        if len(ledger.faults) >= MOST_FAULTS:
-            break
-        cells = line.split(",")
-        if len(cells) != columns:
-            needed, none = ("a pair", "no pair") if columns == 2 else ("three", "no three")
-            many = f"the first of {len(cells)} cells, needs {needed}" if len(cells) > 1 else none
-            ledger.note(f"line {number}: {_short(cells[0])} is {many} of numbers")
-            continue
-        wrong = [cell for cell in cells if not _is_number(cell)]
-        if wrong:
-            ledger.note(f"line {number}: {_short(wrong[0])} is no number")
-            continue
-        row = tuple(map(float, cells))
-        if infinite := [cell for cell, one in zip(cells, row, strict=True) if not isfinite(one)]:
-            ledger.note(f"line {number}: {_short(infinite[0])} is not finite")
-        elif rows and row[0] <= rows[-1][0]:
-            ledger.note(f"line {number}: argument {row[0]!r} does not increase after {rows[-1][0]!r}")
+def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None:
+    """Refuse arguments that do not increase, negative uncertainties, and too few points."""
+    ledger = Ledger(f"table '{sheet.name}'")
+    before = -inf
+    for number, row in rows:
+        if row[0] <= before:
+            ledger.note(f"line {number}: argument {row[0]!r} does not increase after {before!r}")
         elif row[2:] and row[2] < 0:
             ledger.note(f"line {number}: the uncertainty {row[2]!r} is negative")
-        else:
-            rows.append(row)
-    if len(rows) < 2 and not ledger.faults:
+        before = max(before, row[0])
+        if len(ledger.faults) >= MOST_FAULTS:
+            break
+    if len(rows) < 2:
         ledger.note(f"has {len(rows)} rows, needs 2 or more")
     ledger.settle()
-    return rows
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return _PLAIN.fullmatch(cell) is not None
-
-
-def _short(cell: str) -> str:
-    """Show the beginning of a cell: enough to find it, too little to tell what else is in a file."""
-    cell = cell.strip()
-    return repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "…")
 
 
 def looked_up(table: tuple[Floats, Floats], x: Any, *, of_time: bool) -> tuple[Any, Any]:

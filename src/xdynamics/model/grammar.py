@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from xdynamics.model.drives import INTERPOLATIONS, OUTSIDE
+from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE
 from xdynamics.model.parts import ACTIONS, DIRECTIONS, IMPACT_LAWS, ROOT_STATES, STRIKE, TANGENTIALS
 from xdynamics.model.spread import DISTRIBUTIONS
 from xdynamics.model.words import keys
@@ -145,15 +145,17 @@ SECTIONS: dict[str, Section] = {
     "drives": Section(
         "measured tables, which expressions read by name", "drive",
         (
-            Key("table", "file name", "a CSV beside the model, whose header has units: time [s],pull [N]; a column u(pull) [N] for uncertainties", "needed without csv"),
+            Key("table", "file name", "a CSV beside the model, whose header has units, time [s],pull [N], and u(pull) [N] for uncertainties; commas, semicolons or tabs; in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv"),
             Key("csv", "text", "the table itself, in the place of the file", "the file"),
+            Key("column", "name, or whole header", "of the values, where a table has several columns of them", "the only one"),
+            Key("gaps", _words(GAPS), "lines in which a number is missing", "refuse"),
             Key("argument", 't, a coordinate or a velocity', "what it is measured over", "t"),
             Key("interpolation", _words(INTERPOLATIONS), "between its points", "linear"),
             Key("outside", _words(OUTSIDE), "beyond its ends", "error"),
             DESCRIPTION,
         ),
         '[drives.pull]\ntable = "pull.csv"\ncsv = "t [s],pull [N]\\n0,0\\n2,3\\n9,0\\n"\ninterpolation = "pchip"\noutside = "zero"\n'
-        '[drives.soft]\ntable = "soft.csv"\ncsv = "x [mm],soft [N],u(soft) [N]\\n-900,5,0.1\\n900,-5,0.1\\n"\nargument = "x"\ndescription = "measured spring"\n',
+        '[drives.soft]\ntable = "soft.csv"\ncsv = "x (mm);soft (N);u(soft) (N);heat/K\\n-900;5,0;0,1;290\\n0;;;291\\n900;-5,0;0,1;292\\n"\ncolumn = "soft"\ngaps = "skip"\nargument = "x"\ndescription = "measured spring"\n',
     ),
     "states": Section(
         "first-order companions of the motion: fuel, charge, memory of a controller", "state",

@@ -9,8 +9,9 @@ from typing import Any
 from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
-from xdynamics.model.drives import INTERPOLATIONS, OUTSIDE, Table
+from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE, Table
 from xdynamics.model.grammar import HEAD, SECTIONS, keys_of
+from xdynamics.model.measuring import tabled
 from xdynamics.model.parts import (
     STRIKE,
     Coordinate,
@@ -178,7 +179,11 @@ def _force(given: Any, functions: Functions) -> Force:
 
 
 def _drive(owner: str, given: Any, reach: Reach) -> Drive:
-    if isinstance(given, Mapping) and "csv" in given:
+    if not isinstance(given, Mapping) or not {*given} & {"table", "csv"}:
+        given = given if isinstance(given, Mapping) and {*given} <= {*SECTIONS["drives"].known} else {"table": given}
+    if "table" in given and not isinstance(given["table"], str):
+        given = dict(given) | {"table": f"{owner}.csv", "csv": tabled(owner, given["table"])}
+    elif "csv" in given:
         given = {"table": f"{owner}.csv"} | dict(given)
     keys_of("drives", given)
     if "table" not in given:
@@ -186,7 +191,11 @@ def _drive(owner: str, given: Any, reach: Reach) -> Drive:
     name = given["table"]
     if not isinstance(name, str) or not name.isprintable() or not isinstance(given.get("csv", ""), str):
         raise InputError(f"table {name!r} must be the name of a CSV file")
-    table = Table.parse(Path(name).name, given["csv"] if "csv" in given else reach.text_of(name))
+    column = given.get("column", "")
+    if not isinstance(column, str):
+        raise InputError(f"column is {column!r}, needs the name of one")
+    text = given["csv"] if "csv" in given else reach.text_of(name)
+    table = Table.parse(Path(name).name, text, column, choice(given, "gaps", GAPS, REFUSE))
     return Drive(
         table,
         str(given.get("argument", "t")),

@@ -7,6 +7,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from xdynamics.expressions import text_of
+from xdynamics.model.drives import REFUSE
 from xdynamics.model.parts import Contact, Event, Friction, Function, Validation
 from xdynamics.model.spread import NORMAL, RECTANGULAR
 from xdynamics.model.statement import Statement
@@ -33,7 +34,8 @@ def write(statement: Statement) -> str:
         _section(lines, f"forces.{name}", _described(body, force))
     for name, drive in statement.drives.items():
         body = {"table": drive.table.name, "argument": drive.argument, "interpolation": drive.interpolation}
-        body |= {"outside": drive.outside, "csv": drive.table.text}
+        body |= {"outside": drive.outside} | ({"column": drive.table.column} if drive.table.column else {})
+        body |= ({"gaps": drive.table.gaps} if drive.table.gaps != REFUSE else {}) | {"csv": drive.table.text}
         _section(lines, f"drives.{name}", _described(body, drive))
     for name, state in statement.states.items():
         body = {"unit": state.unit.text, "rate": text_of(state.rate)} | ({"smooth": True} if state.smooth else {})

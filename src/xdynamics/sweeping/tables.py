@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 from xdynamics.faults import InputError
 from xdynamics.files import decoded, read_bounded
+from xdynamics.model.sheet import Sheet
 
 LARGEST = 50_000_000  # bytes
 
@@ -30,7 +32,7 @@ def text_of(path: Path) -> str:
 
 def is_wide(path: Path) -> bool:
     """Whether a table has more than one column besides its argument and uncertainties."""
-    return len(_labels(_rows(text_of(path), path)[0])) > 1
+    return len(_labels(_sheet(path))) > 1
 
 
 def narrow(path: Path) -> dict[str, str]:
@@ -41,37 +43,31 @@ def narrow(path: Path) -> dict[str, str]:
     InputError
         If a name stands twice, or a row has another number of cells.
     """
-    rows = _rows(text_of(path), path)
-    header = rows[0]
-    labels = _labels(header)
-    names = [name for name, _ in labels]
-    if len({*names}) < len(names):
-        raise InputError(f"table '{path}' has two columns of one name: {', '.join(names)}")
-    for number, row in enumerate(rows, 1):
-        if len(row) != len(header):
-            raise InputError(f"table '{path}' row {number} has {len(row)} cells, its header {len(header)}")
-    return {label: _written([[row[k] for k in (0, *columns)] for row in rows]) for label, columns in labels}
+    sheet = _sheet(path)
+    found = {}
+    for label, columns in _labels(sheet):
+        sheet.numbers(columns)  # or what is wrong with them
+        found[label] = _written([list(sheet.header), *(cells for _, cells in sheet.lines)], columns, sheet.decimal)
+    return found
 
 
-def _labels(header: list[str]) -> list[tuple[str, tuple[int, ...]]]:
-    """Name the value columns, each with its place and that of its uncertainties, ``u(name)``, if it has some."""
-    names = [one.split("[")[0].strip() for one in header]
-    doubts = {f"u({name})" for name in names}
-    return [
-        (name, (k, names.index(f"u({name})")) if f"u({name})" in names else (k,))
-        for k, name in enumerate(names)
-        if k and name not in doubts
-    ]
-
-
-def _written(rows: list[list[str]]) -> str:
+def _written(rows: list[list[str]], columns: Sequence[int], decimal: str) -> str:
+    """Write some columns with commas between them; their numbers stay the texts that they are."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    csv.writer(text, lineterminator="\n").writerows([row[k].replace(decimal, ".") for k in columns] for row in rows)
     return text.getvalue()
 
 
-def _rows(text: str, path: Path) -> list[list[str]]:
-    lines = [line for line in text.split("\n") if line.strip() and not line.startswith("#")]
-    if not lines:
-        raise InputError(f"table '{path}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
-    return list(csv.reader(io.StringIO("\n".join(lines))))
+def _sheet(path: Path) -> Sheet:
+    return Sheet.of(str(path), text_of(path))
+
+
+def _labels(sheet: Sheet) -> list[tuple[str, tuple[int, ...]]]:
+    """Name the value columns, each with the places of the argument, itself, and its uncertainties, ``u(name)``."""
+    names = [one.name for one in sheet.titles()]
+    doubts = {f"u({name})" for name in names}
+    return [
+        (name, (0, k, names.index(f"u({name})")) if f"u({name})" in names else (0, k))
+        for k, name in enumerate(names)
+        if k and name not in doubts
+    ]

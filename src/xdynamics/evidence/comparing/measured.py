@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from xdynamics.evidence.inside import model_of
 from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.reach import ANYWHERE, Reach
+from xdynamics.model.sheet import Sheet, shown, title
 from xdynamics.schema import AT, AT_TIME, EVIDENCE
 from xdynamics.units import TIME, Unit, parse_unit
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_COLUMN = re.compile(r"\s*(?P<name>[^\[\]]+?)\s*\[(?P<unit>[^\[\]]*)\]\s*")
 _UNCERTAINTY = re.compile(r"u\((?P<name>.+)\)")
 TIMES = ("time", "t")
 
@@ -69,7 +68,7 @@ def measured(given: Any) -> Measured:
         With every column that cannot be used.
     """
     if isinstance(given, str | Path):
-        return _of_columns(f"'{Path(given).name}'", _of_file(Path(given)))
+        return _of_file(Path(given))
     if hasattr(given, "columns"):
         table = given.reset_index() if given.index.name else given
         return _of_columns("the DataFrame", {str(name): table[name].to_numpy() for name in table.columns})
@@ -128,27 +127,15 @@ def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Me
     return found
 
 
-def _of_file(path: Path) -> dict[str, Any]:
+def _of_file(path: Path) -> Measured:
     """Read the columns of a CSV file."""
-    lines = [
-        line
-        for line in Reach(path.parent, ANYWHERE).text_of(path.name).splitlines()
-        if line.strip() and not line.startswith("#")
-    ]
-    rows = list(csv.reader(lines))
-    if len(rows) < 2:
+    sheet = Sheet.of(path.name, Reach(path.parent, ANYWHERE).text_of(path.name))
+    titles = sheet.titles()
+    rows = sheet.numbers(range(len(titles)))
+    if not rows:
         raise InputError(f"'{path}' has no rows; it needs a header like 'time [s],y [m]' and numbers below")
-    ledger, columns = Ledger(f"'{path}'"), {}
-    for number, row in enumerate(rows[1:], 2):
-        if len(row) != len(rows[0]):
-            ledger.note(f"row {number} has {len(row)} cells, and the header {len(rows[0])}")
-    ledger.settle()
-    for name, *cells in zip(*rows, strict=True):
-        if name in columns:
-            ledger.note(f"column '{name}' stands there twice")
-        columns[name] = np.array(cells)
-    ledger.settle()
-    return columns
+    columns = np.array([row for _, row in rows]).T
+    return _sorted_out(f"'{path.name}'", {one.name: (column, one.unit) for one, column in zip(titles, columns, strict=True)})  # fmt: skip
 
 
 def _of_columns(name: str, columns: Mapping[str, Any]) -> Measured:
@@ -156,16 +143,11 @@ def _of_columns(name: str, columns: Mapping[str, Any]) -> Measured:
     ledger = Ledger(name)
     read: dict[str, tuple[Floats, Unit]] = {}
     for header, cells in columns.items():
-        said = _COLUMN.fullmatch(header)
-        if said is None:
-            ledger.note(
-                f"column {header[:40]!r} has no unit; write it like 'y [mm]', and its uncertainty like 'u(y) [mm]'"
-            )
-            continue
-        with ledger.entry(f"column {header[:40]!r}"):
-            if said["name"] in read:
-                raise InputError(f"'{said['name']}' stands there twice")
-            read[said["name"]] = _numbers(cells), parse_unit(said["unit"])
+        with ledger.entry(f"column {shown(header)}"):
+            said = title(header)
+            if said.name in read:
+                raise InputError(f"'{said.name}' stands there twice")
+            read[said.name] = _numbers(cells), said.unit
     ledger.settle()
     return _sorted_out(name, read)
 
@@ -221,7 +203,7 @@ def _is_number(cell: Any) -> bool:
 
 def _sorted_out(name: str, read: dict[str, tuple[Floats, Unit]]) -> Measured:
     """Tell times, values and uncertainties apart."""
-    said: Hashable = next((one for one in TIMES if one in read), None)
+    said: Hashable = next((one for one in read if one.lower() in TIMES), None)
     if said is None:
         raise InputError(f"{name} has no column of times, like 'time [s]'; there are {', '.join(read) or 'none'}")
     times, unit = read.pop(str(said))

@@ -1,0 +1,227 @@
+"""A table as text: whatever separates its cells, whichever decimal mark it has, its columns with their names and units."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+from xdynamics.faults import InputError, Ledger
+from xdynamics.units import Unit, parse_unit
+
+SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}  # the first that a header has
+COMMENTS = ("#", "%", "//")
+MOST_FAULTS = 20  # of a table that an error tells
+SHOWN = 24  # characters of a cell that an error shows
+LONGEST_HEADER = 10_000
+
+# name [unit], name (unit), name / unit: of u(name) the name is in the parentheses
+_TITLES = tuple(
+    re.compile(one)
+    for one in (
+        r"\s*(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]\s*",
+        r"\s*(?P<name>u\([^()]*\)|[^()]*[^()/\s])\s*\((?P<unit>[^()]*)\)\s*",
+        r"\s*(?P<name>[^/]*?)\s*/\s*\(?(?P<unit>[^/\s(][^()]*?)\)?\s*",
+    )
+)
+_PLAIN = re.compile(r"[\s0-9.eE+\-a-zA-Z]+", re.ASCII)  # no underscore, no digits of other alphabets
+_GAPS = ("", "-", "--", "na", "n/a", "nan", "null", "none")
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+(?:[eE][+-]?[0-9]+)?\s*")
+
+
+@dataclass(frozen=True)
+class Title:
+    """What stands above a column: ``thrust [N]``; `u(thrust)` are uncertainties of `thrust`."""
+
+    name: str
+    unit: Unit
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table whose cells are told apart and not yet read.
+
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    separator : str
+    decimal : {".", ","}
+    header : tuple of str
+        As it was written.
+    header_line : int
+    lines : tuple of (int, list of str)
+        Cells with the number of their line; as many as the header has.
+    """
+
+    name: str
+    separator: str
+    decimal: str
+    header: tuple[str, ...]
+    header_line: int
+    lines: tuple[tuple[int, list[str]], ...]
+
+    @classmethod
+    def of(cls, name: str, text: str) -> Sheet:
+        """Tell lines, separator and decimal mark.
+
+        Raises
+        ------
+        InputError
+            If it is empty, or mixes decimal commas and points.
+        """
+        text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+        lines = [(n, one) for n, one in enumerate(text.split("\n"), 1) if one.strip() and not one.lstrip().startswith(COMMENTS)]  # fmt: skip
+        if not lines:
+            raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
+        number, first = lines[0]
+        separator = next((one for one in SEPARATORS if one in first), ",")
+        header = tuple(next(csv.reader([first[:LONGEST_HEADER]], delimiter=separator)))
+        # line by line: a quote that is not closed ends with its line
+        rows = tuple((n, next(csv.reader([one], delimiter=separator))) for n, one in lines[1:])
+        return cls(name, separator, _decimal(name, separator, rows), header, number, rows)
+
+    @property
+    def found(self) -> str:
+        """Say how it was read, for messages."""
+        return f"separated by {SEPARATORS[self.separator]}, columns {', '.join(shown(one) for one in self.header)}"
+
+    def titles(self) -> tuple[Title, ...]:
+        """Read names and units of the columns.
+
+        Raises
+        ------
+        InputError
+            With every column that has no name or no unit that can be read.
+        """
+        ledger = Ledger(f"table '{self.name}', line {self.header_line} ({self.found})")
+        found = []
+        for cell in self.header:
+            with ledger.entry(f"column {shown(cell)}"):
+                found.append(title(cell))
+        names = [one.name for one in found]
+        for one in sorted({name for name in names if names.count(name) > 1}):
+            ledger.note(f"two columns are called {shown(one)}")
+        ledger.settle()
+        return tuple(found)
+
+    def numbers(self, columns: Sequence[int], *, skip: bool = False) -> list[tuple[int, tuple[float, ...]]]:
+        """Read the numbers of some columns, with the number of each line.
+
+        Parameters
+        ----------
+        columns : sequence of int
+        skip : bool
+            Whether to leave lines with a gap out.
+
+        Raises
+        ------
+        InputError
+            With every line that is none of numbers.
+        """
+        ledger = Ledger(f"table '{self.name}' ({self.found})")
+        rows: list[tuple[int, tuple[float, ...]]] = []
+        for number, cells in self.lines:
+            if len(ledger.faults) >= MOST_FAULTS:
+                break
+            if len(cells) != len(self.header):
+                ledger.note(
+                    f"line {number}, {shown(cells[0])} …, has {len(cells)} cells, the header {len(self.header)}"
+                )
+                continue
+            wanted = [cells[k] for k in columns]
+            gaps = [k for k, cell in zip(columns, wanted, strict=True) if cell.strip().lower() in _GAPS]
+            if gaps and skip:
+                continue
+            if gaps:
+                ledger.note(
+                    f'line {number}: column {shown(self.header[gaps[0]])} has a gap; fill it, or leave such lines out with gaps = "skip"'
+                )
+                continue
+            read = [self._number(cell) for cell in wanted]
+            if wrong := [cell for cell, one in zip(wanted, read, strict=True) if one is None]:
+                ledger.note(f"line {number}: {shown(wrong[0])} is no number")
+                continue
+            row = tuple(one for one in read if one is not None)
+            if infinite := [cell for cell, one in zip(wanted, row, strict=True) if not isfinite(one)]:
+                ledger.note(f"line {number}: {shown(infinite[0])} is not finite")
+                continue
+            rows.append((number, row))
+        ledger.settle()
+        return rows
+
+    def _number(self, cell: str) -> float | None:
+        if self.decimal == ",":
+            cell = cell.replace(",", ".")
+        try:
+            found = float(cell)
+        except ValueError:
+            return None
+        return found if _PLAIN.fullmatch(cell) else None
+
+
+def title(cell: str) -> Title:
+    """Read the name and the unit of a column.
+
+    Raises
+    ------
+    InputError
+        If it has no unit, or none that can be read.
+
+    Examples
+    --------
+    >>> [(one.name, one.unit.text) for one in map(title, ["force [mN]", "Time/ms", "u(x) (mm)"])]
+    [('force', 'mN'), ('Time', 'ms'), ('u(x)', 'mm')]
+    """
+    for one in _TITLES:
+        if found := one.fullmatch(cell):
+            return Title(found["name"], parse_unit(found["unit"].strip() or "1"))
+    raise InputError("it has no unit; write it like 'time [s]', of a pure number 'count [1]'")
+
+
+def shown(cell: str) -> str:
+    """Show the beginning of a cell: enough to find it, too little to tell what else is in a file."""
+    cell = cell.strip()
+    return repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "…")
+
+
+def _decimal(name: str, separator: str, rows: Sequence[tuple[int, list[str]]]) -> str:
+    """Tell the decimal mark of a table that is not separated by commas."""
+    if separator == ",":
+        return "."
+    commas = next((n for n, cells in rows for cell in cells if _DECIMAL_COMMA.fullmatch(cell)), 0)
+    points = next((n for n, cells in rows for cell in cells if "." in cell and "," not in cell), 0)
+    if commas and points:
+        raise InputError(f"table '{name}' has decimal commas (line {commas}) and points (line {points}); write one of them")  # fmt: skip
+    return "," if commas else "."
+
+
+def written(columns: dict[str, Any]) -> str:
+    """Write columns, by their titles, as CSV text that is read to the same numbers.
+
+    Raises
+    ------
+    InputError
+        If they have other lengths, or are no numbers.
+    """
+    import io
+
+    import numpy as np
+
+    try:
+        values = {name: np.asarray(one, float).ravel() for name, one in columns.items()}
+    except (TypeError, ValueError):
+        raise InputError(
+            f"columns {', '.join(map(shown, map(str, columns)))} hold something else than numbers"
+        ) from None
+    sizes = {one.size for one in values.values()}
+    if len(sizes) != 1:
+        raise InputError(f"columns have {', '.join(f'{one.size} ({name})' for name, one in values.items())} rows")
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(values)
+    rows.writerows(tuple("" if one != one else repr(one) for one in row) for row in zip(*(one.tolist() for one in values.values()), strict=True))  # fmt: skip
+    return text.getvalue()
