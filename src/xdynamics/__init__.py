@@ -71,7 +71,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-__getattr__ = entrance(__name__, _ROOMS)
+__getattr__ = entrance(__name__, _ROOMS, beside="accessor")
 
 
 def __dir__() -> list[str]:

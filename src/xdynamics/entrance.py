@@ -19,7 +19,7 @@ def load_dask_whole() -> None:
         import_module("dask.array")
 
 
-def entrance(package: str, rooms: Mapping[str, str]) -> Callable[[str], Any]:
+def entrance(package: str, rooms: Mapping[str, str], beside: str = "") -> Callable[[str], Any]:
     """Return what a package has for its `__getattr__` (PEP 562).
 
     Parameters
@@ -27,6 +27,8 @@ def entrance(package: str, rooms: Mapping[str, str]) -> Callable[[str], Any]:
     package : str
     rooms : mapping of str to str
         Of a name, the module below the package in which it stands.
+    beside : str
+        A module that is loaded too, once a room has brought xarray: what is registered with it.
     """
 
     def found(name: str) -> Any:
@@ -34,6 +36,8 @@ def entrance(package: str, rooms: Mapping[str, str]) -> Callable[[str], Any]:
             raise AttributeError(f"module '{package}' has no attribute {name!r}")
         value = getattr(import_module(f"{package}.{rooms[name]}"), name)
         setattr(sys.modules[package], name, value)
+        if beside and "xarray" in sys.modules:
+            import_module(f"{package}.{beside}")
         return value
 
     return found

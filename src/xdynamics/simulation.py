@@ -6,10 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics import archive, record
 from xdynamics.evidence.comparing.bits import reproduced
+from xdynamics.evidence.inside import wanted_times
+from xdynamics.evidence.sampling import sample
 from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning, warn
 from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
@@ -52,6 +57,7 @@ def simulate(
     switches: str | None = None,
     nodes: Sequence[str | float] | None = None,
     time_tolerance: str | float | None = None,
+    times: Sequence[float | str] | str | float | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """March a model and return its run record.
@@ -103,6 +109,10 @@ def simulate(
         a second 1e-12 of its span; never better than t is spaced.
     nodes : array of str or float
         Times to land on, besides the breakpoints of measured drives: ``["1 s", "2.5 s"]``.
+    times : array_like of float, s; or text like ``"0:20:201 s"``
+        Return the states at these times, what `sample` gives of the run, along `at`, in the place of the record; those
+        behind an early end are left out. Accepted states joined by straight lines may be far off. With `path` the file
+        holds the whole record all the same.
     progress : callable, optional
         Called now and then with the fraction done, the time in s and the rows so far.
 
@@ -155,19 +165,44 @@ def simulate(
         raise InputError(f"path is {path!r}, needs the name of a file")
     if resume and path is None:
         raise InputError("resume needs path=…, the file that the run was to be streamed to")
+    wanted = None if times is None else times_within(times, model.initial["t"].si, settings.until)
     if progress is not None and not callable(progress):
         raise InputError(f"progress is {progress!r}, needs a function")
     _warn_of_instability(model, settings)
     march = March(model, settings, progress)
     if path is not None:
         if resume and _is_whole(march, Path(path)):
-            return archive.open_run(path, check=False)
+            return _at(archive.open_run(path, check=False), wanted, model)
         finished = archive.open_run(archive.stream(march, path, resume=resume), check=False)
     else:
         finished = archive.marched(record.dataset(march, march.blocks()))
     for doubt in march.doubts:
         warn(f"{model.name}: {doubt}", AccuracyWarning)
-    return finished
+    return _at(finished, wanted, model)
+
+
+def times_within(times: Any, start: float, until: float) -> NDArray[np.float64]:
+    """Read the times to return states at, before anything is marched.
+
+    Raises
+    ------
+    InputError
+        If one is no time of the run.
+    """
+    wanted = wanted_times(times)
+    outside = wanted[(wanted < start) | (wanted > until)]
+    if outside.size:
+        raise InputError(f"times have {float(outside[0])!r} s, and the run goes from {start!r} s to {until!r} s")  # fmt: skip
+    return wanted
+
+
+def _at(run: xr.Dataset, wanted: NDArray[np.float64] | None, model: Model) -> xr.Dataset:
+    """Return the states at wanted times, as far as the run came; the record where none are wanted."""
+    if wanted is None:
+        return run
+    reached = wanted[wanted <= float(run["time"][-1])]
+    found = sample(run, reached, functions=model.functions) if reached.size else sample(run, float(run["time"][-1])).isel(at=slice(0))  # fmt: skip
+    return found.assign_attrs({key: run.attrs[key] for key in ("run_outcome", "run_outcome_text")})
 
 
 def _is_whole(march: March, path: Path) -> bool:

@@ -240,6 +240,55 @@ def parse_quantity(given: Any) -> Quantity:
     return _quantity(float(found[0]), text[found.end() :].strip() or "1", shown)
 
 
+_RANGE = re.compile(r"\s*(?P<start>[^:\s]+)\s*:\s*(?P<stop>[^:\s]+)\s*:\s*(?P<count>\d+)(?![.\d])\s*(?P<unit>[^:]*)")
+
+
+def is_range(given: Any) -> bool:
+    """Whether a text is meant as ``start:stop:count unit``."""
+    return isinstance(given, str) and _RANGE.fullmatch(given) is not None
+
+
+@dataclass(frozen=True)
+class Range:
+    """``0:20:201 s``: evenly spaced numbers, both ends included.
+
+    Attributes
+    ----------
+    start, stop : float
+        In `unit`.
+    count : int
+    unit : Unit
+        Behind the count, or of the ends; ``1`` where none is told.
+    """
+
+    start: float
+    stop: float
+    count: int
+    unit: Unit
+
+    @classmethod
+    def parse(cls, text: str) -> Range:
+        """Read a range.
+
+        Raises
+        ------
+        InputError
+            If its ends have other units than one another, or units of their own beside that behind the count.
+        """
+        found = _RANGE.fullmatch(text)
+        if found is None:
+            raise InputError(f"is {text!r}, needs start:stop:count unit, like '0:20:201 s'")
+        ends = [parse_quantity(found[name]) for name in ("start", "stop")]
+        units = [one.unit for one in ends if one.unit.text != "1"]
+        if units and found["unit"]:
+            raise InputError(f"is {text!r}, with units at its ends and behind; write one, behind the count")
+        if units and len({one.dimension for one in units}) > 1:
+            raise InputError(f"is {text!r}, from '{units[0].text}' to '{units[1].text}'; its ends need one kind of unit")  # fmt: skip
+        unit = units[-1] if units else parse_unit(found["unit"] or "1")
+        start, stop = (one.value if one.unit.text in ("1", unit.text) else one.si / float(unit.factor) for one in ends)
+        return cls(start, stop, int(found["count"]), unit)
+
+
 def parse_time(given: Any, what: str) -> float:
     """Read a time and return seconds; a bare number is seconds.
 

@@ -47,6 +47,25 @@ def plot(archive: str, output: str) -> None:
 
 
 @main.command()
+@click.argument("archive", metavar="RUN.nc")
+@click.option("--times", required=True, help="Where: '1 s', '0.1 s, 0.2 s' or '0:20:201 s', start:stop:count.")
+@click.option("-o", "--output", metavar="TABLE.csv", help="The table to write; without it, it is printed.")
+def sample(archive: str, times: str, output: str | None) -> None:
+    """Write the states of a run at any times as a table, each as if a step had ended there."""
+    from xdynamics.archive import open_run
+    from xdynamics.evidence.inside import wanted_times
+    from xdynamics.tabling import check_target, text_of, write
+
+    target, wanted = check_target(Path(output)) if output else None, wanted_times(times)
+    with open_run(archive) as run:
+        text = text_of(run, wanted)
+    if target is None:
+        click.echo(text, nl=False)
+    else:
+        say([write(text, target)])
+
+
+@main.command()
 def methods() -> None:
     """Print the table of methods."""
     from xdynamics.methods import METHODS

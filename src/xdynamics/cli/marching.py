@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     help="March with a length, time or mass scale, like length='0.4 m'.",
 )
 @click.option("--node", "nodes", multiple=True, metavar="TIME", help="A time to land on, like '1 s'.")
+@click.option("--times", metavar="TIMES", help="Write the states at these times too, like '0:20:201 s', into RUN.csv.")
 @click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
 @click.option(
     "--tables",
@@ -84,6 +85,7 @@ def run(
     force_samples: str | None,
     scales: tuple[str, ...],
     nodes: tuple[str, ...],
+    times: str | None,
     resume: bool,
     tables: str,
 ) -> None:
@@ -98,8 +100,19 @@ def run(
 
     asked |= {"scales": pairs(scales, "--scale") or None, "nodes": list(nodes) or None}
     asked |= {"summation": summation, "jacobian": jacobian, "switches": switches, "time_tolerance": time_tolerance}
+    if times is not None:
+        from xdynamics.march.asking import settings_for
+        from xdynamics.simulation import times_within
+        from xdynamics.tabling import check_target
+
+        table = check_target(Path(output).with_suffix(".csv"))
+        wanted = times_within(times, model.initial["t"].si, settings_for(model, **asked).until)
     with progress() as told:
         finished = simulate(model, **asked, path=output, resume=resume, progress=told)
+    if times is not None:
+        from xdynamics.tabling import tabled
+
+        say([tabled(finished, wanted, table)])
     _close(finished, output)
 
 

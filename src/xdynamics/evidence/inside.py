@@ -25,13 +25,14 @@ from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.columns import state_name
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import AT, AT_TIME, STEPS
-from xdynamics.units import parse_time
+from xdynamics.units import TIME, Range, is_range, parse_time
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
+MOST_TIMES = 100_000_000  # of a range
 ROUTE = "its distance from two steps of the run's method from the archived state before to the wanted time, extrapolated with one: how far it is from the solution through that state"
 
 
@@ -210,9 +211,18 @@ def _check_whole(where: Floats, steps: Floats) -> None:
 
 
 def wanted_times(times: Any) -> Floats:
-    """Read the times that are asked for."""
-    if isinstance(times, str):
-        times = parse_time(times, "times")
+    """Read the times that are asked for: numbers, texts, or a range like ``0:20:201 s``."""
+    if is_range(times):
+        asked = Range.parse(times)
+        if asked.unit.text != "1" and asked.unit.dimension != TIME:
+            raise InputError(f"times {times!r} are in '{asked.unit.text}', need a time like 's'")
+        if not 0 < asked.count <= MOST_TIMES:
+            raise InputError(f"times {times!r} are {asked.count}, need a count from 1 to {MOST_TIMES}")
+        times = np.linspace(asked.start, asked.stop, asked.count) * float(asked.unit.factor)
+    elif isinstance(times, str):
+        times = [parse_time(one, "times") for one in times.split(",")]
+    elif isinstance(times, list | tuple) and any(isinstance(one, str) for one in times):
+        times = [parse_time(one, "times") for one in times]
     try:
         if np.asarray(times).dtype == bool:
             raise TypeError(times)  # noqa: TRY301 - answered right below

@@ -36,8 +36,8 @@ def sample(
     run : xarray.Dataset
         A run record, in memory or opened from an archive. On dask arrays the result is lazy: `time` is searched by
         bisection over its chunks, and of the states those chunks are read that hold a wanted step.
-    times : array_like of float, shape (n,), s; or a time like ``"1.5 s"``
-        In any order; one time makes one row. At an accepted time the accepted state is returned as it is.
+    times : array_like of float, shape (n,), s; or texts like ``"1.5 s"``, ``"0:20:201 s"``
+        In any order; one time makes one row. A range is start:stop:count, both ends included. At an accepted time the accepted state is returned as it is.
     side : {"after", "before"}
         Which of the two states of an event to return at its very time. A step never reaches over an event.
     rule : {"reintegrate", "interpolant"}

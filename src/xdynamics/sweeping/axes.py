@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -19,7 +18,7 @@ from xdynamics.model.spread import deviations, matrix_of
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.tables import is_wide, narrow, text_of
-from xdynamics.units import NONE, Quantity, Unit, parse_quantity, parse_unit
+from xdynamics.units import NONE, Quantity, Range, Unit, is_range, parse_quantity, parse_unit
 
 Values = NDArray[Any]
 
@@ -37,7 +36,6 @@ SETTINGS = (
 TIMES = ("until", "min_step", "max_step", "time_tolerance")
 TAKEN = (AT, AT_TIME, OCCURRENCE, "occurrence_number", "model_toml")  # names of what is no axis
 MOST_AXES, MOST_VALUES = 24, 10_000_000  # and values along one
-_RANGE = re.compile(r"\s*(?P<start>[^:\s]+)\s*:\s*(?P<stop>[^:\s]+)\s*:\s*(?P<count>\d+)(?![.\d])\s*(?P<unit>[^:]*)")
 
 
 @dataclass(frozen=True)
@@ -234,8 +232,8 @@ def numbers_of(given: Any, declared: Unit) -> tuple[Values, Unit]:
     InputError
         If one is no finite number of the kind that is needed.
     """
-    if isinstance(given, str) and (found := _RANGE.fullmatch(given)):
-        values, told = _range(given, found)
+    if is_range(given):
+        values, told = _range(given)
         unit = declared if told == parse_unit("1") else told
         return _plain(values, unit, declared), unit
     if isinstance(given, str):
@@ -312,26 +310,12 @@ def _of_text(text: str) -> list[Quantity]:
     return _with_unit(parts, parts[-1].unit)
 
 
-def _range(text: str, found: re.Match[str]) -> tuple[Values, Unit]:
+def _range(text: str) -> tuple[Values, Unit]:
     """Read ``0:2e-3:41 kg m-1``: start:stop:count, both ends included."""
-    count = int(found["count"])
-    ends = [parse_quantity(found[name]) for name in ("start", "stop")]
-    unit = _unit_of_range(text, ends, found["unit"])
-    start, stop = (_in(one, unit) for one in _with_unit(ends, unit))
-    if not (1 < count <= MOST_VALUES or (count == 1 and start == stop)):
+    found = Range.parse(text)
+    if not (1 < found.count <= MOST_VALUES or (found.count == 1 and found.start == found.stop)):
         raise InputError(f"is {text!r}, needs start:stop:count unit, both ends included, count from 2 to {MOST_VALUES}")
-    return np.linspace(start, stop, count), unit
-
-
-def _unit_of_range(text: str, ends: list[Quantity], told: str) -> Unit:
-    """Return the unit of a range: behind its count, or that of its ends."""
-    bare = parse_unit("1")
-    units = [one.unit for one in ends if one.unit != bare]
-    if units and told:
-        raise InputError(f"is {text!r}, with units at its ends and behind; write one, behind the count")
-    if units and len({one.dimension for one in units}) > 1:
-        raise InputError(f"is {text!r}, from '{units[0].text}' to '{units[1].text}'; its ends need one kind of unit")
-    return parse_unit(told or "1") if not units else units[-1]
+    return np.linspace(found.start, found.stop, found.count), found.unit
 
 
 def _positive(column: Column) -> Column:

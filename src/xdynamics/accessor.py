@@ -1,0 +1,135 @@
+"""`run.dynamics`: what one asks of a run in a notebook, each by the verb that has the word."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.archive import digest_of_run
+from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.sampling import sample
+from xdynamics.faults import InputError
+from xdynamics.record import check_kind
+from xdynamics.record.words import words_of
+from xdynamics.schema import BOUNDS, EVENTS, STEPS
+from xdynamics.summary import summary
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+ENDS = ("lower", "upper")
+OF_STATES = ("coordinate", "velocity", "state", "acceleration")
+
+
+@xr.register_dataset_accessor("dynamics")
+class Dynamics:
+    """What one asks of a run record: states between steps, events, tables, pictures.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> run = xd.simulate(xd.Model.from_toml("data/models/ball_drag.toml"), method="dop853", rtol=1e-9)
+    >>> float(run.dynamics.at("1 s").y.round(6)[0])
+    13.70903
+    >>> run.dynamics.events("apex").event_time.round(6).values.tolist()
+    [1.798876]
+    >>> run.dynamics.frame("event").columns[:2].tolist()
+    ['event_time', 'event_time_bounds_lower']
+    """
+
+    def __init__(self, run: xr.Dataset) -> None:
+        self._run = run
+
+    def __repr__(self) -> str:
+        return "\n".join(summary(self._run))
+
+    def at(self, times: Any, **how: Any) -> xr.Dataset:
+        """Return the states at any times inside the run, ``"1 s"``, ``[0.1, 0.2]`` or ``"0:20:201 s"``; see `xdynamics.sample`."""
+        return sample(self._run, times, **how)
+
+    def events(self, name: str | None = None) -> xr.Dataset:
+        """Return the located events, or those of one name, with the states on both sides.
+
+        Returns
+        -------
+        xarray.Dataset
+            Along `event`: `event_name`, `event_time`, `event_time_uncertainty`, declared observables there, and of every
+            coordinate, velocity, acceleration and state y `before_y` and `after_y`.
+
+        Raises
+        ------
+        InputError
+            If the run knows no such event.
+        """
+        check_kind(self._run)
+        run, names = self._run, self._names()
+        known = str(run["event_detector"].attrs.get("flag_meanings", "")).split() if "event_detector" in run else []
+        if name is not None and name not in known:
+            raise InputError(f"the run knows no event {name!r}; there are {', '.join(known) or 'none'}")
+        rows = np.flatnonzero(names == name) if name is not None else np.arange(len(names))
+        left_out = ("event_row_before", "event_row_after", "event_detector")
+        wanted = [one for one in map(str, run.data_vars) if run[one].dims == (EVENTS,) and one not in left_out]
+        variables: dict[str, Any] = {"event_name": ((EVENTS,), names[rows], about("1", "event, contact or friction element", "name"))}  # fmt: skip
+        variables |= {one: ((EVENTS,), run[one].values[rows], run[one].attrs) for one in ("event_time", *wanted)}
+        for side in ("before", "after"):
+            places = run[f"event_row_{side}"].values[rows]
+            for one in map(str, run.data_vars):
+                if run[one].dims == (STEPS,) and run[one].attrs.get("role") in OF_STATES:
+                    said = about(str(run[one].attrs["units"]), f"{one} {side} the event", str(run[one].attrs["role"]))
+                    variables[f"{side}_{one}"] = ((EVENTS,), run[one].values[places], said)
+        title = f"{run.attrs.get('title', 'run')}: {name or 'events'}"
+        return exhibit("events", title, [digest_of_run(run)], variables, {})
+
+    def frame(self, dim: str = STEPS) -> pd.DataFrame:
+        """Return everything along one dimension as a table of pandas, a row each; flags as their words.
+
+        Parameters
+        ----------
+        dim : {"step", "trial", "event", "sample", "at"}
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns called like the variables; ``frame.attrs["units"]`` has the unit of each.
+
+        Raises
+        ------
+        InputError
+            If the record has no such dimension.
+        """
+        import pandas as pd
+
+        run = self._run
+        known = [str(one) for one in run.dims if str(one) != BOUNDS]
+        if dim not in known:
+            raise InputError(f"the record has no dimension {dim!r}; there are {', '.join(known)}")
+        columns: dict[str, Any] = {}
+        units: dict[str, str] = {}
+        for name, one in run.variables.items():
+            if one.dims not in ((dim,), (dim, BOUNDS)):
+                continue
+            cells = np.array(words_of(run[name]), dtype=object) if "flag_meanings" in one.attrs else one.values
+            parts = (
+                {str(name): cells} if one.ndim == 1 else {f"{name}_{end}": cells[:, k] for k, end in enumerate(ENDS)}
+            )
+            columns |= parts
+            units |= dict.fromkeys(parts, str(one.attrs.get("units", "1")))
+        first = [one for one in ("time", "at_time", f"{dim}_time") if one in columns]
+        table = pd.DataFrame({one: columns[one] for one in (*first, *(c for c in columns if c not in first))})
+        table.index.name = dim
+        table.attrs["units"] = units
+        return table
+
+    def plot(self, path: str | Path | None = None, **how: Any) -> Figure:
+        """Draw the run; see `xdynamics.plot`."""
+        from xdynamics.figures import plot
+
+        return plot(self._run, path, **how)
+
+    def _names(self) -> Any:
+        return np.array(words_of(self._run["event_detector"]) if self._run.sizes.get(EVENTS, 0) else [], dtype=str)

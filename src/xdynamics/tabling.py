@@ -1,0 +1,71 @@
+"""States of a run at chosen times as a table of text, that spreadsheets, `compare` and `fit` read."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.sampling import sample
+from xdynamics.faults import InputError
+from xdynamics.schema import AT, AT_TIME, error
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+
+def check_target(path: Path) -> Path:
+    """Refuse a place where no table can be written.
+
+    Raises
+    ------
+    InputError
+        Naming it.
+    """
+    if path.is_dir():
+        raise InputError(f"table '{path}' is a directory; name a file")
+    if not path.parent.is_dir():
+        raise InputError(f"table '{path}' cannot be written: there is no folder '{path.parent}'")
+    return path
+
+
+def text_of(run: xr.Dataset, wanted: Floats) -> str:
+    """Return the states at some times: CSV with units in its header, numbers to the last bit."""
+    found = sample(run, wanted)
+    names = [str(name) for name in found.data_vars if found[name].dims == (AT,) and error(str(name)) in found]
+    columns = {"time [s]": found[AT_TIME].values}
+    columns |= {f"{name} [{found[name].attrs['units']}]": found[name].values for name in names}
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(columns)
+    rows.writerows(map(repr, row) for row in zip(*(one.tolist() for one in columns.values()), strict=True))
+    return text.getvalue()
+
+
+def tabled(run: xr.Dataset, wanted: Floats, path: Path) -> str:
+    """Write a table into a file, as far as the run came; say what it is."""
+    reached = wanted[wanted <= float(run["time"][-1])]
+    if not reached.size:
+        return "table     none: the run ended before the first of the times"
+    return write(text_of(run, reached), path)
+
+
+def write(text: str, path: Path) -> str:
+    """Write a table into a file; say what it is.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise InputError(f"table '{path}' cannot be written: {problem.strerror or problem}") from None
+    return f"table     {path}: {text.count(chr(10)) - 1} rows"
