@@ -11,7 +11,7 @@ import xdynamics as xd
 from xdynamics.model.grammar import HEAD, NEEDED, SECTIONS
 
 WHOLE = 'name = "whole"\ndescription = "every word"\n' + "".join(
-    one.example for name, one in SECTIONS.items() if name not in ("lagrangian", "time", "figure")
+    one.example for name, one in SECTIONS.items() if name != "lagrangian"
 )
 
 

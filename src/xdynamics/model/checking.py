@@ -42,6 +42,12 @@ def check(statement: Statement) -> dict[str, Dimension]:
     _define(statement, known, ledger)
     ledger.settle()
     _check_initial(statement, known, ledger)
+    if energies := statement.lagrangian:
+        joule = constant("joule").dimension
+        _needs(ledger, "kinetic energy", energies.kinetic, known, joule)
+        if energies.potential is not None:
+            _needs(ledger, "potential energy", energies.potential, known, joule)
+        ledger.settle()
     _check_motion(statement, known, ledger)
     for name, state in statement.states.items():
         _needs(ledger, f"rate of state '{name}'", state.rate, known, known[name] / TIME)

@@ -127,6 +127,15 @@ SECTIONS: dict[str, Section] = {
         (Key("<coordinate>", "expression, kg (kg m2 of an angle)", "mass or moment of inertia", NEEDED), Key("matrix", "rows of expressions", "the whole mass matrix in their place, which may depend on coordinates", "")),
         '[mass]\nmatrix = [["2*m", "m*l*cos(theta)/radian"], ["m*l*cos(theta)/radian", "m*l**2/radian**2"]]\n',
     ),
+    "lagrangian": Section(
+        "energies, in the place of [mass]: the mass matrix, the force terms `inertia` (velocity terms) and `potential` follow", "",
+        (
+            Key("kinetic", "expression, J", "quadratic in velocities; of coordinates, velocities, t and parameters", NEEDED),
+            Key("potential", "expression, J", "of coordinates, t, parameters and drives", "none"),
+        ),
+        '[lagrangian]\nkinetic = "m*(v_x**2 + l**2*v_theta**2/radian**2)/2 + m*l*cos(theta)*v_x*v_theta/radian"\npotential = "k*x**2/2"\n',
+        "other forces, of drags and drives, stand in [forces] beside it",
+    ),
     "definitions": Section(
         "names for expressions that are used again", "definition", (Key("<name>", "expression of any unit", "may read other definitions"),),
         '[definitions]\nspeed = "hypot(v_x, l*v_theta/radian)"\n',

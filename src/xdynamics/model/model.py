@@ -16,6 +16,7 @@ from xdynamics.faults import InputError, ModelError
 from xdynamics.files import asked, decoded, read_bounded
 from xdynamics.model import toml
 from xdynamics.model.checking import check
+from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
     Contact,
     Coordinate,
@@ -47,7 +48,7 @@ class Model:
     ----------
     **statement
         The sections of a model file by name (`name`, `description`, `coordinates`, `parameters`, `mass`,
-        `definitions`, `forces`, `drives`, `states`, `initial`, `events`, `contacts`, `frictions`, `regimes`,
+        `definitions`, `forces`, `drives`, `states`, `lagrangian`, `initial`, `events`, `contacts`, `frictions`, `regimes`,
         `observables`, `validation`, `correlations`, `discrepancy`, `run`), each a mapping in the file's own words. A force component may also be a numba-compilable Python function
         whose arguments are declared names; it gets and returns SI floats.
 
@@ -94,6 +95,7 @@ class Model:
     validation: dict[str, Validation]
     correlations: dict[tuple[str, str], float]
     discrepancy: dict[str, Discrepancy]
+    lagrangian: Lagrangian | None
     dimensions: dict[str, Dimension]
     file: Path | None = None  # that it was read from
 
@@ -142,6 +144,47 @@ class Model:
     def from_text(cls, text: str, *, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
         """Read a model from TOML text, like the `model_toml` of an archive, its tables in it; see `from_toml`."""
         return cls._parsed(text, Path("model.toml"), functions, Reach(Path(), EMBEDDED))
+
+    @classmethod
+    def from_sympy(cls, equations: Any, **sections: Any) -> Model:
+        """Make a model of equations of motion that sympy has derived.
+
+        Parameters
+        ----------
+        equations : LagrangesMethod or KanesMethod
+            Of `sympy.physics.mechanics`, its equations formed; generalised speeds are derivatives of coordinates.
+        **sections
+            As of a model: `name`, `coordinates` with the unit of each, `parameters` for every other symbol, `initial`,
+            further `forces`, `events` …
+
+        Raises
+        ------
+        InputError
+            If sympy is not installed, or the equations hold what the language of expressions has not.
+        ModelError
+            If units do not fit.
+
+        Notes
+        -----
+        sympy's trees are taken over node by node. Their order is sympy's, so that another version of it may make
+        another model, which the digest tells; what is archived is the model itself.
+
+        Examples
+        --------
+        >>> from sympy import Symbol, cos
+        >>> from sympy.physics.mechanics import LagrangesMethod, dynamicsymbols
+        >>> q, m, l, g = dynamicsymbols("q"), *map(Symbol, "mlg")
+        >>> method = LagrangesMethod(m*l**2*q.diff()**2/2 + m*g*l*cos(q), [q])
+        >>> _ = method.form_lagranges_equations()
+        >>> model = Model.from_sympy(
+        ...     method, coordinates={"q": "rad"}, parameters={"m": "1 kg", "l": "1 m", "g": "9.81 m s-2"}, initial={"q": 0.1}
+        ... )
+        >>> model.force_components["motion"]["q"] is not None
+        True
+        """
+        from xdynamics.model.symbolic import sections_of
+
+        return cls(**sections_of(equations, sections))
 
     def to_toml(self) -> str:
         """Return the whole model as TOML, measured tables included."""

@@ -11,6 +11,7 @@ from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE, Table
 from xdynamics.model.grammar import HEAD, SECTIONS, keys_of
+from xdynamics.model.lagrangian import TERMS, lagrangian, motion_of
 from xdynamics.model.measuring import tabled
 from xdynamics.model.parts import (
     STRIKE,
@@ -31,7 +32,7 @@ from xdynamics.model.touching import contact, friction, impact
 from xdynamics.model.validating import validation
 from xdynamics.model.words import choice, described, flag, near
 from xdynamics.schema import velocity
-from xdynamics.units import TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
+from xdynamics.units import CONSTANTS, TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
 
 RUN_KEYS = SECTIONS["run"].known
 HEAD_KEYS = tuple(one.name for one in HEAD)
@@ -100,8 +101,15 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
         parts["correlations"] = correlations_of(sections["correlations"])
     parts["discrepancy"] = entries("discrepancy", "discrepancy", _discrepancy)
     parts["run"] = _run(sections["run"], ledger)
-    with ledger.entry("mass"):
-        parts["mass"] = _mass(sections["mass"], list(parts["coordinates"]))
+    with ledger.entry("lagrangian"):
+        parts["lagrangian"] = lagrangian(sections["lagrangian"])
+    ledger.settle()
+    if parts["lagrangian"] is not None:
+        with ledger.entry("lagrangian"):
+            _derive(parts, sections["mass"])
+    else:
+        with ledger.entry("mass"):
+            parts["mass"] = _mass(sections["mass"], list(parts["coordinates"]))
     ledger.settle()
     return Statement(**parts)
 
@@ -231,6 +239,16 @@ def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node,
         raise InputError("; ".join(faults + [f"of '{name}', which is no coordinate" for name in unknown]))
     diagonal, n = [parse(str(given[name])) for name in coordinates], len(coordinates)
     return tuple((*[ZERO] * i, one, *[ZERO] * (n - 1 - i)) for i, one in enumerate(diagonal))
+
+
+def _derive(parts: dict[str, Any], mass: Mapping[str, Any]) -> None:
+    """Put the mass matrix and the forces of a Lagrangian into the parts of a model."""
+    if mass:
+        raise InputError("stands beside [mass], which follows from it; leave one out")
+    if taken := [name for name in TERMS if name in parts["forces"]]:
+        raise InputError(f"makes a force '{taken[0]}', and [forces] has one of that name; rename it")
+    matrix, forces = motion_of(parts["lagrangian"], list(parts["coordinates"]), parts["definitions"], {*parts["parameters"], *CONSTANTS, "pi"})  # fmt: skip
+    parts["mass"], parts["forces"] = matrix, forces | parts["forces"]
 
 
 def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
+from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
     Contact,
     Coordinate,
@@ -52,6 +53,7 @@ class Statement:
     validation: dict[str, Validation]
     correlations: dict[tuple[str, str], float]
     discrepancy: dict[str, Discrepancy]
+    lagrangian: Lagrangian | None = None  # from which the mass and some forces are derived
 
     @cached_property
     def mass_entries(self) -> dict[tuple[int, int], Node]:

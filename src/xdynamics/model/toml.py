@@ -8,6 +8,7 @@ from typing import Any
 
 from xdynamics.expressions import text_of
 from xdynamics.model.drives import REFUSE
+from xdynamics.model.lagrangian import TERMS
 from xdynamics.model.parts import Contact, Event, Friction, Function, Validation
 from xdynamics.model.spread import NORMAL, RECTANGULAR
 from xdynamics.model.statement import Statement
@@ -25,9 +26,15 @@ def write(statement: Statement) -> str:
         {name: _described({"unit": one.unit.text}, one) for name, one in statement.coordinates.items()},
     )
     _section(lines, "parameters", {name: _parameter(one) for name, one in statement.parameters.items()})
-    _section(lines, "mass", _mass(statement))
+    energies = statement.lagrangian
+    _section(lines, "mass", {} if energies else _mass(statement))
+    if energies:
+        potential = {} if energies.potential is None else {"potential": text_of(energies.potential)}
+        _section(lines, "lagrangian", {"kinetic": text_of(energies.kinetic)} | potential)
     _section(lines, "definitions", {name: text_of(node) for name, node in statement.definitions.items()})
     for name, force in statement.forces.items():
+        if energies and name in TERMS:
+            continue
         body: dict[str, Any] = {} if force.potential is None else {"potential": text_of(force.potential)}
         body |= {key: _component(one) for key, one in force.components.items()}
         body |= {"smooth": True} if force.smooth else {}

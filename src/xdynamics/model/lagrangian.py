@@ -1,0 +1,105 @@
+"""A model from its kinetic and potential energy: mass matrix and velocity terms by the package's own calculus.
+
+Of T = v.M.v/2 + b.v + T0, all of which may depend on coordinates and time, Lagrange's equations are
+
+    M a = dT/dq - sum_j d2T/dv dq_j v_j - d2T/dv dt - dV/dq,    M = d2T/dv dv
+
+(Goldstein, Classical Mechanics, 3rd ed., sections 1.4 and 2.7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names, parse
+from xdynamics.expressions.calculus import ONE, ZERO, add, multiply, negative
+from xdynamics.faults import InputError
+from xdynamics.model.grammar import keys_of
+from xdynamics.model.parts import Force
+from xdynamics.schema import velocity
+
+INERTIA, POTENTIAL = TERMS = ("inertia", "potential")  # force terms that come of a Lagrangian
+SAID = "velocity terms of the kinetic energy, by Lagrange's equations"
+
+
+@dataclass(frozen=True)
+class Lagrangian:
+    """The energies that a model was written by.
+
+    Attributes
+    ----------
+    kinetic : Node
+    potential : Node, optional
+    """
+
+    kinetic: Node
+    potential: Node | None = None
+
+
+def lagrangian(given: object) -> Lagrangian | None:
+    """Read the section, where there is one.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    if not given:
+        return None
+    keys_of("lagrangian", given)
+    assert isinstance(given, Mapping)  # noqa: S101 - `keys_of` has seen to it
+    potential = parse(given["potential"]) if "potential" in given else None
+    return Lagrangian(parse(given["kinetic"]), potential)
+
+
+def motion_of(
+    energies: Lagrangian, coordinates: list[str], definitions: Mapping[str, Node], known: set[str]
+) -> tuple[tuple[tuple[Node, ...], ...], dict[str, Force]]:
+    """Derive the mass matrix and the force terms of a Lagrangian.
+
+    Parameters
+    ----------
+    energies : Lagrangian
+    coordinates : list of str
+    definitions : mapping of str to Node
+    known : set of str
+        Names that are constant: parameters.
+
+    Raises
+    ------
+    InputError
+        If the kinetic energy reads something else than time, the motion and constants, or is not quadratic in velocities.
+    """
+    kinetic = expand(energies.kinetic, definitions)
+    velocities = [velocity(name) for name in coordinates]
+    if strange := sorted(free_names(kinetic) - {"t", *coordinates, *velocities} - known):
+        raise InputError(
+            f"kinetic reads '{strange[0]}'; a kinetic energy is of coordinates, velocities, t and parameters"
+        )
+    momenta = [derivative(kinetic, {one: ONE}) for one in velocities]
+    mass = [[derivative(momentum, {one: ONE}) for one in velocities] for momentum in momenta]
+    for i, row in enumerate(mass):
+        for j, entry in enumerate(row):
+            if moving := sorted(free_names(entry) & set(velocities)):
+                raise InputError(f"kinetic is not quadratic in velocities: its second derivative by {velocities[i]} and {velocities[j]} still reads '{moving[0]}'; write squares, like v_x**2 + v_y**2, in the place of roots and absolute values")  # fmt: skip
+    n = len(coordinates)
+    matrix = tuple(tuple(mass[min(i, j)][max(i, j)] for j in range(n)) for i in range(n))
+    forces = {}
+    terms = {name: _velocity_terms(kinetic, momentum, coordinates, name) for name, momentum in zip(coordinates, momenta, strict=True)}  # fmt: skip
+    if acting := {name: one for name, one in terms.items() if one != ZERO}:
+        forces[INERTIA] = Force(None, dict(acting), SAID, smooth=True)
+    if energies.potential is not None:
+        forces[POTENTIAL] = Force(energies.potential)
+    return matrix, forces
+
+
+def _velocity_terms(kinetic: Node, momentum: Node, coordinates: list[str], name: str) -> Node:
+    """Return dT/dq less what the momentum changes by while velocities stay."""
+    found = derivative(kinetic, {name: ONE})
+    changes = derivatives(momentum, {one: {one: ONE} for one in (*coordinates, "t")})
+    for one in (*coordinates, "t"):
+        if one in changes:
+            moved = changes[one] if one == "t" else multiply(changes[one], Name(velocity(one)))
+            found = add(found, negative(moved))
+    return found
