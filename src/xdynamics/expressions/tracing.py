@@ -1,0 +1,244 @@
+"""Python functions of numbers as expressions: called once with names in the place of numbers, they write themselves down.
+
+What decides by a value, `if`, `while`, `int`, cannot be written down so and is refused; `numpy.where` can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from xdynamics.expressions.tree import FUNCTIONS, Binary, Call, Compare, Name, Negative, Node, Number
+from xdynamics.faults import InputError
+
+MOST_NODES = 200_000
+LARGEST_EXPONENT = 16
+REMEDY = "write numpy.where(condition, a, b) in the place of a branch, and numpy's functions in that of math's"
+# numpy's name of a function -> ours
+NAMED = {
+    "sin": "sin", "cos": "cos", "tan": "tan", "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2",
+    "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "exp": "exp", "log": "log", "sqrt": "sqrt", "absolute": "abs",
+    "fabs": "abs", "sign": "sign", "hypot": "hypot", "maximum": "max", "minimum": "min", "fmax": "max", "fmin": "min",
+}  # fmt: skip
+COMPARED = {"greater": ">", "greater_equal": ">=", "less": "<", "less_equal": "<=", "equal": "==", "not_equal": "!="}
+
+
+class Traced:
+    """A number that is not known: what is done with it is written down."""
+
+    def __init__(self, node: Node, nodes: int = 1) -> None:
+        self.node, self.nodes = node, nodes
+        if nodes > MOST_NODES:
+            raise InputError(f"the function writes an expression of over {MOST_NODES} nodes; it is too long for one")
+
+    def __add__(self, other: Any) -> Any:
+        return _joined("+", self, other)
+
+    def __radd__(self, other: Any) -> Any:
+        return _joined("+", other, self)
+
+    def __sub__(self, other: Any) -> Any:
+        return _joined("-", self, other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return _joined("-", other, self)
+
+    def __mul__(self, other: Any) -> Any:
+        return _joined("*", self, other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return _joined("*", other, self)
+
+    def __truediv__(self, other: Any) -> Any:
+        return _joined("/", self, other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return _joined("/", other, self)
+
+    def __pow__(self, exponent: Any) -> Any:
+        return _power(self, exponent)
+
+    def __rpow__(self, base: Any) -> Any:
+        return _power(base, self)
+
+    def __neg__(self) -> Traced:
+        return Traced(Negative(self.node), self.nodes + 1)
+
+    def __pos__(self) -> Traced:
+        return self
+
+    def __abs__(self) -> Traced:
+        return called("abs", self)
+
+    def __lt__(self, other: Any) -> Any:
+        return _compared("<", self, other)
+
+    def __le__(self, other: Any) -> Any:
+        return _compared("<=", self, other)
+
+    def __gt__(self, other: Any) -> Any:
+        return _compared(">", self, other)
+
+    def __ge__(self, other: Any) -> Any:
+        return _compared(">=", self, other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> Any:
+        return _compared("==", self, other)
+
+    def __ne__(self, other: object) -> Any:
+        return _compared("!=", self, other)
+
+    def __bool__(self) -> bool:
+        raise InputError(f"the function decides by a value that is not known yet; {REMEDY}")
+
+    def __float__(self) -> float:
+        raise InputError(f"the function takes a number of a value that is not known yet; {REMEDY}")
+
+    __int__ = __index__ = __float__
+
+    def __array_ufunc__(self, ufunc: Any, how: str, *given: Any, **_: Any) -> Any:
+        """Do what a function of numpy does, number by number."""
+        if how != "__call__":
+            return NotImplemented
+        arrays = np.broadcast_arrays(*map(_boxed, given))
+        found = np.empty(arrays[0].shape, object)
+        for place in np.ndindex(found.shape):
+            found[place] = _applied(ufunc.__name__, [one[place] for one in arrays])
+        return found if found.shape else found[()]
+
+    def __array_function__(self, function: Any, _types: Any, given: Any, _more: Any) -> Any:
+        """Take `numpy.where` of one condition."""
+        if function is np.where and len(given) == 3:
+            return _chosen(*given)
+        raise InputError(f"the function calls numpy.{function.__name__}, which the language of expressions has not")
+
+
+def traced(function: Callable[..., Any], *given: Any) -> Any:
+    """Call a function with names in the place of numbers.
+
+    Raises
+    ------
+    InputError
+        If it does what cannot be written down.
+    """
+    try:
+        return function(*given)
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - somebody else's code
+        raise InputError(f"the function ends with {type(error).__name__}: {error}") from None
+
+
+def name(word: str) -> Traced:
+    """Return a number that is not known, by its name."""
+    return Traced(Name(word))
+
+
+def node_of(one: Any) -> Node:
+    """Return what was written down, or a number.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    return _as(one).node
+
+
+def called(function: str, *given: Any) -> Traced:
+    """Write a function of the language."""
+    parts = [_as(one) for one in given]
+    return Traced(Call(function, tuple(one.node for one in parts)), 1 + sum(one.nodes for one in parts))
+
+
+def _as(one: Any) -> Traced:
+    if isinstance(one, Traced):
+        return one
+    if isinstance(one, np.ndarray) and one.shape == ():
+        return _as(one.item())
+    try:
+        value = float(one)
+    except (TypeError, ValueError):
+        raise InputError(f"the function makes {str(one)[:40]!r}, needs numbers") from None
+    if not isfinite(value):
+        raise InputError(f"the function makes {value!r}, needs finite numbers")
+    return Traced(Negative(Number(-value)) if value < 0 else Number(value))
+
+
+def _joined(operator: str, left: Any, right: Any) -> Any:
+    if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+        return NotImplemented
+    one, other = _as(left), _as(right)
+    nodes = one.nodes + other.nodes + 1
+    if operator == "*" and Number(0.0) in (one.node, other.node):  # a sparse matrix times a vector
+        return Traced(Number(0.0))
+    if (operator == "+" and one.node == Number(0.0)) or (operator == "*" and one.node == Number(1.0)):
+        return other
+    if (operator in "+-" and other.node == Number(0.0)) or (operator in "*/" and other.node == Number(1.0)):
+        return one
+    return Traced(Binary(operator, one.node, other.node), nodes)
+
+
+def _power(base: Any, exponent: Any) -> Any:
+    if isinstance(base, np.ndarray) or isinstance(exponent, np.ndarray):
+        return NotImplemented
+    if isinstance(exponent, Traced) or abs(float(exponent)) > LARGEST_EXPONENT:
+        return called("exp", _joined("*", exponent, called("log", base)))
+    one = _as(base)
+    return Traced(Binary("**", one.node, _as(exponent).node), one.nodes + 2)
+
+
+def _compared(operator: str, left: Any, right: Any) -> Any:
+    if isinstance(right, np.ndarray):
+        return NotImplemented
+    one, other = _as(left), _as(right)
+    return Traced(Compare(operator, one.node, other.node), one.nodes + other.nodes + 1)
+
+
+def _chosen(condition: Any, yes: Any, no: Any) -> Traced:
+    if not isinstance(condition, Traced):
+        return _as(yes if condition else no)
+    return called("where", condition, yes, no)
+
+
+def _boxed(one: Any) -> Any:
+    """Return an array of objects; of one number without a dimension."""
+    if isinstance(one, np.ndarray | list | tuple):
+        return np.asarray(one, object)
+    box = np.empty((), object)
+    box[()] = one
+    return box
+
+
+_OPERATORS: dict[str, Callable[..., Any]] = {
+    "add": lambda x, y: _joined("+", x, y), "subtract": lambda x, y: _joined("-", x, y),
+    "multiply": lambda x, y: _joined("*", x, y), "divide": lambda x, y: _joined("/", x, y),
+    "negative": lambda x: -_as(x), "positive": lambda x: x, "square": lambda x: _joined("*", x, x),
+    "power": _power, "float_power": _power, "reciprocal": lambda x: _joined("/", 1.0, x), "cbrt": lambda x: called("sign", x) * abs(_as(x)) ** (1 / 3),
+    "expm1": lambda x: called("exp", x) - 1.0, "log1p": lambda x: called("log", _joined("+", 1.0, x)),
+    "deg2rad": lambda x: _joined("*", x, np.pi / 180), "radians": lambda x: _joined("*", x, np.pi / 180),
+}  # fmt: skip
+
+
+def _applied(ufunc: str, given: Sequence[Any]) -> Any:
+    if ufunc in _OPERATORS:
+        return _OPERATORS[ufunc](*given)
+    if ufunc in COMPARED:
+        return _compared(COMPARED[ufunc], *given)
+    if ufunc not in NAMED:
+        raise InputError(f"the function calls numpy.{ufunc}, which the language of expressions has not; there are {', '.join(FUNCTIONS)}")  # fmt: skip
+    return called(NAMED[ufunc], *given)
+
+
+def _methods() -> None:
+    """Give numbers that are not known the methods that numpy calls in arrays of objects."""
+    for word, ours in NAMED.items():
+        setattr(Traced, word, lambda self, *more, ours=ours: called(ours, self, *more))
+
+
+_methods()

@@ -1,0 +1,194 @@
+"""Beside `scipy.integrate.solve_ivp`: a right-hand side as its users have it, and a run record."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.expressions import text_of
+from xdynamics.expressions.tracing import Traced, name, node_of, traced
+from xdynamics.faults import InputError
+from xdynamics.methods import METHODS
+from xdynamics.model import Model
+from xdynamics.simulation import simulate
+from xdynamics.units import parse_quantity, parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+# scipy's names of methods
+SAME = {"RK45": "dormand_prince", "RK23": "bogacki_shampine", "DOP853": "dop853", "Radau": "radau_iia"}
+NEAR = {"LSODA": "radau_iia", "BDF": "radau_iia"}
+DIRECTIONS = {0: "either", 1: "rising", -1: "falling"}
+
+RightSide = Callable[..., Any]
+
+
+def solve(
+    fun: RightSide,
+    t_span: Sequence[float | str],
+    y0: Sequence[float | str] | Any,
+    method: str = "dormand_prince",
+    *,
+    t_eval: Any = None,
+    events: RightSide | Sequence[RightSide] | None = None,
+    args: Sequence[Any] = (),
+    names: Sequence[str] | None = None,
+    units: Sequence[str] | str | None = None,
+    path: str | Path | None = None,
+    **settings: Any,
+) -> xr.Dataset:
+    """Solve y' = fun(t, y) as `scipy.integrate.solve_ivp` does, and return a run record.
+
+    Parameters
+    ----------
+    fun : callable
+        ``fun(t, y, *args)``, which returns as many rates as there are numbers in y, by arithmetic and numpy's elementary
+        functions. It is called once, with names for numbers, and written down as expressions: these are what is marched,
+        differentiated and archived. A branch is written `numpy.where`.
+    t_span : pair of float, s, or str
+        First and last time.
+    y0 : array_like of float or str, shape (n,)
+        Initial values, in `units`; or quantities like ``"20 m s-1"``.
+    method : str
+        Any of xdynamics, or scipy's RK45, RK23, DOP853, Radau.
+    t_eval : array_like of float or str, optional
+        Return the states at these times, as `sample` gives them, in the place of the record.
+    events : callable or sequence of callable, optional
+        ``event(t, y, *args)``, whose zeros are located; with scipy's attributes `terminal` and `direction`.
+    args : sequence
+        Further arguments; single numbers become parameters of the model, called as in the signature.
+    names : sequence of str, optional
+        Of the numbers in y; else y0, y1, …
+    units : str or sequence of str, optional
+        Of the numbers in y, in which `fun` has them; ``1`` where none is told. Time is in s.
+    path, **settings
+        Of `simulate`: rtol, atol, step, max_step …
+
+    Returns
+    -------
+    xarray.Dataset
+        Of `simulate`.
+
+    Raises
+    ------
+    InputError
+        If `fun` or an event cannot be written down, or something has another shape or unit.
+
+    Examples
+    --------
+    >>> def lorenz(t, y, sigma, rho, beta):
+    ...     return [sigma*(y[1] - y[0]), y[0]*(rho - y[2]) - y[1], y[0]*y[1] - beta*y[2]]
+    >>> run = solve(lorenz, (0, 1), [1.0, 1.0, 1.0], args=(10.0, 28.0, 8/3), names=["x", "y", "z"], rtol=1e-9)
+    >>> run.attrs["run_outcome"], float(run.rho), round(float(run.x[-1]), 6)
+    ('completed', 28.0, -9.378603)
+    """
+    model = model_of(fun, t_span, y0, args, events, names, units)
+    end = t_span[1] if isinstance(t_span[1], str) else float(t_span[1])
+    return simulate(model, method=_method(method), until=end, times=t_eval, path=path, **settings)
+
+
+def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names: Any, units: Any) -> Model:
+    """Write a right-hand side down as a model."""
+    if not callable(fun):
+        raise InputError(f"fun is {repr(fun)[:40]}, needs a function of t and y")
+    if len(tuple(t_span)) != 2:
+        raise InputError(f"t_span has {len(tuple(t_span))} times, needs two, the first and the last")
+    starts, own = _starts(y0, units)
+    words = [f"y{i}" for i in range(len(starts))] if names is None else [*names]
+    if len(words) != len(starts):
+        raise InputError(f"names are {len(words)}, and y0 has {len(starts)} numbers")
+    scales = {word: f"unit_{word}" for word, unit in zip(words, own, strict=True) if unit != "1"}
+    t, y = name("t") / name("second"), np.empty(len(words), object)
+    y[:] = [name(one) / name(scales[one]) if one in scales else name(one) for one in words]
+    given, parameters = _arguments(fun, args)
+    rates = _as_many(fun, traced(fun, t, y, *given), len(words))
+    states = {}
+    for word, unit, rate in zip(words, own, rates, strict=True):
+        whole = (name(scales[word]) if word in scales else 1.0) * rate / name("second")
+        states[word] = {"unit": unit, "rate": text_of(node_of(whole))}
+    return Model(
+        name=_called(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], states=states,
+        parameters=parameters | {scale: f"1 {unit}" for scale, unit in ((scales[w], u) for w, u in zip(words, own, strict=True) if w in scales)},
+        initial={"t": t_span[0] if isinstance(t_span[0], str) else f"{float(t_span[0])!r} s"} | dict(zip(words, starts, strict=True)),
+        events=_events(events, t, y, given),
+    )  # fmt: skip
+
+
+def _starts(y0: Any, units: Any) -> tuple[list[str], list[str]]:
+    """Return initial values with their units, and the units."""
+    row = [y0] if isinstance(y0, str | int | float) else list(y0)
+    told = [units] * len(row) if isinstance(units, str) else None if units is None else [*units]
+    if told is not None and len(told) != len(row):
+        raise InputError(f"units are {len(told)}, and y0 has {len(row)} numbers")
+    found, own = [], []
+    for i, one in enumerate(row):
+        if isinstance(one, complex) or np.ndim(one):
+            raise InputError(f"y0[{i}] is {one!r}, needs a real number; write real and imaginary parts apart")
+        given = parse_quantity(one if isinstance(one, str) else float(one))
+        unit = parse_unit(told[i]) if told is not None else given.unit
+        bare = not isinstance(one, str)
+        if not bare and given.unit.dimension != unit.dimension:
+            raise InputError(f"y0[{i}] is {one!r}, and its unit '{unit.text}'")
+        found.append(f"{given.value!r} {unit.text if bare else given.unit.text}")
+        own.append(unit.text)
+    return found, own
+
+
+def _arguments(fun: RightSide, args: Any) -> tuple[list[Any], dict[str, str]]:
+    """Return what `fun` is called with behind t and y: single numbers by name, as parameters."""
+    row = [*args] if isinstance(args, list | tuple) else [args]
+    try:
+        words = [one.name for one in inspect.signature(fun).parameters.values()][2:]
+    except (TypeError, ValueError):
+        words = []
+    words = [words[i] if i < len(words) and words[i].isidentifier() else f"arg{i}" for i in range(len(row))]
+    found: list[Any] = []
+    parameters = {}
+    for word, one in zip(words, row, strict=True):
+        number = isinstance(one, int | float | np.number) and not isinstance(one, bool)
+        found.append(name(word) if number else one)
+        if number:
+            parameters[word] = f"{float(one)!r} 1"
+    return found, parameters
+
+
+def _as_many(fun: RightSide, rates: Any, n: int) -> list[Any]:
+    row = [rates] if isinstance(rates, Traced | int | float) else list(np.asarray(rates, object).ravel())
+    if len(row) != n:
+        raise InputError(f"{_called(fun)} returns {len(row)} rates, and y0 has {n} numbers")
+    return row
+
+
+def _events(events: Any, t: Traced, y: Any, given: list[Any]) -> dict[str, dict[str, Any]]:
+    """Write events down, with scipy's attributes."""
+    row = [] if events is None else [events] if callable(events) else list(events)
+    found: dict[str, dict[str, Any]] = {}
+    for i, one in enumerate(row):
+        if not callable(one):
+            raise InputError(f"events[{i}] is {repr(one)[:40]}, needs a function of t and y")
+        called = _called(one) if _called(one) not in found else f"{_called(one)}_{i}"
+        terminal, direction = getattr(one, "terminal", False), int(np.sign(getattr(one, "direction", 0)))
+        entry: dict[str, Any] = {"function": text_of(node_of(traced(one, t, y, *given)))}
+        entry |= {"direction": DIRECTIONS[direction], "action": "stop" if terminal else "record"}
+        if terminal and int(terminal) > 1:
+            entry["count"] = int(terminal)
+        found[called] = entry
+    return found
+
+
+def _called(fun: RightSide) -> str:
+    word = str(getattr(fun, "__name__", "right_side"))
+    return word if word.isidentifier() else "right_side"
+
+
+def _method(method: Any) -> str:
+    if method in NEAR:
+        raise InputError(f"method '{method}' is not here; for stiff equations there is '{NEAR[method]}'")
+    if method not in SAME and method not in METHODS:
+        raise InputError(f"method is {method!r}; there are {', '.join(METHODS)}, and scipy's {', '.join(SAME)}")
+    return SAME.get(str(method), str(method))

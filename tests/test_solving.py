@@ -1,0 +1,149 @@
+# ruff: noqa: ARG001, ARG005 - functions of t and y, as scipy takes them
+"""`solve` beside scipy's solve_ivp: the same functions, the same numbers, and a record."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import xdynamics as xd
+
+MATRIX = np.array([[-1.0, 2.0, 0.0], [0.0, -0.5, 1.0], [-2.0, 0.0, -0.3]])
+
+
+def lorenz(t: Any, y: Any, sigma: Any, rho: Any, beta: Any) -> Any:
+    """Lorenz's equations."""
+    return [sigma * (y[1] - y[0]), y[0] * (rho - y[2]) - y[1], y[0] * y[1] - beta * y[2]]
+
+
+def linear(t: Any, y: Any) -> Any:
+    """A matrix times a vector, driven."""
+    return MATRIX @ y + np.array([0.0, np.sin(t), 1.0])
+
+
+def chain(t: Any, y: Any) -> Any:
+    """Slices and sums of arrays."""
+    q, v = y[:4], y[4:]
+    force = -2.0 * q
+    force[1:] += q[:-1]
+    force[:-1] += q[1:]
+    return np.concatenate([v, force - 0.1 * v])
+
+
+def functions(t: Any, y: Any, k: Any) -> Any:
+    """Most elementary functions of numpy."""
+    a, b = y
+    return (
+        np.where(a > 0, -np.tanh(a), np.arctan(-a)) + np.hypot(a, b) ** -2 - k * np.sqrt(np.abs(b)) + np.exp(-(t**2)) * np.log1p(b**2),
+        np.maximum(b, -0.5) * -1.0 + np.minimum(a, 0.3) + np.arctan2(a, 2 + b) + np.sign(t + 1) * np.cos(3 * a) / 2 ** (b / 4),
+    )  # fmt: skip
+
+
+def swing(t: Any, y: Any) -> Any:
+    """A pendulum."""
+    return y[1], -9.81 * np.sin(y[0])
+
+
+CASES = [
+    (lorenz, [1.0, 1.0, 1.0], (10.0, 28.0, 8 / 3), 2.0), (linear, [1.0, 0.0, -1.0], (), 5.0),
+    (chain, [0.1 * k for k in range(8)], (), 6.0), (functions, [0.4, -0.2], (0.3,), 3.0), (swing, [2.0, 0.0], (), 4.0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("fun", "y0", "args", "end"), CASES, ids=lambda one: getattr(one, "__name__", ""))
+def test_numbers_are_those_of_scipy(fun: Any, y0: list[float], args: tuple[float, ...], end: float) -> None:
+    """Assert end states against solve_ivp at its tightest."""
+    run = xd.solve(fun, (0, end), y0, "DOP853", args=args, rtol=1e-11)
+    right = solve_ivp(fun, (0, end), y0, "DOP853", args=args, rtol=1e-12, atol=1e-12, max_step=0.01)
+    assert run.attrs["run_outcome"] == "completed"
+    assert [float(run[f"y{i}"][-1]) for i in range(len(y0))] == pytest.approx(right.y[:, -1], rel=1e-8, abs=1e-9)
+
+
+def test_a_stiff_one_has_its_exact_derivatives() -> None:
+    """Assert that scipy's Radau is ours, with the Jacobian of the expressions."""
+
+    def oscillator(t: Any, y: Any, mu: Any) -> Any:
+        return [y[1], mu * (1 - y[0] ** 2) * y[1] - y[0]]
+
+    run = xd.solve(oscillator, (0, 2000), [2.0, 0.0], "Radau", args=(1000.0,), rtol=1e-7)
+    assert (run.attrs["solver_method"], run.attrs["solver_jacobian"]) == ("radau_iia", "exact")
+    right = solve_ivp(oscillator, (0, 2000), [2.0, 0.0], "Radau", args=(1000.0,), rtol=1e-9, atol=1e-9)
+    assert float(run.y0[-1]) == pytest.approx(right.y[0, -1], rel=1e-4)
+
+
+def test_the_record_is_one_like_any_other(tmp_path: Path) -> None:
+    """Assert units, names, parameters, bits from the file alone, and a budget's slopes of what was a Python function."""
+    given: dict[str, Any] = {"args": (10.0, 28.0, 8 / 3), "names": ["x", "y", "z"], "rtol": 1e-9}
+    path = tmp_path / "lorenz.nc"
+    run = xd.solve(lorenz, ("0 s", "1 s"), [1.0, 1.0, 1.0], path=path, **given)
+    assert (float(run.rho), run.attrs["title"], run.x.attrs["units"]) == (28.0, "lorenz, by dormand_prince", "1")
+    assert xd.reproduce(path).attrs["identical"] == 1
+    found = xd.solve(lorenz, (0, 1), [1.0, 1.0, 1.0], t_eval="0:1:11 s", **given)
+    assert found.sizes == {"at": 11}
+
+
+def test_units_and_events_of_scipy() -> None:
+    """Assert units in which the function has its numbers, and terminal, counted, directed and plain events."""
+
+    def fall(t: Any, y: Any) -> Any:
+        return [y[1], -9810.0]
+
+    def ground(t: Any, y: Any) -> Any:
+        return y[0]
+
+    def apex(t: Any, y: Any) -> Any:
+        return y[1]
+
+    ground.terminal, ground.direction = True, -1  # type: ignore[attr-defined]
+    run = xd.solve(fall, (0, 9), ["1 m", 2000.0], "dop853", units=["mm", "mm s-1"], events=[ground, apex], rtol=1e-9)
+    assert run.y0.attrs["units"] == "mm"
+    assert float(run["event_time"][0]) == pytest.approx(2.0 / 9.81, rel=1e-9)
+    assert float(run["event_time"][1]) == pytest.approx((2.0 + math.sqrt(4 + 2 * 9.81)) / 9.81, rel=1e-9)
+    assert run.attrs["run_outcome"] == "stopped_by_event"
+
+    def third(t: Any, y: Any) -> Any:
+        return y[0]
+
+    third.terminal = 3  # type: ignore[attr-defined]
+    run = xd.solve(swing, (0, 9), [1.0, 0.0], "dop853", events=third, rtol=1e-9)
+    assert run.sizes["event"] == 3
+
+
+def branch(t: Any, y: Any) -> Any:
+    """Decides by a value."""
+    return [1.0 if y[0] > 0 else -1.0]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"fun": branch}, r"decides by a value that is not known yet; write numpy.where"),
+        ({"fun": lambda t, y: [math.sin(y[0])]}, "takes a number of a value that is not known yet"),
+        ({"fun": lambda t, y: [y[0], y[0]]}, "returns 2 rates, and y0 has 1 numbers"),
+        ({"fun": lambda t, y: [y[3]]}, "ends with IndexError: index 3 is out of bounds"),
+        ({"fun": lambda t, y: [np.arcsinh(y[0])]}, "calls numpy.arcsinh, which the language of expressions has not"),
+        ({"fun": lambda t, y: [np.linalg.norm(y) * "a"]}, "makes .a., needs numbers"),
+        ({"fun": lambda t, y: [float("nan")]}, "makes nan, needs finite numbers"),
+        ({"fun": 5}, "fun is 5, needs a function"),
+        ({"y0": [1j]}, "needs a real number"),
+        ({"y0": ["1 kg"], "units": ["m"]}, "y0.0. is '1 kg', and its unit 'm'"),
+        ({"units": ["m", "s"]}, "units are 2, and y0 has 1"),
+        ({"names": ["a", "b"]}, "names are 2, and y0 has 1"),
+        ({"names": ["t"]}, "'t' is"),
+        ({"t_span": (0, 1, 2)}, "t_span has 3 times"),
+        ({"t_span": (1, 0)}, "until"),
+        ({"method": "LSODA"}, "for stiff equations there is 'radau_iia'"),
+        ({"method": "euler"}, "scipy's RK45, RK23"),
+        ({"events": [5]}, r"events\[0\] is 5"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_solved_is_named(given: dict[str, Any], said: str) -> None:
+    """Assert that functions and arguments of another kind are refused in one sentence."""
+    asked = {"fun": lambda t, y: [-y[0]], "t_span": (0, 1), "y0": [1.0], "rtol": 1e-6} | given
+    with pytest.raises(xd.InputError, match=said):
+        xd.solve(**asked)
