@@ -34,8 +34,8 @@ class Dynamics:
     --------
     >>> import xdynamics as xd
     >>> run = xd.simulate(xd.Model.from_toml("data/models/ball_drag.toml"), method="dop853", rtol=1e-9)
-    >>> float(run.dynamics.at("1 s").y.round(6)[0])
-    13.70903
+    >>> float(run.dynamics.at("1 s").y.round(4)[0])
+    13.709
     >>> run.dynamics.events("apex").event_time.round(6).values.tolist()
     [1.798876]
     >>> run.dynamics.frame("event").columns[:2].tolist()
@@ -130,6 +130,12 @@ class Dynamics:
         from xdynamics.figures import plot
 
         return plot(self._run, path, **how)
+
+    def animate(self, path: str | Path, **how: Any) -> Path:
+        """Write the motion in the plane as a film; see `xdynamics.animate`."""
+        from xdynamics.figures.animation import animate
+
+        return animate(self._run, path, **how)
 
     def _names(self) -> Any:
         return np.array(words_of(self._run["event_detector"]) if self._run.sizes.get(EVENTS, 0) else [], dtype=str)

@@ -38,12 +38,54 @@ def _opened(name: str) -> xr.Dataset:
 @click.option(
     "-o", "--output", required=True, metavar="FIGURE", help="The figure to write: PNG, SVG or PDF by its ending."
 )
-def plot(archive: str, output: str) -> None:
-    """Draw trajectory, velocity, energy error, phase portrait and step size; of a sweep's folder maps of its members."""
+@click.option("--only", metavar="NAMES", help="Panels or variables to draw alone, like 'plane,energy,x'.")
+@click.option(
+    "--with", "beside", multiple=True, metavar="FILE", help="Another run, or measured data as CSV, drawn over it."
+)
+@click.option("--size", metavar="WxH", help="Width and height in inches, like 8x5.")
+@click.option("--dpi", type=int, default=130, help="Dots an inch, of PNG (130).")
+@click.option("--dark", is_flag=True, help="On a dark ground.")
+def plot(
+    archive: str, output: str, only: str | None, beside: tuple[str, ...], size: str | None, dpi: int, dark: bool
+) -> None:
+    r"""Draw a run: the plane, trajectory, velocity, contacts, drives, energy, steps; of a sweep's folder maps of its members.
+
+    \b
+    xdynamics plot orbit.nc -o orbit.pdf --only plane,energy
+    xdynamics plot bench.nc -o bench.png --with measured.csv
+    """
     from xdynamics.figures import plot as draw
 
-    draw(_opened(archive), output)
+    asked = None if only is None else [one.strip() for one in only.split(",")]
+    draw(_opened(archive), output, only=asked, beside=list(beside), size=_size(size), dpi=dpi, dark=dark)
     say([f"figure    {output}"])
+
+
+def _size(text: str | None) -> tuple[float, float] | None:
+    """Read width and height."""
+    from xdynamics.faults import InputError
+
+    if text is None:
+        return None
+    width, _, height = text.lower().partition("x")
+    try:
+        return float(width), float(height)
+    except ValueError:
+        raise InputError(f"--size {text!r} needs width and height in inches, like 8x5") from None
+
+
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+@click.option("-o", "--output", required=True, metavar="FILM", help="The film to write: GIF, or MP4 where ffmpeg is.")
+@click.option("--seconds", type=float, help="How long it lasts.")
+@click.option("--trail", type=float, help="How far back the trail goes, in seconds of the run.")
+@click.option("--dark", is_flag=True, help="On a dark ground.")
+def animate(archive: str, output: str, seconds: float | None, trail: float | None, dark: bool) -> None:
+    """Film the motion in the plane, with the time and trails."""
+    from xdynamics.figures.animation import animate as film
+
+    film(_opened(archive), output, seconds=seconds, trail=trail, dark=dark)
+    say([f"film      {output}"])
 
 
 @main.command()

@@ -109,7 +109,7 @@ def least_squares(columns: Floats, values: Floats) -> Floats:
 
     Examples
     --------
-    >>> least_squares(np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]]), np.array([1.0, 3.0, 5.0])).tolist()
+    >>> least_squares(np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]]), np.array([1.0, 3.0, 5.0])).round(12).tolist()
     [1.0, 2.0]
     """
     n = columns.shape[1]

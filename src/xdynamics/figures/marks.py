@@ -33,7 +33,29 @@ MARKERS = {
     "touch": "d",
 }
 PLAIN = ("crossing", "regime_switch", "reset")  # kinds that an event's own name is enough for
-COLOURS = ("#1f5a96", "#c8501e", "#3a8f5c", "#7a4fa0", "#8c6d1f", "#4c4c4c")
+COLOURS = ("#1f5a96", "#c8501e", "#3a8f5c", "#7a4fa0", "#8c6d1f", "#7a7a7a")
+
+
+_POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_UNIT = re.compile(r"(?<![A-Za-z])([A-Za-z_]+)(-?[1-9][0-9]?)?(?= |$)")
+
+
+def INK() -> str:  # noqa: N802 - a colour, that of the sheet's text
+    """The colour of text and marks."""
+    from matplotlib import rcParams
+
+    return str(rcParams["text.color"])
+
+
+def typeset(units: str) -> str:
+    """Set a unit as print does: ``m s⁻¹``.
+
+    Examples
+    --------
+    >>> typeset("kg m2 s-2")
+    'kg m² s⁻²'
+    """
+    return _UNIT.sub(lambda one: one[1] + (one[2] or "").translate(_POWERS), units)
 
 
 def words(text: Any) -> str:
@@ -82,9 +104,9 @@ def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
             every[rows[chosen]],
             line[rows[chosen]],
             marker,
-            color="black",
+            color=INK(),
             markersize=4.5,
-            markerfacecolor="white",
+            markerfacecolor="none",
             zorder=3,
         )
         if n < MOST_LABELLED:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.faults import InputError
 from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, precision, refinement, run, several, sweep
-from xdynamics.figures.sheet import HEIGHT, check_path, sheet, write
+from xdynamics.figures.sheet import DPI, HEIGHT, check_path, lit, sheet, write
 from xdynamics.schema import EVIDENCE
 
 if TYPE_CHECKING:
@@ -28,7 +28,16 @@ PAGES: dict[str, Any] = {
 }
 
 
-def plot(record: xr.Dataset | Mapping[str, xr.Dataset], path: str | Path | None = None) -> Figure:
+def plot(
+    record: xr.Dataset | Mapping[str, xr.Dataset],
+    path: str | Path | None = None,
+    *,
+    only: str | Sequence[str] | None = None,
+    beside: Any = (),
+    size: tuple[float, float] | None = None,
+    dpi: int = DPI,
+    dark: bool = False,
+) -> Figure:
     """Draw a run, or evidence: of a run every coordinate, velocity, force, energy and step; of evidence what it tells.
 
     Parameters
@@ -38,6 +47,16 @@ def plot(record: xr.Dataset | Mapping[str, xr.Dataset], path: str | Path | None 
         refinements or diagnoses by name, to be drawn together.
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.
+    only : str or sequence of str, optional
+        Of a run: panels (plane, trajectory, velocity, state, contact, drive, phase, energy, steps, errors, events) or
+        variables that are drawn alone; forces, accelerations and observables are drawn where they are named.
+    beside : Dataset, path or sequence of these, optional
+        Of a run: other runs and measured data, drawn over the same variables.
+    size : pair of float, inches, optional
+    dpi : int
+        Dots an inch, of PNG.
+    dark : bool
+        Whether to draw on a dark ground.
 
     Raises
     ------
@@ -53,9 +72,24 @@ def plot(record: xr.Dataset | Mapping[str, xr.Dataset], path: str | Path | None 
         page, title = PAGES.get(kind, run), str(record.attrs.get("title", "run"))
     else:
         page, title = several, f"{', '.join(record)}, side by side"
-    panels = page.panels_of(record)
+    others = [beside] if isinstance(beside, str | Path) or hasattr(beside, "attrs") or hasattr(beside, "columns") else [*beside]  # fmt: skip
+    if page is not run and (only is not None or others):
+        raise InputError("only and beside are for figures of a run")
+    _check(size, dpi)
+    wanted = [only] if isinstance(only, str) else only
+    options: dict[str, Any] = {"only": wanted, "beside": others} if page is run else {}
+    panels = page.panels_of(record, **options)
     height = page.height_of(len(panels)) if hasattr(page, "height_of") else float(getattr(page, "HEIGHT", HEIGHT))
-    figure = sheet(panels, title, page.foot_of(record), height)
-    if path is not None:
-        write(figure, Path(path))
+    with lit(dark=dark):
+        figure = sheet(panels, title, page.foot_of(record), height, size)
+        if path is not None:
+            write(figure, Path(path), dpi)
     return figure
+
+
+def _check(size: Any, dpi: Any) -> None:
+    pair = isinstance(size, tuple | list) and len(size) == 2 and all(isinstance(one, int | float) and 1.0 <= one <= 100.0 for one in size)  # fmt: skip
+    if size is not None and not pair:
+        raise InputError(f"size is {size!r}, needs width and height in inches, from 1 to 100, like (8, 5)")
+    if isinstance(dpi, bool) or not isinstance(dpi, int) or not 20 <= dpi <= 1200:
+        raise InputError(f"dpi is {dpi!r}, needs a whole number from 20 to 1200")

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from xdynamics.archive.target import check_target, taking_name
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.figures.marks import words
+from xdynamics.figures.marks import typeset, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,33 +23,55 @@ Panel = Callable[["Axes"], None]
 FORMATS = (".png", ".svg", ".pdf")
 WIDTH, MOST_LINES = 190, 3  # of the text below
 HEIGHT = 2.9  # inches
+DPI = 130
+LIGHT: Any = {"grid.color": "#e3e3e3"}
+DARK: Any = {
+    "figure.facecolor": "#16181d", "axes.facecolor": "#16181d", "savefig.facecolor": "#16181d", "grid.color": "#3a3f4a",
+    "text.color": "#e8e8e8", "axes.labelcolor": "#e8e8e8", "axes.edgecolor": "#9aa0ac", "xtick.color": "#cfd3da",
+    "ytick.color": "#cfd3da",
+}  # fmt: skip
+_BEHIND = re.compile(r"\(([^()]*)\)$")  # the unit behind a label
 
 
-def sheet(panels: Sequence[Panel], title: str, foot: str, height: float = HEIGHT) -> Figure:
-    """Draw panels in reading order, in two columns, one alone over both; each so many inches high."""
+def sheet(
+    panels: Sequence[Panel], title: str, foot: str, height: float = HEIGHT, size: tuple[float, float] | None = None
+) -> Figure:
+    """Draw panels in reading order, in two columns, one alone over both; each so many inches high, or all of a size."""
+    from matplotlib import rcParams
     from matplotlib.figure import Figure
 
     columns = min(2, len(panels))
     rows = (len(panels) + 1) // 2
-    figure = Figure(figsize=(11, height * rows + 0.7), layout="constrained")
+    figure = Figure(figsize=size or (11, height * rows + 0.7), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     for axes, draw in zip(grid.flat, panels, strict=False):
-        axes.grid(color="#e3e3e3", linewidth=0.6)
+        axes.grid(color=rcParams["grid.color"], linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
         draw(axes)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_label_text(_BEHIND.sub(lambda one: f"({typeset(one[1])})", axis.get_label_text()))
     figure.suptitle(words(title), x=0.01, ha="left", fontsize=13)
     told = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
-    figure.supxlabel("\n".join(told), fontsize=8, color="#555555", x=0.01, ha="left")
+    figure.supxlabel("\n".join(told), fontsize=8, alpha=0.7, x=0.01, ha="left")
     return figure
 
 
-def write(figure: Figure, path: Path) -> None:
+@contextmanager
+def lit(*, dark: bool) -> Iterator[None]:
+    """Draw on white, or on a dark ground."""
+    from matplotlib import rc_context
+
+    with rc_context(DARK if dark else LIGHT):
+        yield
+
+
+def write(figure: Figure, path: Path, dpi: int = DPI) -> None:
     """Write a figure whole, or not at all."""
     ending = path.suffix.lower()
     drawn = BytesIO()
-    figure.savefig(drawn, format=ending[1:], dpi=130, metadata={"Date": None} if ending == ".svg" else None)
+    figure.savefig(drawn, format=ending[1:], dpi=dpi, metadata={"Date": None} if ending == ".svg" else None)
     try:
         with taking_name(path) as new:
             new.part.write_bytes(drawn.getvalue())

@@ -68,6 +68,15 @@ def check(statement: Statement) -> dict[str, Dimension]:
             spell(found)
             if chosen and chosen.unit and chosen.unit.dimension != found:
                 raise InputError(f"has units '{found}', and is to be in '{chosen.unit.text}'")
+    for k, pair in enumerate(statement.plane, 1):
+        with ledger.entry(f"figure: pair {k} of plane"):
+            across, up = (dimension_of(one, known) for one in pair)
+            if across != up:
+                raise InputError(f"is across in '{across}' and up in '{up}'; both need one unit")
+            moving = {*statement.states, *statement.drives, *map(velocity, statement.coordinates)}
+            read = set().union(*(free_names(expand(one, statement.definitions)) for one in pair))
+            if strange := sorted(read & moving):
+                raise InputError(f"reads '{strange[0]}'; a place in the plane is of coordinates, t and parameters")
     check_validation(statement, known, ledger)
     _check_spreads(statement, known | accelerations, ledger)
     ledger.settle()

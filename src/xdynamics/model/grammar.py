@@ -236,6 +236,12 @@ SECTIONS: dict[str, Section] = {
         '[discrepancy]\nx = { standard = "1 mm", description = "no wind in it" }\n',
         'its standard uncertainty: "1 mm"',
     ),
+    "figure": Section(
+        "what pictures and animations show of the motion in a plane", "",
+        (Key("plane", "pair of expressions of one unit, or a list of pairs", "where bodies are, across and up: of coordinates, t and parameters", NEEDED),),
+        '[figure]\nplane = [["x", "0*metre"], ["x + l*sin(theta)", "-l*cos(theta)"]]\n',
+        "without it two coordinates of one unit are a plane, and three are seen from three sides",
+    ),
     "run": Section(
         "defaults of `xdynamics run`, each an option of the command too", "",
         (

@@ -95,6 +95,7 @@ class Model:
     validation: dict[str, Validation]
     correlations: dict[tuple[str, str], float]
     discrepancy: dict[str, Discrepancy]
+    plane: tuple[tuple[Node, Node], ...]
     lagrangian: Lagrangian | None
     dimensions: dict[str, Dimension]
     file: Path | None = None  # that it was read from
@@ -263,7 +264,7 @@ class Model:
         initial = {name: Quantity(0.0, one.unit) for name, one in self.initial.items()}
         said = replace(
             self.statement, name="", description="", parameters=parameters, initial=initial, starts={}, observed={}, run={},
-            validation={}, correlations={}, discrepancy={},
+            validation={}, correlations={}, discrepancy={}, plane=(),
         )  # fmt: skip
         return toml.write(said)
 

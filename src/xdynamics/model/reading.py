@@ -100,6 +100,8 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     with ledger.entry("correlations"):
         parts["correlations"] = correlations_of(sections["correlations"])
     parts["discrepancy"] = entries("discrepancy", "discrepancy", _discrepancy)
+    with ledger.entry("figure"):
+        parts["plane"] = _plane(sections["figure"])
     parts["run"] = _run(sections["run"], ledger)
     with ledger.entry("lagrangian"):
         parts["lagrangian"] = lagrangian(sections["lagrangian"])
@@ -147,6 +149,17 @@ def _parameter(given: Any) -> Parameter:
     keys_of("parameters", given)
     quantity = _in_unit(given["value"], given.get("unit"))
     return Parameter(quantity, spread_of(given, quantity), described(given))
+
+
+def _plane(given: Mapping[str, Any]) -> tuple[tuple[Node, Node], ...]:
+    if not given:
+        return ()
+    keys_of("figure", given)
+    row = given["plane"]
+    pairs = [row] if isinstance(row, list | tuple) and all(isinstance(one, str) for one in row) else row
+    if not isinstance(pairs, list | tuple) or not pairs or any(not isinstance(one, list | tuple) or len(one) != 2 for one in pairs):  # fmt: skip
+        raise InputError(f'plane is {row!r}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs')  # fmt: skip
+    return tuple((parse(across), parse(up)) for across, up in pairs)
 
 
 def _discrepancy(given: Any) -> Discrepancy:

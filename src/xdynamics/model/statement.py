@@ -53,6 +53,7 @@ class Statement:
     validation: dict[str, Validation]
     correlations: dict[tuple[str, str], float]
     discrepancy: dict[str, Discrepancy]
+    plane: tuple[tuple[Node, Node], ...] = ()  # where bodies are, for pictures
     lagrangian: Lagrangian | None = None  # from which the mass and some forces are derived
 
     @cached_property

@@ -72,6 +72,8 @@ def write(statement: Statement) -> str:
         name: _described({"standard": str(one.standard)}, one) for name, one in statement.discrepancy.items()
     }
     _section(lines, "discrepancy", discrepancy)
+    if statement.plane:
+        _section(lines, "figure", {"plane": [[text_of(one) for one in pair] for pair in statement.plane]})
     _section(lines, "run", statement.run)
     return "\n".join(lines) + "\n"
 

@@ -1,0 +1,67 @@
+"""Panels about the march itself: steps, errors, how well events were located."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.figures.curves import thinned
+from xdynamics.figures.lines import over_the_run
+from xdynamics.figures.marks import COLOURS, words
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PARTS = {"event_time_uncertainty_bracket": "width of the bracket", "event_time_uncertainty": "uncertainty"}
+
+
+def steps(run: xr.Dataset, axes: Axes) -> None:
+    """Draw the steps on a logarithmic scale; an event's second row has none."""
+    size, time = run["step_size"].values, run["time"].values
+    taken = np.flatnonzero(size > 0)
+    rows = taken[thinned(size[taken])] if len(taken) else taken
+    axes.plot(time[rows], size[rows], ".", color=COLOURS[5], markersize=2.5, label="accepted")
+    about = run["trial_reason"].attrs
+    words = np.array(about["flag_meanings"].split()) if about["role"] == "flag" else np.zeros(0, "U")
+    failed = np.atleast_1d(about["flag_values"])[words == "error_test"] if words.size else words
+    chosen = np.flatnonzero(np.isin(run["trial_reason"].values, failed))
+    if len(chosen):
+        chosen = chosen[thinned(run["trial_step_size"].values[chosen])]
+        axes.plot(run["trial_time"].values[chosen], run["trial_step_size"].values[chosen], "x", color=COLOURS[1],
+                  markersize=3.5, markeredgewidth=0.8, label="rejected by the error test")  # fmt: skip
+        axes.legend(fontsize=8, frameon=False)
+    if len(rows):
+        axes.set_yscale("log")
+    axes.set(xlabel="time (s)", ylabel="step size (s)")
+    over_the_run(run, axes)
+    axes.set_title("step used to reach each state", loc="left", fontsize=10)
+
+
+def errors(run: xr.Dataset, axes: Axes) -> None:
+    """Draw the error norm of every accepted step; 1 is what the tolerances allow."""
+    norm, time = run["error_norm"].values, run["time"].values
+    taken = np.flatnonzero(norm > 0)
+    rows = taken[thinned(norm[taken])] if len(taken) else taken
+    axes.plot(time[rows], norm[rows], ".", color=COLOURS[2], markersize=2.5)
+    axes.axhline(1.0, color="#777777", linewidth=0.8, linestyle="--")
+    if len(rows):
+        axes.set_yscale("log")
+    axes.set(xlabel="time (s)", ylabel="scaled local error (1)")
+    over_the_run(run, axes)
+    axes.set_title("local error over what the tolerances allow", loc="left", fontsize=10)
+
+
+def locations(run: xr.Dataset, axes: Axes) -> None:
+    """Draw how wide the bracket of each event is, and how well its time is known."""
+    time = run["event_time"].values
+    for name, marker, colour in zip(PARTS, "_.", (COLOURS[0], COLOURS[1]), strict=True):
+        values = run[name].values
+        shown = (values > 0) & np.isfinite(values)
+        axes.plot(time[shown], values[shown], marker, color=colour, markersize=5, label=words(PARTS[name]))
+    axes.set_yscale("log")
+    axes.set(xlabel="time (s)", ylabel="located within (s)")
+    over_the_run(run, axes)
+    axes.set_title("events: bracket, and uncertainty of the time", loc="left", fontsize=10)
+    axes.legend(fontsize=8, frameon=False)

@@ -1,0 +1,193 @@
+"""Panels of lines against time, and of velocities against positions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics.evidence.inside import model_of
+from xdynamics.figures.curves import between, paired, thinned
+from xdynamics.figures.marks import COLOURS, mark_events, shade_regimes, typeset, words
+from xdynamics.model.drives import looked_up
+from xdynamics.model.motion import tables_of
+from xdynamics.record.kinds import is_whole
+from xdynamics.schema import STEPS, velocity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+# what is drawn beside a run: of each its label, and by variable times, values in the run's unit, and uncertainties
+Beside = Sequence[tuple[str, Mapping[str, tuple[Floats, Floats, Floats | None]]]]
+
+FEW_ROWS = 400  # up to which every accepted state is a dot
+LONGEST_LABEL = 24  # characters
+MOST_NAMED = 8  # lines in a legend
+MOST_LINES = 6  # in one panel; more are a map
+COLUMNS = 800  # of a map
+LATE = 0.01  # of the span, before which half of the rows are where time is drawn on a logarithmic axis
+FEWEST_LATE = 50  # rows for that
+CONTACTS = "contact and friction"
+DASHES = ("--", ":", "-.")
+
+
+def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, axes: Axes) -> None:
+    """Draw variables of one unit against time; more than six as a map."""
+    if len(names) > MOST_LINES:
+        _map(run, names, what, axes)
+        return
+    time = run["time"].values
+    for colour, name in zip(cycled(names), names, strict=True):
+        values, curve, shown = run[name].values, between(run, name), words(name)
+        rows, dots = thinned(values), "." if run.sizes[STEPS] < FEW_ROWS else ""
+        if curve is None:
+            axes.plot(time[rows], values[rows], dots + "-", color=colour, linewidth=1.2, markersize=4, label=shown)
+        else:
+            axes.plot(time, values, marker=dots, linestyle="none", color=colour, markersize=4)
+            axes.plot(*curve, "-", color=colour, linewidth=1.2, label=shown)
+    overlaid = _overlay(names, beside, axes)
+    label = _joined(names) if what != CONTACTS else "force"
+    axes.set(xlabel="time (s)", ylabel=words(f"{label} ({run[names[0]].attrs['units']})"))
+    axes.set_title(what, loc="left", fontsize=10)
+    shade_regimes(run, axes)
+    mark_events(run, names, axes)
+    over_the_run(run, axes)
+    _legend(axes, names, beside=overlaid)
+
+
+def _overlay(names: list[str], beside: Beside, axes: Axes) -> bool:
+    """Draw what other runs and measurements say of the same variables."""
+    drawn = False
+    for k, (label, columns) in enumerate(beside):
+        for i, name in enumerate(names):
+            if name not in columns:
+                continue
+            colour = COLOURS[(i + (k + 1) * len(names)) % len(COLOURS)]
+            times, values, doubts = columns[name]
+            said = words(f"{name}, {label}" if len(names) > 1 else label)
+            if doubts is None:
+                axes.plot(times, values, DASHES[k % len(DASHES)], color=colour, linewidth=1.4, alpha=0.7, label=said)
+            else:
+                axes.errorbar(times, values, yerr=doubts if doubts.any() else None, fmt="+", color=colour, markersize=5, linewidth=0.8, label=said)  # fmt: skip
+            drawn = True
+    return drawn
+
+
+def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
+    """Draw many variables as colours: time across, one row for each."""
+    time = run["time"].values
+    wanted = np.linspace(time[0], time[-1], min(COLUMNS, 4 * len(time)))
+    rows = np.stack([np.interp(wanted, *(between(run, name) or (time, run[name].values))) for name in names])
+    largest = float(np.abs(rows).max()) or 1.0
+    edges = np.append(wanted, wanted[-1])
+    shown = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, cmap="RdBu_r", vmin=-largest, vmax=largest, rasterized=True)  # fmt: skip
+    axes.figure.colorbar(shown, ax=axes, label=words(f"{_joined(names)} ({typeset(run[names[0]].attrs['units'])})"))
+    ticks = np.unique(np.linspace(1, len(names), min(len(names), 9)).round().astype(int))
+    axes.set_yticks(ticks, [words(names[k - 1]) for k in ticks])
+    axes.grid(visible=False)
+    axes.set(xlabel="time (s)")
+    axes.set_title(f"{what}, {len(names)} of them", loc="left", fontsize=10)
+
+
+def driven(run: xr.Dataset, names: list[str], axes: Axes) -> None:
+    """Draw what measured tables give along the run."""
+    model = model_of(run, None)
+    time = run["time"].values
+    tables = dict(zip(model.drives, tables_of(model), strict=True))
+    for colour, name in zip(cycled(names), names, strict=True):
+        drive = model.drives[name]
+        of_time = drive.argument == "t"
+        at, argument = (time, time) if of_time else (between(run, drive.argument) or (time, run[drive.argument].values))
+        if of_time:  # its own points too, which no step may have met
+            at = argument = np.union1d(
+                time, tables[name][0][(tables[name][0] > time[0]) & (tables[name][0] < time[-1])]
+            )
+        else:
+            argument = argument * float(model.units[drive.argument].factor)
+        values = looked_up(tables[name], argument, of_time=of_time)[0] / float(drive.table.value_unit.factor)
+        axes.plot(at, values, color=colour, linewidth=1.1, label=words(f"{name}({drive.argument})"))
+    axes.set(xlabel="time (s)", ylabel=words(f"{_joined(names)} ({model.drives[names[0]].table.value_unit.text})"))
+    axes.set_title("measured drives along the run", loc="left", fontsize=10)
+    over_the_run(run, axes)
+    _legend(axes, names)
+
+
+def impulses(run: xr.Dataset, coordinates: list[str]) -> list[str]:
+    """Name the impulses of which there are some."""
+    names = [f"event_impulse_{name}" for name in coordinates]
+    return [name for name in names if name in run and is_whole(run.attrs) and run[name].values.any()]
+
+
+def struck(run: xr.Dataset, names: list[str], axes: Axes) -> None:
+    """Draw the impulses of impacts as needles at their times."""
+    time = run["event_time"].values
+    for colour, name in zip(cycled(names), names, strict=True):
+        values = run[name].values
+        shown = values != 0.0
+        axes.vlines(time[shown], 0.0, values[shown], color=colour, linewidth=1.0)
+        axes.plot(time[shown], values[shown], ".", color=colour, markersize=4, label=words(name.removeprefix("event_")))
+    axes.axhline(0.0, color="#777777", linewidth=0.8)
+    axes.set(xlabel="time (s)", ylabel=words(f"impulse ({run[names[0]].attrs['units']})"))
+    axes.set_title("impulses of impacts", loc="left", fontsize=10)
+    over_the_run(run, axes)
+    _legend(axes, names)
+
+
+def phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
+    """Draw velocities against positions."""
+    for colour, name in zip(cycled(names), names, strict=True):
+        position, speed = run[name].values, run[velocity(name)].values
+        rows = paired(run, np.union1d(thinned(position), thinned(speed)))
+        drawn = position[rows], speed[rows]
+        if (there := between(run, name)) is not None and (then := between(run, velocity(name))) is not None:
+            drawn = there[1], then[1]
+        axes.plot(*drawn, color=colour, linewidth=1.0, label=words(name))
+        axes.plot(position[:1], speed[:1], "o", color=colour, markersize=4)
+    units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]
+    axes.set(
+        xlabel=words(f"{_joined(names)} ({units})"),
+        ylabel=words(f"{_joined([velocity(name) for name in names])} ({per_second})"),
+    )
+    axes.set_title("phase portrait (dot: start)", loc="left", fontsize=10)
+    _legend(axes, names)
+
+
+def cycled(names: list[str]) -> list[str]:
+    """Return a colour for each line."""
+    return [COLOURS[i % len(COLOURS)] for i in range(len(names))]
+
+
+def _joined(names: list[str]) -> str:
+    """Name what an axis shows, briefly: the legend has all names."""
+    joined = ", ".join(names)
+    return joined if len(joined) <= LONGEST_LABEL else f"{names[0]} … {names[-1]}"
+
+
+def _legend(axes: Axes, names: list[str], *, beside: bool = False) -> None:
+    """Name the lines of a panel, where there are several and not too many for it."""
+    if beside or 1 < len(names) <= MOST_NAMED:
+        axes.legend(fontsize=8, frameon=False)
+
+
+def is_late(run: xr.Dataset) -> bool:
+    """Whether rows ask for logarithmic time: half of them in the first hundredth of the span."""
+    time = run["time"].values
+    span = time[-1] - time[0]
+    return bool(len(time) >= FEWEST_LATE and span > 0 and np.median(time) - time[0] < LATE * span)
+
+
+def over_the_run(run: xr.Dataset, axes: Axes) -> None:
+    """Give a panel the time axis of all the others: the run's span, logarithmic where its rows ask for that."""
+    time = run["time"].values
+    if is_late(run):
+        first = float(np.diff(time)[np.diff(time) > 0].min())
+        axes.set_xscale("log", nonpositive="mask")
+        axes.set_xlim(time[0] + first, time[-1])
+        return
+    margin = 0.05 * (time[-1] - time[0])
+    if margin > 0:
+        axes.set_xlim(time[0] - margin, time[-1] + margin)

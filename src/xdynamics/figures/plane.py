@@ -1,0 +1,134 @@
+"""Where bodies are in the plane: the pairs that a model names, else its coordinates of one unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics.evidence.inside import model_of
+from xdynamics.expressions import dimension_of, text_of
+from xdynamics.expressions.evaluation import evaluate_many
+from xdynamics.figures.curves import between, thinned
+from xdynamics.figures.marks import COLOURS, INK, words
+from xdynamics.model import Model
+from xdynamics.model.motion import constants
+from xdynamics.record.words import words_of
+from xdynamics.units import NONE, parse_unit, spell
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+
+SEEN = 3  # coordinates of one unit, which are seen from three sides
+LONGEST = 30  # characters of an expression that an axis shows
+MOST_BODIES = 8
+
+
+@dataclass(frozen=True)
+class Path:
+    """Where one body is.
+
+    Attributes
+    ----------
+    across, up : str
+        What the axes are.
+    units : str
+        Of both.
+    times, x, y : ndarray, shape (n,)
+        A line that bends as the motion does.
+    """
+
+    across: str
+    up: str
+    units: str
+    times: Floats
+    x: Floats
+    y: Floats
+
+
+def views(run: xr.Dataset) -> list[list[Path]]:
+    """Return what is seen in each view of the plane: bodies together, or coordinates from each side."""
+    model = _model(run)
+    if model is not None and model.plane:
+        return [_named(run, model)[:MOST_BODIES]]
+    groups: dict[str, list[str]] = {}
+    for name, one in run.data_vars.items():
+        units = str(one.attrs.get("units"))
+        if one.attrs.get("role") == "coordinate" and one.dims == ("step",) and parse_unit(units).dimension != NONE:
+            groups.setdefault(units, []).append(str(name))
+    found = []
+    for units, names in groups.items():
+        if 2 <= len(names) <= SEEN:
+            for across, up in combinations(names, 2):
+                times, x = _line(run, across)
+                found.append([Path(across, up, units, times, x, _line(run, up)[1])])
+    return found
+
+
+def draw(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
+    """Draw the paths of a view with one scale for both axes; a dot where each begins."""
+    for k, one in enumerate(view):
+        colour = COLOURS[k % len(COLOURS)]
+        rows = np.union1d(thinned(one.x), thinned(one.y))
+        axes.plot(one.x[rows], one.y[rows], "-", color=colour, linewidth=1.1)
+        axes.plot(one.x[:1], one.y[:1], "o", color=colour, markersize=5)
+    _mark(run, view, axes)
+    first = view[0]
+    axes.set_aspect("equal", adjustable="box")
+    named = all(one.across == first.across and one.up == first.up for one in view)
+    across, up = (_short(first.across), _short(first.up)) if named else ("across", "up")
+    axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.units})"))
+    axes.set_title("the plane (dot: start)", loc="left", fontsize=10)
+
+
+def _mark(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
+    """Mark where bodies are at the first events of each name."""
+    if not run.sizes.get("event", 0) or "event_time" not in run:
+        return
+    names = np.array(words_of(run["event_detector"]))
+    for k, name in enumerate(dict.fromkeys(names)):
+        times = run["event_time"].values[names == name][:200]
+        for one in view:
+            inside = times[(times >= one.times[0]) & (times <= one.times[-1])]
+            axes.plot(np.interp(inside, one.times, one.x), np.interp(inside, one.times, one.y), "ovsD^P*X"[k % 8],
+                      color=INK(), markersize=3.5, markerfacecolor="none", markeredgewidth=0.7,
+                      label=words(name) if one is view[0] else None)  # fmt: skip
+    axes.legend(fontsize=8, frameon=False)
+
+
+def _model(run: xr.Dataset) -> Model | None:
+    return model_of(run, None) if "model_toml" in run else None
+
+
+def _named(run: xr.Dataset, model: Model) -> list[Path]:
+    """Evaluate the pairs that a model names along the run."""
+    state: dict[str, Any] = {}
+    times = run["time"].values
+    for name, one in model.coordinates.items():
+        if name not in run:
+            return []
+        times, values = _line(run, name)
+        state[name] = values * float(one.unit.factor)
+    known = dict(constants(model)) | state | {"t": times}
+    found = []
+    for pair in model.plane:
+        unit = spell(dimension_of(model.expanded(pair[0]), model.dimensions))
+        x, y = (np.broadcast_to(evaluate_many(model.expanded(one), known), times.shape) for one in pair)
+        found.append(Path(text_of(pair[0]), text_of(pair[1]), unit.text, times, x, y))
+    return found
+
+
+def _line(run: xr.Dataset, name: str) -> tuple[Floats, Floats]:
+    """Return times and values of a line, bent where states are few."""
+    curve = between(run, name)
+    return curve if curve is not None else (run["time"].values, run[name].values)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"

@@ -1,0 +1,178 @@
+"""Pictures of the plane, of many variables, of drives, beside other runs; films."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from PIL import Image
+
+import xdynamics as xd
+from problems import MODELS
+from test_cli import call
+from xdynamics.figures.marks import typeset
+from xdynamics.figures.plane import views
+
+
+@pytest.fixture(scope="module")
+def orbit() -> xr.Dataset:
+    """An ellipse, by few steps."""
+    return xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="dop853", rtol=1e-7, until="13 s")
+
+
+def titles(figure: Any) -> list[str]:
+    """What stands above the panels."""
+    return [one.get_title(loc="left") for one in figure.axes if one.get_visible() and one.get_title(loc="left")]
+
+
+def test_an_orbit_is_drawn_as_one(orbit: xr.Dataset) -> None:
+    """Assert that two lengths are a plane with one scale, and that the line bends: it keeps to the ellipse between rows."""
+    axes = xd.plot(orbit).axes[0]
+    assert axes.get_title(loc="left") == "the plane (dot: start)"
+    assert axes.get_aspect() == 1.0
+    x, y = (np.asarray(one) for one in axes.lines[0].get_data())
+    assert len(x) > 5 * orbit.sizes["step"]
+    assert np.abs((x + 0.6) ** 2 + y**2 / (1 - 0.6**2) - 1.0).max() < 2e-3
+
+
+def test_positions_that_a_model_names() -> None:
+    """Assert the bobs of a double pendulum where its rods put them."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "double_pendulum.toml"), method="dop853", rtol=1e-9)
+    (view,) = views(run)
+    upper, lower = view
+    assert np.hypot(upper.x, upper.y) == pytest.approx(np.ones(upper.x.size), rel=1e-12)
+    assert np.hypot(lower.x - upper.x, lower.y - upper.y) == pytest.approx(np.full(upper.x.size, 0.7), rel=1e-12)
+    assert upper.units == "m"
+
+
+def test_three_coordinates_are_seen_from_three_sides() -> None:
+    """Assert three views of a motion in space, and none of angles."""
+    space = xd.Model(
+        name="space", coordinates=dict.fromkeys("xyz", "m"), mass=dict.fromkeys("xyz", "1*kilogram"),
+        forces={"pull": {one: f"-{one}*newton/metre" for one in "xyz"}}, initial={"x": "1 m", "y": "2 m", "z": "0 m", "v_z": "1 m s-1"},
+    )  # fmt: skip
+    run = xd.simulate(space, method="rk4", step=0.1, until=3.0)
+    assert [(one.across, one.up) for (one,) in views(run)] == [("x", "y"), ("x", "z"), ("y", "z")]
+    assert views(xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s")) == []
+
+
+@pytest.mark.parametrize(
+    ("figure", "said"),
+    [
+        ({"plane": "x"}, "needs two expressions"),
+        ({"plane": [["x", "y", "z"]]}, "needs two expressions"),
+        ({"plane": ["x", "1*radian"]}, "is across in 'm' and up in '1'"),
+        ({"plane": ["x", "v_y*second"]}, "reads 'v_y'; a place in the plane is of coordinates"),
+        ({"plane": ["x", "q"]}, "'q'"),
+        ({"plan": []}, "key 'plan' is not known"),
+    ],
+)
+def test_planes_that_are_none(figure: dict[str, Any], said: str) -> None:
+    """Assert that a plane of other units, names or shapes is refused."""
+    with pytest.raises(xd.ModelError, match=said):
+        xd.Model(name="x", coordinates={"x": "m", "y": "m"}, mass={"x": "1*kilogram", "y": "1*kilogram"}, initial={"x": "0 m", "y": "0 m"}, figure=figure)  # fmt: skip
+
+
+def test_many_variables_are_a_map() -> None:
+    """Assert that a chain of 20 is drawn in colours with a bar, and no panel has twenty lines."""
+    names = [f"x{k}" for k in range(20)]
+    chain = xd.Model(
+        name="chain", coordinates=dict.fromkeys(names, "m"), mass=dict.fromkeys(names, "1*kilogram"), initial=dict.fromkeys(names, "0 m") | {"v_x0": "1 m s-1"},
+        forces={"springs": {"potential": " + ".join(f"(x{k + 1} - x{k})**2*newton/metre" for k in range(19))}},
+    )  # fmt: skip
+    figure = xd.plot(xd.simulate(chain, method="velocity_verlet", step=0.05, until=5.0))
+    assert titles(figure) == ["trajectory, 20 of them", "velocity, 20 of them", "total energy less its start, 0.5 J"]
+    assert max(len(one.lines) for one in figure.axes) < 3
+
+
+def test_time_is_logarithmic_where_rows_ask_for_it() -> None:
+    """Assert a logarithmic axis of Robertson's reaction, whose rows stand at decades, and none of an orbit's."""
+
+    def reaction(_: Any, y: Any) -> Any:
+        return [-0.04 * y[0] + 1e4 * y[1] * y[2], 0.04 * y[0] - 1e4 * y[1] * y[2] - 3e7 * y[1] ** 2, 3e7 * y[1] ** 2]
+
+    run = xd.solve(reaction, (0, 1e5), [1.0, 0.0, 0.0], "Radau", rtol=1e-6, atol=1e-9)
+    assert {one.get_xscale() for one in xd.plot(run).axes if one.get_visible()} == {"log"}
+    assert xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "rocket_c6.toml"))).axes[0].get_xscale() == "linear"
+
+
+def test_drives_and_exchanged_energy() -> None:
+    """Assert that a thrust is drawn through its own points, and energies where a drag takes of them."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "rocket_c6.toml"))
+    axes = next(one for one in xd.plot(run).axes if one.get_title(loc="left").startswith("measured drives"))
+    assert axes.get_ylabel() == "thrust (N)"
+    assert float(np.max(axes.lines[0].get_ydata())) == 14.09
+    ball = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"))
+    axes = next(one for one in xd.plot(ball).axes if one.get_title(loc="left").startswith("energy, which"))
+    assert [one.get_text() for one in axes.get_legend().get_texts()] == ["kinetic", "potential", "total"]
+
+
+def test_panels_and_variables_that_are_chosen(orbit: xr.Dataset) -> None:
+    """Assert kinds, names, variables that are drawn when named alone, and what is none."""
+    assert titles(xd.plot(orbit, only="plane")) == ["the plane (dot: start)"]
+    assert [one.get_ylabel() for one in xd.plot(orbit, only=["x"]).axes] == ["x (m)"]
+    assert xd.plot(orbit, only="a_x").axes[0].get_ylabel() == "a_x (m s⁻²)"
+    with pytest.raises(xd.InputError, match="only has 'speed'; there are plane, trajectory"):
+        xd.plot(orbit, only=["speed"])
+    with pytest.raises(xd.InputError, match="only and beside are for figures of a run"):
+        xd.plot(xd.refine(xd.Model.from_toml(MODELS / "pendulum.toml"), steps=["20 ms", "10 ms"], at=["1 s"]), only="x")
+
+
+def test_beside_a_run(orbit: xr.Dataset, tmp_path: Path) -> None:
+    """Assert that another run and measured points stand in the run's unit, with bars, and what has nothing in common is refused."""
+    path = tmp_path / "bench.csv"
+    path.write_text("time [ms];x [cm];u(x) [cm]\n0;40;1\n1000;-62,9;1\n")
+    other = xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="euler_cromer", step="20 ms", until="13 s")
+    axes = xd.plot(orbit, only=["x"], beside=[path, other]).axes[0]
+    labels = [one.get_text() for one in axes.get_legend().get_texts()]
+    assert labels == ["x", "Kepler ellipse of eccentricity 0.6, by euler_cromer", "measured, bench.csv"]
+    points = next(one for one in axes.lines if one.get_marker() == "+")
+    assert points.get_ydata() == pytest.approx([0.4, -0.629])
+    (tmp_path / "other.csv").write_text("time [s],q [m]\n0,1\n")
+    with pytest.raises(xd.InputError, match="has nothing that the run has; there are q"):
+        xd.plot(orbit, beside=tmp_path / "other.csv")
+    (tmp_path / "other.csv").write_text("time [s],x [kg]\n0,1\n")
+    with pytest.raises(xd.InputError, match="is in 'kg', the run has it in 'm'"):
+        xd.plot(orbit, beside=tmp_path / "other.csv")
+
+
+def test_size_ground_and_the_command_line(orbit: xr.Dataset, tmp_path: Path) -> None:
+    """Assert inches and dots, a dark ground, and that wrong ones are named."""
+    run = xd.save(orbit, tmp_path / "orbit.nc")
+    done = call(
+        "plot", run, "-o", tmp_path / "a.png", "--only", "plane,energy", "--size", "6x4", "--dpi", "50", "--dark"
+    )
+    assert done.exit_code == 0, done.output
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.size == (300, 200)
+        assert image.convert("L").getpixel((2, 2)) < 40
+    assert call("plot", run, "-o", tmp_path / "b.pdf", "--with", run).exit_code == 0
+    assert (tmp_path / "b.pdf").read_bytes().startswith(b"%PDF")
+    for wrong, said in ((["--size", "6"], "like 8x5"), (["--size", "0x5"], "from 1 to 100"), (["--dpi", "5"], "from 20 to 1200"), (["--only", "z"], "only has 'z'"), (["--with", "no.csv"], "cannot be read")):  # fmt: skip
+        done = call("plot", run, "-o", tmp_path / "c.png", *wrong)
+        assert (done.exit_code, said in done.output) == (2, True), done.output
+        assert not (tmp_path / "c.png").exists()
+
+
+def test_a_film(orbit: xr.Dataset, tmp_path: Path) -> None:
+    """Assert frames of a film, and that no plane, another ending, or a wrong number is named."""
+    run = xd.save(orbit, tmp_path / "orbit.nc")
+    assert call("animate", run, "-o", tmp_path / "orbit.gif", "--seconds", "0.4").exit_code == 0
+    with Image.open(tmp_path / "orbit.gif") as film:
+        assert film.n_frames == 10
+    pendulum = xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s")
+    with pytest.raises(xd.InputError, match="the run has no plane to be seen in"):
+        pendulum.dynamics.animate(tmp_path / "p.gif")
+    for given, said in (({"path": tmp_path / "o.avi"}, "there are .gif, .mp4"), ({"seconds": -1}, "need a number up to 600"), ({"rate": 0}, "from 1 to 100"), ({"path": tmp_path / "no" / "o.gif"}, "film")):  # fmt: skip
+        with pytest.raises(xd.InputError, match=said):
+            xd.animate(orbit, **{"path": tmp_path / "o.gif"} | given)
+    assert not (tmp_path / "o.gif").exists()
+
+
+@pytest.mark.parametrize(("units", "shown"), [("m s-1", "m s⁻¹"), ("kg m2 s-2", "kg m² s⁻²"), ("1", "1"), ("rad s-1", "rad s⁻¹"), ("mm", "mm"), ("s-12", "s⁻¹²")])  # fmt: skip
+def test_units_in_print(units: str, shown: str) -> None:
+    """Assert powers above the line."""
+    assert typeset(units) == shown
