@@ -73,8 +73,11 @@ __all__ = [
 ]  # fmt: skip
 
 
-__getattr__ = entrance(__name__, _ROOMS, beside="accessor")
+# verbs that take records, with units as attributes or in their arrays
+_OF_RECORDS = ("animate", "check", "companion", "compare", "content_digest", "diagnose", "extend", "modes", "plot", "sample", "save", "contrast", "convergence", "influences", "precision", "sensitivities", "ragged")  # fmt: skip
+
+__getattr__ = entrance(__name__, _ROOMS, beside="accessor", through={"quantified.taking": _OF_RECORDS})
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted(__all__)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from xdynamics.archive import digest_of_run
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
+from xdynamics.quantified import quantified
 from xdynamics.record import check_kind
 from xdynamics.record.words import words_of
 from xdynamics.schema import BOUNDS, EVENTS, STEPS
@@ -47,6 +49,22 @@ class Dynamics:
 
     def __repr__(self) -> str:
         return "\n".join(summary(self._run))
+
+    def _repr_html_(self) -> str:
+        """Show the summary first, and variables by their role, folded."""
+        run = self._run
+        groups: dict[str, list[str]] = {}
+        for name, one in run.variables.items():
+            groups.setdefault(str(one.attrs.get("role", "other")).replace("_", " "), []).append(str(name))
+        said = [f"<pre>{escape(repr(self))}</pre>"]
+        for role, names in groups.items():
+            rows = "".join(
+                f"<tr><td>{escape(name)}</td><td>{escape(', '.join(map(str, run[name].dims)))}</td>"
+                f"<td>{escape(str(run[name].attrs.get('units', '')))}</td><td>{escape(str(run[name].attrs.get('long_name', '')))}</td></tr>"
+                for name in names
+            )
+            said.append(f"<details><summary>{escape(role)}: {len(names)}</summary><table>{rows}</table></details>")
+        return "".join(said)
 
     def at(self, times: Any, **how: Any) -> xr.Dataset:
         """Return the states at any times inside the run, ``"1 s"``, ``[0.1, 0.2]`` or ``"0:20:201 s"``; see `xdynamics.sample`."""
@@ -124,6 +142,10 @@ class Dynamics:
         table.index.name = dim
         table.attrs["units"] = units
         return table
+
+    def quantify(self) -> xr.Dataset:
+        """Return the record with units in its arrays, by pint-xarray; every verb takes it so."""
+        return quantified(self._run)
 
     def plot(self, path: str | Path | None = None, **how: Any) -> Figure:
         """Draw the run; see `xdynamics.plot`."""

@@ -19,7 +19,9 @@ def load_dask_whole() -> None:
         import_module("dask.array")
 
 
-def entrance(package: str, rooms: Mapping[str, str], beside: str = "") -> Callable[[str], Any]:
+def entrance(
+    package: str, rooms: Mapping[str, str], beside: str = "", through: Mapping[str, tuple[str, ...]] | None = None
+) -> Callable[[str], Any]:
     """Return what a package has for its `__getattr__` (PEP 562).
 
     Parameters
@@ -29,12 +31,18 @@ def entrance(package: str, rooms: Mapping[str, str], beside: str = "") -> Callab
         Of a name, the module below the package in which it stands.
     beside : str
         A module that is loaded too, once a room has brought xarray: what is registered with it.
+    through : mapping of str to tuple of str, optional
+        Of a function ``module.name``, the names that come through it.
     """
+    passed = {name: gate for gate, names in (through or {}).items() for name in names}
 
     def found(name: str) -> Any:
         if name not in rooms:
             raise AttributeError(f"module '{package}' has no attribute {name!r}")
         value = getattr(import_module(f"{package}.{rooms[name]}"), name)
+        if name in passed:
+            module, _, gate = passed[name].rpartition(".")
+            value = getattr(import_module(f"{package}.{module}"), gate)(value)
         setattr(sys.modules[package], name, value)
         if beside and "xarray" in sys.modules:
             import_module(f"{package}.{beside}")

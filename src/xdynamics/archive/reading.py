@@ -15,6 +15,7 @@ from xdynamics.archive.origin import read
 from xdynamics.archive.seals import Tail, tail_of
 from xdynamics.archive.source import check_source
 from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, warn
+from xdynamics.quantified import quantified
 from xdynamics.record import faults_of
 from xdynamics.record.kinds import is_evidence, said_of
 from xdynamics.schema import ROOT_DIGEST, SEALED
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
+def open_run(path: str | Path, *, check: bool = True, quantify: bool = False) -> xr.Dataset:
     """Open an archived run, verified; variables are read when they are used, by any thread.
 
     Parameters
@@ -33,6 +34,8 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
         Whether to compare the file with its seal and its digests first. This reads the whole file: once where this
         process has seen the same bytes before, else twice, the second time in a process of its own, which a file made
         to hurt its reader may hang or end.
+    quantify : bool
+        Whether to return numbers with units in their arrays, by pint-xarray. They are read then, not when they are used.
 
     Raises
     ------
@@ -55,7 +58,8 @@ def open_run(path: str | Path, *, check: bool = True) -> xr.Dataset:
         raise ArchiveError(f"'{path}' cannot be opened as a run archive: {words_of(error)}") from None
     run.attrs.pop(SEALED, None)  # it is said of the file, not of the run
     _check_record(run, path, values=foreign)
-    return read(run, partial(_again, path, str(run.attrs.get(ROOT_DIGEST, ""))))
+    opened = read(run, partial(_again, path, str(run.attrs.get(ROOT_DIGEST, ""))))
+    return quantified(opened) if quantify else opened
 
 
 def _again(path: Path, digest: str) -> xr.Dataset | None:

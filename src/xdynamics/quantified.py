@@ -1,0 +1,91 @@
+"""Records whose arrays carry their units, as pint-xarray makes them: taken and given by every verb."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+
+from xdynamics.faults import InputError
+from xdynamics.units import parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+UNITS = "units"
+
+
+def is_quantified(given: Any) -> bool:
+    """Whether a Dataset has arrays of pint."""
+    if "pint" not in sys.modules or not hasattr(given, "variables"):
+        return False
+    return any(_has_unit(one) for one in given.variables.values())
+
+
+def _has_unit(variable: Any) -> bool:
+    return type(variable._data).__module__.startswith("pint")  # noqa: SLF001 - `.data` would read what is lazy
+
+
+def quantified(run: xr.Dataset) -> xr.Dataset:
+    """Return a record whose numbers carry their units; flags, row numbers and texts stay as they are.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> run = xd.simulate(xd.Model.from_toml("data/models/ball_drag.toml"), method="dop853", rtol=1e-6)
+    >>> str(quantified(run).v_y.pint.units)
+    'meter / second'
+    """
+    import cf_xarray.units  # noqa: F401 - teaches pint the spelling of UDUNITS, before pint-xarray takes its registry
+    import pint_xarray  # noqa: F401 - the accessor
+
+    numbers = {
+        name: one.attrs[UNITS] for name, one in run.variables.items() if one.dtype.kind == "f" and UNITS in one.attrs
+    }
+    found: xr.Dataset = run.pint.quantify(numbers)
+    return found
+
+
+def plain(run: xr.Dataset) -> xr.Dataset:
+    """Return a record with units as attributes again.
+
+    Raises
+    ------
+    InputError
+        If a unit has no place in a record.
+    """
+    import cf_xarray.units  # noqa: F401 - how units are spelled
+
+    found = run.copy()
+    for name, one in run.variables.items():
+        if not _has_unit(one):
+            continue
+        spelled = f"{one.data.units:cf}" or "1"
+        try:
+            text = parse_unit(spelled).text
+        except InputError as error:
+            raise InputError(f"'{name}' is in {str(one.data.units)!r}, which no record holds: {error}") from None
+        attributes = {UNITS: text} | dict(one.attrs)
+        found[name] = one.copy(data=one.data.magnitude)
+        found[name].attrs = attributes
+    return found.set_coords([*run.coords])
+
+
+def taking(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a verb take Datasets with units in their arrays, and give such a one back where it was given one."""
+
+    @wraps(verb)
+    def called(*given: Any, **more: Any) -> Any:
+        if "pint" not in sys.modules or not any(map(is_quantified, (*given, *more.values()))):
+            return verb(*given, **more)
+        found = verb(*map(_plain, given), **{key: _plain(one) for key, one in more.items()})
+        return quantified(found) if hasattr(found, "data_vars") else found
+
+    return called
+
+
+def _plain(given: Any) -> Any:
+    if isinstance(given, Mapping) and not hasattr(given, "variables"):
+        return {key: _plain(one) for key, one in given.items()}
+    return plain(given) if is_quantified(given) else given
