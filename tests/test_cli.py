@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -135,7 +136,10 @@ def test_bad_end_is_one(tmp_path: Path) -> None:
 
 def test_show_names_everything(ball: Path) -> None:
     """Assert parameters with uncertainty, settings and digests."""
-    shown = call("show", ball).output
+    short, shown = call("show", ball).output, call("show", ball, "--all").output
+    assert "equations, settings and digests with --all" in short
+    assert "vt = 30 ± 1 m s-1   terminal speed" in short
+    assert "content_digest" not in short
     for part in (
         "vt = 30 ± 1 m s-1   terminal speed",
         "solver_update_equations = qm = q",
@@ -167,12 +171,51 @@ def test_plot_writes_a_figure(ball: Path, tmp_path: Path) -> None:
 
 
 def test_methods_prints_the_table() -> None:
-    """Assert that every method is there with order, update, and what stands between its steps."""
-    table = call("methods").output
-    for one in xd.METHODS.values():
-        assert f"{one.name}: order {one.order}" in table
-        assert one.equations()[:300] in table
-        assert f"between   re-integration, order {one.order}; or {one.interpolation}, order {one.interpolation_order}" in table  # fmt: skip
+    """Assert a line for every method, and of each a page with order, update, and what stands between its steps."""
+    table = call("methods").output.splitlines()
+    assert len(table) == len(xd.METHODS) + 2
+    for line, one in zip(table[1:], xd.METHODS.values(), strict=False):
+        assert line.split()[:2] == [one.name, str(one.order)]
+        page = call("methods", one.name).output
+        assert f"{one.name}: order {one.order}" in page
+        assert one.equations() in page
+        assert f"between   re-integration, order {one.order}; or {one.interpolation}, order {one.interpolation_order}" in page  # fmt: skip
+    unknown = call("methods", "rk5")
+    assert (unknown.exit_code, "there is no method 'rk5'" in unknown.output) == (2, True)
+
+
+def test_every_verb_has_an_example() -> None:
+    """Assert that each help ends with an example, whose options the verb has."""
+    for name, command in main.commands.items():
+        shown = call(name, "--help").output
+        example = next(
+            (line.strip() for line in shown.splitlines() if line.strip().startswith(f"xdynamics {name} ")), ""
+        )
+        assert example, name
+        options = {one for parameter in command.params for one in parameter.opts}
+        used = {word for word in example.split() if word.startswith("-") and not word[1:2].isdigit()}
+        assert used <= options, name
+
+
+def test_quiet_and_json(tmp_path: Path) -> None:
+    """Assert that nothing is printed, or one object that a script reads; errors stay."""
+    path = tmp_path / "ball.nc"
+    assert call("run", BALL, "-o", path, "--step", "5 ms", "--quiet").output == ""
+    done = call("run", BALL, "-o", path, "--step", "5 ms", "--json")
+    told = json.loads(done.output)
+    assert (told["outcome"], told["archive"], told["units"]["v_y"]) == ("stopped_by_event", str(path), "m s-1")
+    assert [one["name"] for one in told["events"]] == ["apex", "ground"]
+    assert {key: one for key, one in json.loads(call("show", path, "--json").output).items() if key != "content_digest"} == {key: one for key, one in told.items() if key not in ("archive", "content_digest")}  # fmt: skip
+    assert "needs 's'" in call("run", BALL, "-o", path, "--step", "1 m", "--quiet").output
+
+
+def test_many_events_are_one_line(tmp_path: Path) -> None:
+    """Assert that of a hundred bounces the first, how many, and how far apart are told."""
+    done = call("run", MODELS / "bouncing_ball.toml", "-o", tmp_path / "b.nc")
+    events = [line for line in done.output.splitlines() if line.startswith("event")]
+    assert len(events) < 5
+    assert "floor (impact): 99 times, the last at t = " in done.output
+    assert "floor (rest) at t = " in done.output
 
 
 def test_start_imports_little() -> None:

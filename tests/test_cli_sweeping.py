@@ -97,7 +97,7 @@ def test_figures_of_every_kind_of_grid() -> None:
     lines = xd.plot(xd.sweep(model, {"v_y": "5:30:6 m s-1", "method": ["heun", "dop853"]}, keep=["maximum_y"], **asked).compute())  # fmt: skip
     labels = lines.axes[0].get_legend_handles_labels()[1]
     assert labels == ["heun", "dop853"]
-    assert lines.axes[0].get_xlabel() == "v_y (m s-1)"
+    assert lines.axes[0].get_xlabel() == "v_y (m s⁻¹)"
     drawn = xd.sweep(model, {"draw": xd.Draws(64, {"v_y": (10.0, 20.0)})}, keep=["y", "maximum_y"], times=[0.2, 0.4], method="heun", **asked).compute()  # fmt: skip
     bands = xd.plot(drawn)
     median = next(line for line in bands.axes[0].lines if line.get_label() == "median")

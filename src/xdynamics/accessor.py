@@ -39,7 +39,7 @@ class Dynamics:
     >>> float(run.dynamics.at("1 s").y.round(4)[0])
     13.709
     >>> run.dynamics.events("apex").event_time.round(6).values.tolist()
-    [1.798876]
+    [1.798787]
     >>> run.dynamics.frame("event").columns[:2].tolist()
     ['event_time', 'event_time_bounds_lower']
     """

@@ -14,7 +14,7 @@ from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, 
 from xdynamics.record.words import words_of
 from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, SWEEP, TRIALS
 
-MOST_EVENTS = 20
+FEW_EVENTS = 4  # of one name, that are told one by one
 # kind of evidence -> the room that says what it tells
 TOLD = {
     "companion": "evidence.companion", "comparison": "evidence.comparing.comparison",
@@ -71,8 +71,8 @@ def _partly(run: xr.Dataset) -> Iterator[str]:
     yield f"log       {', '.join(f'{size} rows of {dim}' for dim, size in run.sizes.items()) or 'no rows'}"
 
 
-def details(run: xr.Dataset) -> list[str]:
-    """Describe a run whole: its summary, parameters with their descriptions, settings and digests, a line each."""
+def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
+    """Describe a run: its summary, parameters with their descriptions; whole, settings, equations and digests too."""
     lines = [*summary(run), *(["parameters"] if is_run(run.attrs) else [])]
     for name, one in run.data_vars.items():
         if one.attrs.get("role") == "parameter" and not one.dims:
@@ -80,6 +80,8 @@ def details(run: xr.Dataset) -> list[str]:
             first, *more = str(one.attrs["long_name"]).split("\n")
             lines.append(f"  {name} = {float(one):.12g}{uncertainty} {one.attrs['units']}   {first}")
             lines += [f"    {line}" for line in more]
+    if not whole:
+        return [escaped(line) for line in (*lines, "more      equations, settings and digests with --all")]
     lines.append("settings and evidence")
     keys = [
         key for key in run.attrs if key.startswith(("solver_", "precision", "math_", "model_d", "force_d", "content_d"))
@@ -119,15 +121,57 @@ def _end(run: xr.Dataset) -> Iterator[str]:
 
 
 def _events(run: xr.Dataset) -> Iterator[str]:
+    """Tell events one by one; of a name that is met more often than a few times the first, and all in one line."""
     names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
-    rows = np.asarray(run["event_row_before"])
-    coordinates = [
-        str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in ("coordinate", "velocity")
-    ]
-    for i, row in enumerate(rows[:MOST_EVENTS]):
-        time, doubt = float(run["event_time"][i]), float(run["event_time_uncertainty"][i])
-        state = ", ".join(f"{name} = {float(run[name][row]):.9g} {run[name].attrs['units']}" for name in coordinates)
-        kind = "" if kinds[i] == EVENT_KINDS[CROSSING] else f" ({kinds[i]})"
-        yield f"event     {names[i]}{kind} at t = {time:.15g} s, located within {doubt:.2g} s: {state}"
-    if len(rows) > MOST_EVENTS:
-        yield f"event     … and {len(rows) - MOST_EVENTS} more"
+    together: dict[tuple[str, str], list[int]] = {}
+    for i, one in enumerate(zip(names, kinds, strict=True)):
+        together.setdefault(one, []).append(i)
+    told = {rows[0]: rows for rows in together.values()}
+    single = {i for rows in together.values() if len(rows) <= FEW_EVENTS for i in rows}
+    for i in range(len(names)):
+        if i in single:
+            yield _event(run, names[i], kinds[i], i)
+        elif i in told:
+            yield _event(run, names[i], kinds[i], i)
+            yield _series(run, names[i], kinds[i], told[i])
+
+
+def _event(run: xr.Dataset, name: str, kind: str, i: int) -> str:
+    time, doubt, row = (
+        float(run["event_time"][i]),
+        float(run["event_time_uncertainty"][i]),
+        int(run["event_row_before"][i]),
+    )
+    state = ", ".join(f"{one} = {float(run[one][row]):.9g} {run[one].attrs['units']}" for one in _moving(run))
+    said = "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
+    return f"event     {name}{said} at t = {time:.15g} s, located within {doubt:.2g} s: {state}"
+
+
+def _series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str:
+    times = run["event_time"].values[rows]
+    apart, said = np.diff(times), "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
+    return (
+        f"event     {name}{said}: {len(rows)} times, the last at t = {times[-1]:.15g} s; {apart.mean():.6g} s apart,"
+        f" from {apart.min():.6g} s to {apart.max():.6g} s"
+    )
+
+
+def _moving(run: xr.Dataset) -> list[str]:
+    return [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in ("coordinate", "velocity")]
+
+
+def as_data(run: xr.Dataset) -> dict[str, Any]:
+    """Return what a script wants to know of a run: plain numbers and words, times in s, the rest in recorded units."""
+    used = run.attrs
+    found: dict[str, Any] = {"title": str(used.get("title", ""))}
+    if not is_run(used) or not is_whole(used):
+        return found | {"kind": said_of(used), "sizes": {str(dim): size for dim, size in run.sizes.items()}}
+    end = {name: float(run[name][-1]) for name in map(str, run.data_vars) if run[name].dims == (STEPS,) and run[name].attrs.get("role") in ("coordinate", "velocity", "state")}  # fmt: skip
+    names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
+    events = [{"name": name, "kind": kind, "time": float(run["event_time"][i]), "uncertainty": float(run["event_time_uncertainty"][i])} for i, (name, kind) in enumerate(zip(names, kinds, strict=True))]  # fmt: skip
+    return found | {
+        "outcome": str(used["run_outcome"]), "text": str(used["run_outcome_text"]), "method": str(used["solver_method"]),
+        "force_evaluations": int(used["run_force_evaluations"]), "sizes": {str(dim): size for dim, size in run.sizes.items()},
+        "end": {"time": float(run["time"][-1])} | end, "units": {name: str(run[name].attrs["units"]) for name in end},
+        "events": events, "content_digest": str(used.get("content_digest", "")),
+    }  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,11 +19,17 @@ if TYPE_CHECKING:
 
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
-def show(archive: str) -> None:
-    """Print what an archive holds: outcome, events, parameters, settings, digests; of a sweep's folder its members."""
-    from xdynamics.summary import details
+@click.option("--all", "whole", is_flag=True, help="Equations, settings and digests too.")
+@click.option("--json", "as_json", is_flag=True, help="For scripts: outcome, end, events as JSON.")
+def show(archive: str, whole: bool, as_json: bool) -> None:
+    """Print what an archive holds: outcome, events, parameters; of a sweep's folder its members."""
+    from xdynamics.summary import as_data, details
 
-    say(details(_opened(archive)))
+    run = _opened(archive)
+    if as_json:
+        click.echo(json.dumps(as_data(run)))
+    else:
+        say(details(run, whole=whole))
 
 
 def _opened(name: str) -> xr.Dataset:
@@ -108,28 +115,50 @@ def sample(archive: str, times: str, output: str | None) -> None:
 
 
 @main.command()
-def methods() -> None:
-    """Print the table of methods."""
+@click.argument("name", required=False)
+def methods(name: str | None) -> None:
+    """Print the table of methods, or all that is known of one."""
+    from xdynamics.faults import InputError
     from xdynamics.methods import METHODS
-    from xdynamics.summary import shortened
 
-    for one in METHODS.values():
-        kind = f"{'symplectic' if one.symplectic else 'not symplectic'}{', symmetric' if one.symmetric else ''}"
-        click.echo(
-            f"{one.name}: order {one.order}, {kind}, {one.evaluations} force evaluations {'an iteration' if one.implicit else 'a step'}"
-        )
-        click.echo(f"    update    {shortened(one.equations())}")
-        click.echo(f"    in words  {one.words}")
-        click.echo(
-            f"    estimate  {f'embedded formula of order {one.estimate_order}' if one.estimate else 'by step doubling'}"
-        )
-        click.echo(
-            f"    between   re-integration, order {one.order}; or {one.interpolation}, order {one.interpolation_order}"
-        )
-        click.echo(f"    stable    {', '.join(_limits(one))}")
-        click.echo(f"    refuses   {'; '.join(one.refuses) or 'nothing'}")
-        click.echo(f"    also      {', '.join(one.synonyms)}")
-        click.echo(f"    source    {one.reference}")
+    if name is None:
+        say(_table(METHODS.values()))
+    elif name in METHODS:
+        say(_page(METHODS[name]))
+    else:
+        raise InputError(f"there is no method '{name}'; there are {', '.join(METHODS)}")
+
+
+def _table(every: Iterable[Method]) -> Iterable[str]:
+    """Print a line a method, under a head."""
+    yield f"{'method':26}order  kind                       evaluations  estimate   refuses"
+    for one in every:
+        work = f"{one.evaluations} {'an iteration' if one.implicit else 'a step'}"
+        estimate = f"order {one.estimate_order}" if one.estimate else "doubling"
+        refused = ", ".join(one.refuses) or "nothing"
+        yield f"{one.name:26}{one.order:5}  {_kind(one):25}  {work:>11}  {estimate:9}  {refused}"
+    yield "`xdynamics methods NAME` tells one: its equations, where they stand in the literature, how long a step may be."
+
+
+def _page(one: Method) -> Iterable[str]:
+    """Print all that is known of a method."""
+    work = "an iteration" if one.implicit else "a step"
+    yield f"{one.name}: order {one.order}, {_kind(one)}, {one.evaluations} force evaluations {work}"
+    yield f"    update    {one.equations()}"
+    yield f"    in words  {one.words}"
+    yield f"    estimate  {f'embedded formula of order {one.estimate_order}' if one.estimate else 'by step doubling'}"
+    yield f"    between   re-integration, order {one.order}; or {one.interpolation}, order {one.interpolation_order}"
+    yield f"    stable    {', '.join(_limits(one))}"
+    yield f"    refuses   {'; '.join(one.refuses) or 'nothing'}"
+    yield f"    also      {', '.join(one.synonyms) or 'no other name'}"
+    yield f"    source    {one.reference}"
+
+
+def _kind(one: Method) -> str:
+    return (
+        ", ".join([*["symplectic"] * one.symplectic, *["symmetric"] * one.symmetric, *["implicit"] * one.implicit])
+        or "plain"
+    )
 
 
 def _limits(method: Method) -> Iterable[str]:

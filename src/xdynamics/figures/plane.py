@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from xdynamics.evidence.inside import model_of
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.expressions.evaluation import evaluate_many
+from xdynamics.faults import InputError
 from xdynamics.figures.curves import between, thinned
 from xdynamics.figures.marks import COLOURS, INK, words
 from xdynamics.model import Model
@@ -60,7 +61,7 @@ def views(run: xr.Dataset) -> list[list[Path]]:
     groups: dict[str, list[str]] = {}
     for name, one in run.data_vars.items():
         units = str(one.attrs.get("units"))
-        if one.attrs.get("role") == "coordinate" and one.dims == ("step",) and parse_unit(units).dimension != NONE:
+        if one.attrs.get("role") == "coordinate" and one.dims == ("step",) and _is_length(units):
             groups.setdefault(units, []).append(str(name))
     found = []
     for units, names in groups.items():
@@ -100,6 +101,14 @@ def _mark(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
                       color=INK(), markersize=3.5, markerfacecolor="none", markeredgewidth=0.7,
                       label=words(name) if one is view[0] else None)  # fmt: skip
     axes.legend(fontsize=8, frameon=False)
+
+
+def _is_length(units: str) -> bool:
+    """Whether a unit is one of places: none of an angle, nor what no unit is."""
+    try:
+        return parse_unit(units).dimension != NONE
+    except InputError:
+        return False
 
 
 def _model(run: xr.Dataset) -> Model | None:
