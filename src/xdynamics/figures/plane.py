@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
 MOST_BODIES = 8
+THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,9 @@ def views(run: xr.Dataset) -> list[list[Path]]:
     for units, names in groups.items():
         if 2 <= len(names) <= SEEN:
             for across, up in combinations(names, 2):
-                times, x = _line(run, across)
-                found.append([Path(across, up, units, times, x, _line(run, up)[1])])
+                (times, x), (_, y) = _line(run, across), _line(run, up)
+                if min(np.ptp(x), np.ptp(y)) > THIN * max(np.ptp(x), np.ptp(y)):
+                    found.append([Path(across, up, units, times, x, y)])
     return found
 
 
