@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
 
@@ -39,7 +39,7 @@ def summary(run: xr.Dataset) -> list[str]:
     lines = [
         used["title"],
         f"outcome   {used['run_outcome']}: {used['run_outcome_text']}",
-        f"method    {used['solver_method']} (order {used['solver_order']}), {_steps(used)}",
+        f"method    {used['solver_method']} (order {used['solver_order']}), {_steps(run)}",
         f"log       {_counts(run)}",
         f"end       {', '.join(_end(run))}",
     ]
@@ -99,13 +99,20 @@ def shortened(value: Any) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} … ({len(text)} characters)"
 
 
-def _steps(used: Mapping[str, Any]) -> str:
+def _steps(run: xr.Dataset) -> str:
     """Say how steps were chosen."""
+    used = run.attrs
     if used["solver_step_control"] == "fixed":
-        return f"step {float(used['solver_step'])!r} s"
+        return f"step {float(used['solver_step'])!r}{_second(run)}"
     if used["solver_step_control"] == "given":
         return "steps as given"
     return f"adaptive, rtol {float(used['solver_rtol']):g}, {used['run_force_evaluations']} force evaluations"
+
+
+def _second(run: xr.Dataset) -> str:
+    """Return the unit of time as it stands behind a number; nothing where time has none."""
+    units = str(run["time"].attrs.get("units", "s"))
+    return "" if units == "1" else f" {units}"
 
 
 def _counts(run: xr.Dataset) -> str:
@@ -114,7 +121,7 @@ def _counts(run: xr.Dataset) -> str:
 
 
 def _end(run: xr.Dataset) -> Iterator[str]:
-    yield f"t = {float(run['time'][-1]):.12g} s"
+    yield f"t = {float(run['time'][-1]):.12g}{_second(run)}"
     for name, one in run.data_vars.items():
         if one.dims == (STEPS,) and one.attrs.get("role") in ("coordinate", "velocity", "state"):
             yield f"{name} = {float(one[-1]):.9g} {one.attrs['units']}"
@@ -144,15 +151,15 @@ def _event(run: xr.Dataset, name: str, kind: str, i: int) -> str:
     )
     state = ", ".join(f"{one} = {float(run[one][row]):.9g} {run[one].attrs['units']}" for one in _moving(run))
     said = "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
-    return f"event     {name}{said} at t = {time:.15g} s, located within {doubt:.2g} s: {state}"
+    return f"event     {name}{said} at t = {time:.15g}{_second(run)}, located within {doubt:.2g}{_second(run)}: {state}"
 
 
 def _series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str:
     times = run["event_time"].values[rows]
     apart, said = np.diff(times), "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
     return (
-        f"event     {name}{said}: {len(rows)} times, the last at t = {times[-1]:.15g} s; {apart.mean():.6g} s apart,"
-        f" from {apart.min():.6g} s to {apart.max():.6g} s"
+        f"event     {name}{said}: {len(rows)} times, the last at t = {times[-1]:.15g}{_second(run)}; {apart.mean():.6g}{_second(run)} apart,"
+        f" from {apart.min():.6g}{_second(run)} to {apart.max():.6g}{_second(run)}"
     )
 
 

@@ -118,6 +118,10 @@ class Unit:
         text = f"s-{times}" if self.text == "1" else f"{self.text} s-{times}"
         return Unit(text, self.dimension / TIME**times, self.factor)
 
+    def per(self, time: Unit, times: int = 1) -> Unit:
+        """Return the unit of this quantity's rate by a time in seconds, or by one that is a pure number."""
+        return self.per_second(times) if time.dimension == TIME else self
+
     def to_si(self, value: float) -> float:
         """Convert a number of these units to SI, correctly rounded."""
         if self.factor == 1:
@@ -289,6 +293,10 @@ class Range:
         return cls(start, stop, int(found["count"]), unit)
 
 
+SECONDS = Unit("s", TIME)
+NUMBERS = Unit("1", NONE)  # the unit of a time that has none
+
+
 def parse_time(given: Any, what: str) -> float:
     """Read a time and return seconds; a bare number is seconds.
 
@@ -311,6 +319,24 @@ def constant(name: str) -> Unit:
     """Return the unit that a unit constant of the expression language stands for."""
     spelling, dimension, factor = _named(name)
     return Unit(spelling, dimension, factor)
+
+
+def time_in(unit: Unit, given: Any, what: str) -> float:
+    """Read a time of a model: as `parse_time` does, or where its time is a pure number, such a one.
+
+    Raises
+    ------
+    InputError
+        If it has another unit; the message names `what`.
+    """
+    if unit.dimension == TIME or not isinstance(given, str):
+        return parse_time(given, what)
+    quantity = parse_quantity(given)
+    if quantity.unit.dimension != NONE:
+        raise InputError(
+            f"{what} {given!r} has units '{quantity.unit.dimension}', and the model's time is a pure number"
+        )
+    return quantity.si
 
 
 def _number(given: Any) -> float:

@@ -129,9 +129,9 @@ class Inside:
             variables[name] = xr.Variable((AT,), found[i], kept | rule)
             said = {"units": about["units"], "long_name": f"error of {name}: {ROUTE}", "role": "error"}
             variables[error] = xr.Variable((AT,), found[len(layout.used) + i], said)
-        variables[AT_TIME] = xr.Variable(
-            (AT,), times, {"units": "s", "long_name": "wanted time", "role": "time", "standard_name": "time"}
-        )
+        told = {"units": str(run["time"].attrs["units"]), "long_name": "wanted time", "role": "time"}
+        named = {"standard_name": "time"} if told["units"] == "s" else {}
+        variables[AT_TIME] = xr.Variable((AT,), times, told | named)
         variables["row"] = xr.Variable(
             (AT,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
         )

@@ -82,6 +82,9 @@ def plot(
     height = page.height_of(len(panels)) if hasattr(page, "height_of") else float(getattr(page, "HEIGHT", HEIGHT))
     with lit(dark=dark):
         figure = sheet(panels, title, page.foot_of(record), height, size)
+        if page is run and record["time"].attrs.get("units") == "1":
+            for axes in figure.axes:
+                axes.set_xlabel(axes.get_xlabel().replace("time (s)", "time"))
         if path is not None:
             write(figure, Path(path), dpi)
     return figure

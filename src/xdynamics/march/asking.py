@@ -19,7 +19,7 @@ from xdynamics.model.motion import variables
 from xdynamics.model.reading import RUN_KEYS
 from xdynamics.model.switches import LOCATED, STEPPED_OVER, watched_switches
 from xdynamics.model.words import near
-from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, parse_time
+from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
@@ -47,7 +47,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         raise InputError(f"force_samples is {chosen['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
     jacobian = str(chosen.get("jacobian", EXACT))
     method = method_named(str(chosen["method"]), model, METHODS, by_differences=jacobian == DIFFERENCES)
-    step, scales = _step(chosen.get("step")), Scales.parse(chosen["scales"])
+    step, scales = _step(model, chosen.get("step")), Scales.parse(chosen["scales"])
     tolerances = _tolerances(model, chosen, scales)
     if step is None and tolerances is None:
         if not method.estimate:
@@ -58,16 +58,16 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         raise InputError(f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give rtol or atol too")  # fmt: skip
     settings = Settings(
         method,
-        parse_time(chosen["until"], "until"),
+        time_in(model.time_unit, chosen["until"], "until"),
         step,
         tolerances,
-        _pacing(chosen),
+        _pacing(model, chosen),
         str(chosen.get("estimator") or _estimator(method, tolerances)),
         chosen["force_samples"] == "all",
         scales,
         jacobian,
         str(chosen.get("summation") or _summation(method)),
-        _nodes(chosen.get("nodes")),
+        _nodes(model, chosen.get("nodes")),
         _switches(model, str(chosen.get("switches") or LOCATED)),
         _time_tolerance(model, chosen),
     )
@@ -85,9 +85,9 @@ def _joined(defaults: Mapping[str, Any], asked: dict[str, Any]) -> dict[str, Any
     return {"force_samples": "all", "scales": None} | kept | asked
 
 
-def _step(given: Any) -> float | tuple[float, ...] | None:
+def _step(model: Model, given: Any) -> float | tuple[float, ...] | None:
     if given is None or isinstance(given, str | int | float):
-        return None if given is None else parse_time(given, "step")
+        return None if given is None else time_in(model.time_unit, given, "step")
     try:
         steps = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
@@ -101,13 +101,13 @@ def _step(given: Any) -> float | tuple[float, ...] | None:
     return tuple(steps[steps != 0.0].tolist())  # the row behind an event has no step
 
 
-def _nodes(given: Any) -> tuple[float, ...]:
+def _nodes(model: Model, given: Any) -> tuple[float, ...]:
     """Return the times to land on, ascending."""
     if given is None:
         return ()
     if isinstance(given, str | int | float) or np.ndim(given) != 1:
         raise InputError(f"nodes are {str(given)[:60]!r}, need a row of times, like ['1 s', '2.5 s']")
-    return tuple(sorted({parse_time(one, "nodes") for one in given}))
+    return tuple(sorted({time_in(model.time_unit, one, "nodes") for one in given}))
 
 
 def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tolerances | None:
@@ -166,7 +166,7 @@ def _number(value: Any, name: str) -> float:
         raise InputError(f"{name} is {value!r}, needs a number{remedy}") from None
 
 
-def _pacing(chosen: Mapping[str, Any]) -> Pacing:
+def _pacing(model: Model, chosen: Mapping[str, Any]) -> Pacing:
     given: dict[str, Any] = {}
     if "safety" in chosen:
         given["safety"] = _number(chosen["safety"], "safety")
@@ -175,7 +175,7 @@ def _pacing(chosen: Mapping[str, Any]) -> Pacing:
         if not isinstance(limits, list | tuple | np.ndarray) or len(limits) != 2:
             raise InputError(f"growth_limits are {limits!r}, need two factors, like (0.2, 10)")
         given["growth_limits"] = tuple(_number(one, "growth_limits") for one in limits)
-    given |= {key: parse_time(chosen[key], key) for key in ("min_step", "max_step") if key in chosen}
+    given |= {key: time_in(model.time_unit, chosen[key], key) for key in ("min_step", "max_step") if key in chosen}
     if "max_steps" in chosen:
         most = _number(chosen["max_steps"], "max_steps")
         if not most.is_integer():
@@ -194,8 +194,8 @@ def _estimator(method: Method, tolerances: Tolerances | None) -> str:
 def _time_tolerance(model: Model, chosen: Mapping[str, Any]) -> float:
     """Return how well events are located that do not say so: to a picosecond, or of a run below a second to 1e-12 of it."""
     if chosen.get("time_tolerance") is not None:
-        return parse_time(chosen["time_tolerance"], "time_tolerance")
-    span = parse_time(chosen["until"], "until") - model.initial["t"].si
+        return time_in(model.time_unit, chosen["time_tolerance"], "time_tolerance")
+    span = time_in(model.time_unit, chosen["until"], "until") - model.initial["t"].si
     return TIME_TOLERANCE * (min(1.0, span) if span > 0.0 else 1.0)
 
 

@@ -14,7 +14,6 @@ from xdynamics.march.contacts.linking import GAP_OF, MOST, NUMBERS, SIZE, SLIDIN
 from xdynamics.march.outcomes import CONTACT_PENETRATED
 from xdynamics.model.motion import constants
 from xdynamics.model.reactions import NORMAL, Reaction, rate_dimension, reactions
-from xdynamics.units import TIME
 
 if TYPE_CHECKING:
     from xdynamics.march.runner import March
@@ -86,7 +85,7 @@ def _pressed_apart(march: March, k: int) -> bool:
 def _penetrated(march: March, gaps: list[float]) -> str:
     named = []
     for one, gap in zip(reactions(march.model), gaps, strict=True):
-        dimension = rate_dimension(march.model, one) * TIME
+        dimension = rate_dimension(march.model, one) * march.model.time_unit.dimension
         if one.sort == NORMAL and gap < 0.0:
             named.append(
                 f"the gap of contact '{one.owner}' is {gap * march.settings.scales.of(dimension):.6g} {dimension}"

@@ -15,7 +15,7 @@ from xdynamics.model.spread import NORMAL, matrix_of, root_of
 from xdynamics.model.statement import Statement
 from xdynamics.model.validating import check_validation
 from xdynamics.schema import acceleration, record_names, velocity
-from xdynamics.units import CONSTANTS, NONE, TIME, Dimension, constant, spell
+from xdynamics.units import CONSTANTS, NONE, Dimension, constant, spell
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 MOST_EVENTS = 100
@@ -35,7 +35,8 @@ def check(statement: Statement) -> dict[str, Dimension]:
     ModelError
         With every fault.
     """
-    ledger = Ledger(f"model '{statement.name}'", ModelError)
+    ledger, time = Ledger(f"model '{statement.name}'", ModelError), statement.time_unit.dimension
+    _check_times(statement, ledger)
     _check_names(statement, ledger)
     ledger.settle()
     known = _declared(statement)
@@ -50,7 +51,7 @@ def check(statement: Statement) -> dict[str, Dimension]:
         ledger.settle()
     _check_motion(statement, known, ledger)
     for name, state in statement.states.items():
-        _needs(ledger, f"rate of state '{name}'", state.rate, known, known[name] / TIME)
+        _needs(ledger, f"rate of state '{name}'", state.rate, known, known[name] / time)
     for name, drive in statement.drives.items():
         _check_drive(name, drive, statement, known, ledger)
     for name, event in statement.events.items():
@@ -61,7 +62,7 @@ def check(statement: Statement) -> dict[str, Dimension]:
                 dimension_of(event.function, known)
         _check_action(name, event, statement, known, ledger)
     _check_regimes(statement, ledger)
-    accelerations = {acceleration(name): known[name] / TIME**2 for name in statement.coordinates}
+    accelerations = {acceleration(name): known[name] / time**2 for name in statement.coordinates}
     for name, observable in statement.observables.items():
         with ledger.entry(f"observable '{name}'"):
             found, chosen = dimension_of(observable, known | accelerations), statement.observed.get(name)
@@ -84,6 +85,15 @@ def check(statement: Statement) -> dict[str, Dimension]:
         check_contacts(statement, known, ledger)
     ledger.settle()
     return known
+
+
+def _check_times(statement: Statement, ledger: Ledger) -> None:
+    """Check that what locates events is a time of the model's."""
+    for kind in ("events", "contacts", "frictions"):
+        for name, one in getattr(statement, kind).items():
+            asked = one.time_tolerance
+            if asked is not None and asked.unit.dimension != statement.time_unit.dimension:
+                ledger.note(f"{kind.removesuffix('s')} '{name}': time_tolerance is '{asked}', needs a positive time in '{statement.time_unit.text}'")  # fmt: skip
 
 
 def _check_names(statement: Statement, ledger: Ledger) -> None:
@@ -115,12 +125,12 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
 
 
 def _declared(statement: Statement) -> dict[str, Dimension]:
-    known = {"t": TIME, "pi": NONE} | {name: constant(name).dimension for name in CONSTANTS}
+    known = {"t": statement.time_unit.dimension, "pi": NONE} | {name: constant(name).dimension for name in CONSTANTS}
     known |= {name: one.quantity.unit.dimension for name, one in statement.parameters.items()}
     known |= {name: one.unit.dimension for name, one in statement.states.items()}
     known |= {name: one.table.value_unit.dimension for name, one in statement.drives.items()}
     for name, one in statement.coordinates.items():
-        known |= {name: one.unit.dimension, velocity(name): one.unit.dimension / TIME}
+        known |= {name: one.unit.dimension, velocity(name): one.unit.dimension / statement.time_unit.dimension}
     return known
 
 
@@ -211,17 +221,17 @@ def _check_spreads(statement: Statement, known: Mapping[str, Dimension], ledger:
 
 def _check_motion(statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:
     """Check that every entry of M a = F has the unit its row needs."""
-    coordinates = list(statement.coordinates)
+    coordinates, time = list(statement.coordinates), statement.time_unit.dimension
     needed: dict[str, Dimension] = {}
     for i, name in enumerate(coordinates):
         with ledger.entry(f"mass of '{name}'"):
-            needed[name] = dimension_of(statement.mass[i][i], known) * known[name] / TIME**2
+            needed[name] = dimension_of(statement.mass[i][i], known) * known[name] / time**2
     if len(needed) < len(coordinates):
         return
     for (i, j), entry in statement.mass_entries.items():
         row, column, other = coordinates[i], coordinates[j], statement.mass[j][i]
         if i != j:
-            _needs(ledger, f"mass entry ({i + 1}, {j + 1})", entry, known, needed[row] / known[column] * TIME**2)
+            _needs(ledger, f"mass entry ({i + 1}, {j + 1})", entry, known, needed[row] / known[column] * time**2)
         if entry != other and (i < j or (j, i) not in statement.mass_entries):
             first, second = sorted([(i, j), (j, i)])
             pair = text_of(statement.mass[first[0]][first[1]]), text_of(statement.mass[second[0]][second[1]])

@@ -13,7 +13,7 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.model.parts import APPROACH, Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
-from xdynamics.units import CONSTANTS, NONE, TIME, Dimension, constant
+from xdynamics.units import CONSTANTS, NONE, Dimension, constant
 
 MOST_REACTIONS = 24  # forces of contacts and friction: their equations are written out, and grow as the cube
 
@@ -63,7 +63,9 @@ def _check_contact(contact: Contact, statement: Statement, known: Dimensions) ->
         )
     if all(derivative(tree, {name: ONE}) == ZERO for name in statement.coordinates):
         raise InputError("gap depends on no coordinate: nothing could be pushed away")
-    _needs("restitution", contact.restitution, statement, {**known, APPROACH: gap / TIME}, NONE)
+    _needs(
+        "restitution", contact.restitution, statement, {**known, APPROACH: gap / statement.time_unit.dimension}, NONE
+    )
     size = _number(contact.restitution, statement)
     if size is not None and not 0.0 <= size <= 1.0:
         raise InputError(f"{_said('restitution', contact.restitution, size)}, needs to be from 0 to 1")
@@ -73,7 +75,7 @@ def _check_contact(contact: Contact, statement: Statement, known: Dimensions) ->
     if contact.slip is not None and contact.friction is not None and contact.static is not None:
         slip = _check_slip(contact.slip, statement, known)
         for key, node in (("friction", contact.friction), ("static", contact.static)):
-            _needs(key, node, statement, known, gap / TIME / slip)
+            _needs(key, node, statement, known, gap / statement.time_unit.dimension / slip)
         _check_strengths("friction", contact.friction, contact.static, statement)
 
 
@@ -144,7 +146,7 @@ def _needs(what: str, node: Node, statement: Statement, known: Dimensions, neede
 def _power(statement: Statement, known: Dimensions) -> Dimension:
     """Return the dimension of a force times a velocity, which all coordinates share."""
     found = {
-        dimension_of(statement.mass[i][i], known) * known[name] * known[name] / TIME**3
+        dimension_of(statement.mass[i][i], known) * known[name] * known[name] / statement.time_unit.dimension**3
         for i, name in enumerate(statement.coordinates)
     }
     if len(found) != 1:

@@ -14,7 +14,7 @@ from xdynamics.model.motion import motion
 from xdynamics.model.parts import Event, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
 from xdynamics.model.switches import watched_by
-from xdynamics.units import NONE, TIME, Dimension, Quantity
+from xdynamics.units import NONE, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, one that has settled; a slip
 # that comes to rest, a grip that is lost; a switch hidden in a force, which jumps there, or bends
@@ -100,7 +100,7 @@ def labels(watched: Iterable[Detector]) -> tuple[str, ...]:
 def function_dimension(model: Model, detector: Detector) -> Dimension:
     """Return the dimension of a detector's function."""
     if detector.role == LIMIT:
-        return TIME
+        return model.time_unit.dimension
     if detector.drive:
         return NONE
     if detector.sampled:

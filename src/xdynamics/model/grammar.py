@@ -242,6 +242,11 @@ SECTIONS: dict[str, Section] = {
         '[figure]\nplane = [["x", "0*metre"], ["x + l*sin(theta)", "-l*cos(theta)"]]\n',
         "without it two coordinates of one unit are a plane, and three are seen from three sides",
     ),
+    "time": Section(
+        "what time is measured in", "",
+        (Key("unit", '"s" | "1"', "1 where time is a pure number, as in equations without dimensions: then until = \"20\"", "s"),),
+        '[time]\nunit = "s"\n',
+    ),
     "run": Section(
         "defaults of `xdynamics run`, each an option of the command too", "",
         (

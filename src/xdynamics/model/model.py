@@ -95,6 +95,7 @@ class Model:
     validation: dict[str, Validation]
     correlations: dict[tuple[str, str], float]
     discrepancy: dict[str, Discrepancy]
+    time_unit: Unit
     plane: tuple[tuple[Node, Node], ...]
     lagrangian: Lagrangian | None
     dimensions: dict[str, Dimension]
@@ -272,7 +273,7 @@ class Model:
     def units(self) -> dict[str, Unit]:
         """The unit of every coordinate, velocity and first-order state: as declared, of a velocity that per second."""
         moved = {name: one.unit for name, one in self.coordinates.items()}
-        rates = {velocity(name): unit.per_second() for name, unit in moved.items()}
+        rates = {velocity(name): unit.per(self.time_unit) for name, unit in moved.items()}
         return moved | rates | {name: one.unit for name, one in self.states.items()}
 
     @cached_property

@@ -19,7 +19,7 @@ from xdynamics.model.mass import Assignment, less, solved
 from xdynamics.model.model import Model
 from xdynamics.model.parts import APPROACH
 from xdynamics.schema import acceleration, contact_force, friction_force, velocity
-from xdynamics.units import TIME, Dimension
+from xdynamics.units import Dimension
 
 NORMAL, TANGENT, DRY = range(3)  # of a contact, along its surface, of a friction element
 MODES = 2  # numbers of each reaction: whether it holds; the way it slips, or until when a contact settles
@@ -119,7 +119,9 @@ def reaction_dimensions(model: Model) -> dict[str, Dimension]:
     known, found = model.dimensions, {}
     for one in reactions(model):
         i, name = next((i, name) for i, name in enumerate(model.coordinates) if name in one.row)
-        power = dimension_of(model.mass[i][i], known) * known[name] / TIME**2 * known[velocity(name)]
+        power = (
+            dimension_of(model.mass[i][i], known) * known[name] / model.time_unit.dimension**2 * known[velocity(name)]
+        )
         found[one.name] = power / rate_dimension(model, one)
     return found
 
@@ -128,7 +130,7 @@ def rate_dimension(model: Model, reaction: Reaction) -> Dimension:
     """Return the dimension of a reaction's rate."""
     known = model.dimensions
     if reaction.sort == NORMAL:
-        return dimension_of(reaction.gap, known) / TIME
+        return dimension_of(reaction.gap, known) / model.time_unit.dimension
     return dimension_of(reaction.rate, known)
 
 

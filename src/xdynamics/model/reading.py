@@ -32,7 +32,7 @@ from xdynamics.model.touching import contact, friction, impact
 from xdynamics.model.validating import validation
 from xdynamics.model.words import choice, described, flag, near
 from xdynamics.schema import velocity
-from xdynamics.units import CONSTANTS, TIME, Quantity, Scales, Unit, parse_quantity, parse_time, parse_unit
+from xdynamics.units import CONSTANTS, NUMBERS, SECONDS, Quantity, Scales, Unit, parse_quantity, parse_unit, time_in
 
 RUN_KEYS = SECTIONS["run"].known
 HEAD_KEYS = tuple(one.name for one in HEAD)
@@ -69,6 +69,9 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
                 found[one] = reader(given)
         return found
 
+    parts["time_unit"] = SECONDS
+    with ledger.entry("time"):
+        parts["time_unit"] = _time(sections["time"])
     parts["coordinates"] = entries("coordinates", "coordinate", _coordinate)
     parts["parameters"] = entries("parameters", "parameter", _parameter)
     parts["definitions"] = entries("definitions", "definition", parse)
@@ -92,8 +95,10 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["regime"] = _first_regime(sections["initial"], list(parts["regimes"]), ledger)
     sections["initial"] = {key: value for key, value in sections["initial"].items() if key != "regime"}
     starts = entries("initial", "initial value", _parameter)
-    still = {velocity(one): Quantity(0.0, about.unit.per_second()) for one, about in parts["coordinates"].items()}
-    parts["initial"] = {"t": Quantity(0.0, Unit("s", TIME))} | {key: one.quantity for key, one in starts.items()}
+    still = {
+        velocity(one): Quantity(0.0, about.unit.per(parts["time_unit"])) for one, about in parts["coordinates"].items()
+    }
+    parts["initial"] = {"t": Quantity(0.0, parts["time_unit"])} | {key: one.quantity for key, one in starts.items()}
     parts["initial"] |= {key: one for key, one in still.items() if key not in sections["initial"]}
     parts["starts"] = {key: one for key, one in starts.items() if one.spread or one.description}
     parts["correlations"] = {}
@@ -102,7 +107,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["discrepancy"] = entries("discrepancy", "discrepancy", _discrepancy)
     with ledger.entry("figure"):
         parts["plane"] = _plane(sections["figure"])
-    parts["run"] = _run(sections["run"], ledger)
+    parts["run"] = _run(sections["run"], parts["time_unit"], ledger)
     with ledger.entry("lagrangian"):
         parts["lagrangian"] = lagrangian(sections["lagrangian"])
     ledger.settle()
@@ -264,14 +269,22 @@ def _derive(parts: dict[str, Any], mass: Mapping[str, Any]) -> None:
     parts["mass"], parts["forces"] = matrix, forces | parts["forces"]
 
 
-def _run(given: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
+def _time(given: Mapping[str, Any]) -> Unit:
+    keys_of("time", given)
+    unit = given.get("unit", "s")
+    if unit not in ("s", "1"):
+        raise InputError(f"unit is {unit!r}; time is in 's', or a pure number, '1'")
+    return SECONDS if unit == "s" else NUMBERS
+
+
+def _run(given: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, Any]:
     for key in given:
         if key not in RUN_KEYS:
             ledger.note(f"[run] has no setting '{key}'{near(key, RUN_KEYS)}")
     with ledger.entry("[run]"):
         for key in ("step", "until", "min_step", "max_step", "time_tolerance"):
             if key in given:
-                parse_time(given[key], key)
+                time_in(time, given[key], key)
         Scales.parse(given.get("scales"))
         for key in ("method", "estimator", "force_samples", "jacobian", "summation", "switches"):
             if not isinstance(given.get(key, ""), str):

@@ -24,7 +24,7 @@ from xdynamics.model.parts import (
     Validation,
 )
 from xdynamics.model.spread import Discrepancy
-from xdynamics.units import Quantity
+from xdynamics.units import SECONDS, Quantity, Unit
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class Statement:
     validation: dict[str, Validation]
     correlations: dict[tuple[str, str], float]
     discrepancy: dict[str, Discrepancy]
+    time_unit: Unit = SECONDS
     plane: tuple[tuple[Node, Node], ...] = ()  # where bodies are, for pictures
     lagrangian: Lagrangian | None = None  # from which the mass and some forces are derived
 

@@ -20,6 +20,7 @@ def write(statement: Statement) -> str:
     lines = [f"name = {_value(statement.name)}"]
     if statement.description:
         lines.append(f"description = {_value(statement.description)}")
+    _section(lines, "time", {"unit": statement.time_unit.text} if statement.time_unit.text != "s" else {})
     _section(
         lines,
         "coordinates",
@@ -72,8 +73,8 @@ def write(statement: Statement) -> str:
         name: _described({"standard": str(one.standard)}, one) for name, one in statement.discrepancy.items()
     }
     _section(lines, "discrepancy", discrepancy)
-    if statement.plane:
-        _section(lines, "figure", {"plane": [[text_of(one) for one in pair] for pair in statement.plane]})
+    plane = [[text_of(one) for one in pair] for pair in statement.plane]
+    _section(lines, "figure", {"plane": plane} if plane else {})
     _section(lines, "run", statement.run)
     return "\n".join(lines) + "\n"
 

@@ -11,7 +11,7 @@ from xdynamics.model.grammar import keys_of
 from xdynamics.model.parts import Validation
 from xdynamics.model.statement import Statement
 from xdynamics.model.words import described
-from xdynamics.units import TIME, Dimension, Quantity, parse_quantity, parse_time, spell
+from xdynamics.units import Dimension, Quantity, parse_quantity, parse_time, spell
 
 ROUNDING, ORDER, BAND, UNSCALED = "rounding", "order", "band", "unscaled"
 _FROM_ORDER = re.compile(r"rounding from order ([1-9]\d?)")
@@ -80,7 +80,7 @@ def check_validation(statement: Statement, known: dict[str, Dimension], ledger: 
                     f"event '{one.event}' is none of the model's; there are {', '.join(sorted(met)) or 'none'}"
                 )
             needed = (
-                TIME
+                statement.time_unit.dimension
                 if one.quantity == "t" and one.event
                 else known.get(one.quantity)
                 if one.quantity in moving

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.units import TIME, Quantity, parse_quantity
+from xdynamics.units import NONE, TIME, Quantity, parse_quantity
 
 
 def keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
@@ -33,7 +33,7 @@ def tolerance(given: Mapping[str, Any]) -> Quantity | None:
     if "time_tolerance" not in given:
         return None
     found = parse_quantity(given["time_tolerance"])
-    if found.unit.dimension != TIME or found.value <= 0:
+    if found.unit.dimension not in (TIME, NONE) or found.value <= 0:
         raise InputError(f"time_tolerance is '{found}', needs a positive time")
     return found
 

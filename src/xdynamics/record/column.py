@@ -60,15 +60,15 @@ class Units:
         model = about.model
         known = model.dimensions
         for i, (name, one) in enumerate(model.coordinates.items()):
-            self.known[schema.acceleration(name)] = one.unit.per_second(2)
+            self.known[schema.acceleration(name)] = one.unit.per(model.time_unit, 2)
             mass = dimension_of(model.mass[i][i], known)
-            needed = spell(mass * known[name] / TIME**2, angle=known[name] == NONE)
+            needed = spell(mass * known[name] / model.time_unit.dimension**2, angle=known[name] == NONE)
             for term, parts in model.force_components.items():
                 if name in parts:
                     self.known[schema.force(term, name)] = needed
         self.known |= {name: spell(one) for name, one in reaction_dimensions(model).items()}
         for name, state in model.states.items():
-            self.known[schema.rate(name)] = state.unit.per_second()
+            self.known[schema.rate(name)] = state.unit.per(model.time_unit)
         self.known |= {name: drive.table.value_unit for name, drive in model.drives.items()}
 
     def factor(self, unit: Unit) -> float:
@@ -86,7 +86,9 @@ class Units:
         if chosen is not None and chosen.unit is not None:
             return chosen.unit
         known = self.about.model.dimensions
-        accelerations = {schema.acceleration(one): known[one] / TIME**2 for one in layout.coordinates}
+        accelerations = {
+            schema.acceleration(one): known[one] / self.about.model.time_unit.dimension**2 for one in layout.coordinates
+        }
         return spell(dimension_of(self.about.model.observables[name], known | accelerations))
 
 

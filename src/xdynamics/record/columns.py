@@ -21,7 +21,7 @@ from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.event_columns import event_columns
 from xdynamics.schema import SAMPLES, STEPS, Variable
-from xdynamics.units import Scales, Unit
+from xdynamics.units import NUMBERS, SECONDS, Scales, Unit
 
 Array = NDArray[Any]
 
@@ -38,7 +38,17 @@ def columns_of(layout: Layout, settings: Settings) -> list[Column]:
 
 @lru_cache(maxsize=64)
 def _columns(about: About) -> list[Column]:
-    return [*_steps(about), *_trials(about), *event_columns(about), *(_samples(about) if about.samples else [])]
+    found = [*_steps(about), *_trials(about), *event_columns(about), *(_samples(about) if about.samples else [])]
+    return found if about.model.time_unit == SECONDS else [_without_time(one) for one in found]
+
+
+def _without_time(one: Column) -> Column:
+    """Give a time the unit that it has where it is a pure number."""
+    about = one.variable
+    if about.units != SECONDS.text:
+        return one
+    more = {key: value for key, value in about.more.items() if key != "standard_name"}
+    return replace(one, variable=replace(about, units=NUMBERS.text, more=more))
 
 
 def constants(march: March) -> list[tuple[Variable, Any]]:

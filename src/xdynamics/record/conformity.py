@@ -156,7 +156,10 @@ def _variable(name: str, one: xr.Variable, expected: Variable | None, *, placed:
     needed = (STEPS,) if role in ALONG_STEPS else () if role == "parameter" else None
     if placed and needed is not None and isinstance(role, str) and (tuple(one.dims) != needed or one.dtype.kind != "f"):
         yield f"is a {role} along {tuple(one.dims)} of type {one.dtype}, needs {needed} and float64"
-    if expected and "units" in about and about["units"] != expected.units:
+    timeless = (
+        expected is not None and expected.units == "s" and about.get("units") == "1"
+    )  # of a model without units of time
+    if expected and "units" in about and about["units"] != expected.units and not timeless:
         yield f"has units {_short(about['units'])}, needs '{expected.units}'"
     if role == "flag":
         yield from _words(about)

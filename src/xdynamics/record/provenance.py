@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from functools import lru_cache
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -24,11 +25,12 @@ from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, S
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model.switches import STEPPED_OVER, watched_switches
 from xdynamics.record.kinds import left_out_atols
-from xdynamics.units import TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
+from xdynamics.units import SECONDS, TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
 
+_SECOND = re.compile(r"(?<=[0-9]) s\b")  # behind a number of a sentence
 _SCALES = {"length": "m", "time": "s", "mass": "kg"}
 
 
@@ -64,7 +66,7 @@ def attributes(march: March) -> dict[str, Any]:
         "precision": "float64, IEEE 754 binary64, round to nearest",
         "math_functions": NAME,
         "run_outcome": end.outcome.word,
-        "run_outcome_text": end.text,
+        "run_outcome_text": end.text if model.time_unit == SECONDS else _SECOND.sub("", end.text),
         "model_digest": model.digest,
         "force_digest": force_digest(march),
     }
