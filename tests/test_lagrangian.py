@@ -132,10 +132,11 @@ def test_it_is_stored_shown_and_read_again(tmp_path: Any) -> None:
     ("change", "said"),
     [
         ({"lagrangian": {"potential": "0*joule"}}, "lagrangian: key 'kinetic' is missing"),
-        ({"lagrangian": {"kinetic": "m*l*v_theta**2"}}, "kinetic energy has units 'kg m s-2"),
+        ({"lagrangian": {"kinetic": "m*l*(v_theta**2 + v_phi**2)"}}, "kinetic energy has units 'kg m s-2"),
         ({"lagrangian": {"kinetic": "m*l**2*abs(v_theta)*v_theta"}}, "kinetic is not quadratic in velocities: its second derivative by v_theta"),
-        ({"lagrangian": {"kinetic": "m*l**2*v_theta**2*radian", "potential": "m*l**2*v_theta**2"}}, "potential of 'potential' depends on a velocity"),
+        ({"lagrangian": {"kinetic": "m*l**2*(v_theta**2 + v_phi**2)", "potential": "m*l**2*v_theta**2"}}, "potential of 'potential' depends on a velocity"),
         ({"lagrangian": {"kinetic": "m*l**2*v_psi**2"}}, "kinetic reads 'v_psi'"),
+        ({"lagrangian": {"kinetic": "m*l**2*v_theta**2"}}, "kinetic does not read v_phi, so that 'phi' has no inertia"),
         ({"mass": {"theta": "m*l**2", "phi": "m*l**2"}}, r"stands beside \[mass\]"),
         ({"forces": {"inertia": {"theta": "0*newton*metre"}}}, "makes a force 'inertia'"),
         ({"lagrangian": {"kinetic": "m*l**2*v_theta**2", "momentum": "1"}}, "key 'momentum' is not known"),

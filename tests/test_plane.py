@@ -132,7 +132,7 @@ def test_beside_a_run(orbit: xr.Dataset, tmp_path: Path) -> None:
     points = next(one for one in axes.lines if one.get_marker() == "+")
     assert points.get_ydata() == pytest.approx([0.4, -0.629])
     (tmp_path / "other.csv").write_text("time [s],q [m]\n0,1\n")
-    with pytest.raises(xd.InputError, match="has nothing that the run has; there are q"):
+    with pytest.raises(xd.InputError, match="column .q .m.. is nothing that is known; there are"):
         xd.plot(orbit, beside=tmp_path / "other.csv")
     (tmp_path / "other.csv").write_text("time [s],x [kg]\n0,1\n")
     with pytest.raises(xd.InputError, match="is in 'kg', the run has it in 'm'"):
@@ -176,3 +176,23 @@ def test_a_film(orbit: xr.Dataset, tmp_path: Path) -> None:
 def test_units_in_print(units: str, shown: str) -> None:
     """Assert powers above the line."""
     assert typeset(units) == shown
+
+
+def test_runs_in_one_plane(orbit: xr.Dataset) -> None:
+    """Assert that other orbits stand in the plane and beside the energy, by name."""
+    other = xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="euler_cromer", step="20 ms", until="13 s")
+    for axes in xd.plot(orbit, only=["plane", "energy"], beside=other).axes:
+        assert [one.get_text() for one in axes.get_legend().get_texts()] == [
+            "Kepler ellipse of eccentricity 0.6, by euler_cromer"
+        ]
+    with pytest.raises(xd.InputError, match="the run has no plane to be seen in; name it"):
+        xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s"), only="plane")
+
+
+def test_a_size_that_is_too_small_is_refused(orbit: xr.Dataset) -> None:
+    """Assert that panels which would lie on one another are refused with the remedy, and one alone fits."""
+    with pytest.raises(
+        xd.InputError, match="size 4x3 leaves 2 by 0.75 inches for each of 7 panels, needs 2.4 by 1.6; draw fewer"
+    ):
+        xd.plot(orbit, size=(4, 3))
+    assert tuple(xd.plot(orbit, only="plane", size=(4, 3)).get_size_inches()) == (4.0, 3.0)

@@ -140,3 +140,26 @@ def test_columns_are_written_whole() -> None:
     """Assert that what is written is read to the same numbers."""
     text = written({"t [s]": [0.1, 1 / 3], "x [m]": [1e-300, -7.0]})
     assert [row for _, row in Sheet.of("a", text).numbers([0, 1])] == [(0.1, 1e-300), (1 / 3, -7.0)]
+
+
+def test_columns_that_nobody_asked_for_are_left_out(tmp_path: Path) -> None:
+    """Assert that foreign columns, with units or without, are passed over and named, and gaps are skipped on demand."""
+    model = xd.Model.from_toml(Path(__file__).parent.parent / "data/models/harmonic_oscillator.toml")
+    run = xd.simulate(model, method="dop853", rtol=1e-10, until="2 s")
+    path = tmp_path / "bench.csv"
+    rows = "".join(f"{t};{float(np.cos(2 * t))!r};0.01;21,5;ok\n".replace(".", ",") for t in (0.5, 1.0, 1.5))
+    path.write_text("time [s];x [m];u(x) [m];temp (degC);note\n" + rows + "1,8;;0,01;21,5;gap\n")
+    with pytest.raises(xd.InputError, match="line 5: column 'x .m.' has a gap"):
+        xd.compare(run, path)
+    found = xd.compare(run, path, gaps="skip")
+    assert found.attrs["data_left_out"] == "temp (degC), note"
+    assert found.sizes["at"] == 3
+    assert float(found["rms_difference_x"]) < 1e-8
+    fitted = xd.fit(model, path, ["k"], gaps="skip", method="dop853", rtol=1e-9, until="2 s")
+    assert float(fitted.estimate[0]) == pytest.approx(4.0, rel=1e-6)
+    frame = pd.DataFrame({"time [s]": [0.5, 1.0], "x [m]": [np.cos(1.0), np.nan], "note": ["a", "b"]})
+    assert xd.compare(run, frame, gaps="skip").sizes["at"] == 1
+    with pytest.raises(xd.InputError, match="column .q .m.. is nothing that is known; there are x, v_x"):
+        xd.compare(run, pd.DataFrame({"time [s]": [0.5], "q [m]": [1.0]}))
+    with pytest.raises(xd.InputError, match="gaps is 'fill'; there are refuse, skip"):
+        xd.compare(run, path, gaps="fill")

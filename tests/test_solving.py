@@ -114,6 +114,13 @@ def test_units_and_events_of_scipy() -> None:
     assert run.sizes["event"] == 3
 
 
+def test_scipys_tolerances_and_first_step() -> None:
+    """Assert that a row of absolute tolerances is one for each number, and first_step the first step."""
+    run = xd.solve(swing, (0, 1), [1.0, 0.0], "DOP853", rtol=1e-6, atol=[1e-9, 1e-8], first_step=0.01)
+    assert (float(run.y0.attrs["atol"]), float(run.y1.attrs["atol"])) == (1e-9, 1e-8)
+    assert run.attrs["solver_first_step"] == 0.01
+
+
 def branch(t: Any, y: Any) -> Any:
     """Decides by a value."""
     return [1.0 if y[0] > 0 else -1.0]
@@ -129,6 +136,8 @@ def branch(t: Any, y: Any) -> Any:
         ({"fun": lambda t, y: [np.arcsinh(y[0])]}, "calls numpy.arcsinh, which the language of expressions has not"),
         ({"fun": lambda t, y: [np.linalg.norm(y) * "a"]}, "makes .a., needs numbers"),
         ({"fun": lambda t, y: [float("nan")]}, "makes nan, needs finite numbers"),
+        ({"fun": lambda t, y: None}, "returns nothing; it has to return 1 rates"),
+        ({"dense_output": True}, "'dense_output' is scipy's, and not needed here"),
         ({"fun": 5}, "fun is 5, needs a function"),
         ({"y0": [1j]}, "needs a real number"),
         ({"y0": ["1 kg"], "units": ["m"]}, "y0.0. is '1 kg', and its unit 'm'"),

@@ -12,7 +12,7 @@ from xdynamics.archive import digest_of_run
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
-from xdynamics.quantified import quantified
+from xdynamics.quantified import is_quantified, plain, quantified
 from xdynamics.record import check_kind
 from xdynamics.record.words import words_of
 from xdynamics.schema import BOUNDS, EVENTS, STEPS
@@ -45,7 +45,12 @@ class Dynamics:
     """
 
     def __init__(self, run: xr.Dataset) -> None:
-        self._run = run
+        self._given = run
+        self._run = plain(run) if is_quantified(run) else run
+
+    def _as_given(self, found: xr.Dataset) -> xr.Dataset:
+        """Return what was found with units in its arrays, where the record has them there."""
+        return quantified(found) if self._run is not self._given else found
 
     def __repr__(self) -> str:
         return "\n".join(summary(self._run))
@@ -68,7 +73,7 @@ class Dynamics:
 
     def at(self, times: Any, **how: Any) -> xr.Dataset:
         """Return the states at any times inside the run, ``"1 s"``, ``[0.1, 0.2]`` or ``"0:20:201 s"``; see `xdynamics.sample`."""
-        return sample(self._run, times, **how)
+        return self._as_given(sample(self._run, times, **how))
 
     def events(self, name: str | None = None) -> xr.Dataset:
         """Return the located events, or those of one name, with the states on both sides.
@@ -101,7 +106,7 @@ class Dynamics:
                     said = about(str(run[one].attrs["units"]), f"{one} {side} the event", str(run[one].attrs["role"]))
                     variables[f"{side}_{one}"] = ((EVENTS,), run[one].values[places], said)
         title = f"{run.attrs.get('title', 'run')}: {name or 'events'}"
-        return exhibit("events", title, [digest_of_run(run)], variables, {})
+        return self._as_given(exhibit("events", title, [digest_of_run(run)], variables, {}))
 
     def frame(self, dim: str = STEPS) -> pd.DataFrame:
         """Return everything along one dimension as a table of pandas, a row each; flags as their words.

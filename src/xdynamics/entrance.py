@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Mapping
+from functools import wraps
 from importlib import import_module
+from inspect import isfunction
 from typing import Any
 
 
@@ -17,6 +19,19 @@ def load_dask_whole() -> None:
     """
     if threading.active_count() > 1 and "dask.array" not in sys.modules:
         import_module("dask.array")
+
+
+def _followed(verb: Callable[..., Any], module: str) -> Callable[..., Any]:
+    """Load a module behind the call of a verb, which may be what brings xarray."""
+
+    @wraps(verb)
+    def called(*given: Any, **more: Any) -> Any:
+        found = verb(*given, **more)
+        if "xarray" in sys.modules:
+            import_module(module)
+        return found
+
+    return called
 
 
 def entrance(
@@ -46,6 +61,9 @@ def entrance(
         setattr(sys.modules[package], name, value)
         if beside and "xarray" in sys.modules:
             import_module(f"{package}.{beside}")
+        elif beside and isfunction(value):
+            value = _followed(value, f"{package}.{beside}")
+            setattr(sys.modules[package], name, value)
         return value
 
     return found

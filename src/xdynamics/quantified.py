@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 UNITS = "units"
+AS_RECORDED = "recorded_units"  # how a unit was spelled: pint puts its parts into an order of its own
 
 
 def is_quantified(given: Any) -> bool:
@@ -40,10 +41,10 @@ def quantified(run: xr.Dataset) -> xr.Dataset:
     import cf_xarray.units  # noqa: F401 - teaches pint the spelling of UDUNITS, before pint-xarray takes its registry
     import pint_xarray  # noqa: F401 - the accessor
 
-    numbers = {
-        name: one.attrs[UNITS] for name, one in run.variables.items() if one.dtype.kind == "f" and UNITS in one.attrs
-    }
+    numbers = {name: one.attrs[UNITS] for name, one in run.variables.items() if one.dtype.kind == "f" and UNITS in one.attrs}  # fmt: skip
     found: xr.Dataset = run.pint.quantify(numbers)
+    for name, text in numbers.items():
+        found[name].attrs[AS_RECORDED] = text
     return found
 
 
@@ -66,7 +67,9 @@ def plain(run: xr.Dataset) -> xr.Dataset:
             text = parse_unit(spelled).text
         except InputError as error:
             raise InputError(f"'{name}' is in {str(one.data.units)!r}, which no record holds: {error}") from None
-        attributes = {UNITS: text} | dict(one.attrs)
+        recorded = str(one.attrs.get(AS_RECORDED, text))
+        same = (parse_unit(recorded).dimension, parse_unit(recorded).factor) == (parse_unit(text).dimension, parse_unit(text).factor)  # fmt: skip
+        attributes = {UNITS: recorded if same else text} | {key: value for key, value in one.attrs.items() if key != AS_RECORDED}  # fmt: skip
         found[name] = one.copy(data=one.data.magnitude)
         found[name].attrs = attributes
     return found.set_coords([*run.coords])

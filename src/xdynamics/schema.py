@@ -194,7 +194,7 @@ def sampled(name: str) -> str:
 
 
 FIXED_STEPS = (
-    Variable("time", (STEPS,), "f8", "s", "time of the accepted state", "time", {"standard_name": "time"}),
+    Variable("time", (STEPS,), "f8", "s", "time of the accepted state", "time"),
     Variable("step_size", (STEPS,), "f8", "s", "step used to reach the state; 0 for the initial one and after an event", "step_size"),
     Variable("row_kind", (STEPS,), "i1", "1", "how the state was reached", "flag", flags(dict(enumerate(ROW_KINDS)))),
 )  # fmt: skip

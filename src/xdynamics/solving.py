@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,11 @@ SAME = {"RK45": "dormand_prince", "RK23": "bogacki_shampine", "DOP853": "dop853"
 NEAR = {"LSODA": "radau_iia", "BDF": "radau_iia"}
 DIRECTIONS = {0: "either", 1: "rising", -1: "falling"}
 
+NOT_HERE = {
+    "dense_output": "`sample` gives the states between steps of any record", "vectorized": "the right-hand side is written down once",
+    "jac": "derivatives are those of the expressions", "jac_sparsity": "derivatives are those of the expressions",
+    "lband": "derivatives are those of the expressions", "uband": "derivatives are those of the expressions",
+}  # fmt: skip
 RightSide = Callable[..., Any]
 
 
@@ -87,7 +92,13 @@ def solve(
     >>> run.attrs["run_outcome"], float(run.rho), round(float(run.x[-1]), 4)
     ('completed', 28.0, -9.3786)
     """
+    if foreign := [one for one in NOT_HERE if one in settings]:
+        raise InputError(f"'{foreign[0]}' is scipy's, and not needed here: {NOT_HERE[foreign[0]]}")
+    if "first_step" in settings:
+        settings["step"] = settings.pop("first_step")
     model = model_of(fun, t_span, y0, args, events, names, units)
+    if not isinstance(settings.get("atol", 0.0), str | int | float | Mapping) and settings["atol"] is not None:
+        settings["atol"] = dict(zip(model.states, map(float, settings["atol"]), strict=False))
     end = t_span[1] if isinstance(t_span[1], str) else float(t_span[1])
     return simulate(model, method=_method(method), until=end, times=t_eval, path=path, **settings)
 
@@ -158,6 +169,8 @@ def _arguments(fun: RightSide, args: Any) -> tuple[list[Any], dict[str, str]]:
 
 
 def _as_many(fun: RightSide, rates: Any, n: int) -> list[Any]:
+    if rates is None:
+        raise InputError(f"{_called(fun)} returns nothing; it has to return {n} rates")
     row = [rates] if isinstance(rates, Traced | int | float) else list(np.asarray(rates, object).ravel())
     if len(row) != n:
         raise InputError(f"{_called(fun)} returns {len(row)} rates, and y0 has {n} numbers")

@@ -117,7 +117,11 @@ def _second(run: xr.Dataset) -> str:
 
 def _counts(run: xr.Dataset) -> str:
     words = {STEPS: "rows", TRIALS: "rejected trials", EVENTS: "events", SAMPLES: "force samples"}
-    return ", ".join(f"{run.sizes.get(dim, 0)} {word}" for dim, word in words.items())
+    counts = {word: run.sizes.get(dim, 0) for dim, word in words.items()}
+    shortened = words_of(run["trial_reason"]).count("event_substep") if counts["rejected trials"] else 0
+    counts["rejected trials"] -= shortened
+    said = ", ".join(f"{count} {word}" for word, count in counts.items())
+    return f"{said}; {shortened} steps shortened to find events" if shortened else said
 
 
 def _end(run: xr.Dataset) -> Iterator[str]:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+ENDINGS = (".csv", ".txt")
+
 
 def check_target(path: Path) -> Path:
     """Refuse a place where no table can be written.
@@ -28,6 +30,8 @@ def check_target(path: Path) -> Path:
     InputError
         Naming it.
     """
+    if path.suffix.lower() not in ENDINGS and not path.is_dir():
+        raise InputError(f"table '{path}' has the ending '{path.suffix}'; it is text, {', '.join(ENDINGS)}")
     if path.is_dir():
         raise InputError(f"table '{path}' is a directory; name a file")
     if not path.parent.is_dir():

@@ -111,6 +111,7 @@ def fit(
     parameters: Sequence[str],
     *,
     bounds: Mapping[str, Sequence[Any]] | None = None,
+    gaps: str = "refuse",
     **settings: Any,
 ) -> xr.Dataset:
     """Find parameters and initial values from measured data by weighted least squares.
@@ -123,6 +124,9 @@ def fit(
         Measured data as `compare` takes them: ``time [ms],x [mm],u(x) [mm]``.
     parameters : sequence of str
         What is to be found: parameters and initial values.
+    gaps : {"refuse", "skip"}
+        Whether rows of the data in which a number is missing are refused or left out; columns of what the model does not
+        have are left out.
     bounds : mapping of str to (lowest, highest), optional
         ``{"k": ("0 N m-1", "10 N m-1")}``.
     **settings
@@ -164,7 +168,7 @@ def fit(
     from scipy.optimize import least_squares
 
     asked = _asked(
-        model, data, parameters, {name: plain(name, one) for name, one in settings.items() if one is not None}
+        model, data, parameters, gaps, {name: plain(name, one) for name, one in settings.items() if one is not None}
     )
     start = np.array([asked.given(name).value for name in asked.names])
     low, high = _bounds(asked, bounds or {})
@@ -188,7 +192,7 @@ def fit(
     return _dataset(asked, found.x * scales, scales, looked(found.x), found, (low, high))
 
 
-def _asked(model: Any, data: Any, parameters: Any, settings: dict[str, Any]) -> Asked:
+def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str, Any]) -> Asked:
     """Check what is asked for."""
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
@@ -199,7 +203,7 @@ def _asked(model: Any, data: Any, parameters: Any, settings: dict[str, Any]) -> 
     for name in names:
         if name not in known:
             raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(known)}")
-    read, used = measured(data), settings_for(model, **settings)
+    read, used = measured(data, comparable(model), gaps), settings_for(model, **settings)
     columns = {one.variable.name: one.variable.units for one in columns_of(used.layout(model), used)}
     units = {name: parse_unit(columns[name]) for name in comparable(model)}
     ledger = Ledger(read.name)

@@ -135,6 +135,9 @@ def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], 
 @click.option("--parameter", "parameters", multiple=True, required=True, metavar="NAME", help="A parameter or initial value to be found.")  # fmt: skip
 @click.option("--bounds", multiple=True, metavar="NAME=LOW:HIGH", help="Between which it is: k='0:10 N m-1'.")
 @click.option("-o", "--output", metavar="F.nc", help="Where to keep the fit.")
+@click.option(
+    "--gaps", type=click.Choice(["refuse", "skip"]), default="refuse", help="Rows of data in which a number is missing."
+)
 @click.option("--model", "fitted", metavar="FITTED.toml", help="Where to write the fitted model, with uncertainties.")
 @click.option("--atol", "atols", multiple=True, metavar="[NAME=]VALUE", help="Absolute tolerance, as of `run`.")
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
@@ -148,6 +151,7 @@ def fit(
     parameters: tuple[str, ...],
     bounds: tuple[str, ...],
     output: str | None,
+    gaps: str,
     fitted: str | None,
     atols: tuple[str, ...],
     changes: tuple[str, ...],
@@ -162,7 +166,9 @@ def fit(
     model = changed_model(model_file, changes)
     for path in filter(None, (output, fitted)):
         archive.check_target(Path(path))
-    found = fitted_to(model, data, parameters, bounds=ends_of(bounds, "--bounds"), **asked_of(settings, atols))
+    found = fitted_to(
+        model, data, parameters, bounds=ends_of(bounds, "--bounds"), gaps=gaps, **asked_of(settings, atols)
+    )
     say(summary(found))
     if fitted:
         with taking_name(Path(fitted)) as new:

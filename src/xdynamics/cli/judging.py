@@ -165,8 +165,11 @@ def validate(model_file: str | None, methods: tuple[str, ...], output: str | Non
 @click.option(
     "--at", "times", multiple=True, metavar="TIME", help="A time to compare at; by default all accepted ones."
 )
+@click.option(
+    "--gaps", type=click.Choice(["refuse", "skip"]), default="refuse", help="Rows of data in which a number is missing."
+)
 @click.option("-o", "--output", metavar="C.nc", help="Where to keep the comparison.")
-def compare(first: str, second: str, times: tuple[str, ...], output: str | None) -> None:
+def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: str | None) -> None:
     """Compare two runs: what differs, since when, by how much; or a run with measured data, `time [s],y [mm],u(y) [mm]`.
 
     Ends with 1 where two runs are not the same, bit for bit.
@@ -177,8 +180,8 @@ def compare(first: str, second: str, times: tuple[str, ...], output: str | None)
     from xdynamics.units import parse_time
 
     _check(output)
-    other = second if second.endswith(".csv") else open_run(second)
+    other = second if second.lower().endswith((".csv", ".txt", ".tsv")) else open_run(second)
     at = [parse_time(one, "--at") for one in times] or None
-    table = compared(open_run(first), other, at)
+    table = compared(open_run(first), other, at, gaps=gaps)
     _kept(table, lines_of, output)
     sys.exit(DONE if table.attrs.get("identical", 1) else BADLY)

@@ -55,12 +55,7 @@ def _opened(name: str) -> xr.Dataset:
 def plot(
     archive: str, output: str, only: str | None, beside: tuple[str, ...], size: str | None, dpi: int, dark: bool
 ) -> None:
-    r"""Draw a run: the plane, trajectory, velocity, contacts, drives, energy, steps; of a sweep's folder maps of its members.
-
-    \b
-    xdynamics plot orbit.nc -o orbit.pdf --only plane,energy
-    xdynamics plot bench.nc -o bench.png --with measured.csv
-    """
+    """Draw a run: the plane, trajectory, velocity, contacts, drives, energy, steps; of a sweep's folder maps of its members."""
     from xdynamics.figures import plot as draw
 
     asked = None if only is None else [one.strip() for one in only.split(",")]

@@ -93,6 +93,7 @@ def guide(topic: str | None) -> Iterator[str]:
     }  # fmt: skip
     if topic is None:
         return iter(("topics    " + ", ".join(topics), "usage     xdynamics help TOPIC; xdynamics VERB --help"))
+    topic = topic.strip("[]").lower()
     if topic not in topics:
         raise InputError(f"help has no topic '{topic}'{near(topic, tuple(topics))}")
     return iter(topics[topic]())

@@ -130,8 +130,7 @@ class Inside:
             said = {"units": about["units"], "long_name": f"error of {name}: {ROUTE}", "role": "error"}
             variables[error] = xr.Variable((AT,), found[len(layout.used) + i], said)
         told = {"units": str(run["time"].attrs["units"]), "long_name": "wanted time", "role": "time"}
-        named = {"standard_name": "time"} if told["units"] == "s" else {}
-        variables[AT_TIME] = xr.Variable((AT,), times, told | named)
+        variables[AT_TIME] = xr.Variable((AT,), times, told)
         variables["row"] = xr.Variable(
             (AT,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
         )
@@ -214,7 +213,9 @@ def _check_whole(where: Floats, steps: Floats) -> None:
 
 def wanted_times(times: Any) -> Floats:
     """Read the times that are asked for: numbers, texts, or a range like ``0:20:201 s``."""
-    if is_range(times):
+    if isinstance(times, str) and ":" in times:
+        if not is_range(times):
+            raise InputError(f"times are {times[:60]!r}, need start:stop:count and a unit, count a whole number, like '0:20:201 s'")  # fmt: skip
         asked = Range.parse(times)
         if asked.unit.text != "1" and asked.unit.dimension != TIME:
             raise InputError(f"times {times!r} are in '{asked.unit.text}', need a time like 's'")

@@ -64,6 +64,8 @@ def animate(
     """
     target, shown = Path(path), views(run)
     _check(target, shown, seconds, rate, dpi)
+    if trail is not None and not (isinstance(trail, int | float) and 0.0 <= trail < float("inf")):
+        raise InputError(f"trail is {trail!r}, needs a non-negative number of seconds")
     view = shown[0]
     begin, end = float(view[0].times[0]), float(view[0].times[-1])
     span = end - begin

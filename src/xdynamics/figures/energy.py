@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.figures.curves import thinned
-from xdynamics.figures.lines import over_the_run
+from xdynamics.figures.lines import DASHES, Beside, over_the_run
 from xdynamics.figures.marks import COLOURS, shade_regimes, words
 from xdynamics.schema import ENERGIES
 
@@ -25,7 +25,7 @@ def is_exchanged(run: xr.Dataset) -> bool:
     return bool(np.ptp(total) > EXCHANGED * largest)
 
 
-def draw(run: xr.Dataset, axes: Axes) -> None:
+def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     """Draw kinetic, potential and total energy where they are exchanged, else how the total leaves its start."""
     time, units = run["time"].values, run["total_energy"].attrs["units"]
     if is_exchanged(run):
@@ -41,6 +41,11 @@ def draw(run: xr.Dataset, axes: Axes) -> None:
     energy = run["total_energy"].values
     rows = thinned(energy)
     axes.plot(time[rows], energy[rows] - energy[0], color=COLOURS[1], linewidth=1.0)
+    for k, (label, columns) in enumerate(beside):
+        if "total_energy" in columns:
+            times, values, _ = columns["total_energy"]
+            axes.plot(times, values - values[0], DASHES[k % len(DASHES)], color=COLOURS[(k + 2) % len(COLOURS)], linewidth=1.0, label=words(label))  # fmt: skip
+            axes.legend(fontsize=8, frameon=False)
     axes.set(xlabel="time (s)", ylabel=words(f"E - E(0) ({units})"))
     axes.set_title(words(f"total energy less its start, {float(energy[0]):.6g} {units}"), loc="left", fontsize=10)
     over_the_run(run, axes)

@@ -15,6 +15,7 @@ from xdynamics.expressions import dimension_of, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import between, thinned
+from xdynamics.figures.lines import DASHES, Beside
 from xdynamics.figures.marks import COLOURS, INK, words
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
@@ -29,6 +30,7 @@ Floats = NDArray[np.float64]
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
 MOST_BODIES = 8
+MOST_MARKS = 1000  # of one event
 THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 
 
@@ -74,13 +76,14 @@ def views(run: xr.Dataset) -> list[list[Path]]:
     return found
 
 
-def draw(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
+def draw(run: xr.Dataset, view: list[Path], beside: Beside, axes: Axes) -> None:
     """Draw the paths of a view with one scale for both axes; a dot where each begins."""
     for k, one in enumerate(view):
         colour = COLOURS[k % len(COLOURS)]
         rows = np.union1d(thinned(one.x), thinned(one.y))
         axes.plot(one.x[rows], one.y[rows], "-", color=colour, linewidth=1.1)
         axes.plot(one.x[:1], one.y[:1], "o", color=colour, markersize=5)
+    _overlay(view, beside, axes)
     _mark(run, view, axes)
     first = view[0]
     axes.set_aspect("equal", adjustable="box")
@@ -90,13 +93,26 @@ def draw(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
     axes.set_title("the plane (dot: start)", loc="left", fontsize=10)
 
 
+def _overlay(view: list[Path], beside: Beside, axes: Axes) -> None:
+    """Draw where other runs have the same coordinates."""
+    for k, (label, columns) in enumerate(beside):
+        for one in view:
+            if one.across in columns and one.up in columns:
+                (times, x, doubts), (others, y, _) = columns[one.across], columns[one.up]
+                here = (np.interp(times, others, y), "+") if doubts is not None else (np.interp(times, others, y), DASHES[k % len(DASHES)])  # fmt: skip
+                axes.plot(x, *here, color=COLOURS[(k + 1) % len(COLOURS)], linewidth=1.2, alpha=0.8, label=words(label))
+
+
 def _mark(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
     """Mark where bodies are at the first events of each name."""
     if not run.sizes.get("event", 0) or "event_time" not in run:
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(fontsize=8, frameon=False)
         return
     names = np.array(words_of(run["event_detector"]))
     for k, name in enumerate(dict.fromkeys(names)):
-        times = run["event_time"].values[names == name][:200]
+        times = run["event_time"].values[names == name]
+        times = times[:: max(1, len(times) // MOST_MARKS)]
         for one in view:
             inside = times[(times >= one.times[0]) & (times <= one.times[-1])]
             axes.plot(np.interp(inside, one.times, one.x), np.interp(inside, one.times, one.y), "ovsD^P*X"[k % 8],

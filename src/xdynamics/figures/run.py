@@ -53,6 +53,10 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
     panels = [
         panel for kind, names, panel in _panels(run, over, wanted) if wanted is None or {kind, *names} & {*wanted}
     ]
+    if not panels and wanted == ["plane"]:
+        raise InputError('the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)", "-l*cos(theta)"]')  # fmt: skip
+    if not panels and wanted is not None:
+        raise InputError(f"the run has nothing of {', '.join(wanted)} to draw")
     if not panels:
         raise InputError(
             f"there is nothing along '{STEPS}' to draw among {', '.join(map(str, run.data_vars)) or 'nothing'}"
@@ -68,10 +72,10 @@ def foot_of(run: xr.Dataset) -> str:
 def _panels(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | None = None) -> Iterator[Keyed]:
     """Yield every panel, in reading order."""
     for view in plane.views(run):
-        yield "plane", [], partial(plane.draw, run, view)
+        yield "plane", [], partial(plane.draw, run, view, beside)
     yield from _of_motion(run, beside, wanted)
     yield from _of_forces(run, beside, wanted)
-    yield from _of_march(run)
+    yield from _of_march(run, beside)
 
 
 def _of_motion(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
@@ -101,10 +105,10 @@ def _of_forces(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | No
             yield "phase", [], partial(lines.phase, run, names)
 
 
-def _of_march(run: xr.Dataset) -> Iterator[Keyed]:
+def _of_march(run: xr.Dataset, beside: lines.Beside) -> Iterator[Keyed]:
     """Yield energies, steps, errors, and how well events were located."""
     if _drawn(run, "total_energy"):
-        yield "energy", ["total_energy"], partial(energy.draw, run)
+        yield "energy", ["total_energy"], partial(energy.draw, run, beside)
     if _drawn(run, "step_size", "trial_reason", "trial_step_size", "trial_time") and not _is_steady(run):
         yield "steps", ["step_size"], partial(control.steps, run)
     if _drawn(run, "error_norm"):

@@ -23,6 +23,7 @@ Panel = Callable[["Axes"], None]
 FORMATS = (".png", ".svg", ".pdf")
 WIDTH, MOST_LINES = 190, 3  # of the text below
 HEIGHT = 2.9  # inches
+LEAST = (2.4, 1.6)  # inches of a panel, with its labels
 DPI = 130
 LIGHT: Any = {"grid.color": "#e3e3e3"}
 DARK: Any = {
@@ -42,6 +43,8 @@ def sheet(
 
     columns = min(2, len(panels))
     rows = (len(panels) + 1) // 2
+    if size is not None and (size[0] / columns < LEAST[0] or size[1] / rows < LEAST[1]):
+        raise InputError(f"size {size[0]:g}x{size[1]:g} leaves {size[0] / columns:.2g} by {size[1] / rows:.2g} inches for each of {len(panels)} panels, needs {LEAST[0]:g} by {LEAST[1]:g}; draw fewer with only, or give more room")  # fmt: skip
     figure = Figure(figsize=size or (11, height * rows + 0.7), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes in grid.flat[len(panels) :]:

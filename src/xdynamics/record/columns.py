@@ -47,8 +47,7 @@ def _without_time(one: Column) -> Column:
     about = one.variable
     if about.units != SECONDS.text:
         return one
-    more = {key: value for key, value in about.more.items() if key != "standard_name"}
-    return replace(one, variable=replace(about, units=NUMBERS.text, more=more))
+    return replace(one, variable=replace(about, units=NUMBERS.text))
 
 
 def constants(march: March) -> list[tuple[Variable, Any]]:

@@ -46,6 +46,7 @@ def compare(
     times: Sequence[float] | Floats | float | str | None = None,
     *,
     functions: Functions | None = None,
+    gaps: str = "refuse",
 ) -> xr.Dataset:
     """Compare two runs of any steps, or a run with measured data.
 
@@ -59,6 +60,9 @@ def compare(
         a variable `time`, units as attributes, and uncertainties as `u_y`.
     times : array_like of float, shape (n,), s, optional
         Where to compare; by default at every accepted time of either run that both reach. Data have their own.
+    gaps : {"refuse", "skip"}
+        Of measured data: whether rows in which a number is missing are refused or left out. Columns of what the run does
+        not have are left out (`data_left_out`).
     functions : mapping of str to callable, optional
         The Python functions that the models' forces call.
 
@@ -93,7 +97,7 @@ def compare(
     if "model_toml" not in first.variables:
         raise InputError("compare needs the model of the run, and 'model_toml' was left out")
     if is_measured(second):
-        return residuals(first, second, functions)
+        return residuals(first, second, functions, gaps)
     _check(second)
     if "model_toml" not in second.variables:
         raise InputError("compare needs the models of both runs, and 'model_toml' was left out of the second")
@@ -304,7 +308,8 @@ def _short(text: str) -> str:
 def lines_of(table: xr.Dataset) -> list[str]:
     """Say what `compare` found, in lines."""
     if "identical" not in table.attrs:
-        return [*_largest(table)]
+        left_out = str(table.attrs.get("data_left_out", ""))
+        return [*_largest(table), *([f"left out  {left_out}: nothing that the run has"] if left_out else [])]
     if table.attrs["identical"]:
         return [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
     apart = int((table["same"] == 0).sum())

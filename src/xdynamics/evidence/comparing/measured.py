@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Container, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -17,8 +17,9 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.inside import model_of
 from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.faults import InputError, Ledger
+from xdynamics.model.drives import GAPS, REFUSE, SKIP
 from xdynamics.model.reach import ANYWHERE, Reach
-from xdynamics.model.sheet import Sheet, shown, title
+from xdynamics.model.sheet import Sheet, Title, shown, title
 from xdynamics.schema import AT, AT_TIME, EVIDENCE
 from xdynamics.units import TIME, Unit, parse_unit
 
@@ -43,12 +44,15 @@ class Measured:
     values : dict of str to (ndarray, Unit)
     uncertainties : dict of str to (ndarray, Unit)
         Standard ones.
+    left_out : tuple of str
+        Columns that are nothing that is known.
     """
 
     name: str
     times: Floats
     values: dict[str, tuple[Floats, Unit]]
     uncertainties: dict[str, tuple[Floats, Unit]]
+    left_out: tuple[str, ...] = ()
 
 
 def is_measured(given: Any) -> bool:
@@ -59,27 +63,40 @@ def is_measured(given: Any) -> bool:
     return "row_kind" not in getattr(given, "variables", ("row_kind",)) and EVIDENCE not in about
 
 
-def measured(given: Any) -> Measured:
+def measured(given: Any, known: Container[str] | None = None, gaps: str = REFUSE) -> Measured:
     """Read measured data.
+
+    Parameters
+    ----------
+    given : str, Path, DataFrame or Dataset
+    known : container of str, optional
+        Names that are wanted: other columns are left out, whatever stands in them.
+    gaps : {"refuse", "skip"}
+        What is done with rows in which a number is missing.
 
     Raises
     ------
     InputError
         With every column that cannot be used.
     """
+    if gaps not in GAPS:
+        raise InputError(f"gaps is {gaps!r}; there are {', '.join(GAPS)}")
     if isinstance(given, str | Path):
-        return _of_file(Path(given))
+        return _of_file(Path(given), known, skip=gaps == SKIP)
     if hasattr(given, "columns"):
         table = given.reset_index() if given.index.name else given
-        return _of_columns("the DataFrame", {str(name): table[name].to_numpy() for name in table.columns})
+        columns = {str(name): table[name].to_numpy() for name in table.columns}
+        return _of_columns("the DataFrame", columns, known, skip=gaps == SKIP)
     return _of_dataset(given)
 
 
-def residuals(run: xr.Dataset, given: Any, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
+def residuals(
+    run: xr.Dataset, given: Any, functions: Mapping[str, Callable[..., float]] | None, gaps: str = REFUSE
+) -> xr.Dataset:
     """Compare a run with measured data; see `compare`."""
-    data = measured(given)
     model = model_of(run, functions)
     known = [name for name in observables_of(model) if name in run.variables]
+    data = measured(given, known, gaps)
     ledger = Ledger(data.name)
     for name, (_, unit) in data.values.items():
         if name not in known:
@@ -99,7 +116,13 @@ def residuals(run: xr.Dataset, given: Any, functions: Mapping[str, Callable[...,
     for name in names:
         variables |= _residuals(name, str(run[name].attrs["units"]), *found[name], data)
     title = f"{run.attrs['title']}, beside {data.name}"
-    return exhibit("comparison", title, [archive.digest_of_run(run)], variables, {"data": data.name})
+    return exhibit(
+        "comparison",
+        title,
+        [archive.digest_of_run(run)],
+        variables,
+        {"data": data.name, "data_left_out": ", ".join(data.left_out)},
+    )
 
 
 def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Measured) -> dict[str, Any]:
@@ -127,29 +150,54 @@ def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Me
     return found
 
 
-def _of_file(path: Path) -> Measured:
+def _of_file(path: Path, known: Container[str] | None, *, skip: bool) -> Measured:
     """Read the columns of a CSV file."""
     sheet = Sheet.of(path.name, Reach(path.parent, ANYWHERE).text_of(path.name))
-    titles = sheet.titles()
-    rows = sheet.numbers(range(len(titles)))
+    titles, left_out = _titles(f"'{path.name}' ({sheet.found})", sheet.header, known)
+    rows = sheet.numbers([*titles], skip=skip)
     if not rows:
         raise InputError(f"'{path}' has no rows; it needs a header like 'time [s],y [m]' and numbers below")
     columns = np.array([row for _, row in rows]).T
-    return _sorted_out(f"'{path.name}'", {one.name: (column, one.unit) for one, column in zip(titles, columns, strict=True)})  # fmt: skip
+    read = {one.name: (column, one.unit) for one, column in zip(titles.values(), columns, strict=True)}
+    return _sorted_out(f"'{path.name}'", read, left_out)
 
 
-def _of_columns(name: str, columns: Mapping[str, Any]) -> Measured:
+def _of_columns(name: str, columns: Mapping[str, Any], known: Container[str] | None, *, skip: bool) -> Measured:
     """Read columns by their headers, ``y [mm]`` and ``u(y) [mm]``."""
-    ledger = Ledger(name)
-    read: dict[str, tuple[Floats, Unit]] = {}
-    for header, cells in columns.items():
-        with ledger.entry(f"column {shown(header)}"):
-            said = title(header)
-            if said.name in read:
-                raise InputError(f"'{said.name}' stands there twice")
-            read[said.name] = _numbers(cells), said.unit
+    titles, left_out = _titles(name, tuple(columns), known)
+    cells = [np.asarray(one) for one in columns.values()]
+    if skip:
+        whole = ~np.any([np.isnan(cells[k]) for k in titles if cells[k].dtype.kind == "f"], axis=0)
+        cells = [one[whole] for one in cells]
+    ledger, read = Ledger(name), {}
+    for k, one in titles.items():
+        with ledger.entry(f"column {shown([*columns][k])}"):
+            read[one.name] = _numbers(cells[k]), one.unit
     ledger.settle()
-    return _sorted_out(name, read)
+    return _sorted_out(name, read, left_out)
+
+
+def _titles(name: str, header: Sequence[str], known: Container[str] | None) -> tuple[dict[int, Title], tuple[str, ...]]:
+    """Return the columns that are wanted, by their place, and those that are left out."""
+    ledger, left_out = Ledger(name), []
+    found: dict[int, Title] = {}
+    words = [re.split(r"[\[/]", cell)[0].strip() for cell in header]
+    bares = [word.removeprefix("u(").split("(")[0].removesuffix(")").strip() for word in words]
+    for k, (cell, word, bare) in enumerate(zip(header, words, bares, strict=True)):
+        if word.startswith("u(") and bares.count(bare) < 2:
+            ledger.note(f"u({bare}) is the uncertainty of a column that is not there")
+        elif known is not None and bare not in known and bare.lower() not in TIMES:
+            left_out.append(cell.strip())
+            continue
+        with ledger.entry(f"column {shown(cell)}"):
+            one = title(cell)
+            if one.name in {each.name for each in found.values()}:
+                raise InputError(f"'{one.name}' stands there twice")
+            found[k] = one
+    ledger.settle()
+    if isinstance(known, Sequence) and left_out and not any(one.name in known for one in found.values()):
+        raise InputError(f"{name}: column '{left_out[0]}' is nothing that is known; there are {', '.join(known)}")
+    return found, tuple(left_out)
 
 
 def _of_dataset(given: Any) -> Measured:
@@ -201,7 +249,7 @@ def _is_number(cell: Any) -> bool:
         return False
 
 
-def _sorted_out(name: str, read: dict[str, tuple[Floats, Unit]]) -> Measured:
+def _sorted_out(name: str, read: dict[str, tuple[Floats, Unit]], left_out: tuple[str, ...] = ()) -> Measured:
     """Tell times, values and uncertainties apart."""
     said: Hashable = next((one for one in read if one.lower() in TIMES), None)
     if said is None:
@@ -222,6 +270,7 @@ def _sorted_out(name: str, read: dict[str, tuple[Floats, Unit]]) -> Measured:
                 f"u({key}) is {float(numbers.min())!r} in row {int(np.argmin(numbers)) + 1}, needs a positive number"
             )
     if not values or not times.size:
-        ledger.note("has no column beside the times" if times.size else "has no rows")
+        others = f", of those that are known; it has {', '.join(left_out)}" if left_out else ""
+        ledger.note(f"has no column beside the times{others}" if times.size else "has no rows")
     ledger.settle()
-    return Measured(name, times * float(unit.factor), values, doubts)
+    return Measured(name, times * float(unit.factor), values, doubts, left_out)
