@@ -196,3 +196,52 @@ def test_a_size_that_is_too_small_is_refused(orbit: xr.Dataset) -> None:
     ):
         xd.plot(orbit, size=(4, 3))
     assert tuple(xd.plot(orbit, only="plane", size=(4, 3)).get_size_inches()) == (4.0, 3.0)
+
+
+def driven(**more: Any) -> xd.Model:
+    """A damped oscillator that settles into its drive, as an angle that goes round."""
+    given: dict[str, Any] = {
+        "name": "driven", "time": {"unit": "1"}, "coordinates": {"theta": "degree"}, "parameters": {"w": "2"}, "mass": {"theta": "1"},
+        "forces": {"spring": {"theta": "-4*(theta - 3*t)"}, "damping": {"theta": "-2*(v_theta - 3)"}, "drive": {"theta": "cos(w*t)"}},
+        "initial": {"theta": "0 degree", "v_theta": "3"}, "figure": {"section": "2*pi/w", "wrap": ["theta"]}, "run": {"method": "dop853", "rtol": 1e-10, "until": "60"},
+    }  # fmt: skip
+    return xd.Model(**given | more)
+
+
+def test_a_section_has_a_dot_in_each_period() -> None:
+    """Assert velocities of the section against the closed form, 3 + cos(w t)/2 once it has settled, and angles that are wrapped."""
+    axes = next(
+        one
+        for one in xd.plot(xd.simulate(driven())).axes
+        if one.get_title(loc="left").startswith("Poincare section, 19 periods of 3.14159")
+    )
+    position, speed = axes.lines[0].get_data()
+    assert len(position) == 19
+    assert np.abs(position).max() <= 180.0
+    assert np.asarray(speed)[-3:] == pytest.approx(np.full(3, np.degrees(3.5)), rel=1e-6)
+
+
+def test_wrapped_angles_are_torn_where_they_jump() -> None:
+    """Assert that no line joins both sides of half a turn."""
+    axes = xd.plot(xd.simulate(driven()), only="trajectory").axes[0]
+    values = np.asarray(axes.lines[-1].get_ydata())
+    assert np.nanmax(np.abs(values)) <= 180.0
+    assert np.isnan(values).sum() > 20
+    assert np.nanmax(np.abs(np.diff(values))) < 180.0
+
+
+@pytest.mark.parametrize(
+    ("figure", "said"),
+    [
+        ({"section": "w"}, None), ({"section": "2*second"}, "figure: section: has units 's', needs a period in '1'"),
+        ({"section": "theta"}, "section: reads 'theta'; a period is of parameters"), ({"wrap": ["x"]}, "wrap has 'x', which is no angle"),
+        ({"wrap": "theta"}, "wrap is 'theta', needs a list of angles"),
+    ],
+)  # fmt: skip
+def test_sections_that_are_none(figure: dict[str, Any], said: str | None) -> None:
+    """Assert that a period of another unit, or of what moves, and no angle, are refused."""
+    if said is None:
+        assert xd.Model.from_text(driven(figure=figure).to_toml()) == driven(figure=figure)
+        return
+    with pytest.raises(xd.ModelError, match=said):
+        driven(figure=figure)

@@ -72,6 +72,11 @@ height = { expression = "-l*cos(theta)", unit = "cm", description = "of the bob 
 [initial]                     # where it starts; a velocity that is not there is 0
 theta = "30 degree"
 
+[figure]                      # what pictures show: where the bob is, a dot in each period of the torque
+plane = ["l*sin(theta)", "-l*cos(theta)"]
+section = "2*pi/w"
+wrap = ["theta"]
+
 [run]                         # defaults of `xdynamics run`
 method = "dop853"
 rtol = 1e-9

@@ -10,12 +10,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.evidence.inside import model_of
+from xdynamics.evidence.sampling import sample
+from xdynamics.expressions.evaluation import evaluate
 from xdynamics.figures.curves import between, paired, thinned
 from xdynamics.figures.marks import COLOURS, mark_events, shade_regimes, typeset, words
 from xdynamics.model.drives import looked_up
-from xdynamics.model.motion import tables_of
+from xdynamics.model.motion import constants, tables_of
 from xdynamics.record.kinds import is_whole
 from xdynamics.schema import STEPS, velocity
+from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +30,7 @@ Beside = Sequence[tuple[str, Mapping[str, tuple[Floats, Floats, Floats | None]]]
 FEW_ROWS = 400  # up to which every accepted state is a dot
 LONGEST_LABEL = 24  # characters
 MOST_NAMED = 8  # lines in a legend
+MOST_DOTS = 20_000  # of a section
 MOST_LINES = 6  # in one panel; more are a map
 COLUMNS = 800  # of a map
 LATE = 0.01  # of the span, before which half of the rows are where time is drawn on a logarithmic axis
@@ -44,6 +48,9 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
     for colour, name in zip(cycled(names), names, strict=True):
         values, curve, shown = run[name].values, between(run, name), words(name)
         rows, dots = thinned(values), "." if run.sizes[STEPS] < FEW_ROWS else ""
+        if name in wraps(run):
+            values, units = wrapped(values, str(run[name].attrs["units"])), str(run[name].attrs["units"])
+            curve = (curve[0], torn(curve[1], units)) if curve is not None else (time, torn(run[name].values, units))
         if curve is None:
             axes.plot(time[rows], values[rows], dots + "-", color=colour, linewidth=1.2, markersize=4, label=shown)
         else:
@@ -137,6 +144,46 @@ def struck(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     _legend(axes, names)
 
 
+def turn(units: str) -> float:
+    """Return how much a whole turn is in a unit of angles."""
+    return 2.0 * np.pi / float(parse_unit(units).factor)
+
+
+def wrapped(values: Floats, units: str) -> Floats:
+    """Return angles within half a turn to either side."""
+    whole = turn(units)
+    found: Floats = values - whole * np.round(values / whole)
+    return found
+
+
+def torn(values: Floats, units: str) -> Floats:
+    """Return wrapped angles with a gap where they jump, so that no line joins both sides."""
+    found = wrapped(values, units)
+    found[1:][np.abs(np.diff(found)) > turn(units) / 2.0] = np.nan
+    return found
+
+
+def wraps(run: xr.Dataset) -> tuple[str, ...]:
+    """Name the angles that a run's model wants wrapped."""
+    return model_of(run, None).pictured.wrap if "model_toml" in run else ()
+
+
+def section(run: xr.Dataset, names: list[str], axes: Axes) -> None:
+    """Draw Poincare's section: velocities against positions, once in each period."""
+    model = model_of(run, None)
+    period = float(evaluate(model.expanded(model.pictured.section), constants(model)))  # type: ignore[arg-type]
+    time = run["time"].values
+    times = time[0] + period * np.arange(1, min(MOST_DOTS, int((time[-1] - time[0]) / period * (1 + 1e-12))) + 1)
+    states = sample(run, times[times <= time[-1]], functions=model.functions)
+    for colour, name in zip(cycled(names), names, strict=True):
+        units = str(run[name].attrs["units"])
+        position = wrapped(states[name].values, units) if name in model.pictured.wrap else states[name].values
+        axes.plot(position, states[velocity(name)].values, ".", color=colour, markersize=2.5, label=words(name))
+    axes.set(xlabel=words(f"{_joined(names)} ({run[names[0]].attrs['units']})"), ylabel=words(f"{_joined([velocity(one) for one in names])} ({run[velocity(names[0])].attrs['units']})"))  # fmt: skip
+    axes.set_title(f"Poincare section, {states.sizes['at']} periods of {period:.6g}", loc="left", fontsize=10)
+    _legend(axes, names)
+
+
 def phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Draw velocities against positions."""
     for colour, name in zip(cycled(names), names, strict=True):
@@ -145,6 +192,9 @@ def phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
         drawn = position[rows], speed[rows]
         if (there := between(run, name)) is not None and (then := between(run, velocity(name))) is not None:
             drawn = there[1], then[1]
+        if name in wraps(run):
+            drawn = torn(drawn[0], str(run[name].attrs["units"])), drawn[1]
+            position = wrapped(position, str(run[name].attrs["units"]))
         axes.plot(*drawn, color=colour, linewidth=1.0, label=words(name))
         axes.plot(position[:1], speed[:1], "o", color=colour, markersize=4)
     units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]

@@ -59,7 +59,7 @@ class Path:
 def views(run: xr.Dataset) -> list[list[Path]]:
     """Return what is seen in each view of the plane: bodies together, or coordinates from each side."""
     model = _model(run)
-    if model is not None and model.plane:
+    if model is not None and model.pictured.plane:
         return [_named(run, model)[:MOST_BODIES]]
     groups: dict[str, list[str]] = {}
     for name, one in run.data_vars.items():
@@ -144,7 +144,7 @@ def _named(run: xr.Dataset, model: Model) -> list[Path]:
         state[name] = values * float(one.unit.factor)
     known = dict(constants(model)) | state | {"t": times}
     found = []
-    for pair in model.plane:
+    for pair in model.pictured.plane:
         unit = spell(dimension_of(model.expanded(pair[0]), model.dimensions))
         x, y = (np.broadcast_to(evaluate_many(model.expanded(one), known), times.shape) for one in pair)
         found.append(Path(text_of(pair[0]), text_of(pair[1]), unit.text, times, x, y))

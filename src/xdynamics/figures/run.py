@@ -14,11 +14,25 @@ from xdynamics.figures import control, energy, lines, plane
 from xdynamics.figures.beside import beside_of
 from xdynamics.figures.sheet import Panel
 from xdynamics.record import check
+from xdynamics.record.kinds import is_whole
 from xdynamics.schema import STEPS, velocity
 
 FEWEST_LOCATED = 3  # events, from which on a panel tells more than their list
 # words by which panels are chosen, besides the names of variables
-KINDS = ("plane", "trajectory", "velocity", "state", "contact", "drive", "phase", "energy", "steps", "errors", "events")
+KINDS = (
+    "plane",
+    "trajectory",
+    "velocity",
+    "state",
+    "contact",
+    "drive",
+    "phase",
+    "section",
+    "energy",
+    "steps",
+    "errors",
+    "events",
+)
 
 Keyed = tuple[str, list[str], Panel]  # what kind of panel, which variables, how it is drawn
 
@@ -103,6 +117,8 @@ def _of_forces(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | No
     for names in _by_unit(run, [name for name in coordinates if _drawn(run, velocity(name))]):
         if len(names) <= lines.MOST_LINES:
             yield "phase", [], partial(lines.phase, run, names)
+            if _is_driven(run):
+                yield "section", [], partial(lines.section, run, names)
 
 
 def _of_march(run: xr.Dataset, beside: lines.Beside) -> Iterator[Keyed]:
@@ -140,6 +156,13 @@ def _drives(run: xr.Dataset) -> list[list[str]]:
         if one.argument == "t" or one.argument in run:
             groups.setdefault(one.table.value_unit.text, []).append(name)
     return list(groups.values())
+
+
+def _is_driven(run: xr.Dataset) -> bool:
+    """Whether the run's model names the period of a section, and the run is whole and has one."""
+    if "model_toml" not in run or not is_whole(run.attrs):
+        return False
+    return model_of(run, None).pictured.section is not None
 
 
 def _is_steady(run: xr.Dataset) -> bool:

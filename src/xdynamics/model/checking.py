@@ -69,15 +69,7 @@ def check(statement: Statement) -> dict[str, Dimension]:
             spell(found)
             if chosen and chosen.unit and chosen.unit.dimension != found:
                 raise InputError(f"has units '{found}', and is to be in '{chosen.unit.text}'")
-    for k, pair in enumerate(statement.plane, 1):
-        with ledger.entry(f"figure: pair {k} of plane"):
-            across, up = (dimension_of(one, known) for one in pair)
-            if across != up:
-                raise InputError(f"is across in '{across}' and up in '{up}'; both need one unit")
-            moving = {*statement.states, *statement.drives, *map(velocity, statement.coordinates)}
-            read = set().union(*(free_names(expand(one, statement.definitions)) for one in pair))
-            if strange := sorted(read & moving):
-                raise InputError(f"reads '{strange[0]}'; a place in the plane is of coordinates, t and parameters")
+    _check_pictured(statement, known, ledger)
     check_validation(statement, known, ledger)
     _check_spreads(statement, known | accelerations, ledger)
     ledger.settle()
@@ -315,3 +307,27 @@ def _needs(ledger: Ledger, what: str, node: Node, known: Mapping[str, Dimension]
     if found != needed and node != Number(0.0):
         column = getattr(node, "column", 1) or 1
         ledger.note(f"{what} has units '{found}', needs '{needed}' (column {column}: {shown(node)})")
+
+
+def _check_pictured(statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Check what pictures are to show: places of one unit, a period of parameters, angles."""
+    for k, pair in enumerate(statement.pictured.plane, 1):
+        with ledger.entry(f"figure: pair {k} of plane"):
+            across, up = (dimension_of(one, known) for one in pair)
+            if across != up:
+                raise InputError(f"is across in '{across}' and up in '{up}'; both need one unit")
+            moving = {*statement.states, *statement.drives, *map(velocity, statement.coordinates)}
+            read = set().union(*(free_names(expand(one, statement.definitions)) for one in pair))
+            if strange := sorted(read & moving):
+                raise InputError(f"reads '{strange[0]}'; a place in the plane is of coordinates, t and parameters")
+    with ledger.entry("figure: section"):
+        if (section := statement.pictured.section) is not None:
+            found = dimension_of(section, known)
+            if found != statement.time_unit.dimension:
+                raise InputError(f"has units '{found}', needs a period in '{statement.time_unit.text}'")
+            read = free_names(expand(section, statement.definitions))
+            if strange := sorted(read - {*statement.parameters, *CONSTANTS, "pi"}):
+                raise InputError(f"reads '{strange[0]}'; a period is of parameters")
+    for name in statement.pictured.wrap:
+        if name not in statement.coordinates or known[name] != NONE:
+            ledger.note(f"figure: wrap has '{name}', which is no angle among the coordinates")

@@ -238,8 +238,12 @@ SECTIONS: dict[str, Section] = {
     ),
     "figure": Section(
         "what pictures and animations show of the motion in a plane", "",
-        (Key("plane", "pair of expressions of one unit, or a list of pairs", "where bodies are, across and up: of coordinates, t and parameters", NEEDED),),
-        '[figure]\nplane = [["x", "0*metre"], ["x + l*sin(theta)", "-l*cos(theta)"]]\n',
+        (
+            Key("plane", "pair of expressions of one unit, or a list of pairs", "where bodies are, across and up: of coordinates, t and parameters", "the coordinates"),
+            Key("section", "expression of parameters, s", "the period of a drive: Poincare's section has a dot in each", "none"),
+            Key("wrap", "list of angles", "drawn within half a turn to either side", "none"),
+        ),
+        '[figure]\nplane = [["x", "0*metre"], ["x + l*sin(theta)", "-l*cos(theta)"]]\nsection = "2*pi*sqrt(m/k)"\nwrap = ["theta"]\n',
         "without it two coordinates of one unit are a plane, and three are seen from three sides",
     ),
     "time": Section(

@@ -27,6 +27,7 @@ from xdynamics.model.parts import (
     Function,
     Observable,
     Parameter,
+    Pictured,
     Regime,
     State,
     Validation,
@@ -96,7 +97,7 @@ class Model:
     correlations: dict[tuple[str, str], float]
     discrepancy: dict[str, Discrepancy]
     time_unit: Unit
-    plane: tuple[tuple[Node, Node], ...]
+    pictured: Pictured
     lagrangian: Lagrangian | None
     dimensions: dict[str, Dimension]
     file: Path | None = None  # that it was read from
@@ -265,7 +266,7 @@ class Model:
         initial = {name: Quantity(0.0, one.unit) for name, one in self.initial.items()}
         said = replace(
             self.statement, name="", description="", parameters=parameters, initial=initial, starts={}, observed={}, run={},
-            validation={}, correlations={}, discrepancy={}, plane=(),
+            validation={}, correlations={}, discrepancy={}, pictured=Pictured(),
         )  # fmt: skip
         return toml.write(said)
 

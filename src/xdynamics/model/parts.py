@@ -231,6 +231,25 @@ class Observable:
 
 
 @dataclass(frozen=True)
+class Pictured:
+    """What pictures show of a motion.
+
+    Attributes
+    ----------
+    plane : tuple of (Node, Node)
+        Where bodies are, across and up.
+    section : Node, optional
+        The period of Poincare's section.
+    wrap : tuple of str
+        Angles that are drawn within half a turn to either side.
+    """
+
+    plane: tuple[tuple[Node, Node], ...] = ()
+    section: Node | None = None
+    wrap: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Validation:
     """What a quantity of a run is to be.
 

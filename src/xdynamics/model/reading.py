@@ -21,6 +21,7 @@ from xdynamics.model.parts import (
     Function,
     Observable,
     Parameter,
+    Pictured,
     State,
 )
 from xdynamics.model.python import Functions, expression_or_function
@@ -106,7 +107,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
         parts["correlations"] = correlations_of(sections["correlations"])
     parts["discrepancy"] = entries("discrepancy", "discrepancy", _discrepancy)
     with ledger.entry("figure"):
-        parts["plane"] = _plane(sections["figure"])
+        parts["pictured"] = _pictured(sections["figure"])
     parts["run"] = _run(sections["run"], parts["time_unit"], ledger)
     with ledger.entry("lagrangian"):
         parts["lagrangian"] = lagrangian(sections["lagrangian"])
@@ -156,11 +157,16 @@ def _parameter(given: Any) -> Parameter:
     return Parameter(quantity, spread_of(given, quantity), described(given))
 
 
-def _plane(given: Mapping[str, Any]) -> tuple[tuple[Node, Node], ...]:
-    if not given:
-        return ()
+def _pictured(given: Mapping[str, Any]) -> Pictured:
     keys_of("figure", given)
-    row = given["plane"]
+    wrap = given.get("wrap", [])
+    if not isinstance(wrap, list | tuple) or not all(isinstance(one, str) for one in wrap):
+        raise InputError(f'wrap is {wrap!r}, needs a list of angles, like ["theta"]')
+    section = parse(given["section"]) if "section" in given else None
+    return Pictured(_plane(given["plane"]) if "plane" in given else (), section, tuple(wrap))
+
+
+def _plane(row: Any) -> tuple[tuple[Node, Node], ...]:
     pairs = [row] if isinstance(row, list | tuple) and all(isinstance(one, str) for one in row) else row
     if not isinstance(pairs, list | tuple) or not pairs or any(not isinstance(one, list | tuple) or len(one) != 2 for one in pairs):  # fmt: skip
         raise InputError(f'plane is {row!r}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs')  # fmt: skip

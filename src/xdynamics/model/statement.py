@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +19,7 @@ from xdynamics.model.parts import (
     Function,
     Observable,
     Parameter,
+    Pictured,
     Regime,
     State,
     Validation,
@@ -54,7 +55,7 @@ class Statement:
     correlations: dict[tuple[str, str], float]
     discrepancy: dict[str, Discrepancy]
     time_unit: Unit = SECONDS
-    plane: tuple[tuple[Node, Node], ...] = ()  # where bodies are, for pictures
+    pictured: Pictured = field(default_factory=Pictured)  # what pictures show
     lagrangian: Lagrangian | None = None  # from which the mass and some forces are derived
 
     @cached_property

@@ -9,7 +9,7 @@ from typing import Any
 from xdynamics.expressions import text_of
 from xdynamics.model.drives import REFUSE
 from xdynamics.model.lagrangian import TERMS
-from xdynamics.model.parts import Contact, Event, Friction, Function, Validation
+from xdynamics.model.parts import Contact, Event, Friction, Function, Pictured, Validation
 from xdynamics.model.spread import NORMAL, RECTANGULAR
 from xdynamics.model.statement import Statement
 from xdynamics.units import Quantity
@@ -73,8 +73,7 @@ def write(statement: Statement) -> str:
         name: _described({"standard": str(one.standard)}, one) for name, one in statement.discrepancy.items()
     }
     _section(lines, "discrepancy", discrepancy)
-    plane = [[text_of(one) for one in pair] for pair in statement.plane]
-    _section(lines, "figure", {"plane": plane} if plane else {})
+    _section(lines, "figure", _pictured(statement.pictured))
     _section(lines, "run", statement.run)
     return "\n".join(lines) + "\n"
 
@@ -108,6 +107,12 @@ def _observable(statement: Statement, name: str) -> str | dict[str, Any]:
     if about is None:
         return text
     return _described({"expression": text} | ({"unit": about.unit.text} if about.unit else {}), about)
+
+
+def _pictured(given: Pictured) -> dict[str, Any]:
+    body: dict[str, Any] = {"plane": [[text_of(one) for one in pair] for pair in given.plane]} if given.plane else {}
+    body |= {} if given.section is None else {"section": text_of(given.section)}
+    return body | ({"wrap": list(given.wrap)} if given.wrap else {})
 
 
 def _correlations(statement: Statement) -> dict[str, dict[str, float]]:
