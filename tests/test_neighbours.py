@@ -81,9 +81,8 @@ def test_cf_xarray_finds_time(run: xr.Dataset) -> None:
     import cf_xarray  # noqa: F401
 
     assert run.cf["time"].name == "time"
-    assert run.cf.guess_coord_axis().cf.axes == {
-        "T": ["time"]
-    }  # an axis attribute would ask for dates, of CF's checkers
+    assert run.cf.axes == {"T": ["time"]}
+    assert xd.sample(run, [1.0, 2.0]).cf.axes == {"T": ["at_time"]}
 
 
 def test_the_engine_verifies(run: xr.Dataset, tmp_path: Path) -> None:
@@ -130,3 +129,14 @@ def test_an_opened_run_has_its_accessor(run: xr.Dataset, tmp_path: Path) -> None
     script = f"import xdynamics as xd; print(xd.open_run({str(path)!r}).dynamics.events('apex').sizes['event'])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["1"]
+
+
+def test_pint_xarray_needs_no_other_word() -> None:
+    """Assert `run.pint.quantify()` of a whole run, without cf-xarray, where pint-xarray was imported beside."""
+    script = (
+        "import warnings; warnings.simplefilter('ignore'); import pint_xarray, xdynamics as xd;"
+        f"run = xd.simulate(xd.Model.from_toml({str(MODELS / 'ball_drag.toml')!r}), method='dop853', rtol=1e-6);"
+        "print(run.pint.quantify().a_y.pint.units, xd.sample(run.pint.quantify(), [1.0]).y.pint.units)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "meter / second ** 2 meter"

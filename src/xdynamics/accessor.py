@@ -12,7 +12,7 @@ from xdynamics.archive import digest_of_run
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
-from xdynamics.quantified import is_quantified, plain, quantified
+from xdynamics.quantified import is_quantified, plain, quantified, teach
 from xdynamics.record import check_kind
 from xdynamics.record.words import words_of
 from xdynamics.schema import BOUNDS, EVENTS, STEPS
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     import pandas as pd
     from matplotlib.figure import Figure
+
+teach()  # whoever imported pint-xarray too
 
 ENDS = ("lower", "upper")
 OF_STATES = ("coordinate", "velocity", "state", "acceleration")
@@ -45,6 +47,7 @@ class Dynamics:
     """
 
     def __init__(self, run: xr.Dataset) -> None:
+        teach()
         self._given = run
         self._run = plain(run) if is_quantified(run) else run
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Mapping
 from functools import wraps
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 UNITS = "units"
+_POWER = re.compile(r"(?<=[A-Za-z])(-?[0-9]+)(?=\s|$)")
 AS_RECORDED = "recorded_units"  # how a unit was spelled: pint puts its parts into an order of its own
 
 
@@ -26,6 +28,21 @@ def is_quantified(given: Any) -> bool:
 
 def _has_unit(variable: Any) -> bool:
     return type(variable._data).__module__.startswith("pint")  # noqa: SLF001 - `.data` would read what is lazy
+
+
+def teach() -> None:
+    """Teach pint, where it is loaded, to read powers as records spell them: ``m s-1``."""
+    if "pint" not in sys.modules:
+        return
+    import pint
+
+    known = pint.application_registry.preprocessors
+    if _with_stars not in known:
+        known.append(_with_stars)
+
+
+def _with_stars(units: str) -> str:
+    return _POWER.sub(r"**\1", units)
 
 
 def quantified(run: xr.Dataset) -> xr.Dataset:

@@ -193,8 +193,10 @@ def sampled(name: str) -> str:
     return f"sample_{name}"
 
 
+# by which tools find the axis of time, Unidata's word: CF's own, `axis`, stands for dates since an epoch alone
+AXIS = {"_CoordinateAxisType": "Time"}
 FIXED_STEPS = (
-    Variable("time", (STEPS,), "f8", "s", "time of the accepted state", "time"),
+    Variable("time", (STEPS,), "f8", "s", "time of the accepted state", "time", AXIS),
     Variable("step_size", (STEPS,), "f8", "s", "step used to reach the state; 0 for the initial one and after an event", "step_size"),
     Variable("row_kind", (STEPS,), "i1", "1", "how the state was reached", "flag", flags(dict(enumerate(ROW_KINDS)))),
 )  # fmt: skip

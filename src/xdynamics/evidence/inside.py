@@ -130,7 +130,7 @@ class Inside:
             said = {"units": about["units"], "long_name": f"error of {name}: {ROUTE}", "role": "error"}
             variables[error] = xr.Variable((AT,), found[len(layout.used) + i], said)
         told = {"units": str(run["time"].attrs["units"]), "long_name": "wanted time", "role": "time"}
-        variables[AT_TIME] = xr.Variable((AT,), times, told)
+        variables[AT_TIME] = xr.Variable((AT,), times, told | schema.AXIS)
         variables["row"] = xr.Variable(
             (AT,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
         )

@@ -137,6 +137,8 @@ class Model:
             text = decoded(read_bounded(path, LARGEST_FILE))
         except OSError as error:
             raise ModelError(f"model file '{path}' cannot be read: {error.strerror or error}") from None
+        except InputError as error:
+            raise ModelError(f"model file '{path}' cannot be read: {error}") from None
         except ValueError:
             raise ModelError(f"model file '{path}' cannot be read: it is no text in UTF-8; archives are shown by `xdynamics show`") from None  # fmt: skip
         model = cls._parsed(text, path, functions, Reach(path.parent, tables))
