@@ -21,6 +21,7 @@ MOST_LABELLED = 12
 MOST_BANDS = 400  # of regimes; what changes more often is not told apart
 SHORTEST_NAMED = 0.08  # of the span, for a regime to be named in its band
 CROWDED = 0.2  # of the span: names nearer than this to the one before stand above it, or below it near the top
+RIGHT = 0.85  # of the span, from where on they stand to the left
 TOP = 0.75  # of a panel, from where on names stand below
 MARKERS = {
     "impact": "v",
@@ -124,9 +125,11 @@ def _name(run: xr.Dataset, labels: dict[int, list[str]], names: list[str], axes:
         value = float(run[_told_by(run, named[0].split()[0], names)][row])
         low, high = axes.get_ylim()
         shift = -13 - 9 * level if value > low + TOP * (high - low) else 5 + 9 * level
+        last = span > 0.0 and time[row] - time[0] > RIGHT * span  # or the name would leave the frame
         axes.annotate(
-            words(", ".join(named)), (time[row], value), textcoords="offset points", xytext=(5, shift), fontsize=7.5
-        )
+            words(", ".join(named)), (time[row], value), textcoords="offset points", fontsize=7.5,
+            xytext=(-6 if last else 5, shift), ha="right" if last else "left",
+        )  # fmt: skip
 
 
 def _told_by(run: xr.Dataset, detector: str, names: list[str]) -> str:
