@@ -25,6 +25,7 @@ PLAIN = "time [ms],force [mN]\n0,1.5\n10,2.25\n20,-3\n"
         "time (ms)\tforce (mN)\n0\t1.5\n10\t2.25\n20\t-3\n",
         "Time/ms;force / mN\r\n0,0;1,5\r\n1,0e1;2,25\r\n2e1;-3\r\n",
         "\ufeff# from the logger\n% and more\n// too\ntime [ms], force [mN]\n\n 0 , 1.5\n10,2.25\n20,-3",
+        "time [ms];force, filtered [mN]\n0;1.5\n10;2.25\n20;-3\n",
         '"time [ms]";"force [mN]"\n"0";"1,5"\n"10";"2,25"\n"20";"-3"\n',
     ],
 )

@@ -73,6 +73,19 @@ def test_impacts_on_a_moving_floor_by_a_changing_restitution(quantity: str, wher
     agree(falling(contacts={"floor": floor}), quantity, **where)
 
 
+def test_an_impact_whose_normal_and_masses_change() -> None:
+    """Assert slopes through bounces on a curved floor, of a body with two inertias that depend on uncertain numbers."""
+    model = xd.Model(
+        name="bowl", coordinates={"x": "m", "y": "m"}, mass={"x": "m", "y": "2*m + k"},
+        parameters={"m": {"value": "1 kg", "uncertainty": 1e-3}, "k": {"value": "0.3 kg", "uncertainty": 1e-3}, "b": {"value": "0.4 m-1", "uncertainty": 1e-4}},
+        forces={"weight": {"y": "-9.81*newton"}}, contacts={"bowl": {"gap": "y - b*x**2", "restitution": 0.9}},
+        initial={"x": {"value": "0.4 m", "uncertainty": 1e-4}, "y": {"value": "1 m", "uncertainty": 1e-4}, "v_x": "0.3 m s-1"},
+        run={"method": "dop853", "until": "2 s"},
+    )  # fmt: skip
+    agree(model, "x", close=1e-8, at="1.9 s")
+    agree(model, "v_y", close=1e-8, event="bowl", occurrence=2, side="after")
+
+
 def test_resets_and_switches() -> None:
     """Assert slopes through a reset that turns the motion, and through a regime that begins where it is met."""
     model = falling(

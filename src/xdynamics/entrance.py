@@ -58,12 +58,11 @@ def entrance(
         if name in passed:
             module, _, gate = passed[name].rpartition(".")
             value = getattr(import_module(f"{package}.{module}"), gate)(value)
-        setattr(sys.modules[package], name, value)
         if beside and "xarray" in sys.modules:
             import_module(f"{package}.{beside}")
         elif beside and isfunction(value):
             value = _followed(value, f"{package}.{beside}")
-            setattr(sys.modules[package], name, value)
+        setattr(sys.modules[package], name, value)
         return value
 
     return found

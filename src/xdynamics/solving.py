@@ -114,6 +114,7 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
     if len(words) != len(starts):
         raise InputError(f"names are {len(words)}, and y0 has {len(starts)} numbers")
     scales = {word: f"unit_{word}" for word, unit in zip(words, own, strict=True) if unit != "1"}
+    sizes = {scales[word]: f"1 {unit}" for word, unit in zip(words, own, strict=True) if word in scales}
     t, y = name("t") / name("second"), np.empty(len(words), object)
     y[:] = [name(one) / name(scales[one]) if one in scales else name(one) for one in words]
     given, parameters = _arguments(fun, args)
@@ -124,7 +125,7 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
         states[word] = {"unit": unit, "rate": text_of(node_of(whole))}
     return Model(
         name=_called(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], states=states,
-        parameters=parameters | {scale: f"1 {unit}" for scale, unit in ((scales[w], u) for w, u in zip(words, own, strict=True) if w in scales)},
+        parameters=parameters | sizes,
         initial={"t": t_span[0] if isinstance(t_span[0], str) else f"{float(t_span[0])!r} s"} | dict(zip(words, starts, strict=True)),
         events=_events(events, t, y, given),
     )  # fmt: skip

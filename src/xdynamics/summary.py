@@ -139,11 +139,9 @@ def _events(run: xr.Dataset) -> Iterator[str]:
         together.setdefault(one, []).append(i)
     told = {rows[0]: rows for rows in together.values()}
     single = {i for rows in together.values() if len(rows) <= FEW_EVENTS for i in rows}
-    for i in range(len(names)):
-        if i in single:
-            yield _event(run, names[i], kinds[i], i)
-        elif i in told:
-            yield _event(run, names[i], kinds[i], i)
+    for i in sorted({*single, *told}):
+        yield _event(run, names[i], kinds[i], i)
+        if i not in single:
             yield _series(run, names[i], kinds[i], told[i])
 
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.archive.target import taking_name
 from xdynamics.evidence.sampling import sample
-from xdynamics.faults import InputError
+from xdynamics.faults import ArchiveError, InputError
 from xdynamics.schema import AT, AT_TIME, error
 
 if TYPE_CHECKING:
@@ -69,7 +70,8 @@ def write(text: str, path: Path) -> str:
         If it cannot be written.
     """
     try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as problem:
-        raise InputError(f"table '{path}' cannot be written: {problem.strerror or problem}") from None
+        with taking_name(path) as new:
+            new.part.write_text(text, encoding="utf-8")
+    except ArchiveError as error:
+        raise InputError(f"table {error}") from None
     return f"table     {path}: {text.count(chr(10)) - 1} rows"

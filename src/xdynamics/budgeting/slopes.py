@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.budgeting.saltation import Met, Place
 from xdynamics.budgeting.target import TIME, Target
-from xdynamics.budgeting.variational import LARGEST, Along, Equations, NotVariedError, gauss, touching
+from xdynamics.budgeting.variational import LARGEST, Along, Equations, NotVariedError, gauss, touches
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods import METHODS
@@ -47,12 +47,11 @@ def slopes_along(run: xr.Dataset, model: Model, target: Target) -> dict[str, flo
 def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, ...]) -> Floats:
     """Walk along the run, from event to event, to the number; return its slopes in SI units."""
     along = Along(run, _equations(run, model, inputs), METHODS[run.attrs["solver_method"]].order)
-    change, row, seen = _start(model, inputs), 0, 0
+    change, row, seen, held = _start(model, inputs), 0, 0, touches(run)
     for before, after, names in _instants(run):
         if target.at is not None and float(run["time"][before]) > target.at:
             break
-        if held := touching(run, before):
-            raise NotVariedError(f"'{held}' is not open all the time")
+        _check_open(held, before)
         change = along.over(change, row, before)
         met = Met(along, before, after, names, change)
         seen += names.count(target.event)
@@ -61,10 +60,15 @@ def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, .
         change, row = met.left(), after
     assert target.at is not None  # noqa: S101 - a number at an event was found in the run before
     last = int(np.searchsorted(run["time"].values, target.at, side="right")) - 1
-    if held := touching(run, last):
-        raise NotVariedError(f"'{held}' is not open all the time")
+    _check_open(held, last)
     change = along.over(change, row, last, target.at)
     return _of_quantity(_end(along, last, target.at, change), target)
+
+
+def _check_open(held: Mapping[str, int], row: int) -> None:
+    """Refuse what is not free up to a row."""
+    if closed := [name for name, first in held.items() if first <= row]:
+        raise NotVariedError(f"'{closed[0]}' is not open all the time")
 
 
 def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equations:

@@ -230,10 +230,11 @@ def gauss(stages: int) -> tuple[Floats, Floats, Floats]:
     return (roots + 1.0) / 2.0, solved(at_roots[:, :-1].T, integrals.T).T, weights / 2.0
 
 
-def touching(run: xr.Dataset, last: int) -> str:
-    """Name a contact or friction element that holds or slips before a row; nothing where there is none."""
+def touches(run: xr.Dataset) -> dict[str, int]:
+    """Return the first row at which each contact or friction element holds or slips; none of those that never do."""
+    found: dict[str, int] = {}
     for name in map(str, run.data_vars):
-        is_state = name.startswith((schema.contact_state(""), schema.friction_state("")))
-        if is_state and np.asarray(run[name])[: last + 1].any():
-            return name
-    return ""
+        if name.startswith((schema.contact_state(""), schema.friction_state(""))):
+            rows = np.flatnonzero(np.asarray(run[name]))
+            found |= {name: int(rows[0])} if rows.size else {}
+    return found

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive.target import check_target, taking_name
-from xdynamics.faults import ArchiveError, InputError
+from xdynamics.faults import InputError
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.plane import views
-from xdynamics.figures.sheet import lit
+from xdynamics.figures.sheet import check_path, kept, lit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -75,11 +74,8 @@ def animate(
     with lit(dark=dark), TemporaryDirectory(prefix="xdynamics-") as folder:
         part = Path(folder) / f"film{target.suffix.lower()}"
         _film(run, view, np.linspace(begin, end, frames), back).save(part, writer=_writer(part, rate), dpi=dpi)
-        try:
-            with taking_name(target) as new:
-                shutil.copyfile(part, new.part)
-        except ArchiveError as error:
-            raise InputError(f"film {error}") from None
+        with kept("film", target) as place:
+            shutil.copyfile(part, place)
     return target
 
 
@@ -127,12 +123,7 @@ def _writer(path: Path, rate: int) -> Any:
 
 
 def _check(target: Path, shown: list[Any], seconds: Any, rate: Any, dpi: Any) -> None:
-    if target.suffix.lower() not in FORMATS:
-        raise InputError(f"film '{target}' has the ending '{target.suffix}'; there are {', '.join(FORMATS)}")
-    try:
-        check_target(target)
-    except InputError as error:
-        raise InputError(f"film {error}") from None
+    check_path(target, FORMATS, "film")
     if not shown or not shown[0]:
         raise InputError('the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)", "-l*cos(theta)"]')  # fmt: skip
     if seconds is not None and not (isinstance(seconds, int | float) and 0.0 < seconds <= 600.0):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from xdynamics.figures.curves import thinned
 from xdynamics.figures.lines import over_the_run
@@ -20,8 +21,7 @@ PARTS = {"event_time_uncertainty_bracket": "width of the bracket", "event_time_u
 def steps(run: xr.Dataset, axes: Axes) -> None:
     """Draw the steps on a logarithmic scale; an event's second row has none."""
     size, time = run["step_size"].values, run["time"].values
-    taken = np.flatnonzero(size > 0)
-    rows = taken[thinned(size[taken])] if len(taken) else taken
+    rows = _positive(size)
     axes.plot(time[rows], size[rows], ".", color=COLOURS[5], markersize=2.5, label="accepted")
     about = run["trial_reason"].attrs
     words = np.array(about["flag_meanings"].split()) if about["role"] == "flag" else np.zeros(0, "U")
@@ -42,8 +42,7 @@ def steps(run: xr.Dataset, axes: Axes) -> None:
 def errors(run: xr.Dataset, axes: Axes) -> None:
     """Draw the error norm of every accepted step; 1 is what the tolerances allow."""
     norm, time = run["error_norm"].values, run["time"].values
-    taken = np.flatnonzero(norm > 0)
-    rows = taken[thinned(norm[taken])] if len(taken) else taken
+    rows = _positive(norm)
     axes.plot(time[rows], norm[rows], ".", color=COLOURS[2], markersize=2.5)
     axes.axhline(1.0, color="#777777", linewidth=0.8, linestyle="--")
     if len(rows):
@@ -51,6 +50,12 @@ def errors(run: xr.Dataset, axes: Axes) -> None:
     axes.set(xlabel="time (s)", ylabel="scaled local error (1)")
     over_the_run(run, axes)
     axes.set_title("local error over what the tolerances allow", loc="left", fontsize=10)
+
+
+def _positive(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the rows to draw of what has a logarithm."""
+    taken = np.flatnonzero(values > 0)
+    return taken[thinned(values[taken])] if len(taken) else taken
 
 
 def locations(run: xr.Dataset, axes: Axes) -> None:

@@ -44,13 +44,14 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
     if len(names) > MOST_LINES:
         _map(run, names, what, axes)
         return
-    time = run["time"].values
+    time, around = run["time"].values, wraps(run)
     for colour, name in zip(cycled(names), names, strict=True):
         values, curve, shown = run[name].values, between(run, name), words(name)
         rows, dots = thinned(values), "." if run.sizes[STEPS] < FEW_ROWS else ""
-        if name in wraps(run):
-            values, units = wrapped(values, str(run[name].attrs["units"])), str(run[name].attrs["units"])
-            curve = (curve[0], torn(curve[1], units)) if curve is not None else (time, torn(run[name].values, units))
+        if name in around:
+            times, drawn = curve if curve is not None else (time, values)
+            units = str(run[name].attrs["units"])
+            values, curve = wrapped(values, units), (times, torn(drawn, units))
         if curve is None:
             axes.plot(time[rows], values[rows], dots + "-", color=colour, linewidth=1.2, markersize=4, label=shown)
         else:
@@ -186,15 +187,16 @@ def section(run: xr.Dataset, names: list[str], axes: Axes) -> None:
 
 def phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Draw velocities against positions."""
+    around = wraps(run)
     for colour, name in zip(cycled(names), names, strict=True):
         position, speed = run[name].values, run[velocity(name)].values
         rows = paired(run, np.union1d(thinned(position), thinned(speed)))
         drawn = position[rows], speed[rows]
         if (there := between(run, name)) is not None and (then := between(run, velocity(name))) is not None:
             drawn = there[1], then[1]
-        if name in wraps(run):
-            drawn = torn(drawn[0], str(run[name].attrs["units"])), drawn[1]
-            position = wrapped(position, str(run[name].attrs["units"]))
+        if name in around:
+            units = str(run[name].attrs["units"])
+            drawn, position = (torn(drawn[0], units), drawn[1]), wrapped(position, units)
         axes.plot(*drawn, color=colour, linewidth=1.0, label=words(name))
         axes.plot(position[:1], speed[:1], "o", color=colour, markersize=4)
     units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]

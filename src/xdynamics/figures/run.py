@@ -59,10 +59,9 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
     if "time" not in run.variables or run["time"].dims != (STEPS,) or not run["time"].size:
         raise InputError("plot needs a run record with 'time' along 'step'")
     check(run, whole=False, values=False)
-    known = {name for _, names, _ in _panels(run, []) for name in names} | {*_others(run)}
     wanted = None if only is None else [*only]
-    if wanted is not None and (strange := [one for one in wanted if one not in (*KINDS, *known)]):
-        raise InputError(f"only has '{strange[0]}'; there are {', '.join(KINDS)}, and {', '.join(sorted(known))}")
+    if wanted is not None:
+        _check_wanted(run, wanted)
     over = [beside_of(run, one) for one in beside]
     panels = [
         panel for kind, names, panel in _panels(run, over, wanted) if wanted is None or {kind, *names} & {*wanted}
@@ -76,6 +75,12 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
             f"there is nothing along '{STEPS}' to draw among {', '.join(map(str, run.data_vars)) or 'nothing'}"
         )
     return panels
+
+
+def _check_wanted(run: xr.Dataset, wanted: Sequence[str]) -> None:
+    known = {name for _, names, _ in _panels(run, []) for name in names} | {*_others(run)}
+    if strange := [one for one in wanted if one not in (*KINDS, *known)]:
+        raise InputError(f"only has '{strange[0]}'; there are {', '.join(KINDS)}, and {', '.join(sorted(known))}")
 
 
 def foot_of(run: xr.Dataset) -> str:

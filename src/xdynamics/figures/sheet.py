@@ -75,18 +75,25 @@ def write(figure: Figure, path: Path, dpi: int = DPI) -> None:
     ending = path.suffix.lower()
     drawn = BytesIO()
     figure.savefig(drawn, format=ending[1:], dpi=dpi, metadata={"Date": None} if ending == ".svg" else None)
+    with kept("figure", path) as part:
+        part.write_bytes(drawn.getvalue())
+
+
+@contextmanager
+def kept(what: str, path: Path) -> Iterator[Path]:
+    """Lend a place to write to; what is written there takes the path's name whole, or not at all."""
     try:
         with taking_name(path) as new:
-            new.part.write_bytes(drawn.getvalue())
+            yield new.part
     except ArchiveError as error:
-        raise InputError(f"figure {error}") from None
+        raise InputError(f"{what} {error}") from None
 
 
-def check_path(path: Path) -> None:
-    """Refuse a figure that could not be written, before it is drawn."""
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(f"figure '{path}' has the ending '{path.suffix}'; there are {', '.join(FORMATS)}")
+def check_path(path: Path, formats: Sequence[str] = FORMATS, what: str = "figure") -> None:
+    """Refuse what could not be written, before it is drawn."""
+    if path.suffix.lower() not in formats:
+        raise InputError(f"{what} '{path}' has the ending '{path.suffix}'; there are {', '.join(formats)}")
     try:
         check_target(path)
     except InputError as error:
-        raise InputError(f"figure {error}") from None
+        raise InputError(f"{what} {error}") from None

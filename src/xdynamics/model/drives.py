@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.sheet import MOST_FAULTS, Sheet, Title, shown
+from xdynamics.model.sheet import MOST_FAULTS, Sheet, Title, normal, shown
 from xdynamics.model.splines import hermite_pieces, monotone_slopes, spline_slopes
 from xdynamics.units import Unit
 
@@ -75,8 +75,7 @@ class Table:
         units = [titles[k].unit for k in places]
         columns = [np.array([unit.to_si(row[k]) for _, row in rows]) for k, unit in enumerate(units)]
         doubts = columns[2] if len(columns) == 3 else None
-        kept = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
-        return cls(name, kept, units[0], units[1], columns[0], columns[1], doubts, column, gaps)
+        return cls(name, normal(text), units[0], units[1], columns[0], columns[1], doubts, column, gaps)
 
 
 def coefficients(

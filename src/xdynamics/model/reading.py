@@ -211,8 +211,9 @@ def _force(given: Any, functions: Functions) -> Force:
 
 
 def _drive(owner: str, given: Any, reach: Reach) -> Drive:
-    if not isinstance(given, Mapping) or not {*given} & {"table", "csv"}:
-        given = given if isinstance(given, Mapping) and {*given} <= {*SECTIONS["drives"].known} else {"table": given}
+    words = {*given} if isinstance(given, Mapping) else None
+    if words is None or not (words & {"table", "csv"} or words <= {*SECTIONS["drives"].known}):
+        given = {"table": given}  # a table of Python, in the place of an entry
     if "table" in given and not isinstance(given["table"], str):
         given = dict(given) | {"table": f"{owner}.csv", "csv": tabled(owner, given["table"])}
     elif "csv" in given:

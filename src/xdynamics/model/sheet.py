@@ -73,8 +73,7 @@ class Sheet:
         InputError
             If it is empty, or mixes decimal commas and points.
         """
-        text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
-        lines = [(n, one) for n, one in enumerate(text.split("\n"), 1) if one.strip() and not one.lstrip().startswith(COMMENTS)]  # fmt: skip
+        lines = [(n, one) for n, one in enumerate(normal(text).split("\n"), 1) if one.strip() and not one.lstrip().startswith(COMMENTS)]  # fmt: skip
         if not lines:
             raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
         number, first = lines[0]
@@ -161,6 +160,11 @@ class Sheet:
         except ValueError:
             return None
         return found if _PLAIN.fullmatch(cell) else None
+
+
+def normal(text: str) -> str:
+    """Return a text without the mark of a file, with lines that end by newlines."""
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def title(cell: str) -> Title:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -63,13 +63,13 @@ def is_measured(given: Any) -> bool:
     return "row_kind" not in getattr(given, "variables", ("row_kind",)) and EVIDENCE not in about
 
 
-def measured(given: Any, known: Container[str] | None = None, gaps: str = REFUSE) -> Measured:
+def measured(given: Any, known: Sequence[str] | None = None, gaps: str = REFUSE) -> Measured:
     """Read measured data.
 
     Parameters
     ----------
     given : str, Path, DataFrame or Dataset
-    known : container of str, optional
+    known : sequence of str, optional
         Names that are wanted: other columns are left out, whatever stands in them.
     gaps : {"refuse", "skip"}
         What is done with rows in which a number is missing.
@@ -150,7 +150,7 @@ def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Me
     return found
 
 
-def _of_file(path: Path, known: Container[str] | None, *, skip: bool) -> Measured:
+def _of_file(path: Path, known: Sequence[str] | None, *, skip: bool) -> Measured:
     """Read the columns of a CSV file."""
     sheet = Sheet.of(path.name, Reach(path.parent, ANYWHERE).text_of(path.name))
     titles, left_out = _titles(f"'{path.name}' ({sheet.found})", sheet.header, known)
@@ -162,7 +162,7 @@ def _of_file(path: Path, known: Container[str] | None, *, skip: bool) -> Measure
     return _sorted_out(f"'{path.name}'", read, left_out)
 
 
-def _of_columns(name: str, columns: Mapping[str, Any], known: Container[str] | None, *, skip: bool) -> Measured:
+def _of_columns(name: str, columns: Mapping[str, Any], known: Sequence[str] | None, *, skip: bool) -> Measured:
     """Read columns by their headers, ``y [mm]`` and ``u(y) [mm]``."""
     titles, left_out = _titles(name, tuple(columns), known)
     cells = [np.asarray(one) for one in columns.values()]
@@ -177,7 +177,7 @@ def _of_columns(name: str, columns: Mapping[str, Any], known: Container[str] | N
     return _sorted_out(name, read, left_out)
 
 
-def _titles(name: str, header: Sequence[str], known: Container[str] | None) -> tuple[dict[int, Title], tuple[str, ...]]:
+def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tuple[dict[int, Title], tuple[str, ...]]:
     """Return the columns that are wanted, by their place, and those that are left out."""
     ledger, left_out = Ledger(name), []
     found: dict[int, Title] = {}
@@ -195,7 +195,7 @@ def _titles(name: str, header: Sequence[str], known: Container[str] | None) -> t
                 raise InputError(f"'{one.name}' stands there twice")
             found[k] = one
     ledger.settle()
-    if isinstance(known, Sequence) and left_out and not any(one.name in known for one in found.values()):
+    if known is not None and left_out and not any(one.name in known for one in found.values()):
         raise InputError(f"{name}: column '{left_out[0]}' is nothing that is known; there are {', '.join(known)}")
     return found, tuple(left_out)
 
@@ -270,7 +270,6 @@ def _sorted_out(name: str, read: dict[str, tuple[Floats, Unit]], left_out: tuple
                 f"u({key}) is {float(numbers.min())!r} in row {int(np.argmin(numbers)) + 1}, needs a positive number"
             )
     if not values or not times.size:
-        others = f", of those that are known; it has {', '.join(left_out)}" if left_out else ""
-        ledger.note(f"has no column beside the times{others}" if times.size else "has no rows")
+        ledger.note("has no column beside the times" if times.size else "has no rows")
     ledger.settle()
     return Measured(name, times * float(unit.factor), values, doubts, left_out)
