@@ -12,7 +12,7 @@ import xdynamics as xd
 from problems import MODELS
 from test_budget import doubtful, slope
 from xdynamics.budgeting.physical import _differences
-from xdynamics.budgeting.slopes import slopes_along
+from xdynamics.budgeting.slopes import _check_open, slopes_along
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.variational import NotVariedError, gauss
 
@@ -144,6 +144,13 @@ def test_what_is_not_told(name: str, first: str, where: dict[str, Any], said: st
     budget = xd.error_budget(model, "x", **where)
     rule = str(budget.term_rule.values[budget.term_name.values.tolist().index(first)])
     assert (f"no variational equations: {said}" in rule.replace("'", "")) is (slope(budget, first)[0] != 0.0)
+
+
+def test_a_touch_counts_from_its_very_row() -> None:
+    """Assert that a contact that closes at a row is told there, and not in the row before."""
+    _check_open({"contact_state_floor": 3}, 2)
+    with pytest.raises(NotVariedError, match="'contact_state_floor' is not open"):
+        _check_open({"contact_state_floor": 3}, 3)
 
 
 def test_the_rule_says_both_ways() -> None:
