@@ -56,19 +56,17 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
             ledger.note(f"[{key}] is no section{near(key, tuple(SECTIONS))}")
     sections = {key: _table(statement, key, ledger) for key in SECTIONS}
     sections["events"], sections["strikes"] = _told_apart(sections["events"], sections["contacts"], ledger)
-    parts: dict[str, Any] = {"name": name, "description": ""}
-    with ledger.entry("description"):
-        parts["description"] = described(statement)
-    if isinstance(name, str):
-        with ledger.entry("name"):
-            described({"description": name})
+    parts: dict[str, Any] = {"name": name, "description": _head(name, statement, ledger)}
 
-    def entries(key: str, what: str, reader: Callable[[Any], Any]) -> dict[str, Any]:
+    def named(key: str, what: str, reader: Callable[[str, Any], Any]) -> dict[str, Any]:
         found = {}
         for one, given in sections[key].items():
             with ledger.entry(f"{what} '{one}'"):
-                found[one] = reader(given)
+                found[one] = reader(one, given)
         return found
+
+    def entries(key: str, what: str, reader: Callable[[Any], Any]) -> dict[str, Any]:
+        return named(key, what, lambda _, given: reader(given))
 
     parts["time_unit"] = SECONDS
     with ledger.entry("time"):
@@ -76,10 +74,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["coordinates"] = entries("coordinates", "coordinate", _coordinate)
     parts["parameters"] = entries("parameters", "parameter", _parameter)
     parts["definitions"] = entries("definitions", "definition", parse)
-    parts["drives"] = {}
-    for one, given in sections["drives"].items():
-        with ledger.entry(f"drive '{one}'"):
-            parts["drives"][one] = _drive(one, given, reach)
+    parts["drives"] = named("drives", "drive", lambda one, given: _drive(one, given, reach))
     parts["states"] = entries("states", "state", _state)
     parts["forces"] = entries("forces", "force", lambda given: _force(given, functions))
     parts["events"] = entries("events", "event", lambda given: event(given, functions))
@@ -89,18 +84,11 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     observables = entries("observables", "observable", _observable)
     parts["observables"] = {one: tree for one, (tree, _) in observables.items()}
     parts["observed"] = {one: about for one, (_, about) in observables.items() if about != Observable()}
-    parts["validation"] = {}
-    for one, given in sections["validation"].items():
-        with ledger.entry(f"validation '{one}'"):
-            parts["validation"][one] = validation(one, given)
+    parts["validation"] = named("validation", "validation", validation)
     parts["regime"] = _first_regime(sections["initial"], list(parts["regimes"]), ledger)
     sections["initial"] = {key: value for key, value in sections["initial"].items() if key != "regime"}
     starts = entries("initial", "initial value", _parameter)
-    still = {
-        velocity(one): Quantity(0.0, about.unit.per(parts["time_unit"])) for one, about in parts["coordinates"].items()
-    }
-    parts["initial"] = {"t": Quantity(0.0, parts["time_unit"])} | {key: one.quantity for key, one in starts.items()}
-    parts["initial"] |= {key: one for key, one in still.items() if key not in sections["initial"]}
+    parts["initial"] = _initial(starts, parts["coordinates"], sections["initial"], parts["time_unit"])
     parts["starts"] = {key: one for key, one in starts.items() if one.spread or one.description}
     parts["correlations"] = {}
     with ledger.entry("correlations"):
@@ -120,6 +108,26 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
             parts["mass"] = _mass(sections["mass"], list(parts["coordinates"]))
     ledger.settle()
     return Statement(**parts)
+
+
+def _head(name: Any, statement: Mapping[str, Any], ledger: Ledger) -> str:
+    """Return the description of a model; of its name too the signs are looked at."""
+    found = ""
+    with ledger.entry("description"):
+        found = described(statement)
+    if isinstance(name, str):
+        with ledger.entry("name"):
+            described({"description": name})
+    return found
+
+
+def _initial(
+    starts: Mapping[str, Parameter], coordinates: Mapping[str, Coordinate], given: Mapping[str, Any], time: Unit
+) -> dict[str, Quantity]:
+    """Return where a motion starts: at 0 and at rest, where nothing else is said."""
+    still = {velocity(one): Quantity(0.0, about.unit.per(time)) for one, about in coordinates.items()}
+    found = {"t": Quantity(0.0, time)} | {key: one.quantity for key, one in starts.items()}
+    return found | {key: one for key, one in still.items() if key not in given}
 
 
 def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[str, Any]:
