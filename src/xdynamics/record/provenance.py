@@ -25,7 +25,7 @@ from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, S
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model.switches import STEPPED_OVER, watched_switches
 from xdynamics.record.kinds import left_out_atols
-from xdynamics.units import SECONDS, TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
+from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -77,6 +77,8 @@ def attributes(march: March) -> dict[str, Any]:
         used |= {"solver_length_scale": scales.length, "solver_length_scale_units": "m",
                  "solver_time_scale": scales.time, "solver_time_scale_units": "s",
                  "solver_mass_scale": scales.mass, "solver_mass_scale_units": "kg"}  # fmt: skip
+    if model.time_unit != SECONDS:  # nor have settings that are times a unit
+        used |= {key: NUMBERS.text for key, one in used.items() if key.endswith("_units") and isinstance(one, str) and one == SECONDS.text}
     return used | circumstances("simulated")
 
 
