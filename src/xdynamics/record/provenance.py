@@ -78,7 +78,11 @@ def attributes(march: March) -> dict[str, Any]:
                  "solver_time_scale": scales.time, "solver_time_scale_units": "s",
                  "solver_mass_scale": scales.mass, "solver_mass_scale_units": "kg"}  # fmt: skip
     if model.time_unit != SECONDS:  # nor have settings that are times a unit
-        used |= {key: NUMBERS.text for key, one in used.items() if key.endswith("_units") and isinstance(one, str) and one == SECONDS.text}
+        used |= {
+            key: NUMBERS.text
+            for key, one in used.items()
+            if key.endswith("_units") and isinstance(one, str) and one == SECONDS.text
+        }
     return used | circumstances("simulated")
 
 
