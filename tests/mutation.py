@@ -72,7 +72,7 @@ TOUCHED = {
     "march/contacts/stepping.py": ("test_contacts.py -k second_scheme",),
     "march/contacts/touch.py": (CONTACTS, FRICTION),
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
-    "evidence/inside.py": ("test_sampling.py -k not (radau or archive)",),
+    "dynamics/inside.py": ("test_sampling.py -k not (radau or archive)",),
     "evidence/matching.py": ("test_comparison.py -k matched", "test_verdicts.py -k missed"),
     "evidence/refining/convergence.py": (
         "test_convergence.py",

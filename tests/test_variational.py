@@ -14,7 +14,7 @@ from test_budget import doubtful, slope
 from xdynamics.budgeting.physical import _differences
 from xdynamics.budgeting.slopes import _check_open, slopes_along
 from xdynamics.budgeting.target import Target
-from xdynamics.budgeting.variational import NotVariedError, gauss
+from xdynamics.dynamics.variational import NotVariedError, gauss
 
 TIGHT: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}
 

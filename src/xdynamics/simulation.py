@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, record
+from xdynamics.dynamics.inside import wanted_times
 from xdynamics.evidence.comparing.bits import reproduced
-from xdynamics.evidence.inside import wanted_times
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning, warn
 from xdynamics.march import March, Settings

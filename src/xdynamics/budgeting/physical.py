@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.budgeting.slopes import slopes_along
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
-from xdynamics.budgeting.variational import NotVariedError
+from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import dot, product
 from xdynamics.evidence.marching import march
 from xdynamics.faults import InputError

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.saltation import Met, Place
 from xdynamics.budgeting.target import TIME, Target
-from xdynamics.budgeting.variational import LARGEST, Along, Equations, NotVariedError, gauss, touches
+from xdynamics.dynamics.saltation import Met, Place
+from xdynamics.dynamics.variational import LARGEST, Along, Equations, NotVariedError, gauss, touches
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods import METHODS

@@ -97,7 +97,7 @@ def animate(archive: str, output: str, seconds: float | None, trail: float | Non
 def sample(archive: str, times: str, output: str | None) -> None:
     """Write the states of a run at any times as a table, each as if a step had ended there."""
     from xdynamics.archive import open_run
-    from xdynamics.evidence.inside import wanted_times
+    from xdynamics.dynamics.inside import wanted_times
     from xdynamics.tabling import check_target, text_of, write
 
     target, wanted = check_target(Path(output)) if output else None, wanted_times(times)

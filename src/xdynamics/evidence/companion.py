@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
+from xdynamics.dynamics.inside import model_of, sampled, wanted_times
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.inside import model_of, sampled, wanted_times
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.matching import matched, met
 from xdynamics.faults import InputError

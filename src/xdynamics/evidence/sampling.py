@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.dynamics.inside import sampled, wanted_times
 from xdynamics.evidence.companion import companion_of
-from xdynamics.evidence.inside import sampled, wanted_times
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 

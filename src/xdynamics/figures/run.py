@@ -8,7 +8,7 @@ from typing import Any
 
 import xarray as xr
 
-from xdynamics.evidence.inside import model_of
+from xdynamics.dynamics.inside import model_of
 from xdynamics.faults import InputError
 from xdynamics.figures import control, energy, lines, plane
 from xdynamics.figures.beside import beside_of

@@ -217,7 +217,7 @@ def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any) -> Keep
     InputError
         If it is no row of words, no row of times, or no number of occurrences.
     """
-    from xdynamics.evidence.inside import wanted_times
+    from xdynamics.dynamics.inside import wanted_times
     from xdynamics.units import parse_time
 
     row: list[Any] = [words] if isinstance(words, str) or not hasattr(words, "__iter__") else list(words)

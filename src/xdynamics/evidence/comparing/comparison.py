@@ -12,10 +12,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
+from xdynamics.dynamics.inside import model_of, wanted_times
 from xdynamics.evidence.comparing.bits import bitwise, settings_apart
 from xdynamics.evidence.comparing.measured import is_measured, residuals
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.inside import model_of, wanted_times
 from xdynamics.evidence.matching import Rows, matched, met
 from xdynamics.evidence.observing import comparable, observe
 from xdynamics.evidence.sampling import sample

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
+from xdynamics.dynamics.inside import model_of
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.inside import model_of
 from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.drives import GAPS, REFUSE, SKIP

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
+from xdynamics.dynamics.inside import model_of, sampled
 from xdynamics.evidence.companion import Companion, check_whole, companion_of, global_error
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
 from xdynamics.evidence.diagnosing.extremes import extremes_of
 from xdynamics.evidence.diagnosing.parting import parting
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.inside import model_of, sampled
 from xdynamics.evidence.marching import march
 from xdynamics.expressions import dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger

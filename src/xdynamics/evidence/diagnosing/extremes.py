@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.evidence.inside import sampled
+from xdynamics.dynamics.inside import sampled
 from xdynamics.methods.scheme import REINTEGRATE
 
 if TYPE_CHECKING:

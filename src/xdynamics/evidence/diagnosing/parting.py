@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.dynamics.inside import model_of, sampled
 from xdynamics.elementary.arrays import dot, least_squares, log
-from xdynamics.evidence.inside import model_of, sampled
 from xdynamics.evidence.marching import march
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE

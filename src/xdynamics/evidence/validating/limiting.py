@@ -10,9 +10,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive
+from xdynamics.dynamics.inside import wanted_times
 from xdynamics.elementary.arrays import log
 from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.inside import wanted_times
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.observing import observe
 from xdynamics.faults import InputError

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.variational import Along, NotVariedError, varying
+from xdynamics.dynamics.variational import Along, NotVariedError, varying
 from xdynamics.elementary.arrays import dot, solved
 from xdynamics.expressions import Node, derivatives, free_names
 from xdynamics.model import Model

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.dynamics.inside import sampled
 from xdynamics.elementary.arrays import applied, product, solved
-from xdynamics.evidence.sampling import sample
 from xdynamics.expressions import Name, Node, derivatives
 from xdynamics.expressions.calculus import ONE
+from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, force_totals, slope, tables_of, variables
 from xdynamics.schema import acceleration, rate, velocity
@@ -175,7 +176,7 @@ class Along:
     def states(self, times: Floats, rows: NDArray[np.int64]) -> dict[str, Floats]:
         """Return the run's states inside its steps, in SI units, with their regime."""
         model = self.equations.model
-        found = sample(self.run, times, functions=model.functions)
+        found = sampled(self.run, times, after=True, rule=REINTEGRATE, functions=model.functions)
         states = {name: found[name].values * float(unit.factor) for name, unit in model.units.items()}
         regime = self.run["regime"].values[rows] if "regime" in self.run else np.zeros(rows.size)
         return states | {"t": times, REGIME_NUMBER: regime.astype(float)}
