@@ -76,6 +76,21 @@ def test_a_rerun_says_how_far_it_is() -> None:
     assert reproduced(kept, kept.copy(deep=True)).attrs["arithmetic"] == ""
 
 
+def test_archives_of_another_schema_are_held_to_what_they_have() -> None:
+    """Assert that variables and settings that a record did not have yet do not count, and that numbers do."""
+    from xdynamics.evidence.comparing.bits import reproduced
+
+    again = made(0.01)
+    kept = again.drop_vars("a_x").assign_attrs(schema_version="1", force_digest="in other words")
+    del kept.attrs["solver_summation"]
+    table = reproduced(kept, again)
+    assert table.attrs["identical"] == 1
+    assert "records of schema 1 had the law in other words" in table.attrs["arithmetic"]
+    assert reproduced(kept.assign_attrs(schema_version=again.attrs["schema_version"]), again).attrs["identical"] == 0
+    assert reproduced(kept.assign(x=kept.x * 2.0), again).attrs["identical"] == 0
+    assert reproduced(kept.assign_attrs(solver_step=0.02), again).attrs["identical"] == 0
+
+
 ODD = {
     "times of whole seconds": lambda run: run.assign_coords(time=run.time.astype("M8[s]", keep_attrs=True)),
     "one time": lambda run: run.drop_vars("time").assign_coords(time=1.0),

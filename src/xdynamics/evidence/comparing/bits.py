@@ -14,8 +14,8 @@ from xdynamics.schema import COUNTS, ORIGIN, ROOT_DIGEST, SELECTION_OF, STEPS, V
 
 SLAB = 1_000_000
 STATES = ("coordinate", "velocity", "state")  # roles
-# the text of the law, which another version may write in other words, and the set of elementary functions
-LAW = ("force_source", "force_digest", "math_functions")
+# the text of the law, which another version may write in other words, the set of elementary functions, the words of records
+LAW = ("force_source", "force_digest", "math_functions", "schema_version")
 # what later versions define otherwise: of 0.1, the uncertainty of an event's location had no least value
 REDEFINED = ("event_time_uncertainty",)
 # what `sample` makes of method and estimator in the version that wrote them: no part of the march
@@ -41,17 +41,21 @@ def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        What `bitwise` gives. Where the archive was made by another version, or with another set of elementary
-        functions, words do not count: the text of the law, the name of the set and the vocabulary of flags, nor
+        What `bitwise` gives. Where the archive was made by another version, with another set of elementary
+        functions or another schema of the record, words do not count: the text of the law, the name of the set and the vocabulary of flags, nor
         variables and settings that the archive's version did not have; `identical` is then 1 where every number has the same bits and every setting is the same. `arithmetic` says in one sentence
         what differs; it is empty where nothing does.
     """
     versions = [str(one.attrs.get("xdynamics_version", "of unknown name")) for one in (kept, again)]
     sets = [str(one.attrs.get("math_functions", "of unknown name")) for one in (kept, again)]
-    table = _table(kept, again, worded=versions[0] == versions[1] and sets[0] == sets[1])
+    schemas = [str(one.attrs.get("schema_version", "of unknown name")) for one in (kept, again)]
+    same = versions[0] == versions[1] and sets[0] == sets[1] and schemas[0] == schemas[1]
+    table = _table(kept, again, worded=same)
     why = []
     if versions[0] != versions[1] and kept.attrs.get("force_digest") != again.attrs.get("force_digest"):
         why.append(f"version {versions[0]} wrote the law in other words than {versions[1]}")
+    elif schemas[0] != schemas[1] and kept.attrs.get("force_digest") != again.attrs.get("force_digest"):
+        why.append(f"records of schema {schemas[0]} had the law in other words than those of schema {schemas[1]}")
     if sets[0] != sets[1]:
         why.append(f"the archive was made with the elementary functions '{sets[0]}', here they are '{sets[1]}'")
     if not table.attrs["identical"]:
