@@ -106,7 +106,7 @@ def test_drives_and_exchanged_energy() -> None:
     assert axes.get_ylabel() == "thrust (N)"
     assert float(np.max(axes.lines[0].get_ydata())) == 14.09
     ball = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"))
-    axes = next(one for one in xd.plot(ball).axes if one.get_title(loc="left").startswith("energy, which"))
+    axes = next(one for one in xd.plot(ball).axes if one.get_title(loc="left") == "energy, changed by forces")
     assert [one.get_text() for one in axes.get_legend().get_texts()] == ["kinetic", "potential", "total"]
 
 

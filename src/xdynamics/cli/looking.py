@@ -80,7 +80,7 @@ def _size(text: str | None) -> tuple[float, float] | None:
 @click.argument("archive", metavar="RUN.nc")
 @click.option("-o", "--output", required=True, metavar="FILM", help="The film to write: GIF, or MP4 where ffmpeg is.")
 @click.option("--seconds", type=float, help="How long it lasts.")
-@click.option("--trail", type=float, help="How far back the trail goes, in seconds of the run.")
+@click.option("--trail", type=float, help="How far back the trail goes, in the time of the run.")
 @click.option("--dark", is_flag=True, help="On a dark ground.")
 def animate(archive: str, output: str, seconds: float | None, trail: float | None, dark: bool) -> None:
     """Film the motion in the plane, with the time and trails."""

@@ -154,7 +154,7 @@ class Inside:
 
         Of `where` the rows are wanted time, start and end, of `columns` step, regime, the state at its start and perhaps at its end.
         """
-        _check_whole(where, columns[0])
+        _check_whole(where, columns[0], slack(self.run))
         again = self.rule == REINTEGRATE
         return states_within(self.model, self.settings, self.law, where, columns, self._factors, reintegrated=again)
 
@@ -198,11 +198,16 @@ def _model_of(text: str, functions: tuple[tuple[str, Callable[..., float]], ...]
 _KEPT = ("title", "solver_method", "solver_order", "solver_estimator", "model_digest", "force_digest", "content_digest")
 
 
-def _check_whole(where: Floats, steps: Floats) -> None:
+def slack(run: xr.Dataset) -> float:
+    """Return by which part of t a recorded step may miss the next row: given steps end where the run does as rounding of their sum goes."""
+    return EPS * max(8, 4 * run.sizes.get(schema.GIVEN, 0))
+
+
+def _check_whole(where: Floats, steps: Floats, near: float) -> None:
     """Refuse a record with rows left out: its steps would not reach from one row to the next."""
     times, starts, ends = where
     gaps = np.abs(ends - starts - steps)
-    torn = np.flatnonzero((times > starts) & (gaps > 8 * EPS * np.maximum(np.abs(starts), np.abs(ends))))
+    torn = np.flatnonzero((times > starts) & (gaps > near * np.maximum(np.abs(starts), np.abs(ends))))
     if torn.size:
         i = int(torn[0])
         raise InputError(

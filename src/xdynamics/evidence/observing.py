@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.evidence.sampling import sample
-from xdynamics.expressions import free_names
+from xdynamics.expressions import Name, Node, free_names
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of
-from xdynamics.model.reactions import reactions
+from xdynamics.model.reactions import NORMAL, holds, reactions, way
+from xdynamics.record.columns import state_name
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
 
 
 def observables_of(model: Model) -> tuple[str, ...]:
@@ -71,19 +73,67 @@ def _derived(run: xr.Dataset, model: Model, names: list[str], states: xr.Dataset
         )
     if not names:
         return {}
-    factors = {one: float(unit.factor) for one, unit in model.units.items()}
-    rows = states["row"].values
-    at = {one: states[one].values * factors[one] for one in layout.used}
-    off = {one: states[schema.error(one)].values * factors[one] for one in layout.used}
-    at["t"] = states[schema.AT_TIME].values
-    at[REGIME_NUMBER] = run["regime"].values[rows].astype(float) if "regime" in run else np.zeros(rows.size)
+    rows, times = states["row"].values, states[schema.AT_TIME].values
+    at = {one: states[one].values for one in layout.used}
+    off = {one: states[schema.error(one)].values for one in layout.used}
 
     def evaluated(state: Mapping[str, Floats]) -> Floats:
-        found = evaluated_many(model, trees, state, constants(model), tables_of(model))
-        return np.stack([np.broadcast_to(one, rows.shape) for one in found])
+        return np.stack(evaluated_on(run, model, trees, state, times, rows))
 
     values = evaluated(at)
     moved = (np.abs(evaluated(at | {one: at[one] + off[one]}) - values) for one in layout.used if off[one].any())
     errors = sum(moved, np.zeros(values.shape))
     units = np.array([[float(parse_unit(str(run[name].attrs["units"])).factor)] for name in names])
     return dict(zip(names, zip(values / units, errors / units, strict=True), strict=True))
+
+
+def tree_of(model: Model, name: str) -> Node:
+    """Return what a variable of the record is computed by: an energy, observable, force, acceleration, rate or reaction."""
+    return layout_of(model).derived.get(name, Name(name))
+
+
+def evaluated_on(
+    run: xr.Dataset, model: Model, trees: Sequence[Node], states: Mapping[str, Floats], times: Floats, rows: Rows
+) -> list[Floats]:
+    """Evaluate expressions on states inside steps: forces, accelerations and what contacts do there among them.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        For regimes, and for what each contact and friction element does behind a row.
+    model : Model
+    trees : sequence of Node
+        Without definitions left in them.
+    states : mapping of str to ndarray, shape (k,)
+        Coordinates, velocities and first-order states, in recorded units.
+    times : ndarray, shape (k,), s
+    rows : ndarray of int, shape (k,)
+        Of `step`, from which each step goes.
+
+    Returns
+    -------
+    list of ndarray, shape (k,)
+        In SI units.
+    """
+    at: dict[str, Any] = {name: states[name] * float(unit.factor) for name, unit in model.units.items()} | {"t": times}
+    at[REGIME_NUMBER] = run["regime"].values[rows].astype(float) if "regime" in run else np.zeros(rows.size)
+    known = constants(model)
+    found = evaluated_many(model, trees, at | _modes(run, model, rows), known, tables_of(model))
+    return [np.array(np.broadcast_to(one, rows.shape)) for one in found]
+
+
+def _modes(run: xr.Dataset, model: Model, rows: Rows) -> dict[str, Floats]:
+    """Return the numbers that say what each reaction does, as a march puts them behind the parameters."""
+    modes: dict[str, Floats] = {}
+    led_to = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
+    for one in reactions(model):
+        state = run[state_name(one)].values[rows]
+        if one.sort == NORMAL:
+            modes[holds(one)], modes[way(one)] = (state != schema.OPEN).astype(float), np.zeros(rows.size)
+        else:
+            modes[holds(one)] = (state == schema.STICKING).astype(float)
+            modes[way(one)] = (state == schema.FORWARD).astype(float) - (state == schema.BACKWARD)
+        # of what two corners hold together the first has all: a march lets the other go, and so its force is 0
+        force = run[one.name].values
+        modes[holds(one)] *= (force[rows] != 0.0) | (force[led_to] != 0.0)
+    return modes

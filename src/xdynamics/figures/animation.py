@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.faults import InputError
-from xdynamics.figures.marks import COLOURS, words
-from xdynamics.figures.plane import views
+from xdynamics.figures.marks import COLOURS, at_time, words
+from xdynamics.figures.plane import MOST_BODIES, left_out, views
 from xdynamics.figures.sheet import check_path, kept, lit
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def animate(
         How long it lasts; as long as the motion where that is 3 to 20 s, else 10 s.
     rate : int
         Frames a second.
-    trail : float, s, optional
+    trail : float, optional
         How far back the trail goes, in the run's time; a tenth of it.
     dpi : int
         Dots an inch, of 6 inches.
@@ -61,15 +61,15 @@ def animate(
     InputError
         If the run has no plane, or the film cannot be written.
     """
-    target, shown = Path(path), views(run)
+    target, shown = Path(path), views(run.copy(deep=False))
     _check(target, shown, seconds, rate, dpi)
     if trail is not None and not (isinstance(trail, int | float) and 0.0 <= trail < float("inf")):
-        raise InputError(f"trail is {trail!r}, needs a non-negative number of seconds")
+        raise InputError(f"trail is {trail!r}, needs a non-negative time of the run")
     view = shown[0]
     begin, end = float(view[0].times[0]), float(view[0].times[-1])
     span = end - begin
     lasting = seconds if seconds is not None else span if 3.0 <= span <= 20.0 else 10.0
-    frames = max(2, min(MOST_FRAMES, round(lasting * rate)))
+    frames = max(2, round(lasting * rate))
     back = 0.1 * span if trail is None else float(trail)
     with lit(dark=dark), TemporaryDirectory(prefix="xdynamics-") as folder:
         part = Path(folder) / f"film{target.suffix.lower()}"
@@ -92,7 +92,8 @@ def _film(run: xr.Dataset, view: list[Any], times: Any, back: float) -> Any:
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
     axes.set(xlabel=f"across ({view[0].units})", ylabel=f"up ({view[0].units})")
     axes.grid(linewidth=0.6)
-    axes.set_title(words(str(run.attrs.get("title", "run"))), loc="left", fontsize=10)
+    axes.set_title(words(f"{run.attrs.get('title', 'run')}{left_out(view)}"), loc="left", fontsize=10)
+    view = view[:MOST_BODIES]
     clock = axes.text(0.98, 0.98, "", transform=axes.transAxes, ha="right", va="top", family="monospace")
     drawn = [
         (axes.plot([], [], "-", color=COLOURS[k % len(COLOURS)], linewidth=1.2, alpha=0.6)[0], axes.plot([], [], "o", color=COLOURS[k % len(COLOURS)], markersize=8)[0])
@@ -106,7 +107,7 @@ def _film(run: xr.Dataset, view: list[Any], times: Any, back: float) -> Any:
             x, y = np.interp(behind, one.times, one.x), np.interp(behind, one.times, one.y)
             line.set_data(x, y)
             dot.set_data(x[-1:], y[-1:])
-        clock.set_text(f"t = {now:.4g} s")
+        clock.set_text(at_time(run["time"], now, 4))
         return [*(artist for pair in drawn for artist in pair), clock]
 
     return FuncAnimation(figure, at, frames=len(times))
@@ -128,6 +129,8 @@ def _check(target: Path, shown: list[Any], seconds: Any, rate: Any, dpi: Any) ->
         raise InputError('the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)", "-l*cos(theta)"]')  # fmt: skip
     if seconds is not None and not (isinstance(seconds, int | float) and 0.0 < seconds <= 600.0):
         raise InputError(f"seconds are {seconds!r}, need a number up to 600")
+    if isinstance(rate, int) and seconds is not None and seconds * rate > MOST_FRAMES:
+        raise InputError(f"{seconds:g} seconds at a rate of {rate} are {seconds * rate:.0f} frames, at most {MOST_FRAMES} are drawn; ask for fewer")  # fmt: skip
     for name, value, least, most in (("rate", rate, 1, 100), ("dpi", dpi, 20, 600)):
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
             raise InputError(f"{name} is {value!r}, needs a whole number from {least} to {most}")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from xdynamics.archive import open_run
 from xdynamics.evidence.comparing.measured import is_measured, measured
 from xdynamics.faults import InputError
-from xdynamics.figures.curves import between, thinned
+from xdynamics.figures.curves import drawn
 from xdynamics.model.drives import SKIP
 from xdynamics.schema import STEPS
 from xdynamics.units import parse_unit
@@ -58,11 +58,8 @@ def _measured(given: Any, known: list[str]) -> tuple[str, dict[str, tuple[Floats
 
 def _of_run(other: xr.Dataset) -> tuple[str, dict[str, tuple[Floats, Floats, Floats | None, str]]]:
     found: dict[str, tuple[Floats, Floats, Floats | None, str]] = {}
-    time = other["time"].values
     for name, one in other.data_vars.items():
         if one.dims == (STEPS,) and one.dtype.kind == "f":
-            curve = between(other, str(name))
-            rows = thinned(one.values)
-            times, values = curve if curve is not None else (time[rows], one.values[rows])
+            times, (values,) = drawn(other, str(name), exact=name == "total_energy")
             found[str(name)] = times, values, None, str(one.attrs.get("units", "1"))
     return str(other.attrs.get("title", "other run")), found

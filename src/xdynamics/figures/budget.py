@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 HEIGHT = 4.2  # inches of a panel
-SPAN = 1e6  # over which bars are drawn: smaller terms are at its end
+SPAN = 1e6  # over which bars are drawn: smaller terms have none
 COLOUR = {"numerical": COLOURS[0], "physical": COLOURS[1]}
 
 
@@ -42,8 +42,12 @@ def _terms(found: xr.Dataset, axes: Axes) -> None:
         axes.set_axis_off()
         return
     for row, i in enumerate(order.tolist()):
-        axes.barh(row, max(sizes[i], least), color=COLOUR[kinds[i]], height=0.7)
-        axes.annotate(f" {sizes[i]:.2g}", (max(sizes[i], least), row), va="center", fontsize=7)
+        shown = sizes[i] >= least  # on a logarithmic axis 0 has no place, and what is left of its end no length
+        if shown:
+            axes.barh(row, sizes[i], color=COLOUR[kinds[i]], height=0.7)
+        beyond = " (left of the axis)" if sizes[i] > 0.0 and not shown else ""
+        place = (sizes[i] if shown else least / 2.0, row)
+        axes.annotate(f" {sizes[i]:.2g}{beyond}", place, va="center", fontsize=7)
     for kind, total in totals.items():
         if total >= least > 0.0:
             axes.axvline(total, color=COLOUR[kind], linewidth=1.2, linestyle="--", label=f"{kind} together")

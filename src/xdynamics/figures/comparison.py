@@ -10,7 +10,7 @@ import xarray as xr
 
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import thinned
-from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.marks import COLOURS, timed, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.schema import AT, AT_TIME
 
@@ -35,8 +35,7 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
     beside = [partial(_beside, found, name) for name in names if f"measured_{name}" in found]
     apart = [partial(_apart, found, name) for name in names]
     # what was measured stands left of its residuals
-    panels: list[Panel] = [one for pair in zip(beside, apart, strict=True) for one in pair] if beside else [*apart]
-    return panels[:MOST_PANELS]
+    return [one for pair in zip(beside, apart, strict=True) for one in pair] if beside else [*apart]
 
 
 def foot_of(found: xr.Dataset) -> str:
@@ -59,7 +58,7 @@ def _beside(found: xr.Dataset, name: str, axes: Axes) -> None:
         linewidth=0.9,
         label="computed, at the same times",
     )
-    axes.set(xlabel="time (s)", ylabel=words(f"{name} ({units})"))
+    axes.set(xlabel=timed(found[AT_TIME]), ylabel=words(f"{name} ({units})"))
     axes.set_title(words(f"{name}, measured and computed"), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
 
@@ -75,5 +74,5 @@ def _apart(found: xr.Dataset, name: str, axes: Axes) -> None:
     style = "." if f"measured_{name}" in found else ".-" if len(time) <= FEW else "-"
     axes.plot(time[rows], values[rows], style, color=COLOURS[0], linewidth=1.0, markersize=4)
     axes.axhline(0.0, color="#777777", linewidth=0.8)
-    axes.set(xlabel="time (s)", ylabel=words(f"difference ({found[f'difference_{name}'].attrs['units']})"))
+    axes.set(xlabel=timed(found[AT_TIME]), ylabel=words(f"difference ({found[f'difference_{name}'].attrs['units']})"))
     axes.set_title(words(found[f"difference_{name}"].attrs["long_name"]), loc="left", fontsize=10)

@@ -1,7 +1,10 @@
-"""Lines through recorded states: bent between states that are far apart, thinned where there are very many."""
+"""Lines of a run: evaluated on states inside steps that are long in a picture, thinned where rows are very many."""
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -9,72 +12,273 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.schema import acceleration, rate, velocity
+from xdynamics.dynamics.inside import model_of, sampled, slack
+from xdynamics.evidence.observing import evaluated_on, tree_of
+from xdynamics.faults import InputError
+from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.model import Model
+from xdynamics.schema import STEPS, acceleration, rate, velocity
+from xdynamics.units import parse_unit
 
 DRAWN = 4000  # points of a line; what is longer is thinned
-MOST_BETWEEN = 40  # points of a line from one state to the next
+MOST_BETWEEN = 40  # points inside each step, however long it is
+LARGEST = 128  # numbers of a state, up to which steps are made again for a picture
+MET = 1e-3  # of a range: how near a step that is made again comes to the row that it led to
+AGREED = 1e-6  # of the largest value: so near what is evaluated is to what was recorded
+STATES = ("coordinate", "velocity", "state")  # roles
+EVALUATED = ("energy", "observable", "force", "acceleration", "rate", "reaction", "gap")
 
 Rows = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 
-def thinned(values: NDArray[Any], most: int = DRAWN) -> Rows:
-    """Return rows to draw: all, or the least and the greatest of each stretch, in order, with both ends."""
+@dataclass(frozen=True)
+class Inner:
+    """States of a run inside its steps.
+
+    Attributes
+    ----------
+    times : ndarray, shape (k,), s
+    rows : ndarray of int, shape (k,)
+        Of `step`, from which each step goes.
+    states : mapping of str to ndarray, shape (k,)
+        In recorded units.
+    again : bool
+        Whether by steps of the run's own method; else by Hermite's polynomials through what is recorded at both ends.
+    """
+
+    times: Floats
+    rows: Rows
+    states: Mapping[str, Floats]
+    again: bool
+
+
+def thinned(values: NDArray[Any], most: int = DRAWN, times: Floats | None = None) -> Rows:
+    """Return rows to draw: all, or the least and the greatest of each stretch, in order, with both ends.
+
+    Stretches are of equally many rows, and where times are given half of them of equal time: of many short steps and a few
+    long ones both are kept.
+    """
     n = len(values)
     if n <= most:
         return np.arange(n)
-    edges = np.linspace(0, n, most // 2 + 1).astype(np.int64)
+    stretches = [np.linspace(0, n, most // 2 + 1).astype(np.int64)]
+    if times is not None:
+        stretches[0] = np.linspace(0, n, most // 4 + 1).astype(np.int64)
+        stretches.append(np.searchsorted(times, np.linspace(times[0], times[-1], most // 4 + 1)[1:-1]))
+        stretches[1] = np.concatenate([[0], stretches[1], [n]]).astype(np.int64)
     kept = [np.array([0, n - 1])]
-    for begin, end in pairwise(edges):
-        part = values[begin:end]
-        kept.append(begin + np.array([np.argmin(part), np.argmax(part)]))
+    for edges in stretches:
+        for begin, end in pairwise(edges):
+            if end > begin:
+                part = values[begin:end]
+                kept.append(begin + np.array([np.argmin(part), np.argmax(part)]))
     return np.unique(np.concatenate(kept))
 
 
-def paired(run: xr.Dataset, rows: Rows) -> Rows:
-    """Add the states on both sides of events to rows, so that no line passes one by; only where they are few."""
-    if not {"event_row_before", "event_row_after"} <= set(run.variables) or run.sizes["event"] > DRAWN:
-        return rows
-    sides = [run[f"event_row_{side}"].values for side in ("before", "after")]
-    found: Rows = np.unique(np.concatenate([rows, *sides]))
-    return found[found < run.sizes["step"]]
+def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, list[Floats]]:
+    """Return times and values of the lines of some variables, all at the same times.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+    *names : str
+    exact : bool
+        Whether to leave out what polynomials give between rows: where a line is of what hardly changes.
+    """
+    curves = [between(run, name) for name in names]
+    whole = [one for one in curves if one is not None]
+    if len(whole) < len(curves) or (exact and not _is_again(run)):
+        times, values = run["time"].values, [run[name].values for name in names]
+    else:
+        times, values = whole[0][0], [one[1] for one in whole]
+    rows = np.unique(np.concatenate([thinned(one, times=times) for one in values]))
+    if "event_time" in run.variables and run.sizes["event"] <= DRAWN:  # no line passes by a state at an event
+        rows = np.union1d(rows, np.flatnonzero(np.isin(times, run["event_time"].values)))
+    return times[rows], [one[rows] for one in values]
+
+
+def has_chords(run: xr.Dataset, *names: str, exact: bool = False) -> bool:
+    """Whether lines go straight from row to row across steps that are long in a picture."""
+    straight = any(between(run, name) is None for name in names) or (exact and not _is_again(run))
+    return straight and _places(run)[0].size > 0
 
 
 def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
-    """Return times and values of a line that bends as the motion does, of a coordinate, a velocity or a state.
+    """Return times and values of a line through all rows and through states inside long steps.
 
-    From one state to the next it is Hermite's polynomial through what is recorded at both: of a coordinate its velocity and
-    acceleration too, of a velocity the acceleration, of a first-order state the rate. None where that is not recorded, or
-    states are so many that straight lines are as good.
+    States are those of the run's own method, of steps that are made again and end there; what is computed from states is
+    evaluated on them. Where the record is not enough for that, states are on Hermite's polynomials through what is recorded
+    at both ends of a step. None where neither is known, or rows are so many that straight lines are as good.
     """
-    time, n = run["time"].values, run.sizes["step"]
-    points = min(DRAWN // max(1, n), MOST_BETWEEN)
+    inner = _inner(run)
+    if inner is None or name not in run.variables or run[name].dims != (STEPS,):
+        return None
+    values = inner.states.get(name)
+    if values is None:
+        values = _evaluated(run, name, inner)
+    if values is None:
+        return None
+    order = np.argsort(np.concatenate([np.arange(run.sizes[STEPS]), inner.rows + 0.5]), kind="stable")
+    times = np.concatenate([run["time"].values, inner.times])[order]
+    line = np.concatenate([run[name].values, values])[order]
+    # where a step's equations could not be solved again
+    lost = ~np.isfinite(line) & np.concatenate([np.zeros(run.sizes[STEPS], bool), ~np.isfinite(values)])[order]
+    line[lost] = np.interp(times[lost], times[~lost], line[~lost])
+    return times, line
+
+
+def moments(run: xr.Dataset) -> Floats:
+    """Return the times of rows and of points inside long steps."""
+    found: Floats = np.union1d(run["time"].values, _places(run)[0])
+    return found
+
+
+_KNOWN: dict[int, tuple[weakref.ref[xr.Dataset], Inner | None]] = {}  # of records that are being drawn
+
+
+def _inner(run: xr.Dataset) -> Inner | None:
+    """Return the states inside steps, made once for a record; None where rows are many, or some were left out."""
+    kept = _KNOWN.get(id(run))
+    if kept is None or kept[0]() is not run:
+        key = id(run)
+        kept = _KNOWN[key] = weakref.ref(run, lambda _: _KNOWN.pop(key, None)), _found(run)
+    return kept[1]
+
+
+def _is_again(run: xr.Dataset) -> bool:
+    inner = _inner(run)
+    return inner is not None and inner.again
+
+
+def _found(run: xr.Dataset) -> Inner | None:
+    times, rows = _places(run)
+    if not times.size or _is_torn(run):
+        return None
+    if (states := _again(run, times, rows)) is not None:
+        return Inner(times, rows, states, again=True)
+    named = [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in STATES]
+    bent = {name: _bent(run, name, times, rows) for name in named if run[name].dims == (STEPS,)}
+    found = {name: values for name, values in bent.items() if values is not None}
+    return Inner(times, rows, found, again=False) if found else None
+
+
+def _places(run: xr.Dataset) -> tuple[Floats, Rows]:
+    """Deal points out to steps: as many to each while rows are few, and as many again in proportion to time."""
+    time, n = run["time"].values, run.sizes[STEPS]
+    h, span = np.diff(time), float(time[-1] - time[0])
+    if not span > 0.0:
+        return np.zeros(0), np.zeros(0, np.int64)
+    each = min(DRAWN // 2 // n, MOST_BETWEEN)
+    counts = np.where(h > 0.0, np.maximum(each, h / span * (DRAWN // 2)), 0.0).astype(np.int64)
+    rows = np.repeat(np.arange(n - 1), counts)
+    place = np.arange(rows.size) - (np.cumsum(counts) - counts)[rows] + 1
+    times = time[rows] + h[rows] * (place / (counts[rows] + 1))
+    inside = (times > time[rows]) & (times < time[rows + 1])  # a step of a few spacings of t has no room
+    return times[inside], rows[inside]
+
+
+def _is_torn(run: xr.Dataset) -> bool:
+    """Whether rows were left out, so that what was between those that are there is not recorded."""
+    time = run["time"].values
+    if "step_size" not in run.variables:
+        return True
+    off = np.abs(np.diff(time) - run["step_size"].values[1:])
+    size = np.maximum(np.abs(time[1:]), np.abs(time[:-1]))
+    return bool((off > slack(run) * size).any())
+
+
+def _again(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | None:
+    """Make steps again, shortened to end at times; None where the record does not say how, or they miss its rows."""
+    if (model := _model(run)) is None or len(model.units) > LARGEST:
+        return None
+    time, met = run["time"].values, np.unique(rows)
+    ends = np.nextafter(time[met + 1], time[met])
+    try:
+        found = sampled(run, np.concatenate([times, ends]), after=True, rule=REINTEGRATE, functions=None)
+    except InputError:
+        return None
+    for name in model.units:
+        recorded = run[name].values
+        off = np.abs(found[name].values[times.size :] - recorded[met + 1])
+        if not np.nanmax(off, initial=0.0) <= MET * np.ptp(recorded):  # an edited record
+            return None
+    return {name: found[name].values[: times.size] for name in model.units}
+
+
+def _model(run: xr.Dataset) -> Model | None:
+    """Return the record's model, where it has one that needs nothing else."""
+    if "model_toml" not in run.variables:
+        return None
+    model = model_of(run, None)
+    return None if model.python_functions else model
+
+
+def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:
+    """Evaluate what is computed from states; None where on the rows something else was recorded."""
+    model, about = _model(run), run[name].attrs
+    if model is None or about.get("role") not in EVALUATED or not {*model.units} <= {*inner.states}:
+        return None
+    tree, units = tree_of(model, name), float(parse_unit(str(about["units"])).factor)
+    met = np.unique(inner.rows)
+    recorded, states = run[name].values[met], {one: run[one].values[met] for one in model.units}
+    try:
+        here = evaluated_on(run, model, [tree], states, run["time"].values[met], met)[0] / units
+        values = evaluated_on(run, model, [tree], inner.states, inner.times, inner.rows)[0] / units
+    except (InputError, KeyError):
+        return None
+    # rows where something jumps have the value of either side: most rows agree, or it is something else that was recorded
+    off = np.abs(here - recorded) > AGREED * np.abs(recorded).max()
+    return None if np.mean(off | np.isnan(here)) > 0.5 else values
+
+
+def energy_changes(run: xr.Dataset) -> dict[str, float] | None:
+    """Return by how much forces, events and the method's error have changed the total energy, at most, in its unit.
+
+    Forces by the integral of the rate that the model's own equations give, events by what changes at their instants, the
+    method by the rest. None where there is no model to ask, or too few rows.
+    """
+    inner, model = _inner(run), _model(run)
+    if model is None or has_chords(run, "total_energy") or not {*model.units} <= set(run.variables):
+        return None
+    if inner is not None and not {*model.units} <= {*inner.states}:
+        return None
+    rows, time, energy = np.arange(run.sizes[STEPS]), run["time"].values, run["total_energy"].values
+    more = inner if inner is not None else Inner(np.zeros(0), np.zeros(0, np.int64), {}, again=True)
+    order = np.argsort(np.concatenate([rows, more.rows + 0.5]), kind="stable")
+    times, every = np.concatenate([time, more.times])[order], np.concatenate([rows, more.rows])[order]
+    states = {one: np.concatenate([run[one].values, more.states.get(one, time[:0])])[order] for one in model.units}
+    try:
+        rates = evaluated_on(run, model, [model.rate_of(tree_of(model, "total_energy"))], states, times, every)[0]
+    except (InputError, KeyError):
+        return None
+    rates = rates / float(parse_unit(str(run["total_energy"].attrs["units"])).factor)
+    done = np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) / 2.0 * np.diff(times))])[order < rows.size]
+    taken = np.concatenate([[0.0], np.cumsum(np.where(np.diff(time) > 0.0, 0.0, np.diff(energy)))])
+    return {"forces": np.ptp(done), "events": np.ptp(taken), "the method's error": np.ptp(energy - done - taken)}
+
+
+def _bent(run: xr.Dataset, name: str, times: Floats, rows: Rows) -> Floats | None:
+    """Return a state on Hermite's polynomials: of a coordinate by its velocity and acceleration, of a velocity by the acceleration."""
     owner = name.removeprefix(velocity(""))
     chain = (name, rate(name)) if rate(name) in run.variables else (name, velocity(name), acceleration(name))
     if name == velocity(owner) and owner in run.variables:
         chain = (name, acceleration(owner))
-    if points < 2 or n < 2 or not {*chain, "step_size"} <= set(run.variables):
+    if not {*chain} <= set(run.variables):
         return None
-    if not np.allclose(np.diff(time), run["step_size"].values[1:], rtol=1e-6, atol=0.0):
-        return None  # rows were left out: what was between them is not recorded
-    values = [run[one].values for one in chain]  # velocities and rates are in their owner's unit per second
-    h = np.diff(time)
-    s = np.arange(points) / points
-    drawn = _hermite([one[:-1] for one in values], [one[1:] for one in values], h, s)
-    times = (time[:-1, None] + h[:, None] * s).ravel()
-    return np.append(times, time[-1]), np.append(drawn.ravel(), values[0][-1])
+    time, values = run["time"].values, [run[one].values for one in chain]  # rates are in their owner's unit per second
+    h = (time[rows + 1] - time[rows]).astype(float)
+    return _hermite([one[rows] for one in values], [one[rows + 1] for one in values], h, (times - time[rows]) / h)
 
 
-def _hermite(start: list[Floats], end: list[Floats], h: Floats, s: Floats) -> Floats:
-    """Return Hermite's polynomial through values and their derivatives at both ends, shape (intervals, points).
+def _hermite(start: list[Floats], end: list[Floats], w: Floats, u: Floats) -> Floats:
+    """Return Hermite's polynomial through values and their derivatives at both ends of steps w, at parts u of them.
 
     Of two derivatives the quintic one, of one the cubic (Hairer, Norsett, Wanner, Solving ODEs I, section II.6).
     """
-    u, w = s[None, :], h[:, None]
-    a, b = start[0][:, None], end[0][:, None]
-    p, q = w * start[1][:, None], w * end[1][:, None]
+    a, b, p, q = start[0], end[0], w * start[1], w * end[1]
     if len(start) == 2:
         return a + u * p + u**2 * (3 * (b - a) - 2 * p - q) + u**3 * (2 * (a - b) + p + q)
-    k, m = w**2 * start[2][:, None], w**2 * end[2][:, None]
+    k, m = w**2 * start[2], w**2 * end[2]
     rest, slope, bend = b - a - p - k / 2, q - p - k, m - k
     return a + u * p + u**2 * k / 2 + u**3 * (10 * rest - 4 * slope + bend / 2) + u**4 * (-15 * rest + 7 * slope - bend) + u**5 * (6 * rest - 3 * slope + bend / 2)  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.faults import InputError
-from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.marks import COLOURS, timed, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.schema import CYCLE
 
@@ -55,12 +55,12 @@ def _along_cycles(found: xr.Dataset, name: str, axes: Axes) -> None:
     steady = float(np.nanmax(np.abs(one.values - first))) < STEADY * abs(first)
     values, shown = (one.values - first, f"{name} - {first:.9g} {units}") if steady else (one.values, name)
     axes.plot(found["cycle_time"].values, values, ".-", color=COLOURS[0], linewidth=1.0, markersize=4)
-    axes.set(xlabel="time at the end of the cycle (s)", ylabel=words(f"{name} ({units})"))
+    axes.set(xlabel=timed(found["cycle_time"], "time at the end of the cycle"), ylabel=words(f"{name} ({units})"))
     axes.set_title(words(shown), loc="left", fontsize=10, pad=14)
 
 
 def _residual(found: xr.Dataset, name: str, axes: Axes) -> None:
     one = found[name]
     axes.plot(found["time"].values, one.values, color=COLOURS[1], linewidth=1.0)
-    axes.set(xlabel="time (s)", ylabel=words(f"{name} ({one.attrs['units']})"))
+    axes.set(xlabel=timed(found["time"]), ylabel=words(f"{name} ({one.attrs['units']})"))
     axes.set_title(words(str(one.attrs["long_name"])), loc="left", fontsize=10)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.marks import COLOURS, timed, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.schema import AT_TIME
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 RESIDUAL, MEASURED, DOUBT = "residual_", "measured_", "measured_uncertainty_"
-MOST = 4  # quantities
+MOST_PANELS = 8
 
 
 def panels_of(found: xr.Dataset) -> list[Panel]:
     """Return what draws each quantity, and beside it its residuals."""
-    names = [str(name).removeprefix(RESIDUAL) for name in found.data_vars if str(name).startswith(RESIDUAL)][:MOST]
+    names = [str(name).removeprefix(RESIDUAL) for name in found.data_vars if str(name).startswith(RESIDUAL)]
     return [draw for name in names for draw in (partial(_values, found, name), partial(_residuals, found, name))]
 
 
@@ -37,7 +37,7 @@ def _values(found: xr.Dataset, name: str, axes: Axes) -> None:
     order = np.argsort(time, kind="stable")
     axes.plot(time, found[f"{MEASURED}{name}"].values, ".", color=COLOURS[1], markersize=3, label="measured")
     axes.plot(time[order], found[name].values[order], color=COLOURS[0], linewidth=1.0, label="fitted model")
-    axes.set(xlabel="time (s)", ylabel=words(f"{name} ({units})"))
+    axes.set(xlabel=timed(found[AT_TIME]), ylabel=words(f"{name} ({units})"))
     axes.set_title(words(name), loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
@@ -51,5 +51,5 @@ def _residuals(found: xr.Dataset, name: str, axes: Axes) -> None:
     else:
         axes.plot(time, left, ".", color=COLOURS[1], markersize=3)
     axes.axhline(0.0, color=COLOURS[0], linewidth=1.0)
-    axes.set(xlabel="time (s)", ylabel=words(f"measured minus fitted ({found[name].attrs['units']})"))
+    axes.set(xlabel=timed(found[AT_TIME]), ylabel=words(f"measured minus fitted ({found[name].attrs['units']})"))
     axes.set_title(words(f"residuals of {name}"), loc="left", fontsize=10)

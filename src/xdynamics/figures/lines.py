@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.inside import model_of
 from xdynamics.evidence.sampling import sample
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.figures.curves import between, paired, thinned
-from xdynamics.figures.marks import COLOURS, mark_events, shade_regimes, typeset, words
+from xdynamics.figures.curves import drawn, has_chords, moments
+from xdynamics.figures.marks import COLOURS, mark_events, shade_regimes, timed, typeset, words
 from xdynamics.model.drives import looked_up
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.record.kinds import is_whole
@@ -46,25 +46,26 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
         return
     time, around = run["time"].values, wraps(run)
     for colour, name in zip(cycled(names), names, strict=True):
-        values, curve, shown = run[name].values, between(run, name), words(name)
-        rows, dots = thinned(values), "." if run.sizes[STEPS] < FEW_ROWS else ""
+        values, (times, (line,)) = run[name].values, drawn(run, name)
         if name in around:
-            times, drawn = curve if curve is not None else (time, values)
             units = str(run[name].attrs["units"])
-            values, curve = wrapped(values, units), (times, torn(drawn, units))
-        if curve is None:
-            axes.plot(time[rows], values[rows], dots + "-", color=colour, linewidth=1.2, markersize=4, label=shown)
-        else:
-            axes.plot(time, values, marker=dots, linestyle="none", color=colour, markersize=4)
-            axes.plot(*curve, "-", color=colour, linewidth=1.2, label=shown)
+            values, line = wrapped(values, units), torn(line, units)
+        if run.sizes[STEPS] < FEW_ROWS:
+            axes.plot(time, values, ".", color=colour, markersize=4)
+        axes.plot(times, line, "-", color=colour, linewidth=1.2, label=words(name))
     overlaid = _overlay(names, beside, axes)
     label = _joined(names) if what != CONTACTS else "force"
-    axes.set(xlabel="time (s)", ylabel=words(f"{label} ({run[names[0]].attrs['units']})"))
-    axes.set_title(what, loc="left", fontsize=10)
+    axes.set(xlabel=timed(run["time"]), ylabel=words(f"{label} ({run[names[0]].attrs['units']})"))
+    axes.set_title(f"{what}{straight(run, *names)}", loc="left", fontsize=10)
     shade_regimes(run, axes)
     mark_events(run, names, axes)
     over_the_run(run, axes)
     _legend(axes, names, beside=overlaid)
+
+
+def straight(run: xr.Dataset, *names: str, exact: bool = False) -> str:
+    """Say so where lines go straight from row to row, as what is between them is not known."""
+    return "; straight between rows" if has_chords(run, *names, exact=exact) else ""
 
 
 def _overlay(names: list[str], beside: Beside, axes: Axes) -> bool:
@@ -89,7 +90,7 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     """Draw many variables as colours: time across, one row for each."""
     time = run["time"].values
     wanted = np.linspace(time[0], time[-1], min(COLUMNS, 4 * len(time)))
-    rows = np.stack([np.interp(wanted, *(between(run, name) or (time, run[name].values))) for name in names])
+    rows = np.stack([np.interp(wanted, times, line) for name in names for times, (line,) in [drawn(run, name)]])
     largest = float(np.abs(rows).max()) or 1.0
     edges = np.append(wanted, wanted[-1])
     shown = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, cmap="RdBu_r", vmin=-largest, vmax=largest, rasterized=True)  # fmt: skip
@@ -97,8 +98,8 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     ticks = np.unique(np.linspace(1, len(names), min(len(names), 9)).round().astype(int))
     axes.set_yticks(ticks, [words(names[k - 1]) for k in ticks])
     axes.grid(visible=False)
-    axes.set(xlabel="time (s)")
-    axes.set_title(f"{what}, {len(names)} of them", loc="left", fontsize=10)
+    axes.set(xlabel=timed(run["time"]))
+    axes.set_title(f"{what}, {len(names)} of them{straight(run, *names)}", loc="left", fontsize=10)
 
 
 def driven(run: xr.Dataset, names: list[str], axes: Axes) -> None:
@@ -109,16 +110,17 @@ def driven(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     for colour, name in zip(cycled(names), names, strict=True):
         drive = model.drives[name]
         of_time = drive.argument == "t"
-        at, argument = (time, time) if of_time else (between(run, drive.argument) or (time, run[drive.argument].values))
         if of_time:  # its own points too, which no step may have met
-            at = argument = np.union1d(
-                time, tables[name][0][(tables[name][0] > time[0]) & (tables[name][0] < time[-1])]
-            )
+            own = tables[name][0][(tables[name][0] > time[0]) & (tables[name][0] < time[-1])]
+            at = argument = np.union1d(moments(run), own)
         else:
+            at, (argument,) = drawn(run, drive.argument)
             argument = argument * float(model.units[drive.argument].factor)
         values = looked_up(tables[name], argument, of_time=of_time)[0] / float(drive.table.value_unit.factor)
         axes.plot(at, values, color=colour, linewidth=1.1, label=words(f"{name}({drive.argument})"))
-    axes.set(xlabel="time (s)", ylabel=words(f"{_joined(names)} ({model.drives[names[0]].table.value_unit.text})"))
+    axes.set(
+        xlabel=timed(run["time"]), ylabel=words(f"{_joined(names)} ({model.drives[names[0]].table.value_unit.text})")
+    )
     axes.set_title("measured drives along the run", loc="left", fontsize=10)
     over_the_run(run, axes)
     _legend(axes, names)
@@ -139,7 +141,7 @@ def struck(run: xr.Dataset, names: list[str], axes: Axes) -> None:
         axes.vlines(time[shown], 0.0, values[shown], color=colour, linewidth=1.0)
         axes.plot(time[shown], values[shown], ".", color=colour, markersize=4, label=words(name.removeprefix("event_")))
     axes.axhline(0.0, color="#777777", linewidth=0.8)
-    axes.set(xlabel="time (s)", ylabel=words(f"impulse ({run[names[0]].attrs['units']})"))
+    axes.set(xlabel=timed(run["time"]), ylabel=words(f"impulse ({run[names[0]].attrs['units']})"))
     axes.set_title("impulses of impacts", loc="left", fontsize=10)
     over_the_run(run, axes)
     _legend(axes, names)
@@ -189,22 +191,20 @@ def phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Draw velocities against positions."""
     around = wraps(run)
     for colour, name in zip(cycled(names), names, strict=True):
-        position, speed = run[name].values, run[velocity(name)].values
-        rows = paired(run, np.union1d(thinned(position), thinned(speed)))
-        drawn = position[rows], speed[rows]
-        if (there := between(run, name)) is not None and (then := between(run, velocity(name))) is not None:
-            drawn = there[1], then[1]
+        _, (line, speeds) = drawn(run, name, velocity(name))
+        start = line[:1]
         if name in around:
             units = str(run[name].attrs["units"])
-            drawn, position = (torn(drawn[0], units), drawn[1]), wrapped(position, units)
-        axes.plot(*drawn, color=colour, linewidth=1.0, label=words(name))
-        axes.plot(position[:1], speed[:1], "o", color=colour, markersize=4)
+            start, line = wrapped(start, units), torn(line, units)
+        axes.plot(line, speeds, color=colour, linewidth=1.0, label=words(name))
+        axes.plot(start, speeds[:1], "o", color=colour, markersize=4)
     units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]
     axes.set(
         xlabel=words(f"{_joined(names)} ({units})"),
         ylabel=words(f"{_joined([velocity(name) for name in names])} ({per_second})"),
     )
-    axes.set_title("phase portrait (dot: start)", loc="left", fontsize=10)
+    said = straight(run, *names, *(velocity(name) for name in names))
+    axes.set_title(f"phase portrait (dot: start){said}", loc="left", fontsize=10)
     _legend(axes, names)
 
 

@@ -59,6 +59,18 @@ def typeset(units: str) -> str:
     return _UNIT.sub(lambda one: one[1] + (one[2] or "").translate(_POWERS), units)
 
 
+def timed(time: xr.DataArray, what: str = "time") -> str:
+    """Label an axis of times with the unit that they have: none where a model's time is a pure number."""
+    units = str(time.attrs.get("units", "s"))
+    return what if units == "1" else f"{what} ({units})"
+
+
+def at_time(time: xr.DataArray, value: float, digits: int = 6) -> str:
+    """Say a time with the unit that it has."""
+    units = str(time.attrs.get("units", "s"))
+    return f"t = {value:.{digits}g}{'' if units == '1' else f' {units}'}"
+
+
 def words(text: Any) -> str:
     """Return a record's text as it is to be read in a figure: no formula, nothing unseen."""
     return escaped(str(text)).replace("$", r"\$")

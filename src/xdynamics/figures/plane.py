@@ -15,7 +15,7 @@ from xdynamics.expressions import dimension_of, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import between, thinned
-from xdynamics.figures.lines import DASHES, Beside
+from xdynamics.figures.lines import DASHES, Beside, straight
 from xdynamics.figures.marks import COLOURS, INK, words
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
-MOST_BODIES = 8
+MOST_BODIES = 200  # whose paths are drawn
 MOST_MARKS = 1000  # of one event
 THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 
@@ -60,7 +60,7 @@ def views(run: xr.Dataset) -> list[list[Path]]:
     """Return what is seen in each view of the plane: bodies together, or coordinates from each side."""
     model = _model(run)
     if model is not None and model.pictured.plane:
-        return [_named(run, model)[:MOST_BODIES]]
+        return [_named(run, model)]
     groups: dict[str, list[str]] = {}
     for name, one in run.data_vars.items():
         units = str(one.attrs.get("units"))
@@ -78,9 +78,10 @@ def views(run: xr.Dataset) -> list[list[Path]]:
 
 def draw(run: xr.Dataset, view: list[Path], beside: Beside, axes: Axes) -> None:
     """Draw the paths of a view with one scale for both axes; a dot where each begins."""
+    every, view = view, view[:MOST_BODIES]
     for k, one in enumerate(view):
         colour = COLOURS[k % len(COLOURS)]
-        rows = np.union1d(thinned(one.x), thinned(one.y))
+        rows = np.union1d(thinned(one.x, times=one.times), thinned(one.y, times=one.times))
         axes.plot(one.x[rows], one.y[rows], "-", color=colour, linewidth=1.1)
         axes.plot(one.x[:1], one.y[:1], "o", color=colour, markersize=5)
     _overlay(view, beside, axes)
@@ -90,7 +91,13 @@ def draw(run: xr.Dataset, view: list[Path], beside: Beside, axes: Axes) -> None:
     named = all(one.across == first.across and one.up == first.up for one in view)
     across, up = (_short(first.across), _short(first.up)) if named else ("across", "up")
     axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.units})"))
-    axes.set_title("the plane (dot: start)", loc="left", fontsize=10)
+    coordinates = [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") == "coordinate"]
+    axes.set_title(f"the plane (dot: start){left_out(every)}{straight(run, *coordinates)}", loc="left", fontsize=10)
+
+
+def left_out(view: list[Path]) -> str:
+    """Say how many bodies of a view are not drawn, where there are any."""
+    return f", {MOST_BODIES} of {len(view)} bodies" if len(view) > MOST_BODIES else ""
 
 
 def _overlay(view: list[Path], beside: Beside, axes: Axes) -> None:

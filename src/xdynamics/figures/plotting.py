@@ -78,13 +78,13 @@ def plot(
     _check(size, dpi)
     wanted = [only] if isinstance(only, str) else only
     options: dict[str, Any] = {"only": wanted, "beside": others} if page is run else {}
-    panels = page.panels_of(record, **options)
+    panels, foot = page.panels_of(record, **options), page.foot_of(record)
+    most = getattr(page, "MOST_PANELS", len(panels))
+    if len(panels) > most:
+        panels, foot = panels[:most], f"the first {most} of {len(panels)} panels; {foot}"
     height = page.height_of(len(panels)) if hasattr(page, "height_of") else float(getattr(page, "HEIGHT", HEIGHT))
     with lit(dark=dark):
-        figure = sheet(panels, title, page.foot_of(record), height, size)
-        if page is run and record["time"].attrs.get("units") == "1":
-            for axes in figure.axes:
-                axes.set_xlabel(axes.get_xlabel().replace("time (s)", "time"))
+        figure = sheet(panels, title, foot, height, size)
         if path is not None:
             write(figure, Path(path), dpi)
     return figure

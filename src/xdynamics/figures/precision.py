@@ -23,7 +23,7 @@ HEIGHT = 3.8
 def panels_of(found: xr.Dataset) -> list[Panel]:
     """Return what draws each number."""
     names = [str(name) for name in found.data_vars if str(name).startswith(OFF) and bool((found[name] > 0).any())]
-    return [partial(_work, found, name) for name in names[:MOST_PANELS]]
+    return [partial(_work, found, name) for name in names]
 
 
 def foot_of(found: xr.Dataset) -> str:

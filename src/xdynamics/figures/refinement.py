@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.marks import COLOURS, at_time, timed, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.record.words import words_of
 from xdynamics.schema import AT, AT_TIME, LEVEL
@@ -24,12 +24,12 @@ FAR_BELOW = 1e-3  # of the smallest difference: what is less than this is not dr
 
 def panels_of(study: xr.Dataset) -> list[Panel]:
     """Return what draws each number of a refinement."""
-    return [partial(_differences, study, name) for name in _numbers(study)[:MOST_PANELS]]
+    return [partial(_differences, study, name) for name in _numbers(study)]
 
 
 def foot_of(study: xr.Dataset) -> str:
     """Say what is drawn, and what is left out."""
-    left = sum(f"difference_{name}" in study for name in study.data_vars) - min(MOST_PANELS, len(_numbers(study)))
+    left = sum(f"difference_{name}" in study for name in study.data_vars) - len(_numbers(study))
     more = f"; {left} further numbers, at roundoff or limited by interpolation, are in the record" if left else ""
     return (
         "dots: difference of each level to the next finer one; crosses: how far interpolation or location may have it off, where that is not far below;"
@@ -70,7 +70,13 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
         change, doubt = (
             np.abs(study[f"{kind}_{name}"].isel(here).values) for kind in ("difference", "interpolation_error")
         )
-        where = "" if not place else f"t = {float(study[AT_TIME][k]):.6g} s" if place == AT else f"occurrence {k + 1}"
+        where = (
+            ""
+            if not place
+            else at_time(study[AT_TIME], float(study[AT_TIME][k]))
+            if place == AT
+            else f"occurrence {k + 1}"
+        )
         verdict = words_of(study[f"verdict_{name}"].isel(here))[0].replace("_", " ") if number else ""
         shown = change > 0.0
         known = doubt > (FAR_BELOW * float(change[shown].min()) if shown.any() else 0.0)
@@ -86,11 +92,11 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
     units = one.attrs["units"]
     if number:
         log_steps(axes, steps)
-        axes.set(xlabel=words(f"{study.attrs['varied']} ({varied.attrs['units']})"))
+        axes.set(xlabel=words(timed(varied, str(study.attrs["varied"]))))
     else:
         axes.set_xticks(steps, [words(str(each)) for each in varied.values])
     axes.set(ylabel=words(f"|difference| ({units})"))
-    first = f" at {float(study[AT_TIME][0]):.6g} s" if place == AT else ""
+    first = f" at {at_time(study[AT_TIME], float(study[AT_TIME][0]))}" if place == AT else ""
     left = f", {MOST_PLACES} of {study.sizes[place]} drawn" if place and study.sizes[place] > MOST_PLACES else ""
     value = float(one.values.reshape(varied.size, -1)[-1, 0])
     axes.set_title(words(f"{name}{first} = {value:.9g} {units}{left}"), loc="left", fontsize=10)

@@ -40,8 +40,9 @@ Keyed = tuple[str, list[str], Panel]  # what kind of panel, which variables, how
 def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequence[Any] = ()) -> list[Panel]:
     """Return what draws each panel of a run: the plane, trajectory, velocity, contacts, drives, phase portrait, energy, steps.
 
-    Between few states lines are Hermite's polynomials through states, velocities and accelerations; those of more than
-    4,000 points are thinned by keeping the least and the greatest value of each stretch. The record keeps every row.
+    Between rows that are far apart lines go through states of the run's own method, made again from the record, and what is
+    computed from states is evaluated on them; where that is not known the panel says so. Lines of more than 4,000 points are
+    thinned by keeping the least and the greatest value of each stretch. The record keeps every row.
 
     Parameters
     ----------
@@ -59,6 +60,7 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
     if "time" not in run.variables or run["time"].dims != (STEPS,) or not run["time"].size:
         raise InputError("plot needs a run record with 'time' along 'step'")
     check(run, whole=False, values=False)
+    run = run.copy(deep=False)  # what is between its rows is kept as long as it is drawn
     wanted = None if only is None else [*only]
     if wanted is not None:
         _check_wanted(run, wanted)

@@ -11,7 +11,7 @@ import xarray as xr
 
 from xdynamics.faults import InputError
 from xdynamics.figures import diagnosis, refinement
-from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.marks import COLOURS, timed, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.record.words import words_of
 from xdynamics.schema import CYCLE, EVIDENCE, LEVEL
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Several = Mapping[str, xr.Dataset]
 
-MARKERS = "os^Dv<>P"
+MARKERS, MOST_PANELS = "os^Dv<>P", refinement.MOST_PANELS
 
 
 def panels_of(found: Several) -> list[Panel]:
@@ -43,7 +43,7 @@ def panels_of(found: Several) -> list[Panel]:
     else:
         names = [str(name) for name in first.data_vars if all(f"difference_{name}" in one for one in found.values())]
         names = [name for name in names if any(refinement.telling(one, name) for one in found.values())] or names
-        panels = [partial(_differences, found, name) for name in names[: refinement.MOST_PANELS]]
+        panels = [partial(_differences, found, name) for name in names]
     if not panels:
         raise InputError("there is nothing to draw together: no number is in all of the records")
     return panels
@@ -72,7 +72,7 @@ def _differences(found: Several, name: str, axes: Axes) -> None:
             verdict = words_of(study[f"verdict_{name}"].isel(here))[0].replace("_", " ")
             label = f"{label} ({order:.2f}, {verdict})" if np.isfinite(order) else f"{label} ({verdict})"  # noqa: PLW2901
         axes.plot(study[varied].values[shown], change[shown], f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=4, linewidth=1.0, label=words(label))  # fmt: skip
-        axes.set(xlabel=words(f"{varied} ({study[varied].attrs['units']})"))
+        axes.set(xlabel=words(timed(study[varied], varied)))
     axes.set_yscale("log")
     refinement.log_steps(axes, np.unique(np.concatenate([one[varied].values for one in found.values()])))
     axes.set(ylabel=words(f"|difference| ({units})"))
@@ -90,6 +90,7 @@ def _along_cycles(found: Several, name: str, axes: Axes) -> None:
     if high - low < diagnosis.STEADY * size:  # what is the same but for little is drawn so
         axes.set_ylim(low - diagnosis.STEADY * size, high + diagnosis.STEADY * size)
         axes.ticklabel_format(axis="y", useOffset=False)
-    axes.set(xlabel=f"time at the end of the {CYCLE} (s)", ylabel=words(f"{name} ({units})"))
+    first = next(iter(found.values()))
+    axes.set(xlabel=timed(first["cycle_time"], f"time at the end of the {CYCLE}"), ylabel=words(f"{name} ({units})"))
     axes.set_title(words(name.replace("_", " ")), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)

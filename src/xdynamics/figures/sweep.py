@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.figures.curves import thinned
-from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.marks import COLOURS, at_time, timed, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
@@ -42,12 +42,12 @@ def panels_of(sweep: xr.Dataset) -> list[Panel]:
     wide = _axes(sweep)
     names = _names(sweep)
     if len(wide) >= 2 and all(one in sweep.coords for one in wide[:2]):
-        return [partial(_map, sweep.isel(part), name, wide[:2]) for name, part in _parts(sweep, names, wide[:2])]
+        return [partial(_map, sweep, name, part, wide[:2]) for name, part in _parts(sweep, names, wide[:2])]
     if len(wide) == 1 and wide[0] in sweep.coords:
-        return [partial(_line, sweep, name, wide[0]) for name in names[:MOST_PANELS]]
+        return [partial(_line, sweep, name, wide[0]) for name in names]
     if wide:
-        return [partial(_drawn, sweep, name, wide[0]) for name in names[:MOST_PANELS]]
-    return [partial(_words, sweep, name) for name in names[:MOST_PANELS]]
+        return [partial(_drawn, sweep, name, wide[0]) for name in names]
+    return [partial(_words, sweep, name) for name in names]
 
 
 def foot_of(sweep: xr.Dataset) -> str:
@@ -86,17 +86,16 @@ def _varies(values: Values) -> bool:
 
 
 def _parts(sweep: xr.Dataset, names: list[str], shown: list[str]) -> Iterator[tuple[str, dict[str, int]]]:
-    """Yield what panels show: each number, and of what varies besides each value, as many as there is room for."""
+    """Yield what panels show: of what varies besides each value, and for it each number."""
     others = [dim for dim in sweep[OUTCOME].dims if dim not in shown]
-    choices = list(product(*(range(sweep.sizes[dim]) for dim in others)))
-    if len(choices) * len(names) > MOST_PANELS:
-        choices = choices[: max(1, MOST_PANELS // max(1, len(names)))]
-    found = [(name, {str(dim): k for dim, k in zip(others, at, strict=True)}) for name in names for at in choices]
-    yield from found[:MOST_PANELS]
+    for at in product(*(range(sweep.sizes[dim]) for dim in others)):
+        for name in names:
+            yield name, {str(dim): k for dim, k in zip(others, at, strict=True)}
 
 
-def _map(sweep: xr.Dataset, name: str, shown: list[str], axes: Axes) -> None:
+def _map(whole: xr.Dataset, name: str, part: Mapping[str, int], shown: list[str], axes: Axes) -> None:
     """Draw a number over two axes; where runs ended otherwise than most, in a colour of the outcome."""
+    sweep = whole.isel(part)
     one = sweep[name]
     for dim in (AT, OCCURRENCE):
         one = one.isel({dim: -1 if dim == AT else 0}) if dim in one.dims else one
@@ -162,7 +161,10 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
     """Draw a number over one axis, a line for each word; of occurrences points, one below the other."""
     others = [one for one in sweep[OUTCOME].dims if one != dim]
     x = sweep[dim].values.astype(float)
-    choices = list(product(*(range(sweep.sizes[one]) for one in others)))[:MOST_LINES]
+    every = list(product(*(range(sweep.sizes[one]) for one in others)))
+    choices, times = every[:MOST_LINES], sweep[name].sizes.get(AT, 1)
+    left = f", {MOST_LINES} of {len(every)} lines" if len(every) > MOST_LINES else ""
+    left += f", {MOST_LINES} of {times} times" if times > MOST_LINES else ""
     for k, at in enumerate(choices):
         part = sweep.isel(dict(zip(others, at, strict=True)))
         one, label = part[name], _said(part, [dim]).removeprefix(", ")
@@ -174,14 +176,14 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
         elif AT in one.dims:
             chosen = np.unique(np.linspace(0, one.sizes[AT] - 1, min(MOST_LINES, one.sizes[AT])).astype(int))
             for j, i in enumerate(chosen.tolist()):
-                axes.plot(x, one.isel({AT: i}).values, color=COLOURS[j % len(COLOURS)], linestyle=dashes, linewidth=1.1, label=f"t = {float(sweep[AT_TIME][i]):.4g} s {label}".strip())  # fmt: skip
+                axes.plot(x, one.isel({AT: i}).values, color=COLOURS[j % len(COLOURS)], linestyle=dashes, linewidth=1.1, label=f"{at_time(sweep[AT_TIME], float(sweep[AT_TIME][i]), 4)} {label}".strip())  # fmt: skip
         else:
             values = one.values.astype(float)
             rows = thinned(values)
             axes.plot(x[rows], values[rows], marker="" if len(x) > 40 else ".", linestyle=dashes, color=colour, linewidth=1.2, markersize=4, label=label)  # fmt: skip
         _mark_bad(axes, part, name, x)
     axes.set(xlabel=_labelled(sweep, dim), ylabel=_labelled(sweep, name))
-    axes.set_title(words(name), loc="left", fontsize=10)
+    axes.set_title(words(f"{name}{left}"), loc="left", fontsize=10)
     if axes.get_legend_handles_labels()[1] and (len(choices) > 1 or AT in sweep[name].dims):
         axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
@@ -203,7 +205,7 @@ def _drawn(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
         axes.fill_between(times, low, high, color=BANDS[0], label="95 %")
         axes.fill_between(times, lower, upper, color=BANDS[1], label="50 %")
         axes.plot(times, middle, color=COLOURS[0], linewidth=1.2, label="median")
-        axes.set(xlabel="time (s)", ylabel=_labelled(sweep, name))
+        axes.set(xlabel=timed(sweep[AT_TIME]), ylabel=_labelled(sweep, name))
         axes.legend(fontsize=7, frameon=False)
     else:
         values = one.values.astype(float).ravel()

@@ -1,0 +1,182 @@
+"""Lines between rows: every quantity on states of the method's own steps, whatever the steps are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from xdynamics.figures.curves import drawn, has_chords
+from xdynamics.figures.plane import views
+
+Floats = Any
+
+
+def spring(x: float, v: float, k: float, damping: float = 0.0) -> xd.Model:
+    """A mass of 1 kg on a spring, with a drag where there is one."""
+    forces: dict[str, Any] = {"spring": {"potential": "k*x**2/2"}}
+    if damping:
+        forces["drag"] = {"x": "-c*v_x"}
+    return xd.Model(
+        name="spring", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces=forces,
+        parameters={"k": f"{k!r} N m-1"} | ({"c": f"{damping!r} kg s-1"} if damping else {}),
+        initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"}, observables={"power": "-k*x*v_x"},
+    )  # fmt: skip
+
+
+def uneven(random: np.random.Generator, span: float) -> list[float]:
+    """Steps from tiny to long that come to a time, one of a few spacings of t in any place."""
+    steps = 10.0 ** random.uniform(-4, 0, int(random.integers(3, 40)))
+    steps = (steps * span / steps.sum()).tolist()
+    return [*steps[: (place := int(random.integers(len(steps))))], 10.0 ** random.uniform(-14, -11), *steps[place:]]
+
+
+def euler(x: Floats, v: Floats, h: Floats, k: float) -> tuple[Floats, Floats]:
+    """One step of Euler's method."""
+    return x + h * v, v - h * k * x
+
+
+def verlet(x: Floats, v: Floats, h: Floats, k: float) -> tuple[Floats, Floats]:
+    """One step of velocity Verlet."""
+    x1 = x + h * v - h**2 / 2 * k * x
+    return x1, v - h / 2 * k * (x + x1)
+
+
+def midpoint(x: Floats, v: Floats, h: Floats, k: float) -> tuple[Floats, Floats]:
+    """One step of the explicit midpoint rule."""
+    return x + h * (v - h / 2 * k * x), v - h * k * (x + h / 2 * v)
+
+
+STEPS: dict[str, Callable[..., tuple[Floats, Floats]]] = {
+    "forward_euler": euler,
+    "velocity_verlet": verlet,
+    "midpoint": midpoint,
+}
+
+
+@pytest.mark.cases(300)
+def test_lines_are_of_the_methods_own_states(case: int) -> None:
+    """Assert energies and an observable at every drawn time, by a second implementation of the step from the row before."""
+    random = np.random.default_rng(case)
+    method = [*STEPS][case % len(STEPS)]
+    x, v, k = random.uniform(-2, 2), random.uniform(-2, 2), 10.0 ** random.uniform(-1, 1)
+    span = random.uniform(0.5, 3.0)
+    run = xd.simulate(spring(x, v, k), method=method, step=uneven(random, span), until=span)
+    energies = "potential_energy", "kinetic_energy", "total_energy", "power", "force_spring_x", "a_x"
+    times, lines = drawn(run, *energies)
+    time = run.time.values
+    assert np.diff(times).max() <= span / 1000  # whatever the steps are, no line is a polygon
+    assert np.isin(time, times).all()
+    row = np.searchsorted(time, times, side="right") - 1
+    here, speed = STEPS[method](run.x.values[row], run.v_x.values[row], times - time[row], k)
+    power, force = -k * here * speed, -k * here
+    true = k * here**2 / 2, speed**2 / 2, k * here**2 / 2 + speed**2 / 2, power, force, force
+    size = 1.0 + float(run.total_energy.max()) * (1.0 + k)
+    for name, line, values in zip(energies, lines, true, strict=True):
+        assert np.abs(line - values).max() < 1e-11 * size, name
+    assert not has_chords(run, *energies)
+
+
+@pytest.mark.cases(200)
+def test_energies_of_long_steps_are_those_of_the_closed_form(case: int) -> None:
+    """Assert the heights of a flight's energies by v0 and g, of any method of second order at least, however few its steps."""
+    random = np.random.default_rng(case)
+    methods = [name for name, one in xd.METHODS.items() if one.order > 1 and name != "moreau_jean"]
+    speed, g = random.uniform(1, 30), random.uniform(1, 20)
+    flight = xd.Model(
+        name="flight", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, parameters={"g": f"{g!r} m s-2"},
+        forces={"gravity": {"potential": "1*kilogram*g*y"}}, initial={"y": "0 m", "v_y": f"{speed!r} m s-1"},
+    )  # fmt: skip
+    end, count = 2 * speed / g, int(random.integers(1, 4))
+    run = xd.simulate(flight, method=str(random.choice(methods)), step=end / count, until=end)
+    times, (potential, kinetic) = drawn(run, "potential_energy", "kinetic_energy")
+    height = speed * times - g * times**2 / 2
+    assert np.abs(potential - g * height).max() < 1e-9 * speed**2
+    assert potential.max() == pytest.approx(speed**2 / 2, rel=1e-5)
+    assert kinetic.min() < 1e-5 * speed**2
+
+
+@pytest.mark.cases(150)
+def test_contact_forces_are_evaluated_between_rows(case: int) -> None:
+    """Assert the normal and the sticking force of a block that a rocking load presses and pulls, by the forces' own sum."""
+    random = np.random.default_rng(case)
+    load, pull, w = random.uniform(0.1, 5), random.uniform(0.1, 1.0), random.uniform(1, 10)
+    block = xd.Model(
+        name="block", coordinates={"x": "m", "y": "m"}, mass={"x": "1*kilogram", "y": "1*kilogram"},
+        parameters={"g": "9.81 m s-2", "load": f"{load!r} N", "pull": f"{pull!r} N", "w": f"{w!r} s-1"},
+        forces={"weight": {"potential": "1*kilogram*g*y"}, "push": {"x": "pull*sin(w*t)", "y": "load*cos(w*t)"}},
+        contacts={"floor": {"gap": "y", "restitution": 0.0, "tangential": "coulomb", "slip": "v_x", "friction": 0.9}},
+        initial={"x": "0 m", "y": "0 m"},
+    )  # fmt: skip
+    run = xd.simulate(block, method=("dop853", "rk4", "bogacki_shampine")[case % 3], step=random.uniform(0.2, 1.0), until=2.0)
+    times, (normal, friction) = drawn(run, "contact_force_floor", "friction_force_floor")
+    assert len(times) > 1000
+    assert np.abs(normal - (9.81 - load * np.cos(w * times))).max() < 1e-9
+    assert np.abs(friction + pull * np.sin(w * times)).max() < 1e-9
+
+
+@pytest.mark.cases(100)
+def test_what_changes_the_energy_is_named(case: int) -> None:
+    """Assert the title over exchanged energies: the method's error, forces, events, or two of these."""
+    random = np.random.default_rng(case)
+    x, k, kind = random.uniform(0.5, 2), random.uniform(1, 9), case % 3
+    if kind == 2:
+        ball = xd.Model(
+            name="ball", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, parameters={"g": f"{k!r} m s-2"},
+            forces={"gravity": {"potential": "1*kilogram*g*y"}}, initial={"y": f"{x!r} m"},
+            contacts={"floor": {"gap": "y", "restitution": random.uniform(0.3, 0.8)}},
+        )  # fmt: skip
+        run = xd.simulate(ball, method="dop853", rtol=1e-8, until=1.5 * np.sqrt(2 * x / k))
+    else:
+        model = spring(x, 0.0, k, random.uniform(0.2, 0.5) if kind else 0.0)
+        run = xd.simulate(model, method="rk4" if kind else "forward_euler", step=0.02, until=4.0)
+    titles = {one.get_title(loc="left") for one in xd.plot(run, only="energy").axes}
+    assert titles == {f"energy, changed by {('the method’s error alone', 'forces', 'events')[kind]}".replace("’", "'")}
+
+
+def test_steps_of_impulses_are_joined_and_it_is_said() -> None:
+    """Assert that forces of `moreau_jean`, means over its steps, are joined by straight lines, and that the panel says so."""
+    ball = xd.Model(
+        name="ball", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, initial={"y": "0 m"},
+        forces={"load": {"y": "-newton*(5 + sin(t/second))"}}, contacts={"floor": {"gap": "y", "restitution": 0.0}},
+    )  # fmt: skip
+    figure = xd.plot(xd.simulate(ball, method="moreau_jean", step=0.1, until=3.0), only="contact")
+    assert figure.axes[0].get_title(loc="left") == "contact and friction; straight between rows"
+
+
+def bodies(count: int) -> xr.Dataset:
+    """A run of so many bodies on springs in the plane."""
+    names = [f"{axis}{k}" for k in range(count) for axis in "xy"]
+    model = xd.Model(
+        name="bodies", coordinates=dict.fromkeys(names, "m"), mass=dict.fromkeys(names, "1*kilogram"),
+        forces={"springs": {"potential": " + ".join(f"{one}**2*newton/metre" for one in names)}},
+        figure={"plane": [[f"x{k}", f"y{k}"] for k in range(count)]},
+        initial=dict.fromkeys(names, "0 m") | {f"x{k}": f"{k + 1} m" for k in range(count)} | {f"v_y{k}": "1 m s-1" for k in range(count)},
+    )  # fmt: skip
+    return xd.simulate(model, method="velocity_verlet", step=0.2, until=1.0)
+
+
+def test_every_body_is_drawn() -> None:
+    """Assert a path for each of twenty bodies, and of very many that the picture says how many it shows."""
+    run = bodies(20)
+    axes = xd.plot(run, only="plane").axes[0]
+    assert sum(line.get_linestyle() == "-" for line in axes.lines) == 20
+    assert axes.get_title(loc="left") == "the plane (dot: start)"
+    (view,) = views(run)
+    assert len(view) == 20
+
+
+def test_a_bar_of_zero_has_no_length() -> None:
+    """Assert a bar for each term that is not 0, and for each term its number."""
+    model = spring(1.0, 0.0, 4.0).replace(parameters={"k": "4.0 ± 0.1 N m-1"})
+    budget = xd.error_budget(model, "x", at=1.0, method="dop853", rtol=1e-9, until=1.0)
+    sizes = budget.standard_uncertainty.values
+    axes = xd.plot(budget).axes[0]
+    assert (sizes == 0.0).any()
+    assert len(axes.patches) == np.count_nonzero(sizes > sizes.max() / 1e6)
+    assert len(axes.texts) == len(sizes)
+    assert min(one.get_width() for one in axes.patches) == sizes[sizes > sizes.max() / 1e6].min()
