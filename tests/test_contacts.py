@@ -482,7 +482,7 @@ def test_masses_and_bounces_of_many_runs_are_their_own() -> None:
         ({"gap": "y + v_y*second", "restitution": 1}, "gap reads the velocity 'v_y'"),
         ({"gap": "t*metre/second", "restitution": 1}, "gap depends on no coordinate"),
         ({"gap": "y + m", "restitution": 1}, "joins 'y' in 'm' with 'm' in 'kg'"),
-        ({"gap": "y", "restitution": 1, "law": "hertz"}, "law 'hertz' is not known; there are newton, poisson, sequential"),
+        ({"gap": "y", "restitution": 1, "law": "hertz"}, "law 'hertz' is not known; there are newton, poisson, sequential, energetic"),
         ({"gap": "y", "restitution": 1, "friction": 0.3}, "friction is for tangential = 'coulomb'"),
         ({"gap": "y", "restitution": 1, "tangential": "coulomb"}, "tangential 'coulomb' needs slip and friction"),
         ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "y/second", "friction": 0.3}, "slip depends on no velocity"),

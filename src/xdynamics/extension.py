@@ -14,13 +14,14 @@ from xdynamics.archive.seals import slabs
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import OUTCOMES, March
 from xdynamics.march.asking import settings_for
+from xdynamics.march.gains import Gains, Impacts, with_more
 from xdynamics.march.memory import go_on
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
 from xdynamics.record.kinds import said_of
 from xdynamics.record.provenance import asked_of
-from xdynamics.schema import END_MEMORY, EVENT_AFTER, GIVEN_STEP, NODE, STEP, STEPS
-from xdynamics.units import TIME, parse_time
+from xdynamics.schema import END_MEMORY, EVENT_AFTER, GIVEN_STEP, NODE, STEP, STEPS, velocity
+from xdynamics.units import TIME, parse_time, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -164,9 +165,27 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
         raise InputError(
             f"the run has {rows} rows and its memory is of {int(now.rows)}: it was cut; extend the whole run"
         )
+    if "event_energy_lost" in kept:
+        march.gains = with_more(Gains(), _impacts_of(kept, march), 0)
     march.event_pairs = int((kept["row_kind"].values == EVENT_AFTER).sum())
     stride = march.stride(rows)
     found = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}
     scale = march.settings.scales.of(TIME)
     factors = {"time": scale, "step_size": scale} | record.factors(march.model, march.settings.scales)
     march.witnesses = np.array([np.arange(0.0, rows, stride), *(one / factors[name] for name, one in found.items())])
+
+
+def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:
+    """Return the events of a record; detectors of one contact are told by their first."""
+    labels = kept["event_detector"].attrs["flag_meanings"].split()
+    names = [one.name for one in march.layout.watched]
+    detector = np.array([names.index(one) for one in labels])[kept["event_detector"].values]
+    row, after = (kept[f"event_row_{one}"].values for one in ("before", "after"))
+    work = np.zeros(row.size)
+    for name in march.layout.coordinates:
+        speed, factor = (
+            np.abs(kept[velocity(name)].values),
+            float(parse_unit(kept[velocity(name)].attrs["units"]).factor),
+        )
+        work += np.abs(kept[f"event_impulse_{name}"].values) * (speed[row] + speed[after]) * factor / 2.0
+    return Impacts(kept["event_kind"].values, row, detector, kept["event_time"].values, kept["event_energy_lost"].values, work)  # fmt: skip

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from xdynamics.expressions import free_names
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.contacts.bonds import FLAT
-from xdynamics.march.contacts.linking import GAP_OF, MOST, NUMBERS, SIZE, SLIDING
+from xdynamics.march.contacts.linking import GAP_OF, MOST, NUMBERS, RATE, SIZE, SLIDING
 from xdynamics.march.outcomes import CONTACT_PENETRATED
 from xdynamics.model.motion import constants
+from xdynamics.model.parts import ENERGETIC
 from xdynamics.model.reactions import NORMAL, Reaction, rate_dimension, reactions
 
 if TYPE_CHECKING:
@@ -44,11 +45,29 @@ def dispute(march: March) -> str:
             return f"the friction of '{one.owner}' is {size:.6g} while it slips, and needs to be non-negative"
         if one.sort != NORMAL and not most >= size:
             return f"the friction of '{one.owner}' sticks with {most:.6g} and slips with {size:.6g}: static is at least kinetic"
+    if why := _struck_together(march, numbers[:, RATE].tolist()):
+        return why
     for k, one in enumerate(found):
         if run.touches[k].part == SLIDING and not _pressed_apart(march, k):
             return painleve(one, float(run.touches[k].coefficient))
     held = ", ".join(f"'{one.owner}'" for one, touch in zip(found, run.touches, strict=True) if touch.part)
     return f"the forces of {held} together are not determined: they hold the same motion twice, or cannot hold it"
+
+
+def _struck_together(march: March, rates: list[float]) -> str:
+    """Say that the energetic coefficient leaves open what several contacts do that touch at once, or nothing."""
+    touches, found = march.run.touches, reactions(march.model)
+    near = [k for k, one in enumerate(found) if one.sort == NORMAL and touches[k].near]
+    approach = any(rates[k] < -touches[k].slack for k in near)
+    if not approach or any(march.model.contacts[found[k].owner].law != ENERGETIC for k in near):
+        return ""
+    named = ", ".join(f"'{found[k].owner}'" for k in near)
+    if len(near) == 1:
+        return f"the impact of contact {named} does not end: friction holds it as fast as it is pressed"
+    return (
+        f"contacts {named} touch at once and act on each other, and law = '{ENERGETIC}' is for one contact at a time: how"
+        " several share an impulse depends on their stiffnesses; choose law = 'poisson' or 'sequential'"
+    )
 
 
 def undefined(march: March) -> str:

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from xdynamics.expressions import free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.march.gains import energy_dimension
 from xdynamics.march.runner import March
 from xdynamics.march.settings import EPS, Tolerances
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, mass_matrices
 from xdynamics.model.motion import constants
+from xdynamics.model.parts import ENERGETIC, POISSON
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import LOCATED, MOST_SWITCHES, switches
 from xdynamics.stability import stiffness
-from xdynamics.units import TIME, parse_unit
+from xdynamics.units import TIME, parse_unit, spell
 
 CONTROLLED = 300.0  # absolute tolerances that the largest value of a variable has at least, where they control it
 COMPARABLE = 10.0  # ratio of absolute to relative tolerance of a value up to which the relative one was meant so
@@ -32,7 +34,13 @@ WELL_CONDITIONED = 1e10  # leaves six digits of the accelerations
 
 def doubts(march: March) -> list[str]:
     """Return, each in a sentence, why the numbers of a march that is over may be worth less than they look."""
-    return [*_of_tolerances(march), *_of_mass(march), *_of_switches(march), *_of_contacts(march.model)]
+    return [
+        *_of_tolerances(march),
+        *_of_mass(march),
+        *_of_switches(march),
+        *_of_contacts(march.model),
+        *_of_gains(march),
+    ]
 
 
 def _of_tolerances(march: March) -> Iterator[str]:
@@ -121,6 +129,24 @@ def _of_contacts(model: Model) -> Iterator[str]:
                 f"the gap of contact '{one.owner}' grows {size / slip:.6g} times as fast as a distance, going by its slip:"
                 " contact_force and friction are in that measure; divide the gap by it"
             )
+
+
+def _of_gains(march: March) -> Iterator[str]:
+    """Say so where impacts created energy."""
+    gains, model = march.gains, march.model
+    if not gains.groups:
+        return
+    law, unit = next(iter(model.contacts.values())).law, spell(energy_dimension(model)).text
+    name = march.layout.watched[int(gains.detector)].name
+    where = (
+        f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g} s, event_energy_lost = {-gains.energy:.3g} {unit})"
+    )
+    times = "an impact" if gains.groups == 1.0 else f"{gains.groups:.0f} impacts, most of it"
+    others = f"law = '{ENERGETIC}' does not" if law == POISSON else f"law = '{POISSON}' and law = '{ENERGETIC}' do not"
+    yield (
+        f"energy was created in {times} {where}: restitution by law = '{law}' may do so where there is friction (Kane's"
+        f" paradox); {others}"
+    )
 
 
 def _condition(mass: NDArray[np.float64]) -> float:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine
+from xdynamics.march.gains import Gains, impacts_of, with_more
 from xdynamics.march.log import Log, allocate, most_recycled
 from xdynamics.march.memory import arrays_of, put_back
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STOPPED, Outcome
@@ -81,6 +82,7 @@ class March:
         self.bad_values: dict[str, float] = {}  # energies and observables of a row that could not be kept
         self.doubts: list[str] = []  # what speaks against its numbers, once it is over; see `ending`
         self.event_pairs = 0
+        self.gains = Gains()  # energy that impacts created
         self.witnesses: NDArray[np.float64] = np.empty((3 + len(self.layout.used), 0))  # row number, time, step, state
 
     @cached_property
@@ -126,6 +128,9 @@ class March:
                 block = self._filled(log, patience)
                 self._remember(block)
                 self._look_at_the_end(block)
+                if self.layout.reactions and block.events:
+                    impacts = impacts_of(self.layout, self.settings.scales, log, block.events)
+                    self.gains = with_more(self.gains, impacts, int(log.base[0]["events"]))
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
                 yield block
                 size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
@@ -152,7 +157,8 @@ class March:
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return all that it takes to go on from here, by name."""
-        return arrays_of(self.run) | {"witnesses": self.witnesses, "event_pairs": np.array([self.event_pairs])}
+        kept = {"witnesses": self.witnesses, "event_pairs": np.array([self.event_pairs]), "gains": np.array(self.gains)}
+        return arrays_of(self.run) | kept
 
     def go_on_from(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Go on where a march of the same model and settings stood.
@@ -164,6 +170,7 @@ class March:
         """
         put_back(self.run, memory)
         self.witnesses, self.event_pairs = memory["witnesses"], int(memory["event_pairs"][0])
+        self.gains = Gains(*memory["gains"].tolist()) if "gains" in memory else Gains()  # version 0.2 kept none
 
     def _filled(self, log: Log, patience: float) -> Block:
         """Fill one log, looking up now and then."""

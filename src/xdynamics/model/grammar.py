@@ -96,14 +96,19 @@ OF_EVENTS = (
 )  # fmt: skip
 OF_CONTACTS = (
     Key("gap", "expression, m or rad", "of coordinates and time; motion only where it is not negative", NEEDED),
-    Key("restitution", "expression, 1", "Newton's coefficient; may read approach_speed", NEEDED),
+    Key("restitution", "expression, 1", "coefficient, of what the law says; may read approach_speed", NEEDED),
     Key("tangential", _words(TANGENTIALS), "friction along the surface", "frictionless"),
     Key("slip", "expression, m s-1", "velocity along the surface", "needed by coulomb"),
     Key("friction", "expression, 1", "coefficient while it slips", "needed by coulomb"),
     Key("static", "expression, 1", "coefficient up to which it sticks", "friction"),
     TOLERANCE,
     Key("rest_height", "quantity, m", "lower bounces may be skipped into rest", "1e-9 of the largest gap so far"),
-    Key("law", _words(IMPACT_LAWS), "of impacts, several at once included", "newton"),
+    Key(
+        "law",
+        _words(IMPACT_LAWS),
+        "of impacts: Newton's restitution of rates, Poisson's of impulses, Newton's one by one, Stronge's of energy (one contact at a time)",
+        "newton",
+    ),
     DESCRIPTION,
 )
 

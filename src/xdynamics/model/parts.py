@@ -20,7 +20,7 @@ ACTIONS = ("record", "stop", "switch", "reset")
 STRIKE = "impact"  # the action of an event that is a contact, and is read as one
 ROOT_STATES = ("reintegrate", "interpolant")
 TANGENTIALS = ("frictionless", "coulomb")
-IMPACT_LAWS = ("newton", "poisson", "sequential")
+IMPACT_LAWS = NEWTON, POISSON, SEQUENTIAL, ENERGETIC = ("newton", "poisson", "sequential", "energetic")
 APPROACH = "approach_speed"  # by which a coefficient of restitution may know how fast a gap closes
 
 
@@ -173,7 +173,7 @@ class Contact:
     gap : Node
         Of coordinates and time; its gradient is the normal.
     restitution : Node
-        Newton's coefficient, a number or an expression, of `approach_speed` too.
+        The coefficient, a number or an expression, of `approach_speed` too.
     tangential : {"frictionless", "coulomb"}
     slip : Node, optional
         Velocity along the surface, of a contact with friction.
@@ -183,7 +183,7 @@ class Contact:
         Of impacts, rest and take-off; without it as the run's settings say.
     rest_height : Quantity, optional
         Bounces lower than this may be skipped into rest; without it 1e-9 of the largest gap so far.
-    law : {"newton", "poisson", "sequential"}
+    law : {"newton", "poisson", "sequential", "energetic"}
         Of impacts, several at once included.
     description : str
     """

@@ -11,7 +11,6 @@ from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.contacts.gaps import size_of_gap, struck
 from xdynamics.march.contacts.holding import choose
-from xdynamics.march.contacts.impact import NOISE
 from xdynamics.march.contacts.linking import (
     ABSENT,
     FREE,
@@ -19,6 +18,7 @@ from xdynamics.march.contacts.linking import (
     GRIPPING,
     KNOWN,
     MOST,
+    NOISE,
     PRESSING,
     RATE,
     SIZE,

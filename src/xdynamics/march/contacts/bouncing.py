@@ -8,8 +8,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.doubt import EPS
 from xdynamics.march.contacts.bonds import derive, inform
 from xdynamics.march.contacts.gaps import size_of_gap, struck
-from xdynamics.march.contacts.impact import NOISE
-from xdynamics.march.contacts.linking import RATE, SIZE, gram, number
+from xdynamics.march.contacts.linking import NOISE, RATE, SIZE, gram, number
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, PULL
 from xdynamics.model.reactions import NORMAL

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import T
-from xdynamics.march.contacts.impact import NOISE
-from xdynamics.march.contacts.linking import FREE, GAP_OF, RATE, SIZE, gram, number, row
+from xdynamics.march.contacts.linking import FREE, GAP_OF, NOISE, RATE, SIZE, gram, number, row
 from xdynamics.march.events.certainty import NONE
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP

@@ -1,23 +1,24 @@
-"""Impacts: velocities change by impulses along the reactions of the contacts that touch, by one of three laws.
+"""Impacts: velocities change by impulses along the reactions of the contacts that touch, by one of four laws.
 
 `newton`: each rate of approach is reversed and multiplied by the coefficient of restitution, all at once (Moreau). With
 several contacts the impulses solve a linear complementarity problem, with Coulomb's friction for impulses.
 `poisson`: a phase of compression up to rates of zero, then each contact gives back its share of the normal impulse
 (Glocker and Pfeiffer, Nonlinear Dynamics 7, 1995, doi:10.1007/BF00121109). `sequential`: Newton's law for one contact
-after the other in declared order, until none approaches.
+after the other in declared order, until none approaches. `energetic`: see `march.contacts.energetic`.
 """
 
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.kernels.doubt import EPS
+from xdynamics.march.contacts.energetic import strike
 from xdynamics.march.contacts.linking import (  # fmt: skip
     ABSENT,
     GRIPPING,
+    NOISE,
     PRESSING,
     RATE,
     SIZE,
-    gained,
+    add_impulses,
     gram,
     number,
     reach,
@@ -27,9 +28,8 @@ from xdynamics.march.run import Run
 from xdynamics.model.parts import IMPACT_LAWS
 from xdynamics.model.reactions import NORMAL, TANGENT
 
-NEWTON, POISSON, SEQUENTIAL = range(len(IMPACT_LAWS))
+NEWTON, POISSON, SEQUENTIAL, ENERGETIC = range(len(IMPACT_LAWS))
 MOST_ROUNDS = 1000  # of impacts one after the other
-NOISE = 64.0 * EPS  # of a sum's terms: what rounding may have left of it
 ALL = -1
 
 
@@ -44,7 +44,12 @@ def collide(run: Run) -> bool:
             law, touch.bounce = run.reactions[k].law, number(run, k, SIZE)
             if not 0.0 <= touch.bounce <= 1.0:
                 return False
-    solved = one_after_the_other(run) if law == SEQUENTIAL else at_once(run, law)
+    if law == SEQUENTIAL:
+        solved = one_after_the_other(run)
+    elif law == ENERGETIC:
+        solved = strike(run)
+    else:
+        solved = at_once(run, law)
     if solved:
         for k in range(run.touches.shape[0]):
             for i in range(run.plan[0].coordinates):
@@ -97,15 +102,7 @@ def press(run: Run, only: int, share: float) -> bool:
             touch.origin += share * touch.bounce * min(touch.rate, 0.0)
         elif reaction.role == TANGENT and run.touches[reaction.normal].near and only in (ALL, reaction.normal):
             touch.part, touch.coefficient, touch.bound = GRIPPING, number(run, k, SIZE), 0.0
-    if not solve_reactions(run):
-        return False
-    for k in range(run.touches.shape[0]):
-        touch = run.touches[k]
-        before = touch.rate
-        touch.rate += gained(run, k)
-        touch.total += touch.found
-        touch.lost -= touch.found * (before + touch.rate) / 2.0  # as seen from what is struck
-    return True
+    return solve_reactions(run) and add_impulses(run)
 
 
 @shared

@@ -11,6 +11,7 @@ from __future__ import annotations
 from math import frexp, ldexp
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.law import TOUCHING
 from xdynamics.kernels.program import T
 from xdynamics.march.contacts.complementarity import SMALL, prepare, solve_complementarity
@@ -21,6 +22,7 @@ from xdynamics.model.reactions import TANGENT
 ABSENT, PRESSING, SLIDING, GRIPPING, KNOWN = range(5)
 GAP_OF, RATE, FREE, SIZE, MOST = range(5)  # the numbers of a reaction; `table` of `model.reactions`
 NUMBERS = 5
+NOISE = 64.0 * EPS  # of a sum's terms: what rounding may have left of it
 
 
 @shared
@@ -87,6 +89,18 @@ def gained(run: Run, k: int) -> float:
     for j in range(run.touches.shape[0]):
         total += gram(run, k, j) * run.touches[j].found
     return total
+
+
+@shared
+def add_impulses(run: Run) -> bool:
+    """Add the impulses that were found to those of the whole impact, and change the rates by them."""
+    for j in range(run.touches.shape[0]):
+        touch = run.touches[j]
+        before = touch.rate
+        touch.rate += gained(run, j)
+        touch.total += touch.found
+        touch.lost -= touch.found * (before + touch.rate) / 2.0  # as seen from what is struck
+    return True
 
 
 @shared

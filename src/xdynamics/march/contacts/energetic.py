@@ -1,0 +1,137 @@
+"""Impacts by the energetic coefficient of restitution: the work that restitution gives back is e**2 of what compression took.
+
+The normal impulse p is the independent variable, in which rates are straight lines as long as the contact slips one way,
+or sticks (Routh; W. J. Stronge, Impact Mechanics, 2nd ed. 2018, chapters 3 and 4; Proc. R. Soc. Lond. A 431, 1990, 169,
+doi:10.1098/rspa.1990.0125): slip that comes to rest sticks where friction can hold it and reverses where it cannot. All
+is in closed form: of each such phase the work is a parabola. No energy can be created, whatever friction does.
+
+Several contacts at once are struck one by one where none acts on another that approaches. Where they do act on each
+other, how impulses are dealt out between them depends on their stiffnesses (Liu, Zhao, Brogliato, Proc. R. Soc. A 464,
+2008, 3193, doi:10.1098/rspa.2008.0078), which rigid bodies do not have: there is no answer then.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.contacts.linking import NOISE, SIZE, add_impulses, gained, gram, number
+from xdynamics.march.run import Run
+from xdynamics.model.reactions import NORMAL, TANGENT
+
+FRICTIONLESS = -1
+MOST_PHASES = 8  # compression and restitution, each slipping and then sticking or slipping back, are four
+
+
+@shared
+def strike(run: Run) -> bool:
+    """Find the impulse of every contact that approaches; whether they are determined."""
+    for k in range(run.touches.shape[0]):
+        run.touches[k].part = int(struck(run, k))
+    solved = True
+    for k in range(run.touches.shape[0]):
+        if run.touches[k].part:
+            solved = solved and alone(run, k)
+    for k in range(run.touches.shape[0]):
+        if run.touches[k].part:
+            solved = solved and strike_one(run, k)
+    return solved
+
+
+@shared
+def struck(run: Run, k: int) -> bool:
+    """Whether a contact that touches approaches."""
+    touch = run.touches[k]
+    return bool(run.reactions[k].role == NORMAL and touch.near and touch.rate < -touch.slack)
+
+
+@shared
+def alone(run: Run, k: int) -> bool:
+    """Whether a contact that approaches acts on no other one that does."""
+    for j in range(run.touches.shape[0]):
+        owner = run.reactions[j].normal
+        if owner != k and run.reactions[j].role in (NORMAL, TANGENT) and run.touches[owner].part:
+            for i in range(run.touches.shape[0]):
+                own = i == k or (run.reactions[i].role == TANGENT and run.reactions[i].normal == k)
+                if own and abs(gram(run, j, i)) > NOISE * sqrt(gram(run, j, j) * gram(run, i, i)):
+                    return False
+    return True
+
+
+@shared
+def tangent_of(run: Run, k: int) -> int:
+    """The number of a contact's friction; `FRICTIONLESS` where it has none."""
+    for j in range(run.touches.shape[0]):
+        if run.reactions[j].role == TANGENT and run.reactions[j].normal == k:
+            return j
+    return FRICTIONLESS
+
+
+@shared
+def strike_one(run: Run, k: int) -> bool:
+    """Find the impulse of one contact phase by phase, and what it does to all rates; whether no other one is pressed.
+
+    A phase ends where slip comes to rest, where compression ends, or where the work is done that restitution gives back.
+    """
+    along, normal = tangent_of(run, k), run.touches[k]
+    speed, slip = normal.rate, run.touches[along].rate if along != FRICTIONLESS else 0.0
+    impulse, friction, work, compressing = 0.0, 0.0, 0.0, True
+    for j in range(run.touches.shape[0]):
+        run.touches[j].found = 0.0
+    for _ in range(MOST_PHASES):
+        ratio, opening, sliding = slopes(run, k, along, slip)
+        if not opening > NOISE * gram(run, k, k) and slip == 0.0:
+            # what sticks holds the gap too, as of a body with one coordinate: nothing moves any more
+            return abs(speed) <= NOISE * abs(normal.rate) and add_impulses(run)
+        reached, step = 0.0, -speed / opening if opening > 0.0 else inf
+        if not compressing:
+            reached = sqrt(max(0.0, speed * speed + 2.0 * opening * work))
+            step = 2.0 * work / (reached + speed) if reached + speed > 0.0 else 0.0
+        until = -slip / sliding if slip * sliding < 0.0 else inf
+        halts = until < step
+        step = min(step, until)
+        if not step < inf:
+            return False
+        after = speed + opening * step if halts else reached
+        work -= step * (speed + after) / 2.0
+        impulse, friction, speed = impulse + step, friction + ratio * step, after
+        slip = 0.0 if halts else slip + sliding * step
+        normal.found = impulse
+        if along != FRICTIONLESS:
+            run.touches[along].found = friction
+        if presses_others(run, k):
+            return False
+        if not halts and not compressing:
+            return add_impulses(run)
+        if not halts:
+            compressing, work = False, normal.bounce * normal.bounce * work
+    return False
+
+
+@shared
+def slopes(run: Run, k: int, along: int, slip: float) -> tuple[float, float, float]:
+    """How friction, the rate of the gap and the slip grow with the normal impulse.
+
+    Friction acts against the slip; without one it holds, or where that is beyond it does what it can.
+    """
+    if along == FRICTIONLESS:
+        return 0.0, gram(run, k, k), 0.0
+    most, holding = number(run, along, SIZE), -gram(run, along, k) / gram(run, along, along)
+    ratio = min(max(holding, -most), most)
+    if slip != 0.0:
+        ratio = -most if slip > 0.0 else most
+    sliding = gram(run, along, k) + gram(run, along, along) * ratio
+    sticks = slip == 0.0 and ratio == holding
+    return ratio, gram(run, k, k) + gram(run, k, along) * ratio, 0.0 if sticks else sliding
+
+
+@shared
+def presses_others(run: Run, k: int) -> bool:
+    """Whether the impulses so far have another contact that touches approach."""
+    for j in range(run.touches.shape[0]):
+        touch = run.touches[j]
+        if j != k and run.reactions[j].role == NORMAL and touch.near and not touch.part:
+            change = gained(run, j)
+            if change < 0.0 and touch.rate + change < -max(touch.slack, NOISE * (abs(touch.rate) + abs(change))):
+                return True
+    return False

@@ -1,0 +1,90 @@
+"""Impacts that create energy, as Newton's law of restitution may with Coulomb's friction: which of a run's, and how much."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import dimension_of
+from xdynamics.kernels import Layout
+from xdynamics.march.log import Log
+from xdynamics.model import Model
+from xdynamics.schema import IMPACT, velocity
+from xdynamics.units import TIME, Dimension, Scales
+
+Floats = NDArray[np.float64]
+
+LEAST = 1e-9  # of the work of an impact's impulses: less may be rounding, and changes nothing
+
+
+class Gains(NamedTuple):
+    """How many groups of impacts created energy, and of the one that created most: energy, time, event, row of the event."""
+
+    groups: float = 0.0
+    energy: float = 0.0
+    time: float = 0.0
+    detector: float = 0.0
+    event: float = 0.0
+
+
+class Impacts(NamedTuple):
+    """The events of a part of a run.
+
+    Attributes
+    ----------
+    kind, row, detector : ndarray of int, shape (k,)
+        What each is, the row of the state before it, which detector met it.
+    time, lost : ndarray, shape (k,)
+    work : ndarray, shape (k,)
+        The largest that the work of its impulses could be: how large the terms of `lost` are.
+    """
+
+    kind: NDArray[Any]
+    row: NDArray[Any]
+    detector: NDArray[Any]
+    time: Floats
+    lost: Floats
+    work: Floats
+
+
+def energy_dimension(model: Model) -> Dimension:
+    """Return the dimension of the energy that an impact takes."""
+    name, known = next(iter(model.coordinates)), model.dimensions
+    return dimension_of(model.mass[0][0], known) * known[velocity(name)] ** 2
+
+
+def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> Impacts:
+    """Return the first events of a block of a log, in SI units."""
+    events, energy, n = log.events[:count], scales.of(energy_dimension(layout.model)), len(layout.coordinates)
+    first = [layout.row.index(velocity(name)) for name in layout.coordinates]
+    rows = [events[one] - int(log.base[0]["rows"]) for one in ("row_before", "row_after")]
+    speeds = sum(np.abs(log.rows[first][:, np.minimum(one, log.rows.shape[1] - 1)]) for one in rows)
+    work = np.sum(np.abs(log.impulses[:n, :count]) * speeds, axis=0) / 2.0
+    return Impacts(
+        events["kind"], events["row_before"], events["detector"], events["time"] * scales.of(TIME),
+        log.impulses[n, :count] * energy, work * energy,
+    )  # fmt: skip
+
+
+def with_more(gains: Gains, impacts: Impacts, first: int) -> Gains:
+    """Return what a run has created up to the end of a further part of it, whose events have numbers from `first` on."""
+    mine = np.flatnonzero(impacts.kind == IMPACT)
+    if not mine.size:
+        return gains
+    groups, group = np.unique(impacts.row[mine], return_inverse=True)
+    lost, work = (np.bincount(group, one[mine], len(groups)) for one in (impacts.lost, impacts.work))
+    created = np.flatnonzero(lost < -LEAST * work)
+    if not created.size:
+        return gains
+    worst = created[np.argmin(lost[created])]
+    gains = gains._replace(groups=gains.groups + created.size)
+    if not -lost[worst] > gains.energy:
+        return gains
+    members = mine[group == worst]
+    event = int(members[np.argmin(impacts.lost[members])])
+    return gains._replace(
+        energy=float(-lost[worst]), time=float(impacts.time[event]), detector=float(impacts.detector[event]),
+        event=float(first + event),
+    )  # fmt: skip
