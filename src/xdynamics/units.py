@@ -164,6 +164,38 @@ def spell(dimension: Dimension, *, angle: bool = False) -> Unit:
     return Unit(_DERIVED.get(dimension, base), dimension)
 
 
+def coherent(unit: Unit) -> Unit:
+    """Return the SI unit of a unit, spelled as it was: prefixes go, and what is no SI unit becomes base units.
+
+    Examples
+    --------
+    >>> [coherent(parse_unit(one)).text for one in ("mN s m-1", "g", "degree s-1", "km h-1", "rad", "N m")]
+    ['N s m-1', 'kg', 'rad s-1', 'm s-1', 'rad', 'N m']
+    """
+    if unit.factor == 1:
+        return unit
+    found = []
+    for part in unit.text.split():
+        name = part.rstrip("-0123456789")
+        power = int(part[len(name) :] or 1)
+        found += [(base, power * times) for base, times in _coherent(name)]
+    return parse_unit(" ".join(f"{name}{power}" for name, power in found) or "1")
+
+
+def _coherent(name: str) -> list[tuple[str, int]]:
+    """Spell the SI unit of one unit name: with its own name, without a prefix, by a derived name, or in base units."""
+    spelling, dimension, factor = _named(name)
+    if factor == 1:
+        return [(spelling, 1)]
+    bare = [spelling.removeprefix(one) for one in PREFIX.values() if one and spelling.startswith(one)]
+    known = [one for one in bare if one in _COHERENT and _COHERENT[one] == dimension]
+    if known or dimension in _DERIVED:
+        return [(known[0] if known else _DERIVED[dimension], 1)]
+    if dimension == NONE:
+        return [("rad", 1)] if spelling == "degree" else []
+    return [(base, int(power)) for base, power in zip(BASE, dimension.powers, strict=True) if power]
+
+
 def parse_unit(text: str) -> Unit:
     """Read a unit: factors with whole powers, ``kg m-1``, ``m s^-2``, ``N*s/m``, ``1``.
 

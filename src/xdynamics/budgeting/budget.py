@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.budgeting import numerical, physical
+from xdynamics.budgeting import numerical, physical, tabulated
 from xdynamics.budgeting.drawing import Asked, drawn_until, wanted_of
 from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, judged
 from xdynamics.budgeting.rounding import rounded
@@ -85,7 +85,7 @@ def error_budget(
     xarray.Dataset
         `value`, the run's own, not extrapolated, and along `level` what it is in finer runs, with `observed_order`. Along `term`: `term_name`, `term_kind`, `term_rule`, `sensitivity` (of
         the number per SI unit of the input), `input_uncertainty`, `standard_uncertainty`, `bound`, `share` of the
-        variance. `numerical_bound` (the sum of bounds), `numerical_rss`, `physical_rss`, `total_rss`. With draws
+        variance, and `standard_uncertainty_doubt`, how far one that was drawn may be off. `numerical_bound` (the sum of bounds), `numerical_rss`, `physical_rss`, `total_rss`. With draws
         `monte_carlo_standard_uncertainty`, `monte_carlo_shortest`, `monte_carlo_symmetric`; `linear_verdict`.
 
     Raises
@@ -95,7 +95,8 @@ def error_budget(
 
     Notes
     -----
-    Numerical terms. Truncation: three finer runs; what the finest is away and uncertain by (see `refine`). Rounding:
+    Numerical terms. Truncation: three finer runs; what the finest is away, with an allowance of the grid convergence index
+    (1.25 where triples of levels agree in an order, up to 3 where they do not), and uncertain by (see `refine`). Rounding:
     copies in units drawn at random, of which every operation is rounded in another way, as CADNA and Verificarlo do it
     operation by operation (Vignes 1993, doi:10.1016/0378-4754(93)90003-D; Denis, de Oliveira Castro, Petit 2016,
     doi:10.1109/ARITH.2016.31); of reversible runs of a symmetric method the way back to the start too. A bound is taken
@@ -104,7 +105,10 @@ def error_budget(
     Physical terms: JCGM 100:2008, 5.1 and 5.2 (correlated inputs). Slopes are by the run's variational equations, with
     saltation matrices at events and impacts, compared with central differences over about the input's uncertainty; where
     both part, and where a contact is held, dry friction acts or a force is written in Python, they are the differences'
-    (`term_rule` says which). Monte Carlo: JCGM 101:2008; of the march's own errors nothing is drawn.
+    (`term_rule` says which). Measured tables: rows with ``u(f) [N]`` are independent, each with a slope of its own, and
+    ``u_common(f) [N]`` moves all rows together; where tables that are drawn whole part from the slopes, or there are more
+    than 256 rows, 64 of them tell, and `standard_uncertainty_doubt` how well. Monte Carlo: JCGM 101:2008; of the march's own
+    errors nothing is drawn.
 
     Examples
     --------
@@ -128,7 +132,7 @@ def error_budget(
     more: dict[str, Any] = {"coverage": coverage, "seed": seed, "draws": draws}
     verdict, total = NOT_CHECKED, float(variables["total_rss"][1])
     if draws or until_uncertainty is not None:
-        added = [one.standard for one in known if one.kind == PHYSICAL and one.input_unit is None]
+        added = [one.standard for one in known if one.kind == PHYSICAL and one.name not in model.uncertain]
         wanted = wanted_of(until_uncertainty, unit, target, COVERAGE)
         first = draws if until_uncertainty is None else max(draws, FIRST_DRAWS)
         monte_carlo, draws = drawn_until(Asked(model, target, asked, found.value, added), first, seed, coverage, wanted)
@@ -159,7 +163,7 @@ def _terms(model: Model, target: Target, asked: dict[str, Any], found: numerical
     """
     declared = [_declared(one).term(target, unit) for one in ([terms] if isinstance(terms, Declared) else terms or ())]
     known = [
-        *found.terms, *physical.inputs(model, target, asked, found.run), *physical.tables(model, target, asked, found.value, seed),
+        *found.terms, *physical.inputs(model, target, asked, found.run), *tabulated.tables(model, target, asked, seed),
         *physical.discrepancy(model, target, unit), *declared,
     ]  # fmt: skip
     names = [one.name for one in known]

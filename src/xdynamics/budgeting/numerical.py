@@ -12,9 +12,9 @@ from xdynamics.archive import digest_of_run
 from xdynamics.budgeting.reversal import returned
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
-from xdynamics.elementary.arrays import exp
+from xdynamics.elementary.arrays import exp, power
 from xdynamics.evidence.marching import march
-from xdynamics.evidence.refining.convergence import Judged, judge
+from xdynamics.evidence.refining.convergence import CAUTION, CLOSE, SAFETY, Judged, judge, observed_orders
 from xdynamics.evidence.refining.levels import Levels, absolute_tolerances
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march.asking import settings_for
@@ -82,7 +82,7 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
     noise = 4.0 * EPS * float(np.abs(values).max())
     told = judge(values, levels.values, levels.formal, noise, 0.0, doubt, smooth=levels.varied.keyword == "steps")
     terms = (
-        _truncation(levels, values, told),
+        _truncation(levels, values, noise, told),
         _roundoff(runs[0], model, target, asked, value, seed),
         Term.bounded(INTERPOLATION, NUMERICAL, inside, "a shortened step against two of half its length, extrapolated"),
         _location(model, target, asked, value, located, runs[0]),
@@ -123,11 +123,44 @@ def _least_rtol(scheme: Scheme) -> float:
     return 2.0 * float(LEAST_RTOL ** (scheme.method.order / scheme.error_order))
 
 
-def _truncation(levels: Levels, values: Floats, told: Judged) -> Term:
-    """Return how far the coarsest value is from the finest, and what that is uncertain by."""
-    bound = abs(float(values[0] - values[-1])) + float(told.uncertainty)
-    rule = f"{levels.varied.name} {', '.join(f'{one:.4g}' for one in levels.values)}: the finest value's distance and uncertainty"
+def _truncation(levels: Levels, values: Floats, noise: float, told: Judged) -> Term:
+    """Return how far the coarsest value is from the finest, with an allowance, and what the finest is uncertain by."""
+    factor = allowance(values, levels.values, levels.formal, noise)
+    bound = factor * abs(float(values[0] - values[-1])) + float(told.uncertainty)
+    sizes = ", ".join(f"{one:.4g}" for one in levels.values)
+    rule = f"{levels.varied.name} {sizes}: {factor:.3g} times the finest value's distance, and its uncertainty"
     return Term.bounded(TRUNCATION, NUMERICAL, bound, rule)
+
+
+def allowance(values: Floats, steps: Floats, formal: float, noise: float) -> float:
+    """Return the factor by which the distance of the coarsest value from the finest is multiplied in a bound.
+
+    It is the safety factor of the grid convergence index: 1.25 for three levels or more in the asymptotic range, 3 for two
+    (Roache 1994, doi:10.1115/1.2910291). Between both it grows with the spread of the orders that triples of levels have:
+    an order that is uncertain by d leaves the error of a level uncertain by the ratio of the steps to the power d.
+
+    Parameters
+    ----------
+    values, steps : ndarray, shape (n,)
+        From coarse to fine.
+    formal : float
+        The order of the method in the steps.
+    noise : float
+        Rounding of the values: levels that differ by no more tell no order.
+
+    Examples
+    --------
+    >>> h = np.array([0.4, 0.2, 0.1, 0.05])
+    >>> round(allowance(1.0 + h**2, h, 2.0, 1e-15), 12), allowance(1.0 + 1e-9 * h**2, h, 2.0, 1e-9)
+    (1.25, 3.0)
+    """
+    apart = np.abs(np.diff(values))
+    orders = observed_orders(values, steps)[1:-1]
+    settled = orders[(apart[:-1] > noise) & (apart[1:] > noise) & np.isfinite(orders)]
+    if not settled.size:
+        return CAUTION
+    spread = float(np.ptp(settled)) if settled.size > 1 else abs(float(settled[0]) - formal)
+    return min(CAUTION, SAFETY * float(power(steps[0] / steps[1], max(spread - CLOSE, 0.0))))
 
 
 def _roundoff(run: xr.Dataset, model: Model, target: Target, asked: dict[str, Any], value: float, seed: int) -> Term:
@@ -151,7 +184,7 @@ def _roundoff(run: xr.Dataset, model: Model, target: Target, asked: dict[str, An
     if back is not None:
         rule += f"; marched back by its own steps the run comes to {back:.2g} of its start"
         standard, bound = max(standard, back / BOUNDED), max(bound, back)
-    return Term(ROUNDOFF, NUMERICAL, standard, bound, rule)
+    return Term(ROUNDOFF, NUMERICAL, standard, bound, rule, standard_doubt=standard / float(np.sqrt(2.0 * COPIES)))
 
 
 def _nudged(model: Model, rng: np.random.Generator) -> Model:

@@ -1,4 +1,4 @@
-"""What a model's inputs may have a number off: parameters, values at the start, measured tables, declared discrepancies."""
+"""What a model's inputs may have a number off: parameters, values at the start, declared discrepancies."""
 
 from __future__ import annotations
 
@@ -13,15 +13,13 @@ from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import dot, product
-from xdynamics.evidence.marching import march
 from xdynamics.faults import InputError
 from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
-from xdynamics.model.drives import Table
-from xdynamics.model.parts import Drive, Parameter
-from xdynamics.model.spread import matrix_of, normal_quantile, root_of
+from xdynamics.model.parts import Parameter
+from xdynamics.model.spread import matrix_of, root_of
 from xdynamics.sweeping.axes import FOR_INITIAL
-from xdynamics.units import Unit, spell
+from xdynamics.units import Unit, coherent
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,8 +34,6 @@ NOISE = 64.0 * 2.0**-52  # of the number, over a shift: a slope that is no more 
 SIDES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0  # of a slope of sixth order from these sides
 SHARPER = 1e-3  # of its own, the time tolerance of events in what slopes are taken from
-LINES = 64  # resampled tables
-LEAST = 2.0**-54
 AGREED = 0.02  # of a slope, within which variational equations and differences are the same
 BY_DIFFERENCES = "slope by central differences of sixth order over {0:.3g} of its uncertainties; another spacing gives {1:.1g} of the slope more or less"
 BY_EQUATIONS = "slope by variational equations on the run's steps; central differences of sixth order over {0:.3g} of its uncertainties give {1:.1g} of the slope more or less"
@@ -81,7 +77,7 @@ def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset)
         size = one.spread.size.si / factor if one.spread.bounded else COVERED * one.uncertainty
         found.append(Term(
             name, PHYSICAL, abs(slope.value) * one.uncertainty, (abs(slope.value) + slope.off) * size, slope.rule,
-            slope.value / factor, one.uncertainty * factor, spell(one.quantity.unit.dimension), slope.off / factor,
+            slope.value / factor, one.uncertainty * factor, coherent(one.quantity.unit), slope.off / factor,
         ))  # fmt: skip
     return found
 
@@ -173,45 +169,6 @@ def _with_units(values: Floats, one: Parameter) -> Any:
     import xarray as xr
 
     return xr.DataArray(values, attrs={"units": one.quantity.unit.text})
-
-
-def tables(model: Model, target: Target, asked: dict[str, Any], value: float, seed: int) -> list[Term]:
-    """Return a term for every measured table that tells its uncertainties: drawn anew, line by line."""
-    return [
-        _resampled(model, target, asked, value, name, drive, seed)
-        for name, drive in model.drives.items()
-        if drive.table.uncertainty is not None and drive.table.uncertainty.any()
-    ]
-
-
-def _resampled(model: Model, target: Target, asked: dict[str, Any], value: float, name: str, drive: Drive, seed: int) -> Term:  # fmt: skip
-    table, rng = drive.table, np.random.default_rng(seed)
-    assert table.uncertainty is not None  # noqa: S101
-    points = np.maximum(rng.random((LINES // 2, len(table.value))), LEAST)
-    found = []
-    for deviates in normal_quantile(points):
-        for sign in (1.0, -1.0):  # pairs, of which what is linear has the mean that it has
-            text = _written(table, table.value + sign * deviates * table.uncertainty)
-            changed = model.replace(drives={name: {**_said(model, name), "csv": text}})
-            found.append(target.in_run(march(changed, **asked), changed)[0])
-    standard = float(np.sqrt(np.mean((np.array(found) - value) ** 2)))
-    rule = f"{LINES} tables with every line drawn anew from its uncertainty; known to {100 / np.sqrt(LINES):.0f} %"
-    return Term(name, PHYSICAL, standard, COVERED * standard, rule)
-
-
-def _said(model: Model, name: str) -> dict[str, Any]:
-    import tomllib
-
-    found: dict[str, Any] = tomllib.loads(model.to_toml())["drives"][name]
-    return found
-
-
-def _written(table: Table, values: Floats) -> str:
-    """Write a table with other values, in the units that it has."""
-    factors = [float(one.factor) for one in (table.argument_unit, table.value_unit)]
-    head = f"argument [{table.argument_unit.text}],value [{table.value_unit.text}]"
-    rows = (f"{x!r},{y!r}" for x, y in zip((table.argument / factors[0]).tolist(), (values / factors[1]).tolist(), strict=True))  # fmt: skip
-    return "\n".join([head, *rows, ""])
 
 
 def discrepancy(model: Model, target: Target, unit: Unit) -> list[Term]:

@@ -13,10 +13,11 @@ from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import KINDS, NUMERICAL, PHYSICAL, Term
 from xdynamics.evidence.exhibit import about
 from xdynamics.evidence.refining.convergence import VERDICTS, observed_orders
+from xdynamics.evidence.refining.levels import STEPS
 from xdynamics.model import Model
 from xdynamics.schema import BOUNDS, LEVEL, flags
 from xdynamics.sweeping.surveying import quotient
-from xdynamics.units import Unit, spell
+from xdynamics.units import BASE, Unit
 
 TERM = "term"
 ROLE = "budget"
@@ -40,6 +41,7 @@ def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list
         "physical_bound": (bounds[PHYSICAL], "sum of the physical terms' bounds"),
         "numerical_rss": (np.sqrt(variance[NUMERICAL]), "root of the sum of squares of the numerical terms"),
         "physical_rss": (np.sqrt(variance[PHYSICAL]), "standard uncertainty by the physical terms, with their correlations"),
+        "physical_rss_doubt": (_doubt_of(parts[PHYSICAL], variance[PHYSICAL]), "how far physical_rss may be off, where terms of it are drawn"),
         "total_rss": (np.sqrt(total), "standard uncertainty by all terms"),
     }  # fmt: skip
     along: dict[str, Any] = {
@@ -51,6 +53,7 @@ def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list
         "input_uncertainty": (np.array([one.input_uncertainty for one in terms]), "1", "standard uncertainty of the input, in input_units", ROLE),
         "input_units": (np.array([one.input_unit.text if one.input_unit else "" for one in terms]), "1", "SI unit of the input", "units"),
         "standard_uncertainty": (np.array([one.standard for one in terms]), text, "standard uncertainty that the term contributes", ROLE),
+        "standard_uncertainty_doubt": (np.array([one.standard_doubt for one in terms]), text, "how far the standard uncertainty may be off, being of few draws, or of slopes that draws do not quite bear out", ROLE),
         "bound": (np.array([one.bound for one in terms]), text, "what the term contributes at most; without bounds two standard uncertainties", ROLE),
         "share": (shares, "1", "share of the variance; correlated terms share what they have together", ROLE),
     }  # fmt: skip
@@ -66,12 +69,18 @@ def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list
     return found | {name: ((), np.float64(one), about(text, words, ROLE)) for name, (one, words) in scalars.items()}
 
 
+def _doubt_of(terms: list[Term], variance: float) -> float:
+    """Return how far a root of a sum of squares may be off, of which some terms are known no better than by draws."""
+    moved = sum((one.standard * one.standard_doubt) ** 2 for one in terms)
+    return float(np.sqrt(moved / variance)) if variance > 0.0 else 0.0
+
+
 def levels_as(found: Marched, unit: Unit) -> dict[str, Any]:
     """Return the run's own level and the finer ones, and what they tell."""
     levels, text = found.levels, unit.text
     orders = observed_orders(found.values, levels.values)
     return {
-        levels.varied.name: ((LEVEL,), levels.values, about(levels.varied.units, levels.varied.said, ROLE)),
+        levels.varied.name: ((LEVEL,), levels.values, about(_level_units(found), levels.varied.said, ROLE)),
         "level_value": ((LEVEL,), found.values, about(text, "the number in each level; the first is the run's own", ROLE)),
         "observed_order": ((LEVEL,), orders, about("1", "order by a level and its neighbours", ROLE) | {"formal_order": levels.formal}),
         "level_verdict": ((), np.int8(found.told.verdict), about("1", "what the levels tell", "flag") | flags(dict(enumerate(VERDICTS)))),
@@ -80,9 +89,20 @@ def levels_as(found: Marched, unit: Unit) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _level_units(found: Marched) -> str:
+    """Return the unit of what is varied: of steps that of the run's, which are pure numbers where its time is."""
+    return str(found.run["step_size"].attrs["units"]) if found.levels.varied is STEPS else found.levels.varied.units
+
+
 def _per(unit: Unit, by: Unit) -> str:
-    """Spell the number's unit over that of an input."""
-    return spell(unit.dimension / by.dimension).text if unit.factor == 1 else quotient(unit.text, by.text)
+    """Spell the number's unit over that of an input, both with the names that they were declared with.
+
+    Base units stand in their own order: of a time and a speed it is ``m-1 s2``.
+    """
+    names = {one.rstrip("-0123456789") for text in (unit.text, by.text) for one in text.split()}
+    if names <= {*BASE}:
+        return str(unit.dimension / by.dimension).split(" (")[0]
+    return quotient(unit.text, by.text)
 
 
 def draws_as(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from xdynamics.model import Model
 from xdynamics.record.words import words_of
 from xdynamics.schema import OCCURRENCE
 from xdynamics.sweeping.sweep import sweep
-from xdynamics.units import Unit, parse_time, parse_unit
+from xdynamics.units import Unit, parse_unit, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -41,6 +41,8 @@ class Target:
         Of the event, from 1.
     side : {"before", "after"}
         Of the event.
+    second : str
+        Unit of the model's time: ``1`` where that is a pure number.
     """
 
     quantity: str
@@ -48,6 +50,7 @@ class Target:
     event: str = ""
     occurrence: int = 1
     side: str = "before"
+    second: str = "s"
 
     @classmethod
     def of(cls, model: Model, quantity: Any, at: Any, event: Any, occurrence: Any, side: Any) -> Target:
@@ -70,13 +73,15 @@ class Target:
             raise InputError(f"occurrence is {occurrence!r}, needs a whole number from 1 on")
         if side not in SIDES:
             raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
-        return cls(quantity, None if at is None else parse_time(at, "at"), event or "", occurrence, side)
+        unit = model.statement.time_unit
+        when = None if at is None else time_in(unit, at, "at")
+        return cls(quantity, when, event or "", occurrence, side, unit.text)
 
     @property
     def said(self) -> str:
         """What it is, in words."""
         if self.at is not None:
-            return f"{self.quantity} at t = {self.at:.9g} s"
+            return f"{self.quantity} at t = {self.at:.9g}{'' if self.second == '1' else f' {self.second}'}"
         nth = "" if self.occurrence == 1 else f" number {self.occurrence}"
         return (
             f"time of {self.event}{nth}" if self.quantity == TIME else f"{self.quantity} {self.side} {self.event}{nth}"
@@ -84,7 +89,7 @@ class Target:
 
     def units(self, run: xr.Dataset) -> Unit:
         """Return the unit that the number has."""
-        return parse_unit("s" if self.quantity == TIME else str(run[self.quantity].attrs["units"]))
+        return parse_unit(self.second if self.quantity == TIME else str(run[self.quantity].attrs["units"]))
 
     def in_run(self, run: xr.Dataset, model: Model) -> tuple[float, float, float]:
         """Return the number in a run, what interpolation may have it off, and what the location of the event may.

@@ -7,7 +7,7 @@ from math import inf, isfinite, nan, sqrt
 
 from xdynamics.budgeting.target import Target
 from xdynamics.faults import InputError
-from xdynamics.units import Quantity, Unit, parse_quantity, parse_time
+from xdynamics.units import Quantity, Unit, parse_quantity, parse_unit, time_in
 
 NUMERICAL, PHYSICAL = "numerical", "physical"
 KINDS = (NUMERICAL, PHYSICAL)
@@ -37,6 +37,8 @@ class Term:
     input_unit : Unit, optional
     sensitivity_doubt : float
         How far the sensitivity may be off, in its unit.
+    standard_doubt : float
+        How far the standard uncertainty may be off, being of so few draws, or by slopes that draws do not quite bear out.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Term:
     input_uncertainty: float = nan
     input_unit: Unit | None = None
     sensitivity_doubt: float = nan
+    standard_doubt: float = 0.0
 
     @classmethod
     def bounded(cls, name: str, kind: str, bound: float, rule: str) -> Term:
@@ -92,10 +95,10 @@ class Declared:
         """
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"a declared term is named {self.name!r}, needs a word")
-        at = None if self.at is None else parse_time(self.at, f"at of term '{self.name}'")
+        at = None if self.at is None else time_in(parse_unit(target.second), self.at, f"at of term '{self.name}'")
         mine, whose = (self.quantity, at, self.event, self.occurrence), (target.quantity, target.at, target.event, target.occurrence)  # fmt: skip
         if mine != whose:
-            own = Target(self.quantity, at, self.event, self.occurrence, target.side).said
+            own = Target(self.quantity, at, self.event, self.occurrence, target.side, target.second).said
             raise InputError(
                 f"term '{self.name}' is of {own}, and the budget of {target.said}: propagate it there first"
             )

@@ -10,6 +10,7 @@ import numpy as np
 from xdynamics import archive
 from xdynamics.archive.target import check_target, taking_name
 from xdynamics.budgeting.certificate import GATES
+from xdynamics.budgeting.told import doubt_of, known_to, with_doubt
 from xdynamics.bundling import CERTIFICATE, LEDGER, MODEL, RUN
 from xdynamics.documenting import blocks
 from xdynamics.documenting.blocks import Code, Picture, Section, Table, Words
@@ -97,7 +98,8 @@ def _convergence(found: xr.Dataset) -> Section:
     changes = np.append(np.diff(values), np.nan)
     rows = [[f"{size:.6g}", f"{value!r}", _number(change), _number(order)] for size, value, change, order in zip(found[varied].values.tolist(), values.tolist(), changes.tolist(), orders.tolist(), strict=True)]  # fmt: skip
     verdict = words_of(found["level_verdict"])[0].replace("_", " ")
-    head = [f"{varied.replace('_', ' ')}{' (s)' if varied == 'step_size' else ''}", f"{found.attrs['of']} ({units})", f"to the next level ({units})", "observed order"]  # fmt: skip
+    second = "" if found[varied].attrs["units"] == "1" else f" ({found[varied].attrs['units']})"
+    head = [f"{varied.replace('_', ' ')}{second}", f"{found.attrs['of']} ({units})", f"to the next level ({units})", "observed order"]  # fmt: skip
     return Section(
         "Convergence", [Words(f"The first row is the run's own. Together they are {verdict}."), Table(head, rows)]
     )
@@ -109,7 +111,7 @@ def _budget(found: xr.Dataset, picture: bytes) -> Section:
     rows = [
         [
             str(found["term_name"].values[i]), kinds[i], _with_unit(found, "sensitivity", "sensitivity_units", i),
-            _with_unit(found, "input_uncertainty", "input_units", i), f"{float(found['standard_uncertainty'][i]):.3g}",
+            _with_unit(found, "input_uncertainty", "input_units", i), with_doubt(float(found["standard_uncertainty"][i]), doubt_of(found, i)),
             f"{float(found['bound'].values[i]):.3g}", f"{float(found['share'][i]):.1%}", str(found["term_rule"].values[i]),
         ] for i in order
     ]  # fmt: skip
@@ -133,9 +135,11 @@ def _budget(found: xr.Dataset, picture: bytes) -> Section:
         part = f"{float(found.attrs['coverage']):.0%}"
         for name in ("shortest", "symmetric"):
             low, high = found[f"monte_carlo_{name}"].values.tolist()
-            totals.append(
-                [f"{name} {part} interval of {found.attrs['draws']} draws", f"{low:.9g} to {high:.9g} {units}"]
-            )
+            doubt = float(found["monte_carlo_end_doubt"])
+            ends = f"{known_to(low, doubt)} to {known_to(high, doubt)} {units}, its ends ± {doubt:.1g} {units}"
+            totals.append([f"{name} {part} interval of {found.attrs['draws']} draws", ends])
+        standard, doubt = (float(found[f"monte_carlo_standard_uncertainty{one}"]) for one in ("", "_doubt"))
+        totals.append(["standard uncertainty of the draws", f"{with_doubt(standard, doubt)} {units}"])
         totals.append(["the linear budget", words_of(found["linear_verdict"])[0].replace("_", " ")])
     return Section("The budget", [Table(head, rows), Table(["total", ""], totals), Picture(picture, "Terms of the budget, and intervals where they were drawn")])  # fmt: skip
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from xdynamics.budgeting.told import doubt_of
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.record.words import words_of
@@ -42,21 +43,32 @@ def _terms(found: xr.Dataset, axes: Axes) -> None:
         axes.set_axis_off()
         return
     for row, i in enumerate(order.tolist()):
-        shown = sizes[i] >= least  # on a logarithmic axis 0 has no place, and what is left of its end no length
-        if shown:
-            axes.barh(row, sizes[i], color=COLOUR[kinds[i]], height=0.7)
-        beyond = " (left of the axis)" if sizes[i] > 0.0 and not shown else ""
-        place = (sizes[i] if shown else least / 2.0, row)
-        axes.annotate(f" {sizes[i]:.2g}{beyond}", place, va="center", fontsize=7)
+        _bar(axes, row, float(sizes[i]), doubt_of(found, i), least, COLOUR[kinds[i]])
     for kind, total in totals.items():
         if total >= least > 0.0:
             axes.axvline(total, color=COLOUR[kind], linewidth=1.2, linestyle="--", label=f"{kind} together")
     axes.set_axisbelow(True)
     axes.set_yticks(range(len(order)), [words(names[i]) for i in order], fontsize=8)
-    axes.invert_yaxis()
-    axes.set(xscale="log", xlim=(least / 2.0, least * SPAN * 5.0), xlabel=words(f"standard uncertainty ({units})"))
+    axes.set(
+        xscale="log",
+        ylim=(len(order) - 0.4, -0.6),
+        xlim=(least / 2.0, least * SPAN * 5.0),
+        xlabel=words(f"standard uncertainty ({units})"),
+    )
     axes.set_title("terms", loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none", loc="lower right")
+
+
+def _bar(axes: Axes, row: int, size: float, doubt: float, least: float, colour: str) -> None:
+    """Draw one term, with how well it is known; of one that is left of the axis there is its number alone."""
+    there = size >= least  # on a logarithmic axis 0 has no place
+    if there:
+        axes.barh(row, size, color=colour, height=0.7)
+    if there and doubt > 0.0:
+        axes.errorbar(size, row, xerr=doubt, color="#333333", linewidth=1.0, capsize=3.0)
+    beyond = "" if there or not size else " (left of the axis)"
+    label = f"{size:.2g}{f' ± {doubt:.1g}' if doubt > 0.0 else ''}{beyond}"
+    axes.annotate(f" {label}", (size + doubt if there else least / 2.0, row), va="center", fontsize=7)
 
 
 def _intervals(found: xr.Dataset, axes: Axes) -> None:
@@ -72,6 +84,9 @@ def _intervals(found: xr.Dataset, axes: Axes) -> None:
     }
     for row, ends in enumerate(rows.values()):
         axes.plot(ends, [row, row], "|-", color=COLOURS[1], linewidth=2.0, markersize=10)
+        if row:
+            doubt = float(found["monte_carlo_end_doubt"])
+            axes.errorbar(ends, [row, row], xerr=doubt, fmt="none", color="#333333", linewidth=1.0, capsize=3.0)
     axes.axvline(value, color=COLOURS[0], linewidth=1.0, label="the run's own value")
     axes.set_yticks(range(len(rows)), [*rows], fontsize=8)
     axes.set(xlabel=words(f"{found.attrs['of']} ({units})"), ylim=(len(rows) - 0.5, -0.5))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf
 from typing import Any
@@ -17,13 +18,14 @@ from xdynamics.units import Unit
 INTERPOLATIONS = ("previous", "linear", "pchip", "cubic")
 OUTSIDE = ("error", "zero", "hold")
 REFUSE, SKIP = GAPS = ("refuse", "skip")
+ARGUMENT, VALUE, DOUBTS = "argument", "value", {"uncertainty": "u({0})", "common": "u_common({0})"}  # and their headers
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Table:
-    """A measured table of two columns, and perhaps a third one with uncertainties, kept with its whole text.
+    """A measured table of two columns, and perhaps others with their uncertainties, kept with its whole text.
 
     Attributes
     ----------
@@ -35,7 +37,9 @@ class Table:
     argument, value : ndarray, shape (n,), SI
         `argument` strictly increases.
     uncertainty : ndarray, shape (n,), SI, optional
-        Standard uncertainty of each value: a column ``u(thrust) [N]``.
+        Standard uncertainty of each value, independent of all others: a column ``u(thrust) [N]``.
+    common : ndarray, shape (n,), SI, optional
+        Standard uncertainty that all values have together, as by a calibration: a column ``u_common(thrust) [N]``.
     column, gaps : str
         As they were asked for.
     """
@@ -47,6 +51,7 @@ class Table:
     argument: Floats = field(compare=False, repr=False)
     value: Floats = field(compare=False, repr=False)
     uncertainty: Floats | None = field(default=None, compare=False, repr=False)
+    common: Floats | None = field(default=None, compare=False, repr=False)
     column: str = ""
     gaps: str = "refuse"
 
@@ -70,12 +75,13 @@ class Table:
         sheet = Sheet.of(name, text)
         titles = sheet.titles()
         places = _chosen(sheet, titles, column)
-        rows = sheet.numbers(places, skip=gaps == SKIP)
+        rows = sheet.numbers([*places.values()], skip=gaps == SKIP)
         _check_rows(sheet, rows)
-        units = [titles[k].unit for k in places]
-        columns = [np.array([unit.to_si(row[k]) for _, row in rows]) for k, unit in enumerate(units)]
-        doubts = columns[2] if len(columns) == 3 else None
-        return cls(name, normal(text), units[0], units[1], columns[0], columns[1], doubts, column, gaps)
+        units = {word: titles[k].unit for word, k in places.items()}
+        numbers = {
+            word: np.array([unit.to_si(row[k]) for _, row in rows]) for k, (word, unit) in enumerate(units.items())
+        }
+        return cls(name, normal(text), units[ARGUMENT], units[VALUE], **numbers, column=column, gaps=gaps)
 
 
 def coefficients(
@@ -122,10 +128,16 @@ def _pieces(argument: Floats, value: Floats, interpolation: str) -> Floats:
     return hermite_pieces(argument, value, slopes(argument, value))
 
 
-def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> list[int]:
+def doubts_of(name: str, names: Sequence[str]) -> dict[str, int]:
+    """Return the places of the columns with the uncertainties of a column: independent ones, and one common to all."""
+    found = {word: header.format(name) for word, header in DOUBTS.items()}
+    return {word: names.index(header) for word, header in found.items() if header in names}
+
+
+def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, int]:
     """Return the places of argument, values, and their uncertainties where there are some."""
     names = [one.name for one in titles]
-    doubts = {f"u({name})" for name in names}
+    doubts = {header.format(name) for name in names for header in DOUBTS.values()}
     values = [k for k, name in enumerate(names) if k and name not in doubts]
     if column:
         wanted = [k for k in values if column.strip() in (names[k], sheet.header[k].strip())]
@@ -138,14 +150,14 @@ def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> list[int]:
             if values
             else "no column of values beside the first"
         )
-        raise InputError(f"table '{sheet.name}', line {sheet.header_line}, has {many}; it is {sheet.found}, and needs two with units, like 'time [s],thrust [N]', with uncertainties a third, 'u(thrust) [N]'")  # fmt: skip
-    doubt = f"u({names[values[0]]})"
-    places = [0, values[0], *([names.index(doubt)] if doubt in names else [])]
-    if len(places) == 3 and titles[places[2]].unit.dimension != titles[places[1]].unit.dimension:
-        raise InputError(
-            f"table '{sheet.name}', line {sheet.header_line}: uncertainties are in '{titles[places[2]].unit.text}', the values in '{titles[places[1]].unit.text}'"
-        )
-    return places
+        raise InputError(f"table '{sheet.name}', line {sheet.header_line}, has {many}; it is {sheet.found}, and needs two with units, like 'time [s],thrust [N]', with uncertainties further ones, 'u(thrust) [N]' of each value, 'u_common(thrust) [N]' of all together")  # fmt: skip
+    own, found = titles[values[0]], doubts_of(names[values[0]], names)
+    for place in found.values():
+        if titles[place].unit.dimension != own.unit.dimension:
+            raise InputError(
+                f"table '{sheet.name}', line {sheet.header_line}: uncertainties are in '{titles[place].unit.text}', the values in '{own.unit.text}'"
+            )
+    return {ARGUMENT: 0, VALUE: values[0]} | found
 
 
 def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None:
@@ -155,8 +167,8 @@ def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None
     for number, row in rows:
         if row[0] <= before:
             ledger.note(f"line {number}: argument {row[0]!r} does not increase after {before!r}")
-        elif row[2:] and row[2] < 0:
-            ledger.note(f"line {number}: the uncertainty {row[2]!r} is negative")
+        elif row[2:] and min(row[2:]) < 0:
+            ledger.note(f"line {number}: the uncertainty {min(row[2:])!r} is negative")
         before = max(before, row[0])
         if len(ledger.faults) >= MOST_FAULTS:
             break

@@ -159,7 +159,7 @@ SECTIONS: dict[str, Section] = {
     "drives": Section(
         "measured tables, which expressions read by name", "drive",
         (
-            Key("table", "file name", "a CSV beside the model, whose header has units, time [s],pull [N], and u(pull) [N] for uncertainties; commas, semicolons or tabs; in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv"),
+            Key("table", "file name", "a CSV beside the model, whose header has units, time [s],pull [N], u(pull) [N] for standard uncertainties of rows that are independent, u_common(pull) [N] for one that is common to all rows (a calibration); commas, semicolons or tabs; in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv"),
             Key("csv", "text", "the table itself, in the place of the file", "the file"),
             Key("column", "name, or whole header", "of the values, where a table has several columns of them", "the only one"),
             Key("gaps", _words(GAPS), "lines in which a number is missing", "refuse"),

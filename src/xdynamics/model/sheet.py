@@ -18,12 +18,12 @@ MOST_FAULTS = 20  # of a table that an error tells
 SHOWN = 24  # characters of a cell that an error shows
 LONGEST_HEADER = 10_000
 
-# name [unit], name (unit), name / unit: of u(name) the name is in the parentheses
+# name [unit], name (unit), name / unit: of u(name), u_common(name) the name is in the parentheses
 _TITLES = tuple(
     re.compile(one)
     for one in (
         r"\s*(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]\s*",
-        r"\s*(?P<name>u\([^()]*\)|[^()]*[^()/\s])\s*\((?P<unit>[^()]*)\)\s*",
+        r"\s*(?P<name>u(?:_common)?\([^()]*\)|[^()]*[^()/\s])\s*\((?P<unit>[^()]*)\)\s*",
         r"\s*(?P<name>[^/]*?)\s*/\s*\(?(?P<unit>[^/\s(][^()]*?)\)?\s*",
     )
 )
@@ -34,7 +34,7 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+(?:[eE][+-]?[0-9]+)?\s*")
 
 @dataclass(frozen=True)
 class Title:
-    """What stands above a column: ``thrust [N]``; `u(thrust)` are uncertainties of `thrust`."""
+    """What stands above a column: ``thrust [N]``; `u(thrust)` and `u_common(thrust)` are uncertainties of `thrust`."""
 
     name: str
     unit: Unit

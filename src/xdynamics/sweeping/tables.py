@@ -9,6 +9,7 @@ from pathlib import Path
 
 from xdynamics.faults import InputError
 from xdynamics.files import decoded, read_bounded
+from xdynamics.model.drives import doubts_of
 from xdynamics.model.sheet import Sheet
 
 LARGEST = 50_000_000  # bytes
@@ -63,11 +64,9 @@ def _sheet(path: Path) -> Sheet:
 
 
 def _labels(sheet: Sheet) -> list[tuple[str, tuple[int, ...]]]:
-    """Name the value columns, each with the places of the argument, itself, and its uncertainties, ``u(name)``."""
+    """Name the value columns, each with the places of the argument, itself, and its uncertainties."""
     names = [one.name for one in sheet.titles()]
-    doubts = {f"u({name})" for name in names}
+    doubts = {names[place] for name in names for place in doubts_of(name, names).values()}
     return [
-        (name, (0, k, names.index(f"u({name})")) if f"u({name})" in names else (0, k))
-        for k, name in enumerate(names)
-        if k and name not in doubts
+        (name, (0, k, *doubts_of(name, names).values())) for k, name in enumerate(names) if k and name not in doubts
     ]

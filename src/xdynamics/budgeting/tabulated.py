@@ -1,0 +1,140 @@
+"""What the uncertainties of measured tables do to a number: row by row, and all rows together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.budgeting.target import Target
+from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
+from xdynamics.elementary.arrays import dot
+from xdynamics.evidence.marching import march
+from xdynamics.march.asking import settings_for
+from xdynamics.model import Model
+from xdynamics.model.drives import Table
+from xdynamics.model.spread import normal_quantile
+from xdynamics.units import NUMBERS, coherent
+
+Floats = NDArray[np.float64]
+
+COMMON = "_common"  # behind the name of a table: what all its rows have together
+MOST_ROWS = 256  # of which each has a slope of its own
+PAIRS, CONTROLS = 32, 4  # of tables that are drawn: where slopes do not do, and to see that they do
+AGREED = 0.02  # of a standard uncertainty, within which slopes are as good as exact
+LEAST = 2.0**-54
+SIGNS = np.array([1.0, -1.0])
+SHARPER = 1e-3  # of its own, the time tolerance of events in what slopes are taken from
+PARTS = np.array([-1.0, -2.0 / 3.0, -1.0 / 3.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])  # of a standard uncertainty
+WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 20.0  # of a slope of sixth order from these
+
+
+def tables(model: Model, target: Target, asked: dict[str, Any], seed: int) -> list[Term]:
+    """Return the terms of every measured table that tells its uncertainties: of its rows, and of all rows together."""
+    found = []
+    for name, drive in model.drives.items():
+        copies = Copies(model, target, asked, name, drive.table)
+        if drive.table.uncertainty is not None and drive.table.uncertainty.any():
+            found.append(independent(copies, drive.table.uncertainty, seed))
+        if drive.table.common is not None and drive.table.common.any():
+            found.append(common(copies, drive.table.common))
+    return found
+
+
+@dataclass(frozen=True)
+class Copies:
+    """A number of models that differ in one measured table.
+
+    Attributes
+    ----------
+    model : Model
+    target : Target
+    settings : dict
+        Of `simulate`.
+    name : str
+        Of the drive.
+    table : Table
+    """
+
+    model: Model
+    target: Target
+    settings: dict[str, Any]
+    name: str
+    table: Table
+
+    def number(self, change: Floats) -> float:
+        """March the model with a table that is changed by so much, SI; return the number."""
+        import tomllib
+
+        said = tomllib.loads(self.model.to_toml())["drives"][self.name]
+        text = _written(self.table, self.table.value + change)
+        kept = {key: one for key, one in said.items() if key not in ("column", "gaps")}
+        changed = self.model.replace(drives={self.name: kept | {"csv": text}})
+        tolerance = SHARPER * settings_for(self.model, **self.settings).time_tolerance
+        run = march(changed, **{"force_samples": "none"} | self.settings | {"time_tolerance": tolerance})
+        return self.target.in_run(run, changed)[0]
+
+    def odd(self, change: Floats) -> float:
+        """Return half of what the number is more with a change than with its opposite."""
+        return (self.number(change) - self.number(-change)) / 2.0
+
+
+def independent(copies: Copies, sizes: Floats, seed: int) -> Term:
+    """Return the term of rows that are independent: from the slope of each, where tables drawn whole agree with them.
+
+    Where they do not, or where there are too many rows, it is the standard deviation of tables that are drawn, which is
+    known as well as so few tell.
+    """
+    rows, origin = np.flatnonzero(sizes), copies.number(np.zeros(sizes.size))
+    rng = np.random.default_rng(seed)
+    points = normal_quantile(np.maximum(rng.random((PAIRS, sizes.size)), LEAST))
+
+    def drawn(pairs: int) -> Floats:
+        """Return by how much the number changes with tables that are drawn, and with their opposites."""
+        return np.array([[copies.number(sign * one * sizes) - origin for sign in SIGNS] for one in points[:pairs]])
+
+    why = f"{rows.size} rows are more than {MOST_ROWS}"
+    if rows.size <= MOST_ROWS:
+        effects = np.array([copies.odd(np.where(np.arange(sizes.size) == i, sizes, 0.0)) for i in rows.tolist()])
+        standard = float(np.sqrt(np.sum(effects**2)))
+        expected = np.multiply.outer(dot(points[:CONTROLS, rows], effects), SIGNS)
+        apart = float(np.sqrt(np.mean((drawn(CONTROLS) - expected) ** 2)))
+        if apart <= standard / np.sqrt(2.0 * PAIRS):  # better than it is known of draws
+            off = apart / standard if standard else 0.0
+            rule = f"rows are independent: slopes by all {rows.size}; {2 * CONTROLS} tables with every row drawn are {off:.1g} of it off"
+            doubt = apart if off > AGREED else 0.0
+            return Term(copies.name, PHYSICAL, standard, COVERED * standard, rule, standard_doubt=doubt)
+        why = f"it is not in proportion with the rows, by whose slopes it were {standard:.3g}"
+    standard = float(np.sqrt(np.mean(drawn(PAIRS) ** 2)))
+    rule = f"rows are independent: {2 * PAIRS} tables with every row drawn from its uncertainty; {why}"
+    # of what is linear both tables of a pair tell the same
+    return Term(
+        copies.name, PHYSICAL, standard, COVERED * standard, rule, standard_doubt=standard / np.sqrt(2.0 * PAIRS)
+    )
+
+
+def common(copies: Copies, sizes: Floats) -> Term:
+    """Return the term of what all rows have together: one input, by whose standard uncertainty the whole table moves.
+
+    Where every row has the same uncertainty it has that one and its unit; else it is a pure number whose uncertainty is 1.
+    """
+    numbers = np.array([copies.number(part * sizes) for part in PARTS])
+    effect = float(dot(numbers, WEIGHTS))
+    doubt = abs(effect - float(numbers[-1] - numbers[0]) / 2.0)
+    same = bool((sizes == sizes[0]).all())
+    size, unit = (float(sizes[0]), coherent(copies.table.value_unit)) if same else (1.0, NUMBERS)
+    rule = f"common to all rows: slope by central differences of sixth order over its uncertainty; over all of it {doubt / abs(effect) if effect else 0.0:.1g} of the slope more or less"
+    return Term(
+        copies.name + COMMON, PHYSICAL, abs(effect), COVERED * (abs(effect) + doubt), rule,
+        effect / size, size, unit, doubt / size,
+    )  # fmt: skip
+
+
+def _written(table: Table, values: Floats) -> str:
+    """Write a table with other values, in the units that it has."""
+    factors = [float(one.factor) for one in (table.argument_unit, table.value_unit)]
+    head = f"argument [{table.argument_unit.text}],value [{table.value_unit.text}]"
+    rows = (f"{x!r},{y!r}" for x, y in zip((table.argument / factors[0]).tolist(), (values / factors[1]).tolist(), strict=True))  # fmt: skip
+    return "\n".join([head, *rows, ""])
