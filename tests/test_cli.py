@@ -144,7 +144,7 @@ def test_show_names_everything(ball: Path) -> None:
         "vt = 30 ± 1 m s-1   terminal speed",
         "solver_update_equations = qm = q",
         "content_digest = ",
-        "math_functions = xdynamics 1",
+        "math_functions = xdynamics 2",
     ):
         assert part in shown
 

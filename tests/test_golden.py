@@ -21,7 +21,7 @@ OTHER_STEPS = {"linear_drag_radau_iia": "38 rows became 33"}
 EXACT = {"ball_drag_midpoint", "cart_spring_verlet", "kepler_dprkn6_given"}
 SAID = (
     "version 0.1.0 wrote the law in other words than 0.2.0; "
-    "the archive was made with the elementary functions 'libm', here they are 'xdynamics 1'; "
+    "the archive was made with the elementary functions 'libm', here they are 'xdynamics 2'; "
 )
 
 

@@ -28,7 +28,7 @@ def test_every_word_of_a_march_has_its_name() -> None:
     expected = {
         "method": "dormand_prince", "until": "1.0", "rtol": "1e-06", "atol.x": "0.001", "atol.v_x": "0.002", "safety": "0.9",
         "scales.length": "3.0", "estimator": "'embedded'", "nodes": "()", "model.parameters.k": "'4.0 N m-1'",
-        "math_functions": "xdynamics 1",
+        "math_functions": "xdynamics 2",
     }  # fmt: skip
     assert {name: found.get(name) for name in expected} == expected
     assert {"version", "law"} <= set(found)

@@ -57,6 +57,7 @@ def simulate(
     switches: str | None = None,
     nodes: Sequence[str | float] | None = None,
     time_tolerance: str | float | None = None,
+    math_functions: str | None = None,
     times: Sequence[float | str] | str | float | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
@@ -109,6 +110,8 @@ def simulate(
         a second 1e-12 of its span; never better than t is spaced.
     nodes : array of str or float
         Times to land on, besides the breakpoints of measured drives: ``["1 s", "2.5 s"]``.
+    math_functions : {"xdynamics 2", "xdynamics 1"}
+        The set of elementary functions; an older one is for the bits of an older archive, which carries its name.
     times : array_like of float, s; or text like ``"0:20:201 s"``
         Return the states at these times, what `sample` gives of the run, along `at`, in the place of the record; those
         behind an early end are left out. Accepted states joined by straight lines may be far off. With `path` the file
@@ -158,7 +161,7 @@ def simulate(
         "safety": safety, "growth_limits": growth_limits, "min_step": min_step, "max_step": max_step,
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
         "jacobian": jacobian, "summation": summation, "nodes": nodes, "switches": switches,
-        "time_tolerance": time_tolerance,
+        "time_tolerance": time_tolerance, "math_functions": math_functions,
     }  # fmt: skip
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
+from xdynamics.elementary import kept_set
 from xdynamics.entrance import load_dask_whole
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
@@ -93,9 +94,10 @@ class Inside:
         sampled = used.get("solver_force_samples") == "all"
         jacobian, summation = str(used.get("solver_jacobian", EXACT)), str(used.get("solver_summation", PLAIN))
         switches = str(used.get("solver_switches", STEPPED_OVER))
+        math_functions = kept_set(used.get("math_functions"))
         return Settings(
             method, start, estimator=estimator, samples=sampled, scales=scales_of(self.run), jacobian=jacobian,
-            summation=summation, switches=switches,
+            summation=summation, switches=switches, math_functions=math_functions,
         )  # fmt: skip
 
     @cached_property

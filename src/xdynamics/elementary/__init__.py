@@ -1,5 +1,6 @@
 """Sine, logarithm, power and the others, from arithmetic that is the same on every machine."""
 
 from xdynamics.elementary.functions import FUNCTIONS, NAME, PAIRS, TOGETHER
+from xdynamics.elementary.sets import SETS, kept_set
 
-__all__ = ["FUNCTIONS", "NAME", "PAIRS", "TOGETHER"]
+__all__ = ["FUNCTIONS", "NAME", "PAIRS", "SETS", "TOGETHER", "kept_set"]

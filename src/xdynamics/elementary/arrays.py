@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.functions import FUNCTIONS
+from xdynamics.elementary.functions import NAME
+from xdynamics.elementary.sets import SETS
 
 Floats = NDArray[np.float64]
 
@@ -129,10 +130,10 @@ def least_squares(columns: Floats, values: Floats) -> Floats:
     return found
 
 
-def applied(name: str, *given: Any) -> Floats:
-    """Return an elementary function of arrays of one shape, or of numbers."""
+def applied(name: str, *given: Any, math_functions: str = NAME) -> Floats:
+    """Return an elementary function, of a set, of arrays of one shape or of numbers."""
     arrays = np.broadcast_arrays(*(np.asarray(one, float) for one in given))
     with np.errstate(all="ignore"):
         # an array without a dimension comes out of comparisons as something else
-        found: Floats = np.reshape(FUNCTIONS[name](*map(np.atleast_1d, arrays)), arrays[0].shape)
+        found: Floats = np.reshape(SETS[math_functions][name](*map(np.atleast_1d, arrays)), arrays[0].shape)
     return found

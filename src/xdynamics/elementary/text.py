@@ -6,16 +6,17 @@ import inspect
 from collections.abc import Mapping
 from functools import lru_cache
 
-from xdynamics.elementary.functions import FUNCTIONS, PAIRS, TOGETHER
+from xdynamics.elementary.functions import NAME, PAIRS, TOGETHER
+from xdynamics.elementary.sets import SETS
 from xdynamics.elementary.tables import TABLES
 from xdynamics.elementary.written import Lines, Written
 
 
 @lru_cache(maxsize=256)
-def definition(name: str, lanes: int) -> tuple[str, tuple[str, ...]]:
-    """Print one function, `@elementary_sin` say, and name the tables that it reads."""
+def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, tuple[str, ...]]:
+    """Print one function of a set, `@elementary_sin` say, and name the tables that it reads."""
     lines = Lines(lanes)
-    function = TOGETHER.get(name) or FUNCTIONS[name]
+    function = TOGETHER.get(name) or SETS[math_functions][name]
     given = [Written(lines, "n", f"%x{i}") for i in range(len(inspect.signature(function).parameters))]
     found, kind, returned = function(*given), lines.kind("n"), lines.kind("n")
     if isinstance(found, tuple):
@@ -35,7 +36,7 @@ def struct_of(name: str, lanes: int) -> str:
     return f"{{ {', '.join([Lines(lanes).kind('n')] * count)} }}"
 
 
-def definitions(names: Mapping[str, bool], lanes: int) -> str:
+def definitions(names: Mapping[str, bool], lanes: int, math_functions: str = NAME) -> str:
     """Print functions, which call what `declarations` declares, and the tables that they read.
 
     Parameters
@@ -43,8 +44,10 @@ def definitions(names: Mapping[str, bool], lanes: int) -> str:
     names : mapping of str to bool
         For each function whether it is put in the place of its calls.
     lanes : int
+    math_functions : str
+        The set that they are of.
     """
-    printed = {name: definition(name, lanes) for name in sorted(names)}
+    printed = {name: definition(name, lanes, math_functions) for name in sorted(names)}
     tables = sorted({table for _, read in printed.values() for table in read})
     wide = '"prefer-vector-width"="512"'
     inner = {True: f"nounwind alwaysinline {wide}", False: f"nounwind {wide}"}

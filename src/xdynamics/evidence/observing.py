@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.elementary import kept_set
 from xdynamics.evidence.sampling import sample
 from xdynamics.expressions import Name, Node, free_names
 from xdynamics.faults import InputError
@@ -117,8 +118,9 @@ def evaluated_on(
     """
     at: dict[str, Any] = {name: states[name] * float(unit.factor) for name, unit in model.units.items()} | {"t": times}
     at[REGIME_NUMBER] = run["regime"].values[rows].astype(float) if "regime" in run else np.zeros(rows.size)
-    known = constants(model)
-    found = evaluated_many(model, trees, at | _modes(run, model, rows), known, tables_of(model))
+    at |= _modes(run, model, rows)
+    functions = kept_set(run.attrs.get("math_functions"))
+    found = evaluated_many(model, trees, at, constants(model), tables_of(model), functions)
     return [np.array(np.broadcast_to(one, rows.shape)) for one in found]
 
 

@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial, reduce
+from functools import lru_cache, partial, reduce
 from typing import Any
 
 import numpy as np
 
-from xdynamics.elementary import FUNCTIONS
+from xdynamics.elementary import FUNCTIONS, NAME
 from xdynamics.elementary.arrays import applied
 from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of
 from xdynamics.faults import InputError
@@ -47,8 +47,10 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
     return found
 
 
-def evaluate_many(node: Node, values: Mapping[str, Any]) -> Any:
+def evaluate_many(node: Node, values: Mapping[str, Any], math_functions: str = NAME) -> Any:
     """Return the numbers of an expression at many values at once: arrays of one shape, or numbers, by name.
+
+    The elementary functions are those of a set.
 
     Examples
     --------
@@ -57,7 +59,7 @@ def evaluate_many(node: Node, values: Mapping[str, Any]) -> Any:
     [0.125, inf]
     """
     with np.errstate(all="ignore"):  # 1/0 is inf, as in compiled code
-        return _walked(node, values, ARRAYS)
+        return _walked(node, values, _of_arrays(math_functions))
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,12 @@ NUMERIC: dict[str, Callable[..., float]] = {
     **{name: _of_floats(one) for name, one in FUNCTIONS.items()},
 }  # fmt: skip
 FLOATS = Arithmetic(_OPERATORS, _CHOICES, NUMERIC, lambda truth, yes, no: yes() if truth else no())
-ARRAYS = Arithmetic(
+
+
+@lru_cache
+def _of_arrays(math_functions: str) -> Arithmetic:
+    """Arithmetic of arrays, with a set of elementary functions."""
+    return Arithmetic(
     _OPERATORS | {"/": np.divide},
     {
         "min": lambda x, y: np.where((x < y) | np.isnan(x), x, y),
@@ -158,7 +165,7 @@ ARRAYS = Arithmetic(
     {
         "abs": np.abs, "sign": lambda x: np.where(x > 0.0, 1.0, np.where(x < 0.0, -1.0, x)),
         "sqrt": np.sqrt, "positive": lambda x: np.where(x > 0.0, x, np.nan),
-        **{name: partial(applied, name) for name in FUNCTIONS},
+        **{name: partial(applied, name, math_functions=math_functions) for name in FUNCTIONS},
     },
     lambda truth, yes, no: np.where(truth, yes(), no()),
 )  # fmt: skip

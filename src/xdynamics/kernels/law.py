@@ -13,14 +13,14 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
-from xdynamics.elementary import FUNCTIONS
+from xdynamics.elementary import NAME, SETS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import machine, quantities, stepping
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.enclosing import CALLED
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
-from xdynamics.kernels.operations import PYTHON
+from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.stepping import Equations, Steps
@@ -133,18 +133,31 @@ class Law:
     def plain(self) -> NDArray[np.int64]:
         """Keys under which the programs stand in `PLAIN` as Python functions."""
         functions = {f"_{quantities.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
-        scope: dict[str, Any] = PYTHON | PYTHON_TABLES | functions | {"_empty": np.empty, "_zero": np.float64(0.0)}
+        scope: dict[str, Any] = (
+            python_of_set(self.scheme.math_functions)
+            | PYTHON_TABLES
+            | functions
+            | {"_empty": np.empty, "_zero": np.float64(0.0)}
+        )
         exec(compile(self.source, "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees, never from a file
         keys = [next(_KEYS) for _ in range(len(CONTROL) + len(self.entries))]
         PLAIN.update(
-            zip(keys, [*(FUNCTIONS[name] for name in CONTROL), *(scope[one.name] for one in self.entries)], strict=True)
+            zip(
+                keys,
+                [
+                    *(SETS[self.scheme.math_functions][name] for name in CONTROL),
+                    *(scope[one.name] for one in self.entries),
+                ],
+                strict=True,
+            )
         )
         return np.array(keys, np.int64)
 
     def text(self, lanes: int = 1, without: Sequence[Program] = ()) -> str:
         """Return the law as LLVM text, some programs left out."""
         functions = [(one.name, len(one.arguments)) for one in self.layout.model.python_functions]
-        return llvm_of([one for one in self.programs if one not in without], lanes, functions)
+        programs = [one for one in self.programs if one not in without]
+        return llvm_of(programs, lanes, functions, math_functions=self.scheme.math_functions)
 
     def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:
         """Compile the law for a number of lanes, without some of the programs."""
@@ -160,7 +173,8 @@ class Law:
     @lru_cache(maxsize=8)  # noqa: B019 - laws are kept as long as they are used
     def _striding(self, lanes: int, adaptive: bool) -> int:  # noqa: FBT001
         programs = (self.entries[0], *self.steps.programs, *stride(self.layout, adaptive=adaptive))
-        code = machine.compiled(llvm_of(programs, lanes, entered=(STRIDE,)), [STRIDE])
+        text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
+        code = machine.compiled(text, [STRIDE])
         _STRIDES.append(code)
         return code.addresses[STRIDE]
 
@@ -173,22 +187,22 @@ class Law:
         return self.compiled(without=[one for i, one in enumerate(self.entries, FORCES) if i not in (FORCES, INSIDE)])
 
 
-@lru_cache(maxsize=1)
-def called_with_intervals() -> NDArray[np.int64]:
-    """Return where the functions begin that event functions may call, in the order of `enclosing.CALLED`."""
+@lru_cache(maxsize=len(SETS))
+def called_with_intervals(math_functions: str) -> NDArray[np.int64]:
+    """Return where the functions of a set begin that event functions may call, in the order of `enclosing.CALLED`."""
     with _LOCK:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             keys = [next(_KEYS) for _ in CALLED]
-            PLAIN.update(zip(keys, (FUNCTIONS[name] for name in CALLED), strict=True))
+            PLAIN.update(zip(keys, (SETS[math_functions][name] for name in CALLED), strict=True))
             return np.array(keys, np.int64)
-        return np.array(list(_alone(CALLED).addresses.values()), np.int64)
+        return np.array(list(_alone(CALLED, math_functions).addresses.values()), np.int64)
 
 
-@lru_cache(maxsize=2)
-def _alone(names: tuple[str, ...]) -> machine.Code:
+@lru_cache(maxsize=1 + len(SETS))
+def _alone(names: tuple[str, ...], math_functions: str = NAME) -> machine.Code:
     """Return machine code of functions of one number, for the engine to call."""
     entry = "define double @{0}(double %x) {{\n  %y = call double @elementary_{0}(double %x)\n  ret double %y\n}}"
-    text = [declarations(1), definitions(dict.fromkeys(names, True), 1), *map(entry.format, names)]
+    text = [declarations(1), definitions(dict.fromkeys(names, True), 1, math_functions), *map(entry.format, names)]
     return machine.compiled("\n".join(text), names)
 
 

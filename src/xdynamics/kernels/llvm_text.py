@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Container, Iterable
 from string import ascii_lowercase
 
-from xdynamics.elementary import FUNCTIONS, PAIRS
+from xdynamics.elementary import FUNCTIONS, NAME, PAIRS
 from xdynamics.elementary.text import declarations, definition, definitions, struct_of
 from xdynamics.elementary.written import Lines
 from xdynamics.kernels.operations import COMPARISONS, COMPOSED, INFIX, INTRINSICS
@@ -119,6 +119,7 @@ def llvm_of(
     lanes: int = 1,
     functions: Iterable[tuple[str, int]] = (),
     entered: Container[str] | None = None,
+    math_functions: str = NAME,
 ) -> str:
     """Print programs as one LLVM module.
 
@@ -132,13 +133,16 @@ def llvm_of(
         Python functions that are called, with how many arguments each takes.
     entered : container of str, optional
         Programs that are called from outside; all, where it is not given.
+    math_functions : str
+        The set of elementary functions.
     """
     known = {one.name: one for one in programs}
     text = [declarations(lanes), _TABLES if any(map(_looks_up, known.values())) else ""]
     text += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
-    weights = {name: _weight(one, lanes) for name, one in known.items()}
+    weights = {name: _weight(one, lanes, math_functions) for name, one in known.items()}
     used = sum((_used(one) for one in known.values()), Counter[str]())
-    text.append(definitions({name: _size_of(name, lanes) * n <= INLINED // 2 for name, n in used.items()}, lanes))
+    inner = {name: _size_of(name, lanes, math_functions) * n <= INLINED // 2 for name, n in used.items()}
+    text.append(definitions(inner, lanes, math_functions))
     calls = {name: sum(_calls(one, name) for one in known.values()) for name in known}
     for one in known.values():
         called = calls[one.name] and weights[one.name] * calls[one.name] <= INLINED
@@ -180,13 +184,13 @@ def _together(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]
     return {one for one, count in asked.items() if count == _ALL_OF[one[0]]}
 
 
-def _size_of(name: str, lanes: int) -> int:
-    return definition(name, lanes)[0].count("\n")
+def _size_of(name: str, lanes: int, math_functions: str) -> int:
+    return definition(name, lanes, math_functions)[0].count("\n")
 
 
-def _weight(program: Program, lanes: int) -> int:
+def _weight(program: Program, lanes: int, math_functions: str) -> int:
     """How many instructions a program has with its elementary functions put in their places."""
-    return program.size + sum(_size_of(name, lanes) * count for name, count in _used(program).items())
+    return program.size + sum(_size_of(name, lanes, math_functions) * count for name, count in _used(program).items())
 
 
 def _calls(program: Program, name: str) -> int:

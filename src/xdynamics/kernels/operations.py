@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary import SETS
 from xdynamics.expressions.evaluation import NUMERIC
 
 # operation: sign in Python and how strongly it binds; instruction in LLVM
@@ -78,3 +79,9 @@ PYTHON: dict[str, Any] = {name: _kept(one) for name, one in NUMERIC.items() if n
     "_greatest": _kept(greatest),
     "_unsound": unsound,
 }
+
+
+def python_of_set(math_functions: str) -> dict[str, Any]:
+    """Return what printed Python calls, with the elementary functions of a set."""
+    own = {f"_{name}" if name == "power" else name: _kept(one) for name, one in SETS[math_functions].items()}
+    return PYTHON | own

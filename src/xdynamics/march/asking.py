@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
@@ -23,7 +24,7 @@ from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, ti
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
-KNOWN = (*RUN_KEYS, "nodes")  # settings, of which a model file has all but nodes
+KNOWN = (*RUN_KEYS, "nodes", "math_functions")  # settings, of which a model file has all but these two
 PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 
 
@@ -70,6 +71,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         _nodes(model, chosen.get("nodes")),
         _switches(model, str(chosen.get("switches") or LOCATED)),
         _time_tolerance(model, chosen),
+        str(chosen.get("math_functions") or NAME),
     )
     settings.check(model)
     return settings

@@ -205,7 +205,7 @@ def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[A
     watched = law.layout.watched
     said, deep, events = enclosing(law.layout), DEEPEST if watched else 0, len(watched)
     places = {"under": np.zeros(said.values), "over": np.zeros(said.values), "flaws": np.zeros(said.values, np.int64)}
-    functions = [*called_with_intervals(), *watchers()] if watched else []
+    functions = [*called_with_intervals(law.scheme.math_functions), *watchers()] if watched else []
     return (
         places
         | _touching(model, settings)

@@ -8,6 +8,7 @@ from math import isfinite
 
 import numpy as np
 
+from xdynamics.elementary import NAME, SETS
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
 from xdynamics.methods import Method
@@ -158,6 +159,8 @@ class Settings:
         Times to land on besides the breakpoints of drives, s, ascending.
     time_tolerance : float
         How well events, impacts and switches are located that do not say so themselves, s.
+    math_functions : str
+        The set of elementary functions.
     """
 
     method: Method
@@ -173,6 +176,7 @@ class Settings:
     nodes: tuple[float, ...] = ()
     switches: str = LOCATED
     time_tolerance: float = TIME_TOLERANCE
+    math_functions: str = NAME
 
     def located_within(self, asked: Quantity | None) -> float:
         """Return how well a time is located, s: as well as is asked for, or as well as all others."""
@@ -186,7 +190,7 @@ class Settings:
     @property
     def scheme(self) -> Scheme:
         """The method with its estimator."""
-        return Scheme(self.method, self.estimator, self.jacobian, self.summation)
+        return Scheme(self.method, self.estimator, self.jacobian, self.summation, self.math_functions)
 
     def layout(self, model: Model) -> Layout:
         """Return where each number of the march stands."""
@@ -211,6 +215,8 @@ class Settings:
         ]
         if self.tolerances is not None:
             faults += self.tolerances.faults(model) or self._inner_faults(self.tolerances.rtol)
+        if self.math_functions not in SETS:
+            faults.append(f"math_functions is {self.math_functions!r}; there are {', '.join(map(repr, SETS))}")
         if not (isfinite(self.time_tolerance) and self.time_tolerance > 0):
             faults.append(f"time_tolerance is {self.time_tolerance!r} s, needs a positive time")
         if self.pacing.min_step > self.until - start > 0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from decimal import Decimal
 
+from xdynamics.elementary import NAME
 from xdynamics.methods.method import HERMITE, HERMITE_WORDS, Evaluation, Line, Method, Solve, read_lines
 from xdynamics.methods.summation import COMPENSATED, PLAIN, Update, updates
 
@@ -36,12 +37,15 @@ class Scheme:
         One of `JACOBIANS`: where an implicit method has the derivatives of the forces from.
     summation : str
         One of `SUMMATIONS`: whether what rounding takes from the state is carried along.
+    math_functions : str
+        The set of elementary functions that forces are computed with.
     """
 
     method: Method
     estimator: str = NO_ESTIMATE
     jacobian: str = EXACT
     summation: str = PLAIN
+    math_functions: str = NAME
 
     @property
     def estimates(self) -> bool:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary import NAME
 from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, derivatives, free_names
 from xdynamics.expressions.calculus import ONE, ZERO, add
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
@@ -296,7 +297,12 @@ def evaluated(
 
 
 def evaluated_many(
-    model: Model, wanted: Sequence[Node], state: Mapping[str, Any], known: Mapping[str, float], tables: Iterable[Table]
+    model: Model,
+    wanted: Sequence[Node],
+    state: Mapping[str, Any],
+    known: Mapping[str, float],
+    tables: Iterable[Table],
+    math_functions: str = NAME,
 ) -> list[Any]:
     """Evaluate expressions at many states at once: what `evaluated` gives, and of the motion only what they read.
 
@@ -309,6 +315,8 @@ def evaluated_many(
         For `t`, every coordinate, velocity and first-order state, and the regime.
     known, tables
         As for `evaluated`.
+    math_functions : str
+        The set of elementary functions.
     """
     values: dict[str, Any] = dict(known) | dict(state)
     for (name, drive), table in zip(model.drives.items(), tables, strict=True):
@@ -324,8 +332,8 @@ def evaluated_many(
             call = np.vectorize(model.functions[one.value.name], otypes=[float])
             values[one.name] = call(*(values[name] for name in one.value.arguments))
         else:
-            values[one.name] = evaluate_many(one.value, values)
-    return [evaluate_many(one, values) for one in wanted]
+            values[one.name] = evaluate_many(one.value, values, math_functions)
+    return [evaluate_many(one, values, math_functions) for one in wanted]
 
 
 def _number(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:

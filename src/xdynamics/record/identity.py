@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.elementary import NAME
 from xdynamics.march import OUTCOMES, March, Pacing, Settings, Tolerances
 from xdynamics.march.asking import settings_for
 from xdynamics.march.outcomes import INTERRUPTED
@@ -25,7 +24,11 @@ _SHOWN = 60  # characters of a value that are kept; of longer ones their digest 
 
 def identity(march: March) -> dict[str, str]:
     """Return every word on which the bits of a march depend."""
-    program = {"version": xdynamics_version(), "math_functions": NAME, "law": force_digest(march)}
+    program = {
+        "version": xdynamics_version(),
+        "math_functions": march.settings.math_functions,
+        "law": force_digest(march),
+    }
     said = dict(_words("", march.settings)) | dict(_words("model", tomllib.loads(march.model.to_toml())))
     return {name: _short(value) for name, value in (said | program).items()}
 
@@ -39,7 +42,12 @@ def apart(kept: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
 
 def is_of(run: xr.Dataset, march: March) -> bool:
     """Whether a finished record is of a march's model and law, by this version; its settings are another matter."""
-    here = {"model_digest": march.model.digest, "force_digest": force_digest(march), "xdynamics_version": xdynamics_version()}  # fmt: skip
+    here = {
+        "model_digest": march.model.digest,
+        "force_digest": force_digest(march),
+        "xdynamics_version": xdynamics_version(),
+        "math_functions": march.settings.math_functions,
+    }
     unfinished = OUTCOMES[INTERRUPTED].word
     return all(run.attrs.get(name) == value for name, value in here.items()) and run.attrs["run_outcome"] != unfinished
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import schema
-from xdynamics.elementary import NAME
+from xdynamics.elementary import kept_set
 from xdynamics.kernels import Layout
 from xdynamics.march import March
 from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, PREDICTIVE, SPACINGS
@@ -64,7 +64,7 @@ def attributes(march: March) -> dict[str, Any]:
         "solver_event_root_method": ROOT_METHOD,
         "solver_force_samples": "all" if settings.samples else "none",
         "precision": "float64, IEEE 754 binary64, round to nearest",
-        "math_functions": NAME,
+        "math_functions": settings.math_functions,
         "run_outcome": end.outcome.word,
         "run_outcome_text": end.text if model.time_unit == SECONDS else _SECOND.sub("", end.text),
         "model_digest": model.digest,
@@ -145,6 +145,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "summation": used.get("solver_summation", PLAIN),  # version 0.1 had no other
         "switches": used.get("solver_switches", STEPPED_OVER),  # before there were any, they were stepped over
         "time_tolerance": used.get("solver_time_tolerance"),
+        "math_functions": kept_set(used.get("math_functions")),
         "nodes": np.atleast_1d(used["solver_nodes"]).tolist() if "solver_nodes" in used else None,
     }
     if schema.GIVEN_STEP.name in run:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.elementary import NAME
+from xdynamics.elementary import NAME, kept_set
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.model import Model
@@ -127,7 +127,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         **_shared_settings(plan.grid),
         KEEP: " ".join(keeping.words),
         OCCURRENCES: np.array(keeping.occurrences),
-        "math_functions": NAME,
+        "math_functions": plan.grid.math_functions,
         "model_digest": plan.grid.model.digest,
         DIGEST: plan.digest,
     }
@@ -189,7 +189,10 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
     keeping = keeping_of(str(sweep.attrs[KEEP]).split(), None, tuple(map(int, sweep.attrs[OCCURRENCES])))
     if AT_TIME in sweep.variables:
         keeping = Keeping(keeping.words, np.atleast_1d(sweep[AT_TIME].values).astype(float), keeping.occurrences)
-    return Plan(Grid(model, tuple(_axis(sweep, dim) for dim in str(sweep.attrs[AXES]).split()), json.loads(sweep.attrs[ASKED])), keeping)  # fmt: skip
+    asked = json.loads(sweep.attrs[ASKED])
+    if (kept := kept_set(sweep.attrs.get("math_functions"))) != NAME:  # nobody asked for the set of that time
+        asked["math_functions"] = kept
+    return Plan(Grid(model, tuple(_axis(sweep, dim) for dim in str(sweep.attrs[AXES]).split()), asked), keeping)
 
 
 def _axis(sweep: xr.Dataset, dim: str) -> Axis:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.march import Settings
 from xdynamics.march.asking import settings_for
@@ -128,6 +129,11 @@ class Grid:
     def settings_of(self, at: At) -> Settings:
         """Return a member's settings."""
         return settings_for(self._common(at), **self.asked_of(at))
+
+    @property
+    def math_functions(self) -> str:
+        """The set of elementary functions of all members."""
+        return str(self.asked.get("math_functions") or NAME)
 
     def shape_of(self, block: Sequence[slice]) -> tuple[int, ...]:
         """Return how many members a block has along each axis."""

@@ -119,7 +119,7 @@ class Harvest:
         at |= {"t": times, REGIME_NUMBER: self["regime"][rows].astype(float)} | self._own(members)
         # as `observe` does: no forces that are told on which side of a switch they are
         tree, known, tables = layout_of(self.model).derived[name], constants(self.model), tables_of(self.model)
-        value = evaluated_many(self.model, [tree], at, known, tables)[0]
+        value = evaluated_many(self.model, [tree], at, known, tables, self.settings.math_functions)[0]
         unit = self.columns[name].variable.units
         return np.broadcast_to(value, times.shape) / _factor_of(unit)
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.elementary import NAME
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs, march_many
 from xdynamics.march.diagnosis import ending
@@ -73,7 +72,7 @@ class Plan:
         grid, keeping = self.grid, self.keeping
         axes = [[axis.dim, [[one.name, one.kind, one.unit.text, one.values.tolist(), one.tables] for one in axis.columns]] for axis in grid.axes]  # fmt: skip
         words = [grid.model.digest, grid.asked, axes, keeping.words, keeping.times.tolist(), keeping.occurrences]
-        said = json.dumps([*words, NAME, xdynamics_version()], sort_keys=True)
+        said = json.dumps([*words, grid.math_functions, xdynamics_version()], sort_keys=True)
         return sha256(said.encode()).hexdigest()
 
     @cached_property
