@@ -53,11 +53,11 @@ def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, .
             break
         _check_open(held, before)
         change = along.over(change, row, before)
-        met = Met(along, before, after, names, change)
+        met = Met(along, np.array([before]), np.array([after]), names, change[None])
         seen += names.count(target.event)
         if target.event in names and seen >= target.occurrence:
             return _at_event(met, target)
-        change, row = met.left(), after
+        change, row = met.left()[0], after
     assert target.at is not None  # noqa: S101 - a number at an event was found in the run before
     last = int(np.searchsorted(run["time"].values, target.at, side="right")) - 1
     _check_open(held, last)
@@ -110,14 +110,14 @@ def _at_event(met: Met, target: Target) -> Floats:
     """Return the slopes of a number at an event."""
     time = met.time_of(target.event)
     if target.quantity == TIME:
-        return time
+        return time[0]
     return _of_quantity(met.meeting(time) if target.side == "before" else met.behind(time), target)
 
 
 def _end(along: Along, last: int, at: float, change: Floats) -> Place:
     """Return the state at a time and how it changes."""
-    met = Met(along, last, last, (), change)
-    place = met.meeting(np.zeros(change.shape[1]))
+    row = np.array([last])
+    place = Met(along, row, row, (), change[None]).meeting(np.zeros((1, change.shape[1])))
     state = along.states(np.array([at]), np.array([last]))
     return Place(place.model, state, place.changes)
 
@@ -125,8 +125,8 @@ def _end(along: Along, last: int, at: float, change: Floats) -> Place:
 def _of_quantity(place: Place, target: Target) -> Floats:
     """Return how a coordinate, velocity, state, energy or observable changes."""
     if target.quantity in place.changes:
-        return place.changes[target.quantity]
+        return place.changes[target.quantity][0]
     derived = layout_of(place.model).derived
     if target.quantity not in derived:
         raise InputError(f"quantity is {target.quantity!r}")
-    return place.change(derived[target.quantity])
+    return place.change(derived[target.quantity])[0]

@@ -5,19 +5,21 @@ changed by z + f- dt*, where f- is how fast it moves; the event maps it, R; and 
 then changed by dR - f+ dt* (Aizerman and Gantmacher 1958, doi:10.1093/qjmam/11.4.385; Leine and Nijmeijer, Dynamics and
 Bifurcations of Non-Smooth Mechanical Systems, 2004, chapter 7). Of a switch R is the state itself, of a reset what the
 model says, of an impact without friction Newton's law in the metric of the mass.
+
+Events of one kind are taken side by side: k of them along the first axis of every array.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.variational import Along, NotVariedError, varying
-from xdynamics.elementary.arrays import dot, solved
+from xdynamics.elementary.arrays import dot, product, solved
 from xdynamics.expressions import Node, derivatives, free_names
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, slope, tables_of, variables
@@ -35,14 +37,14 @@ ACTING = ("switch", "reset")
 
 @dataclass(frozen=True)
 class Place:
-    """A state, and how it changes.
+    """States, and how they change.
 
     Attributes
     ----------
     model : Model
-    state : mapping of str to ndarray, shape (1,)
+    state : mapping of str to ndarray, shape (k,)
         SI.
-    changes : mapping of str to ndarray, shape (m,)
+    changes : mapping of str to ndarray, shape (k, m)
         Of time, variables and parameters; what is left out does not change.
     """
 
@@ -50,29 +52,28 @@ class Place:
     state: Mapping[str, Floats]
     changes: Mapping[str, Floats]
 
-    def value(self, tree: Node) -> float:
-        """Return the number of a tree."""
-        return float(self._numbers([tree])[0])
+    def value(self, tree: Node) -> Floats:
+        """Return the numbers of a tree, shape (k,)."""
+        return self._numbers([tree])[0]
 
     def change(self, tree: Node) -> Floats:
-        """Return how a tree changes."""
-        by = {name: one for name, one in derivatives(tree, self._varying).items() if name in self.changes}
-        numbers = self._numbers(list(by.values()))
-        found = np.zeros_like(next(iter(self.changes.values())))
-        for name, one in zip(by, numbers, strict=True):
-            found = found + one * self.changes[name]
-        return found
+        """Return how a tree changes, shape (k, m)."""
+        by = {name: slope for name, slope in derivatives(tree, self._varying).items() if name in self.changes}
+        total = np.zeros_like(next(iter(self.changes.values())))
+        for name, number in zip(by, self._numbers(list(by.values())), strict=True):
+            total = total + number[:, None] * self.changes[name]
+        return total
 
     @cached_property
     def _varying(self) -> dict[str, dict[str, Node]]:
         return varying(self.model, tuple(self.model.parameters))
 
-    def _numbers(self, trees: list[Node]) -> list[float]:
+    def _numbers(self, trees: list[Node]) -> list[Floats]:
         known = self._known
-        if strange := {name for one in trees for name in free_names(one)} - known:
+        if strange := {name for tree in trees for name in free_names(tree)} - known:
             raise NotVariedError(f"'{min(strange)}' is read, whose change is not followed")
-        found = evaluated_many(self.model, trees, self.state, constants(self.model), tables_of(self.model))
-        return [float(np.ravel(one)[0]) for one in found]
+        values = evaluated_many(self.model, trees, self.state, constants(self.model), tables_of(self.model))
+        return [np.broadcast_to(np.asarray(value, float), self.state["t"].shape) for value in values]
 
     @cached_property
     def _known(self) -> set[str]:
@@ -83,22 +84,22 @@ class Place:
 
 @dataclass(frozen=True)
 class Met:
-    """Events of a run at one instant.
+    """Instants of a run at which the same events happen.
 
     Attributes
     ----------
     along : Along
-    before, after : int
+    before, after : ndarray of int, shape (k,)
         Rows.
     names : tuple of str
         Of their detectors.
-    change : ndarray, shape (n, m), SI
+    change : ndarray, shape (k, n, m), SI
         Of the variables, before.
     """
 
     along: Along
-    before: int
-    after: int
+    before: NDArray[np.int64]
+    after: NDArray[np.int64]
     names: tuple[str, ...]
     change: Floats
 
@@ -108,58 +109,76 @@ class Met:
         return self.along.equations.model
 
     def time_of(self, name: str) -> Floats:
-        """Return how the time of one event changes with every input, s."""
+        """Return how the time of one event changes with every input, s, shape (k, m)."""
         tree = self._function(name)
-        still = self._rows(self.change) | {"t": np.zeros(self.change.shape[1])}
-        moving = Place(self.model, self._state, self.along.rates(self.before)).change(tree)[0]
-        if not moving:
+        still = self._rows(self.change) | {"t": np.zeros_like(self.change[:, 0])}
+        moving = Place(self.model, self._state, self._rates).change(tree)
+        if not moving.all():
             raise NotVariedError(f"'{name}' has no slope where it is met")
         found: Floats = -Place(self.model, self._state, still).change(tree) / moving
         return found
 
     def meeting(self, time: Floats) -> Place:
-        """Return the state before, as it changes where it meets the event."""
-        rates = self.along.rates(self.before)
-        moved = self.change + np.outer([float(rates[name][0]) for name in variables(self.model)], time)
+        """Return the states before, as they change where they meet the event."""
+        moved = self.change + self._along_motion(self._rates, time)
         return Place(self.model, self._state, self._rows(moved) | {"t": time})
 
     def left(self) -> Floats:
-        """Return the change behind the events, at the time of the run's own."""
-        if self.before == self.after or self._goes_on:
-            return self.change
-        time = self._time
-        place = self.meeting(time)
-        found = dict(place.changes) | self._mapped(place)
-        rates = self.along.rates(self.after)
-        return np.stack([found[name] - rates[name][0] * time for name in variables(self.model)])
+        """Return the changes behind the events, at the times of the run's own."""
+        acting = np.flatnonzero((self.before != self.after) & ~self._goes_on)
+        if acting.size == self.before.size:
+            return self._left()
+        found = self.change.copy()
+        if acting.size:
+            before, after, change = self.before[acting], self.after[acting], self.change[acting]
+            found[acting] = replace(self, before=before, after=after, change=change).left()
+        return found
 
     def behind(self, time: Floats) -> Place:
-        """Return the state behind, as it changes with the event."""
+        """Return the states behind, as they change with the event."""
         state, rates = self.along.row(self.after), self.along.rates(self.after)
-        moved = self.left() + np.outer([float(rates[name][0]) for name in variables(self.model)], time)
+        moved = self.left() + self._along_motion(rates, time)
         return Place(self.model, state, self._rows(moved) | {"t": time})
+
+    def _left(self) -> Floats:
+        time = self._time
+        place = self.meeting(time)
+        mapped = dict(place.changes) | self._mapped(place)
+        whole = np.stack([mapped[name] for name in variables(self.model)], axis=1)
+        return whole - self._along_motion(self.along.rates(self.after), time)
+
+    def _along_motion(self, rates: Mapping[str, Floats], time: Floats) -> Floats:
+        """Return what goes by while times change, shape (k, n, m)."""
+        return np.stack([rates[name] * time for name in variables(self.model)], axis=1)
 
     @cached_property
     def _state(self) -> dict[str, Floats]:
         return self.along.row(self.before)
 
+    @cached_property
+    def _rates(self) -> dict[str, Floats]:
+        return self.along.rates(self.before)
+
     def _rows(self, change: Floats) -> dict[str, Floats]:
         """Name the rows of a change, and add those of the parameters."""
         inputs = self.along.equations.inputs
-        units = np.eye(len(inputs))
-        parameters = {name: units[i] for i, name in enumerate(inputs) if name in self.model.parameters}
-        return dict(zip(variables(self.model), change, strict=True)) | parameters
+        units = np.broadcast_to(np.eye(len(inputs)), (len(change), len(inputs), len(inputs)))
+        parameters = {name: units[:, i] for i, name in enumerate(inputs) if name in self.model.parameters}
+        return dict(zip(variables(self.model), np.moveaxis(change, 1, 0), strict=True)) | parameters
 
     @cached_property
-    def _goes_on(self) -> bool:
-        """Whether neither the state nor its rates jump."""
-        pairs = [(self._state, self.along.row(self.after)), tuple(map(self.along.rates, (self.before, self.after)))]
-        return all(
-            abs(float(one[name][0]) - float(other[name][0])) <= SAME * abs(float(one[name][0]))
-            for one, other in pairs
-            for name in one
-            if name != REGIME_NUMBER
-        )
+    def _goes_on(self) -> NDArray[np.bool_]:
+        """Whether neither the states nor their rates jump, shape (k,)."""
+        states = self._state, self.along.row(self.after)
+        rates = [
+            {name: rate[:, 0] for name, rate in self.along.rates(row).items()} for row in (self.before, self.after)
+        ]
+        same = np.ones(self.before.size, bool)
+        for left, right in (states, rates):
+            for name in left:
+                if name != REGIME_NUMBER:
+                    same &= np.abs(left[name] - right[name]) <= SAME * np.abs(left[name])
+        return same
 
     @property
     def _time(self) -> Floats:
@@ -168,7 +187,8 @@ class Met:
         times = [self.time_of(name) for name in acting]
         if not times:
             raise NotVariedError("the motion jumps, and no event tells where")
-        if any(np.abs(one - times[0]).max() > SAME * np.abs(times[0]).max() for one in times[1:]):
+        most = np.abs(times[0]).max(axis=1)
+        if any((np.abs(time - times[0]).max(axis=1) > SAME * most).any() for time in times[1:]):
             raise NotVariedError(f"{' and '.join(acting)} are met at once, and part where an input changes")
         return times[0]
 
@@ -193,42 +213,43 @@ class Met:
         one = next(each for each in reactions(self.model) if each.owner == name and each.sort == NORMAL)
         normal, normals = self._normal(place, one)
         mass, masses = self._mass(place)
-        lever = solved(mass, normal[:, None])[:, 0]
-        levers = solved(mass, normals - np.sum(masses * lever[:, None], axis=1))
-        weight = float(dot(normal, lever))
-        weights = dot(normals.T, lever) + dot(levers.T, normal)
+        lever = solved(mass, normal[..., None])[..., 0]
+        levers = solved(mass, normals - np.sum(masses * lever[:, None, :, None], axis=2))
+        weight = dot(normal, lever)
+        weights = (product(lever[:, None], normals) + product(normal[:, None], levers))[:, 0]
         closing, bounce = place.value(one.rate), 1.0 + place.value(one.size)
         push = -bounce * closing / weight
-        pushes = -(place.change(one.size) * closing + bounce * place.change(one.rate) + push * weights) / weight
+        turned = place.change(one.size) * closing[:, None] + bounce[:, None] * place.change(one.rate)
+        pushes = -(turned + push[:, None] * weights) / weight[:, None]
         names = [velocity(each) for each in self.model.coordinates]
-        self._check(names, lever * push)
-        moved = levers * push + np.outer(lever, pushes)
-        return {each: place.changes[each] + moved[i] for i, each in enumerate(names)}
+        self._check(names, lever * push[:, None])
+        moved = levers * push[:, None, None] + lever[..., None] * pushes[:, None]
+        return {each: place.changes[each] + moved[:, i] for i, each in enumerate(names)}
 
     def _normal(self, place: Place, one: Reaction) -> tuple[Floats, Floats]:
         """Return the gradient of a gap, and how it changes."""
-        n, m = len(self.model.coordinates), self.change.shape[1]
-        normal, normals = np.zeros(n), np.zeros((n, m))
+        k, n, m = len(self.change), len(self.model.coordinates), self.change.shape[2]
+        normal, normals = np.zeros((k, n)), np.zeros((k, n, m))
         for i, name in enumerate(self.model.coordinates):
             if name in one.row:
-                normal[i], normals[i] = place.value(one.row[name]), place.change(one.row[name])
+                normal[:, i], normals[:, i] = place.value(one.row[name]), place.change(one.row[name])
         return normal, normals
 
     def _mass(self, place: Place) -> tuple[Floats, Floats]:
         """Return the mass matrix, and how it changes."""
-        n, m = len(self.model.coordinates), self.change.shape[1]
-        mass, masses = np.zeros((n, n)), np.zeros((n, n, m))
-        for at, entry in self.model.statement.mass_entries.items():
+        k, n, m = len(self.change), len(self.model.coordinates), self.change.shape[2]
+        mass, masses = np.zeros((k, n, n)), np.zeros((k, n, n, m))
+        for (i, j), entry in self.model.statement.mass_entries.items():
             tree = self.model.expanded(entry)
-            mass[at], masses[at] = place.value(tree), place.change(tree)
+            mass[:, i, j], masses[:, i, j] = place.value(tree), place.change(tree)
         return mass, masses
 
     def _check(self, names: list[str], kicks: Floats) -> None:
-        """Compare an impact with the one that was recorded."""
+        """Compare impacts with those that were recorded."""
         before, after = self._state, self.along.row(self.after)
-        for name, kick in zip(names, kicks, strict=True):
-            told = float(after[name][0] - before[name][0])
-            if abs(told - kick) > ALIKE * max(abs(told), abs(kick)):
+        for i, name in enumerate(names):
+            recorded, kick = after[name] - before[name], kicks[:, i]
+            if (np.abs(recorded - kick) > ALIKE * np.maximum(np.abs(recorded), np.abs(kick))).any():
                 raise NotVariedError("an impact is none of one contact alone")
 
     def _function(self, name: str) -> Node:

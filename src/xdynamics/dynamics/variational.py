@@ -181,23 +181,24 @@ class Along:
         regime = self.run["regime"].values[rows] if "regime" in self.run else np.zeros(rows.size)
         return states | {"t": times, REGIME_NUMBER: regime.astype(float)}
 
-    def row(self, row: int) -> dict[str, Floats]:
-        """Return the state of a row as arrays of one number, SI, with its regime."""
+    def row(self, rows: NDArray[np.int64]) -> dict[str, Floats]:
+        """Return the states of rows, SI, with their regimes, shape (k,)."""
         model, run = self.equations.model, self.run
-        values = {name: float(run[name][row]) * float(unit.factor) for name, unit in model.units.items()}
-        values |= {"t": float(run["time"][row]), REGIME_NUMBER: float(run["regime"][row]) if "regime" in run else 0.0}
-        return {name: np.array([one]) for name, one in values.items()}
+        values = {name: np.asarray(run[name])[rows] * float(unit.factor) for name, unit in model.units.items()}
+        regime = np.asarray(run["regime"])[rows] if "regime" in run else np.zeros(len(rows))
+        return values | {"t": np.asarray(run["time"])[rows], REGIME_NUMBER: regime.astype(float)}
 
-    def rates(self, row: int) -> dict[str, Floats]:
-        """Return how fast time and every variable change at a row, as it was recorded, SI."""
-        model, found = self.equations.model, {"t": 1.0}
+    def rates(self, rows: NDArray[np.int64]) -> dict[str, Floats]:
+        """Return how fast time and every variable change at rows, as it was recorded, SI, shape (k, 1)."""
+        model, run = self.equations.model, self.run
+        found: dict[str, Floats] = {"t": np.ones((len(rows), 1))}
         for name, one in model.coordinates.items():
             factor = float(one.unit.factor)
-            found[name] = float(self.run[velocity(name)][row]) * factor
-            found[velocity(name)] = float(self.run[acceleration(name)][row]) * factor
+            found[name] = np.asarray(run[velocity(name)])[rows, None] * factor
+            found[velocity(name)] = np.asarray(run[acceleration(name)])[rows, None] * factor
         for name, state in model.states.items():
-            found[name] = float(self.run[rate(name)][row]) * float(state.unit.factor)
-        return {name: np.array([one]) for name, one in found.items()}
+            found[name] = np.asarray(run[rate(name)])[rows, None] * float(state.unit.factor)
+        return found
 
 
 def joined(whole: Floats, added: Floats) -> tuple[Floats, Floats]:
