@@ -157,8 +157,10 @@ def test_a_chaotic_run_says_until_when() -> None:
     )
     assert np.abs(here).max() < 0.15 * np.ptp(run.th1.values)
     calm = xd.diagnose(marched("dop853"), lyapunov=True)
-    assert float(calm.lyapunov_exponent) == 0.0
-    assert len(found.attrs["runs"].split()) == 3
+    assert abs(float(calm.lyapunov_exponent)) < 1e-6
+    assert float(calm.lyapunov_time) == np.inf
+    assert float(calm.believed_until) == 20.0
+    assert len(found.attrs["runs"].split()) == 2
 
 
 def test_companions_know_the_error() -> None:
@@ -290,18 +292,6 @@ def test_what_was_edited_is_not_taken_for_the_run() -> None:
         xd.diagnose(edited)
     with pytest.raises(xd.InputError, match="this is a part of a run"):
         xd.companion(run.isel(step=slice(0, 50)))
-
-
-def test_starts_beside_that_are_none() -> None:
-    """Assert what is said where nothing moves, and that a start inside a contact is taken from the other side."""
-    still = xd.simulate(particle(v="0 m s-1"), method="rk4", step=0.1, until=1.0)
-    with pytest.raises(xd.InputError, match="nothing moves in the run"):
-        xd.diagnose(still, lyapunov=True, companion=False)
-    block = xd.simulate(xd.Model.from_toml(MODELS / "rocking_block.toml"), until=0.5)
-    with pytest.raises(
-        xd.InputError, match="there is no start beside the run's own: .*begin where gaps are not negative"
-    ):
-        xd.diagnose(block, lyapunov=True, companion=False)
 
 
 def test_many_cycles_take_no_time() -> None:

@@ -10,8 +10,11 @@ SCHEMA_VERSION = "2"  # "1" until 0.2; archives of another one are compared by t
 CONVENTIONS = "CF-1.11 ACDD-1.3 xdynamics-1"
 
 STEPS, TRIALS, EVENTS, SAMPLES, BOUNDS = "step", "trial", "event", "sample", "bound"
-# of evidence: wanted times, levels of a refinement, which of the events of one name, periods, cases of a ledger
-AT, LEVEL, OCCURRENCE, CYCLE, CASE = "at", "level", "occurrence", "cycle", "case"
+# of evidence: wanted times, levels of a refinement, which of the events of one name, periods, cases of a ledger, directions of growth
+AT, LEVEL, OCCURRENCE, CYCLE, CASE, EXPONENT = "at", "level", "occurrence", "cycle", "case", "exponent"
+# of a diagnosis: growth in the limit of long times, and over the time of a run
+LYAPUNOVS, LYAPUNOV_UNCERTAINTY = "lyapunov_exponents", "lyapunov_uncertainty"
+LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH = "lyapunov_exponent", "lyapunov_time", "finite_time_growth"
 AT_TIME = "at_time"
 DIMENSIONS = {
     STEPS: "accepted states, the initial one first",

@@ -110,7 +110,7 @@ def _at_event(met: Met, target: Target) -> Floats:
     """Return the slopes of a number at an event."""
     time = met.time_of(target.event)
     if target.quantity == TIME:
-        return time[0]
+        return np.asarray(time[0])
     return _of_quantity(met.meeting(time) if target.side == "before" else met.behind(time), target)
 
 
@@ -125,8 +125,8 @@ def _end(along: Along, last: int, at: float, change: Floats) -> Place:
 def _of_quantity(place: Place, target: Target) -> Floats:
     """Return how a coordinate, velocity, state, energy or observable changes."""
     if target.quantity in place.changes:
-        return place.changes[target.quantity][0]
+        return np.asarray(place.changes[target.quantity][0])
     derived = layout_of(place.model).derived
     if target.quantity not in derived:
         raise InputError(f"quantity is {target.quantity!r}")
-    return place.change(derived[target.quantity])[0]
+    return np.asarray(place.change(derived[target.quantity])[0])

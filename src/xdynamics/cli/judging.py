@@ -118,7 +118,7 @@ def _kept(found: xr.Dataset, told: Any, output: str | None) -> None:
 @click.option("--of", help="The coordinate whose cycles are counted; the first one without it.")
 @click.option("--reference", metavar="PERIOD|RUN.nc", help="What phases are offset from; without it one more run at a tighter setting.")  # fmt: skip
 @click.option("--exact", multiple=True, metavar="NAME=EXPRESSION", help="A closed form, like x='x0*cos(w*t)'.")
-@click.option("--lyapunov", is_flag=True, help="See how fast a run from a start beside parts from it.")
+@click.option("--lyapunov", is_flag=True, help="Find all Lyapunov exponents, each with its uncertainty, by the variational equations along the run.")  # fmt: skip
 @click.option("--no-companion", is_flag=True, help="Make no further run.")
 def diagnose(
     archive: str,

@@ -113,7 +113,7 @@ DORMAND_PRINCE = Method(
 
 # The digits are those of Hairer's code dop853.f, which prints the simple fractions among the times as decimals. Its end
 # is stage 13; stages 14 to 16 serve the extension only. Rows: i, j, weight.
-_DOP853 = Tableau.listed(
+DOP853_TABLEAU = Tableau.listed(
     """
     0  0.0526001519587677318785587544488  0.0789002279381515978178381316732
        0.118350341907227396726757197510   0.281649658092772603273242802490
@@ -207,7 +207,7 @@ _DOP853 = Tableau.listed(
 )
 
 # Rows: stage, the difference from the formula of order 5, the weights of the formula of order 3.
-_FIFTH, _OF_THIRD = columns(
+DOP853_FIFTH, DOP853_OF_THIRD = columns(
     """
      1   0.01312004499419488073250102996   0.244094488188976377952755905512
      6  -1.225156446376204440720569753     0
@@ -246,27 +246,27 @@ DOP853 = Method(
     order=8,
     symplectic=False,
     evaluations=12,
-    update=_DOP853.update,
+    update=DOP853_TABLEAU.update,
     words="eleven slopes inside the step and at t1, each from those before, a step with the weighted mean, then the force",
     reference="Hairer, Norsett, Wanner I, sections II.5 and II.10 (error estimate, p. 254), section II.6 (extension, p. 194); "
     "coefficients by Dormand and Prince: Hairer's code dop853.f",
     # yu falls as h**6 and yw as h**4, so ye falls as h**8; the code combines norms, here it is done by component
     estimate=spread(f"""
-        yu = {_DOP853.increment(_FIFTH)}
-        yw = {_DOP853.increment(differences(_DOP853.b, _OF_THIRD))}
+        yu = {DOP853_TABLEAU.increment(DOP853_FIFTH)}
+        yw = {DOP853_TABLEAU.increment(differences(DOP853_TABLEAU.b, DOP853_OF_THIRD))}
         yz = yw/where(yu != 0, yu, 1)/10
         ye = yu/sqrt(1 + yz**2)
     """),
     estimate_order=7,
     extension=spread(
-        f"{_DOP853.extra_stages}\n"
+        f"{DOP853_TABLEAU.extra_stages}\n"
         "yi = y1 - y\n"
         "yj = h*k - yi\n"
         "yl = yi - h*k1 - yj\n"
-        f"ym = {_DOP853.increment(_D4)}\n"
-        f"yn = {_DOP853.increment(_D5)}\n"
-        f"yo = {_DOP853.increment(_D6)}\n"
-        f"yp = {_DOP853.increment(_D7)}\n"
+        f"ym = {DOP853_TABLEAU.increment(_D4)}\n"
+        f"yn = {DOP853_TABLEAU.increment(_D5)}\n"
+        f"yo = {DOP853_TABLEAU.increment(_D6)}\n"
+        f"yp = {DOP853_TABLEAU.increment(_D7)}\n"
         "ys = y + s*(yi + (1 - s)*(yj + s*(yl + (1 - s)*(ym + s*(yn + (1 - s)*(yo + s*yp))))))"
     ),
     interpolation="degree 7 by three more evaluations, with slope k at the step's start and k1 at its end",

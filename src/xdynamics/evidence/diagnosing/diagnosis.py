@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from xdynamics import archive, schema
 from xdynamics.dynamics.inside import model_of, sampled
 from xdynamics.evidence.companion import Companion, check_whole, companion_of, global_error
+from xdynamics.evidence.diagnosing import chaos
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
 from xdynamics.evidence.diagnosing.extremes import extremes_of
-from xdynamics.evidence.diagnosing.parting import parting
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.marching import march
 from xdynamics.expressions import dimension_of, free_names, parse
@@ -49,7 +49,7 @@ def diagnose(
     reference: xr.Dataset | str | float | None = None,
     exact: Mapping[str, str] | None = None,
     companion: bool = True,
-    lyapunov: bool = False,
+    lyapunov: bool | int = False,
     functions: Functions | None = None,
 ) -> xr.Dataset:
     """Diagnose a run from its record.
@@ -70,8 +70,10 @@ def diagnose(
         Closed forms by coordinate, velocity or state, in the model's own language: ``{"x": "A*cos(w*t)"}``.
     companion : bool
         Whether to march that one more run.
-    lyapunov : bool
-        Whether to march one from a start beside the run's own, and to see how fast both part.
+    lyapunov : bool or int
+        Whether to find all Lyapunov exponents, by the variational equations along the run; or how many of the largest.
+        They need a run that is much longer than 1/exponent. Contacts that hold, dry friction and impacts of several
+        contacts at once are refused.
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
 
@@ -84,7 +86,10 @@ def diagnose(
         state `maximum_y`, `maximum_y_time`, `maximum_y_rule` (a flag: sampled, interpolated, located by an event),
         `maximum_y_uncertainty`, and so for `minimum_y`; with closed forms `largest_residual_y` and `rms_residual_y`;
         with a companion `believed_until`, the time up to which no coordinate, velocity or state is further from the solution
-        than a tenth of its range; on request `lyapunov_exponent` and `lyapunov_time`. Along `cycle`: `cycle_time`, `period`, `phase_offset` (behind the reference below 0),
+        than a tenth of its range; on request `lyapunov_exponent` (the largest), `lyapunov_time` (1 over it; inf where it
+        is not above its uncertainty) and `finite_time_growth`, of the start that grows most until the run's end, with
+        `lyapunov_exponents` and `lyapunov_uncertainty` along `exponent`: of coordinates, velocities and states, not of
+        time. Along `cycle`: `cycle_time`, `period`, `phase_offset` (behind the reference below 0),
         `amplitude`, `phase_space_area`. Along `turn`: `turning_time`, `turning_point`. Along `step`: `residual_y`.
 
     Raises
@@ -128,10 +133,9 @@ def diagnose(
         variables |= _believed(run, beside)
         told["companion"] = beside.said
     digests = [digest, *([archive.digest_of_run(beside.run)] if beside is not None else [])]
-    if lyapunov:
-        parted = parting(run, functions)
-        variables |= _lyapunov(parted.exponent)
-        digests.append(archive.digest_of_run(parted.run))
+    if lyapunov is not False:
+        check_whole(run)
+        variables |= chaos.lyapunov(run, functions, wanted=lyapunov)
     return exhibit("diagnosis", title, digests, variables, told)
 
 
@@ -352,15 +356,6 @@ def _believed(run: xr.Dataset, beside: Companion) -> dict[str, Any]:
     return {"believed_until": ((), until, about("s", said, ROLE))}
 
 
-def _lyapunov(exponent: float) -> dict[str, Any]:
-    said = "rate at which a run from a start beside parts from this one, from its start on; 0 where it stays, or goes by a power of time"
-    time = 1.0 / exponent if exponent > 0.0 else np.inf
-    return {
-        "lyapunov_exponent": ((), exponent, about("s-1", said, ROLE)),
-        "lyapunov_time": ((), time, about("s", "time in which what is not known of the start grows by e", ROLE)),
-    }
-
-
 def _with_roles(run: xr.Dataset, roles: tuple[str, ...]) -> list[str]:
     return [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in roles and one.dims == (STEPS,)]
 
@@ -368,10 +363,11 @@ def _with_roles(run: xr.Dataset, roles: tuple[str, ...]) -> list[str]:
 def lines_of(found: xr.Dataset) -> Iterator[str]:
     """Say what a diagnosis found, in lines."""
     for name, one in found.data_vars.items():
-        if not one.dims and one.attrs["role"] in (ROLE, "residual"):
+        if not one.dims and one.attrs["role"] in (ROLE, "residual") and name not in chaos.IN_WORDS:
             rule, units = f"{name}_rule", "" if one.attrs["units"] == "1" else f" {one.attrs['units']}"
             shown = f", {str(found[rule].attrs['flag_meanings']).split()[int(found[rule])]}" if rule in found else ""
             yield f"{name} = {float(one):.9g}{units}{shown}"
+    yield from chaos.exponents_in_words(found)
     if CYCLE in found.dims and found.sizes[CYCLE]:
         yield f"cycles of {found.attrs['coordinate']}: {found.sizes[CYCLE]}, phases beside {found.attrs['reference']}"
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):

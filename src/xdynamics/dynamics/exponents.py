@@ -1,0 +1,101 @@
+"""Lyapunov exponents from the growth of tangent vectors, each with an uncertainty from its own convergence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.dynamics.tangents import Local
+from xdynamics.elementary.arrays import applied, dot, log, product
+
+Floats = NDArray[np.float64]
+
+TRANSIENT = 0.1  # of a run, left out at its beginning
+BATCHES = 16  # from whose scatter the uncertainty is taken
+RULE = (
+    "mean over time of the growth of tangent vectors by the variational equations along the run, orthonormal again after"
+    " every step (Benettin et al. 1980), weighted by sin(pi s)**2, where s goes from 0 to 1 behind the transient"
+)
+TRANSIENT_RULE = "the first tenth of the run's time is left out, while vectors turn to where growth is largest"
+UNCERTAINTY_RULE = (
+    "root of the sum of squares of the standard error of the means of 16 equal parts of the time, the difference"
+    " between the means of both halves, and the estimated error of the integration"
+)
+ROUNDING = 2.0**332  # what factors are kept below
+
+
+@dataclass(frozen=True)
+class Exponents:
+    """What the growth of tangent vectors says.
+
+    Attributes
+    ----------
+    values, uncertainties : ndarray, shape (m,), s-1
+        The largest first.
+    finite_time : float, s-1
+        Logarithm of by how much the vector of the start that grows most has grown at the end, over the whole time.
+    begin : float, s
+        Behind the transient.
+    pieces : int
+        That the steps were divided into.
+    """
+
+    values: Floats
+    uncertainties: Floats
+    finite_time: float
+    begin: float
+    pieces: int
+
+
+def exponents_of(local: Local) -> Exponents:
+    """Take means of growth over the time behind the transient."""
+    begin, end = float(local.times[0]), float(local.times[-1])
+    first = begin + TRANSIENT * (end - begin)
+    grown = log(local.factors) + local.exponents * float(log(ROUNDING))
+    values = _mean(local.times, grown, first, end)
+    edges = first + (end - first) * np.arange(BATCHES + 1) / BATCHES
+    batches = np.stack([_mean(local.times, grown, *edges[i : i + 2].tolist()) for i in range(BATCHES)])
+    middle = first + (end - first) / 2.0
+    integrated = float(_mean(local.times, local.errors[:, None], first, end)[0])
+    with np.errstate(invalid="ignore"):  # of directions that an event forgets
+        halves = _mean(local.times, grown, middle, end) - _mean(local.times, grown, first, middle)
+        scatter = batches - _average(batches)
+        standard = _average(scatter**2) / (BATCHES - 1)
+        doubts = np.sqrt(standard + halves**2 + integrated**2)
+    gone = np.isneginf(values)  # a direction that an event forgets, for certain
+    order = np.argsort(-values, kind="stable")
+    doubts = np.where(gone, 0.0, doubts)
+    return Exponents(values[order], doubts[order], _finite_time(local), first, local.pieces)
+
+
+def _average(batches: Floats) -> Floats:
+    total: Floats = product(np.full((1, BATCHES), 1.0 / BATCHES), batches)[0]
+    return total
+
+
+def _mean(times: Floats, grown: Floats, begin: float, end: float) -> Floats:
+    """Return the weighted mean of growth per time between two times."""
+    middles, lengths = (times[:-1] + times[1:]) / 2.0, np.diff(times)
+    inside = np.flatnonzero((middles > begin) & (middles < end))
+    weights = applied("sin", np.pi * (middles[inside] - begin) / (end - begin)) ** 2
+    with np.errstate(invalid="ignore"):
+        total = np.array([dot(weights, grown[inside, c]) for c in range(grown.shape[1])])
+    return total / float(dot(weights, lengths[inside]))
+
+
+def _finite_time(local: Local) -> float:
+    """Return the logarithm of the largest singular value of what became of the start's vectors, over the time."""
+    vector = np.ones((local.whole.shape[0], 1))
+    largest = 0.0
+    for _ in range(100):  # power iteration; singular values that are nearly the same need no telling apart
+        image = product(local.whole, vector)
+        size = float(np.sqrt(dot(image[:, 0], image[:, 0]) / dot(vector[:, 0], vector[:, 0])))
+        vector = product(local.whole.T, image)
+        if not size > 0.0 or abs(size - largest) <= 1e-12 * size:
+            largest = size
+            break
+        vector, largest = vector / np.abs(vector).max(), size
+    grown = float(log(largest)) + local.whole_exponent * float(log(ROUNDING))
+    return grown / float(local.times[-1] - local.times[0])

@@ -1,0 +1,403 @@
+"""Tangent vectors along the steps of a run, made orthonormal again after each: compiled, a block of rows at a call.
+
+Benettin, Galgani, Giorgilli, Strelcyn 1980, Meccanica 15, 9 and 21. From each row on, the state and m tangent vectors are
+integrated together by the twelve stages of `dop853` until the next row, in pieces as short as its error estimate asks
+for; what an event does to tangent vectors is a matrix. Behind every piece the vectors are taken apart as Q R
+(Gram-Schmidt, modified): the logarithm of R's diagonal is how much each has grown. Vectors are in units of `Law.sizes`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.program import REGIME, T
+from xdynamics.march.handle import strode_by
+
+Floats = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+STAGES = 12
+LARGE = 2.0**332  # what products are kept below, and above one over it; powers of two take no digit away
+DEPENDENT = 1e-13  # of a vector, that is left beside those before it: behind an event that forgets a direction, nothing
+SPARE = 1e-3  # of the tolerance; pieces with smaller errors are twice as long the next time
+DONE, STIFF, LOST = range(3)  # what came of a block: all of it, too many pieces, no finite numbers
+
+
+class Law(NamedTuple):
+    """The forces and their derivatives behind an address, and where they read and write.
+
+    Attributes
+    ----------
+    entry, table, y_at, z_at : int
+        Addresses: of the program, of its table of arrays, of `y` and of `z`.
+    y, z, e, at, p : ndarray
+        State, what its evaluation gives, derivatives by the state, time and regime, constants; SI.
+    places : ndarray of int
+        Pieces of tables, as in `kernels.tables`.
+    entries : ndarray of int, shape (2, j)
+        Row and column of each derivative among the variables.
+    weights, sizes, ratios : ndarray, shape (j,), (n,), (coordinates,)
+        By what derivatives are multiplied, the unit of each variable, and of each velocity over that of its coordinate.
+    coordinates : int
+        How many of the variables are coordinates; as many velocities follow.
+    nudge : float
+        Where there are no derivatives, by how much of its size a variable is moved for a difference; else 0.
+    """
+
+    entry: int
+    table: int
+    y_at: int
+    z_at: int
+    y: Floats
+    z: Floats
+    e: Floats
+    at: Floats
+    p: Floats
+    places: Whole
+    entries: Whole
+    weights: Floats
+    sizes: Floats
+    ratios: Floats
+    coordinates: int
+    nudge: float
+
+
+class Rows(NamedTuple):
+    """Steps of a run, each from one row to the next.
+
+    Attributes
+    ----------
+    times : ndarray, shape (k + 1,)
+    states : ndarray, shape (k + 1, n)
+    regimes : ndarray, shape (k,)
+    sides : ndarray, shape (k, s)
+        The last of the law's constants.
+    pieces : ndarray of int, shape (k, d)
+        Of each drive's table.
+    jumps : ndarray of int, shape (k,)
+        Number of the matrix that acts before a step; -1 for none.
+    matrices : ndarray, shape (j, n, n)
+    parts : ndarray of int, shape (k,)
+        Into how many equal parts each step is divided.
+    blocks : ndarray of int, shape (k,)
+        Where the growth of a step's first part is added; those of the others follow.
+    """
+
+    times: Floats
+    states: Floats
+    regimes: Floats
+    sides: Floats
+    pieces: Whole
+    jumps: Whole
+    matrices: Floats
+    parts: Whole
+    blocks: Whole
+
+
+class Scheme(NamedTuple):
+    """The formula: stages, the first after stage 0 that each reads, and weights of the end and of its errors.
+
+    A piece has the tolerance, relative to the vectors; so many are made at most.
+    """
+
+    a: Floats
+    b: Floats
+    c: Floats
+    fifth: Floats
+    third: Floats
+    firsts: Whole
+    tolerance: float
+    most_pieces: int
+
+
+class Tangent(NamedTuple):
+    """Where tangent vectors stand.
+
+    Attributes
+    ----------
+    state : ndarray, shape (1 + m, n)
+        The run's state, then the vectors.
+    end, stage : ndarray, shape (1 + m, n)
+    slopes : ndarray, shape (12, 1 + m, n)
+    upper, total, product : ndarray, shape (m, m)
+        R of the last piece, the product of all since the start over 2**(332*exponents[0]), and room for the next.
+    pace : ndarray, shape (1,)
+        How long the next piece is.
+    exponents, pieces : ndarray of int, shape (1,)
+    """
+
+    state: Floats
+    end: Floats
+    stage: Floats
+    slopes: Floats
+    upper: Floats
+    total: Floats
+    product: Floats
+    pace: Floats
+    exponents: Whole
+    pieces: Whole
+
+
+class Grown(NamedTuple):
+    """What is found, along blocks.
+
+    Attributes
+    ----------
+    factors : ndarray, shape (blocks, m)
+        By what each vector has grown, over 2**(332*exponents).
+    exponents : ndarray of int, shape (blocks, m)
+    errors : ndarray, shape (blocks,)
+        Sums of the pieces' estimated errors.
+    """
+
+    factors: Floats
+    exponents: Whole
+    errors: Floats
+
+
+@shared
+def differences_at(law: Law, state: Floats, slopes: Floats) -> None:
+    """Put central differences along each vector in the place of products with derivatives."""
+    n, first = state.shape[1], law.coordinates
+    for c in range(1, state.shape[0]):
+        for i in range(first, n):
+            slopes[c, i] = 0.0
+        for side in (1.0, -1.0):
+            for i in range(n):
+                law.y[i] = state[0, i] + side * law.nudge * law.sizes[i] * state[c, i]
+            strode_by(law.entry, law.table, law.y_at, law.z_at, law.z_at)
+            for i in range(first, n):
+                slopes[c, i] += side * law.z[n - first + i] / (2.0 * law.nudge * law.sizes[i])
+
+
+@compiled
+def products_at(law: Law, state: Floats, slopes: Floats) -> None:
+    """Multiply every vector by the derivatives of accelerations and rates."""
+    n, first, entries = state.shape[1], law.coordinates, law.entries.shape[1]
+    for c in range(1, state.shape[0]):
+        for i in range(first, n):
+            slopes[c, i] = 0.0
+        for j in range(entries):
+            slopes[c, law.entries[0, j]] += law.e[j] * law.weights[j] * state[c, law.entries[1, j]]
+
+
+@compiled
+def rates_at(law: Law, t: float, state: Floats, slopes: Floats) -> None:
+    """Evaluate how fast a state and its tangent vectors change."""
+    n, first = state.shape[1], law.coordinates
+    for i in range(n):
+        law.y[i] = state[0, i]
+    law.at[T] = t
+    strode_by(law.entry, law.table, law.y_at, law.z_at, law.z_at)
+    for i in range(first):
+        slopes[0, i] = state[0, first + i]
+    for i in range(first, n):
+        slopes[0, i] = law.z[n - first + i]
+    for c in range(1, state.shape[0]):
+        for i in range(first):
+            slopes[c, i] = state[c, first + i] * law.ratios[i]
+    if law.nudge > 0.0:
+        differences_at(law, state, slopes)
+    else:
+        products_at(law, state, slopes)
+
+
+@compiled
+def finish(scheme: Scheme, tangent: Tangent, h: float) -> float:
+    """Put the end of a piece together from its slopes; return the estimated error of the vectors."""
+    state, slopes, end = tangent.state, tangent.slopes, tangent.end
+    rows, n = state.shape
+    fifth, third = 0.0, 0.0
+    for c in range(rows):
+        for i in range(n):
+            moved, low, lower = 0.0, 0.0, 0.0
+            for j in range(STAGES):
+                slope = slopes[j, c, i]
+                moved += scheme.b[j] * slope
+                low += scheme.fifth[j] * slope
+                lower += scheme.third[j] * slope
+            end[c, i] = state[c, i] + h * moved
+            if c > 0:
+                fifth += low * low
+                third += lower * lower
+    whole = fifth + 0.01 * third
+    return abs(h) * fifth / np.sqrt(whole) if whole > 0.0 else whole  # nan stays nan
+
+
+@compiled
+def advance(law: Law, scheme: Scheme, tangent: Tangent, t: float, h: float) -> float:
+    """Make one piece, to `tangent.end`; return the estimated error of the vectors."""
+    state, stage, slopes = tangent.state, tangent.stage, tangent.slopes
+    rows, n = state.shape
+    for s in range(STAGES):
+        first = scheme.firsts[s]
+        for c in range(rows):
+            for i in range(n):
+                total = scheme.a[s, 0] * slopes[0, c, i] if s > 0 else 0.0
+                for j in range(first, s):
+                    total += scheme.a[s, j] * slopes[j, c, i]
+                stage[c, i] = state[c, i] + h * total
+        rates_at(law, t + scheme.c[s] * h, stage, slopes[s])
+    return finish(scheme, tangent, h)
+
+
+@shared
+def renew(vectors: Floats, c: int) -> None:
+    """Put a unit vector that is orthogonal to those before it in the place of one that is gone."""
+    n = vectors.shape[1]
+    for axis in range(n):
+        for i in range(n):
+            vectors[c, i] = 1.0 if i == axis else 0.0
+        for k in range(1, c):
+            along = vectors[k, axis]
+            for i in range(n):
+                vectors[c, i] -= along * vectors[k, i]
+        size = 0.0
+        for i in range(n):
+            size += vectors[c, i] * vectors[c, i]
+        if size > 0.5 / n:  # one of the n axes has at least a part of 1/n outside of what fewer than n vectors span
+            for i in range(n):
+                vectors[c, i] /= np.sqrt(size)
+            return
+
+
+@compiled
+def orthonormalise(vectors: Floats, upper: Floats) -> None:
+    """Take vectors, from the second row on, apart as Q R; a vector that depends on those before it has 0 in R."""
+    rows, n = vectors.shape
+    for c in range(1, rows):
+        before = 0.0
+        for i in range(n):
+            before += vectors[c, i] * vectors[c, i]
+        for k in range(1, c):
+            along = 0.0
+            for i in range(n):
+                along += vectors[k, i] * vectors[c, i]
+            upper[k - 1, c - 1] = along
+            for i in range(n):
+                vectors[c, i] -= along * vectors[k, i]
+        size = 0.0
+        for i in range(n):
+            size += vectors[c, i] * vectors[c, i]
+        if size <= DEPENDENT * DEPENDENT * before:
+            upper[c - 1, c - 1] = 0.0
+            renew(vectors, c)
+            continue
+        size = np.sqrt(size)
+        upper[c - 1, c - 1] = size
+        for i in range(n):
+            vectors[c, i] /= size
+
+
+@compiled
+def note(tangent: Tangent, grown: Grown, block: int) -> None:
+    """Add the growth of a piece to a block, and to the whole."""
+    upper, total, product = tangent.upper, tangent.total, tangent.product
+    m = upper.shape[0]
+    for c in range(m):
+        factor = grown.factors[block, c] * upper[c, c]
+        if factor > LARGE:
+            factor, grown.exponents[block, c] = factor / LARGE, grown.exponents[block, c] + 1
+        elif 0.0 < factor < 1.0 / LARGE:
+            factor, grown.exponents[block, c] = factor * LARGE, grown.exponents[block, c] - 1
+        grown.factors[block, c] = factor
+    largest = 0.0
+    for j in range(m):
+        for k in range(j, m):
+            entry = 0.0
+            for c in range(j, k + 1):
+                entry += upper[j, c] * total[c, k]
+            product[j, k] = entry
+            largest = max(largest, abs(entry))
+    scale, shift = 1.0, 0
+    if largest > LARGE:
+        scale, shift = 1.0 / LARGE, 1
+    elif 0.0 < largest < 1.0 / LARGE:
+        scale, shift = LARGE, -1
+    tangent.exponents[0] += shift
+    for j in range(m):
+        for k in range(j, m):
+            total[j, k] = product[j, k] * scale
+
+
+@shared
+def cross(law: Law, matrix: Floats, tangent: Tangent) -> None:
+    """Multiply every vector by the matrix of an event."""
+    state, end = tangent.state, tangent.end
+    rows, n = state.shape
+    for c in range(1, rows):
+        for i in range(n):
+            entry = 0.0
+            for j in range(n):
+                entry += matrix[i, j] * law.sizes[j] * state[c, j]
+            end[c, i] = entry / law.sizes[i]
+    for c in range(1, rows):
+        for i in range(n):
+            state[c, i] = end[c, i]
+
+
+@compiled
+def carry(law: Law, scheme: Scheme, tangent: Tangent, grown: Grown, block: int, t: float, t1: float) -> int:
+    """Carry a state and its vectors to a time, by as many pieces as the tolerance asks for."""
+    while t < t1:
+        left = t1 - t
+        h = min(left, tangent.pace[0])
+        last = h >= left
+        error = advance(law, scheme, tangent, t, h)
+        tangent.pieces[0] += 1
+        if tangent.pieces[0] > scheme.most_pieces:
+            return STIFF
+        if not error <= scheme.tolerance:
+            tangent.pace[0] = h / 2.0
+            if t + h / 2.0 == t:
+                return LOST
+            continue
+        if error < SPARE * scheme.tolerance:
+            tangent.pace[0] = max(tangent.pace[0], 2.0 * h)
+        for c in range(tangent.state.shape[0]):
+            for i in range(tangent.state.shape[1]):
+                tangent.state[c, i] = tangent.end[c, i]
+        orthonormalise(tangent.state, tangent.upper)
+        note(tangent, grown, block)
+        grown.errors[block] += error
+        t = t1 if last else t + h
+    return DONE
+
+
+def grow(law: Law, scheme: Scheme, rows: Rows, tangent: Tangent, grown: Grown) -> int:
+    """Carry tangent vectors from the first of some rows to the last; return what came of it."""
+    first_side = law.p.shape[0] - rows.sides.shape[1]
+    for k in range(rows.times.shape[0] - 1):
+        if rows.jumps[k] >= 0:
+            cross(law, rows.matrices[rows.jumps[k]], tangent)
+            orthonormalise(tangent.state, tangent.upper)
+            note(tangent, grown, rows.blocks[k])
+        t, t1 = rows.times[k], rows.times[k + 1]
+        if not t1 > t:
+            continue
+        law.at[REGIME] = rows.regimes[k]
+        for i in range(rows.sides.shape[1]):
+            law.p[first_side + i] = rows.sides[k, i]
+        for i in range(rows.pieces.shape[1]):
+            law.places[3 * i + 2] = rows.pieces[k, i]
+        for i in range(rows.states.shape[1]):
+            tangent.state[0, i] = rows.states[k, i]
+        parts = rows.parts[k]
+        for part in range(parts):
+            begin = t + (t1 - t) * (part / parts)
+            end = t1 if part == parts - 1 else t + (t1 - t) * ((part + 1) / parts)
+            came: int = carry(law, scheme, tangent, grown, rows.blocks[k] + part, begin, end)
+            if came != DONE:
+                return came
+    return DONE
+
+
+def kinds_of(*given: Any) -> Any:
+    """Return numba's types of arguments of `grow`, by which it is compiled before it is called."""
+    from numba import typeof, types
+
+    return types.int64(*map(typeof, given))

@@ -1,0 +1,270 @@
+"""A run as tangent vectors go along it: its law with derivatives, its rows, and the matrices of its events."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import config
+from numpy.typing import NDArray
+
+from xdynamics.dynamics.growth import Law, Rows
+from xdynamics.dynamics.inside import Inside
+from xdynamics.dynamics.saltation import Met
+from xdynamics.dynamics.variational import Along, Equations, NotVariedError, touches
+from xdynamics.kernels import Layout, machine, quantities
+from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.operations import PYTHON
+from xdynamics.kernels.program import AT, TABLE, WORDS, Program
+from xdynamics.kernels.python_text import python_of
+from xdynamics.kernels.tables import PYTHON_TABLES, flattened
+from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.model import Model
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, jacobian, tables_of, variables
+from xdynamics.model.switches import STEPPED_OVER, switches, told, watched_by
+from xdynamics.record.words import words_of
+from xdynamics.schema import acceleration, rate, velocity
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+NUDGE = 1e-6  # of a variable's range, by which forces without derivatives are taken on both sides
+BLOCKS = 2048  # of equal time, in which growth is added up: long steps are divided, short ones taken together
+BY_IMPULSES = "moreau_jean"  # contacts over whole steps, without events
+NO_MAP = ("pole", "cluster", "rest", "takeoff", "stick", "slip")  # kinds of events that no map of a state tells
+_KEYS = count(-1000, -1)
+
+
+@dataclass(frozen=True)
+class Path:
+    """A run and the functions that its model's forces call.
+
+    Attributes
+    ----------
+    run : xarray.Dataset
+    functions : mapping of str to callable, optional
+    """
+
+    run: xr.Dataset
+    functions: Mapping[str, Callable[..., float]] | None
+
+    @cached_property
+    def model(self) -> Model:
+        """The record's own."""
+        return self._inside.model
+
+    @cached_property
+    def _inside(self) -> Inside:
+        return Inside.of(self.run, self.functions, REINTEGRATE)
+
+    @cached_property
+    def _layout(self) -> Layout:
+        return self._inside.layout
+
+    @property
+    def size(self) -> int:
+        """How many variables there are."""
+        return len(variables(self.model))
+
+    def check(self) -> None:
+        """Refuse what no small change of a state is followed through.
+
+        Raises
+        ------
+        NotVariedError
+            Naming it.
+        """
+        model, run = self.model, self.run
+        if not self.times[-1] > self.times[0]:
+            raise NotVariedError("no time passes in the run")
+        if not np.isfinite(self.states).all():
+            raise NotVariedError("a state is no number")
+        if model.frictions:
+            raise NotVariedError(f"friction element '{next(iter(model.frictions))}' slips or sticks all the time")
+        if model.contacts and run.attrs["solver_method"] == BY_IMPULSES:
+            raise NotVariedError(f"{BY_IMPULSES} has no events")
+        if held := touches(run):
+            name, row = min(held.items(), key=lambda one: one[1])
+            raise NotVariedError(f"'{name}' holds from t = {float(run['time'][row]):.6g} on")
+        stepped_over = str(run.attrs.get("solver_switches", STEPPED_OVER)) == STEPPED_OVER
+        if stepped_over and (jumping := [one.name for one in switches(model) if one.jumps]):
+            raise NotVariedError(f"'{jumping[0]}' jumps, and the run stepped over it")
+        if run.sizes.get("event", 0):
+            kinds = zip(words_of(run["event_kind"]), words_of(run["event_detector"]), strict=True)
+            if lost := [f"the {kind} of '{name}'" for kind, name in kinds if kind in NO_MAP]:
+                raise NotVariedError(f"{lost[0]} has no map of states")
+
+    # ------------------------------------------------------------------------------------------------------ the rows
+
+    @cached_property
+    def times(self) -> Floats:
+        """Times of the rows, s."""
+        return np.asarray(self.run["time"], float)
+
+    @cached_property
+    def states(self) -> Floats:
+        """States at the rows, SI, shape (rows, n)."""
+        units, names = self.model.units, variables(self.model)
+        return np.stack([np.asarray(self.run[name], float) * float(units[name].factor) for name in names], axis=1)
+
+    @cached_property
+    def sizes(self) -> Floats:
+        """By what variables are measured: their ranges in the run; 1 in SI units of what stays."""
+        ranges = self.states.max(axis=0) - self.states.min(axis=0)
+        return np.asarray(np.where(ranges > 0.0, ranges, 1.0))
+
+    @cached_property
+    def rows(self) -> Rows:
+        """The run's steps."""
+        steps = len(self.times) - 1
+        regimes = np.asarray(self.run["regime"])[:-1] if "regime" in self.run else np.zeros(steps)
+        jumps, matrices = self._jumps
+        parts, _, blocks = self._blocks
+        return Rows(
+            self.times, self.states, regimes.astype(float), self._sides, self._pieces, jumps, matrices, parts, blocks
+        )
+
+    @cached_property
+    def _blocks(self) -> tuple[Whole, Whole, Whole]:
+        """Return into how many parts each step is divided, how many blocks begin with it, and which is its first."""
+        sizes, width = np.diff(self.times), (self.times[-1] - self.times[0]) / BLOCKS
+        parts = np.maximum(1, np.ceil(sizes / width)).astype(np.int64)
+        bins = np.floor((self.times[:-1] + sizes / 2.0 - self.times[0]) / width)
+        alone = parts > 1
+        begins = np.ones(len(parts), bool)
+        begins[1:] = alone[1:] | alone[:-1] | (bins[1:] != bins[:-1])
+        counts = np.where(begins, parts, 0)
+        return parts, counts, np.cumsum(counts) - np.where(begins, counts, 1)
+
+    @cached_property
+    def block_times(self) -> Floats:
+        """When blocks end, and the first begins."""
+        parts, counts, blocks = self._blocks
+        rows = np.repeat(np.arange(len(parts)), counts)
+        number = np.arange(len(rows)) - blocks[rows]
+        begins = self.times[rows] + np.diff(self.times)[rows] * (number / parts[rows])
+        return np.append(begins, self.times[-1])
+
+    @cached_property
+    def _middles(self) -> dict[str, Any]:
+        """States in the middle of every step, by Hermite's cubic, where switches and tables are on one side."""
+        names, units, run = variables(self.model), self.model.units, self.run
+        speeds = [velocity(name) for name in self.model.coordinates]
+        moving = [*speeds, *map(acceleration, self.model.coordinates), *map(rate, self.model.states)]
+        rates = np.stack([np.asarray(run[one], float) * float(units[name].factor) for one, name in zip(moving, names, strict=True)], axis=1)  # fmt: skip
+        steps, states = np.diff(self.times)[:, None], self.states
+        middle = (states[:-1] + states[1:]) / 2.0 + steps / 8.0 * (rates[:-1] - rates[1:])
+        regimes = np.asarray(run["regime"])[:-1].astype(float) if "regime" in run else np.zeros(len(steps))
+        t = self.times[:-1] + np.diff(self.times) / 2.0
+        return dict(zip(names, middle.T, strict=True)) | {"t": t, REGIME_NUMBER: regimes}
+
+    @cached_property
+    def _sides(self) -> Floats:
+        """On which side of each switch each step is: what the law is told."""
+        model = self._layout.model
+        found = np.zeros((len(self.times) - 1, len(told(model))))
+        place = 0
+        for switch in watched_by(model):
+            if switch.drive:
+                place += 4  # borders, which forces do not read
+                continue
+            value = evaluated_many(
+                self.model, [switch.function], self._middles, constants(self.model), tables_of(self.model)
+            )[0]
+            found[:, place] = np.where(np.asarray(value) == 0.0, switch.at_zero, np.sign(value))
+            place += 1
+        return found
+
+    @cached_property
+    def _pieces(self) -> Whole:
+        """The piece of every drive's table that each step goes through."""
+        found = np.zeros((len(self.times) - 1, len(self.model.drives)), np.int64)
+        for i, (drive, (origins, _)) in enumerate(zip(self.model.drives.values(), tables_of(self.model), strict=True)):
+            at = np.searchsorted(origins, self._middles[drive.argument], side="right") - 1
+            found[:, i] = np.clip(at, 0, len(origins) - 1)
+        return found
+
+    # ---------------------------------------------------------------------------------------------------- the events
+
+    @cached_property
+    def _jumps(self) -> tuple[Whole, Floats]:
+        """Return which matrix acts before each step, and the matrices."""
+        n, steps = self.size, len(self.times) - 1
+        number, matrices = np.full(steps, -1, np.int64), [np.zeros((0, n, n))]
+        if not self.run.sizes.get("event", 0):
+            return number, matrices[0]
+        along, first = Along(self.run, Equations(self.model, ()), 0), 0
+        for names, before, after in self._instants():
+            unit = np.broadcast_to(np.eye(n), (len(before), n, n))
+            matrices.append(Met(along, before, after, names, unit).left())
+            number[before] = first + np.arange(len(before))
+            first += len(before)
+        return number, np.concatenate(matrices)
+
+    def _instants(self) -> Iterator[tuple[tuple[str, ...], Whole, Whole]]:
+        """Yield the rows on both sides of all instants with the same events, where there are two, and their names."""
+        run = self.run
+        rows = [np.asarray(run[name]).tolist() for name in ("event_row_before", "event_row_after")]
+        together: dict[tuple[int, int], list[str]] = {}
+        for before, after, name in zip(*rows, words_of(run["event_detector"]), strict=True):
+            together.setdefault((before, after), []).append(name)
+        alike: dict[tuple[str, ...], list[tuple[int, int]]] = {}
+        for (before, after), names in together.items():
+            if before != after:
+                alike.setdefault(tuple(sorted(set(names))), []).append((before, after))
+        for detectors, pairs in alike.items():
+            rows_before, rows_after = np.array(pairs, np.int64).T
+            yield detectors, rows_before, rows_after
+
+    # ------------------------------------------------------------------------------------------------------- the law
+
+    def law(self) -> tuple[Law, list[Any]]:
+        """Return the law with what has to live as long as it is called."""
+        layout, model = self._layout, self._layout.model
+        by_differences = bool(model.python_forces)
+        program = quantities.forces(layout) if by_differences else quantities.linearised(layout)
+        tables, places = flattened(tables_of(model))
+        p, nc, n = np.array(list(constants(model).values())), len(model.coordinates), self.size
+        column = {name: i for i, name in enumerate(layout.used)}
+        row = {name: nc + i for i, name in enumerate((*model.coordinates, *map(rate, model.states)))}
+        pairs = [] if by_differences else [(row[name], column[by]) for name, by in jacobian(model)]
+        entries = np.array(pairs, np.int64).reshape(-1, 2).T.copy()
+        weights = self.sizes[entries[1]] / self.sizes[entries[0]]
+        width = len(layout.record)
+        arrays = {"at": np.zeros(len(AT)), "y": np.zeros(width), "p": p, "tables": tables, "pieces": places,
+                  "z": np.zeros(width), "e": np.zeros(max(1, len(pairs)))}  # fmt: skip
+        table = np.zeros((len(TABLE), WORDS), np.int64)
+        for name, array in arrays.items():
+            table[TABLE.index(name)] = array.ctypes.data, array.shape[0], array.shape[-1]
+        entry, code = _entry(program, layout, arrays)
+        y, z, at = arrays["y"], arrays["z"], arrays["at"]
+        law = Law(
+            entry, table.ctypes.data, y.ctypes.data, z.ctypes.data, y, z, arrays["e"], at, p, places, entries, weights,
+            self.sizes, self.sizes[nc : 2 * nc] / self.sizes[:nc], nc, NUDGE if by_differences else 0.0,
+        )  # fmt: skip
+        assert n == len(layout.used)  # noqa: S101 - variables and what forces use are the same
+        return law, [arrays, table, code]
+
+
+def _entry(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple[int, Any]:
+    """Compile a program and return where it begins; where nothing is compiled, its key in `PLAIN`."""
+    model = layout.model
+    functions = {f"_{quantities.PYTHON}{name}": one for name, one in model.functions.items()}
+    if not config.DISABLE_JIT:  # type: ignore[attr-defined]
+        text = llvm_of([program], 1, [(one.name, len(one.arguments)) for one in model.python_functions])
+        code = machine.compiled(text, [program.name], functions)
+        return code.addresses[program.name], code
+    scope: dict[str, Any] = PYTHON | PYTHON_TABLES | functions | {"_empty": np.empty, "_zero": np.float64(0.0)}
+    exec(compile(python_of(program), "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees
+    key, written = next(_KEYS), scope[program.name]
+    at, y, p, tables, places, z, e = (arrays[name] for name in ("at", "y", "p", "tables", "pieces", "z", "e"))
+    PLAIN[key] = lambda *_given: written(at, y, p, tables, places, z, e, z, z)
+    return key, written

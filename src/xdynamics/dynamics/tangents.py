@@ -1,0 +1,173 @@
+"""The tangent vectors of a run: its law with derivatives, its rows and events, as `growth` takes them, block by block."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from pathlib import Path as File
+from typing import TYPE_CHECKING, Any
+
+import numba
+import numpy as np
+from llvmlite import binding
+from numba import config
+from numpy.typing import NDArray
+
+from xdynamics.dynamics import growth
+from xdynamics.dynamics.growth import DONE, LOST, STAGES, Grown, Rows, Scheme, Tangent, kinds_of
+from xdynamics.dynamics.path import Path
+from xdynamics.dynamics.variational import NotVariedError
+from xdynamics.kernels import cache
+from xdynamics.march import handle
+from xdynamics.march.kept import Kept
+from xdynamics.methods.runge_kutta import DOP853_FIFTH, DOP853_OF_THIRD, DOP853_TABLEAU
+from xdynamics.methods.tableau import differences
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+TOLERANCE = 1e-8  # of one piece of a step, relative to the tangent vectors
+CHUNK = 8192  # rows at a call: between calls a run can be interrupted
+PIECES, PIECES_PER_ROW = 2_000_000, 100  # that are made at most: beyond, the equations are too stiff
+MOST_VARIABLES, FEW = 64, 16  # of which all exponents are sought; how many vectors are carried where there are more
+
+
+@dataclass(frozen=True)
+class Local:
+    """How much the tangent vectors of a run grew, block after block.
+
+    Attributes
+    ----------
+    times : ndarray, shape (b + 1,), s
+        At which blocks end, and the first begins.
+    factors : ndarray, shape (b, m)
+        By what each vector grew in each block, over 2**(332*exponents).
+    exponents : ndarray of int, shape (b, m)
+    errors : ndarray, shape (b,)
+        Of the factors, relative, as estimated.
+    whole : ndarray, shape (m, m)
+        What became of the vectors of the start, over 2**(332*whole_exponent): upper triangle of its Q R.
+    whole_exponent : int
+    pieces : int
+        That the steps were divided into.
+    """
+
+    times: Floats
+    factors: Floats
+    exponents: Whole
+    errors: Floats
+    whole: Floats
+    whole_exponent: int
+    pieces: int
+
+
+def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None, vectors: int | None) -> Local:
+    """Carry tangent vectors along a run, from its first row to its last.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+    functions : mapping of str to callable, optional
+        The Python functions that the model's forces call.
+    vectors : int, optional
+        How many; without it as many as there are variables, or `FEW` where they are more than `MOST_VARIABLES`.
+
+    Raises
+    ------
+    NotVariedError
+        If something of the run is not told by its variational equations, or they are too stiff.
+    """
+    path = Path(run, functions)
+    path.check()
+    n = path.size
+    m = min(n, vectors or (n if n <= MOST_VARIABLES else FEW))
+    rows, times = path.rows, path.block_times
+    law, alive = path.law()
+    tangent = _tangent(n, m, float(rows.times[-1] - rows.times[0]))
+    grown = Grown(np.ones((len(times) - 1, m)), np.zeros((len(times) - 1, m), np.int64), np.zeros(len(times) - 1))
+    scheme = _scheme(PIECES + PIECES_PER_ROW * len(rows.times))
+    for part in _chunks(rows):
+        came = _compiled_grow(law, scheme, part, tangent, grown)
+        if came != DONE:
+            where = f"at t = {float(part.times[0]):.6g} to {float(part.times[-1]):.6g}"
+            if came == LOST:
+                raise NotVariedError(f"{where} the equations have no finite solution")
+            raise NotVariedError(
+                f"{where} the equations are too stiff: they would take more than {scheme.most_pieces} pieces of steps"
+            )
+    del alive
+    return Local(times, grown.factors, grown.exponents, grown.errors, tangent.total, int(tangent.exponents[0]), int(tangent.pieces[0]))  # fmt: skip
+
+
+def _chunks(rows: Rows) -> Iterator[Rows]:
+    """Yield so many rows at a time."""
+    for k in range(0, len(rows.times) - 1, CHUNK):
+        to = slice(k, k + CHUNK)
+        yield rows._replace(
+            times=rows.times[k : k + CHUNK + 1], states=rows.states[to], regimes=rows.regimes[to], sides=rows.sides[to],
+            pieces=rows.pieces[to], jumps=rows.jumps[to], parts=rows.parts[to], blocks=rows.blocks[to],
+        )  # fmt: skip
+
+
+def _tangent(n: int, m: int, pace: float) -> Tangent:
+    """Return m unit vectors along the first axes of mixed ones, so that none is orthogonal to what grows."""
+    state = np.zeros((1 + m, n))
+    for c in range(m):
+        for i in range(n):  # rows of a Hilbert matrix beside the unit matrix: independent, and none has a zero
+            state[1 + c, i] = float(c == i) + 1.0 / (c + i + 2.0)
+    room = np.zeros_like(state), np.zeros_like(state), np.zeros((STAGES, 1 + m, n))
+    upper = np.zeros((m, m))
+    plain: Any = getattr(growth.orthonormalise, "py_func", growth.orthonormalise)
+    plain(state, upper)
+    integers = np.zeros(1, np.int64), np.zeros(1, np.int64)
+    return Tangent(state, *room, np.zeros((m, m)), np.eye(m), np.zeros((m, m)), np.array([pace]), *integers)
+
+
+@lru_cache
+def _scheme(most_pieces: int) -> Scheme:
+    """Return the numbers of dop853."""
+    a = np.zeros((STAGES, STAGES))
+    for i, row in enumerate(DOP853_TABLEAU.a[:STAGES]):
+        a[i, : len(row)] = _numbers(row)
+    third = differences(DOP853_TABLEAU.b, DOP853_OF_THIRD)
+    b, c, fifth, third_order = (
+        _numbers(one[:STAGES]) for one in (DOP853_TABLEAU.b, DOP853_TABLEAU.c, DOP853_FIFTH, third)
+    )
+    firsts = np.array([next((j for j in range(1, i) if a[i, j]), i) for i in range(STAGES)], np.int64)
+    return Scheme(a, b, c, fifth, third_order, firsts, TOLERANCE, most_pieces)
+
+
+def _numbers(texts: tuple[str, ...]) -> Floats:
+    return np.array([float(Fraction(one)) for one in texts])
+
+
+def _compiled_grow(*given: Any) -> int:
+    """Call `growth.grow`, compiled or taken from the cache."""
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return growth.grow(*given)
+    signature = kinds_of(*given)
+    return int(_function(str(signature), signature)(*given))
+
+
+@lru_cache(maxsize=4)
+def _function(key: str, signature: Any) -> Any:
+    """Return the compiled function, kept under a digest of what it is compiled from."""
+    sources = [File(one.__file__ or "").read_text(encoding="utf-8") for one in (growth, handle)]
+    processor = binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+    name = f"growth-{cache.digest(key, *sources, numba.__version__, np.__version__, sys.version, *processor)}.bin"
+    content = cache.read(name)
+    if content is not None:
+        try:
+            return Kept(content).function(growth.grow, signature)
+        except Exception:  # noqa: BLE001, S110 - written by another build of numba: it is compiled anew
+            pass
+    kept = Kept()
+    found = kept.function(growth.grow, signature)
+    cache.write(name, kept.content)
+    return found

@@ -1,0 +1,102 @@
+"""What small changes of a run's state grow by: Lyapunov exponents, and the growth over the run's own time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.dynamics import exponents as rules
+from xdynamics.dynamics.tangents import TOLERANCE, local_growth
+from xdynamics.dynamics.variational import NotVariedError
+from xdynamics.evidence.exhibit import about
+from xdynamics.faults import InputError
+from xdynamics.schema import EXPONENT, FINITE_TIME_GROWTH, LYAPUNOV, LYAPUNOV_TIME, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+ROLE = "diagnostic"
+IN_WORDS = (LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH)  # numbers that `exponents_in_words` says
+
+
+def lyapunov(
+    run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None, *, wanted: bool | int
+) -> dict[str, Any]:
+    """Return all exponents, or the largest few, with what follows from the largest.
+
+    Raises
+    ------
+    InputError
+        If `wanted` is no count, or no small change of the state is followed along the run.
+    """
+    if not isinstance(wanted, bool | int | np.integer) or wanted < 1:
+        raise InputError(f"lyapunov is {wanted!r}, needs true for all exponents, or how many of the largest, from 1 on")
+    try:
+        found = rules.exponents_of(local_growth(run, functions, None if wanted is True else int(wanted)))
+    except NotVariedError as error:
+        raise InputError(
+            f"the run has no Lyapunov exponents by variational equations: {error}; choose a run that ends before, or"
+            " diagnose it without them"
+        ) from None
+    largest, doubt = float(found.values[0]), float(found.uncertainties[0])
+    unit = str(run["time"].attrs["units"])
+    per_time = "1" if unit == "1" else f"{unit}-1"
+    rule = {"rule": rules.RULE, "ancillary_variables": LYAPUNOV_UNCERTAINTY, "piece_tolerance": TOLERANCE,
+            "transient": rules.TRANSIENT_RULE, "transient_end": found.begin, "pieces": found.pieces}  # fmt: skip
+    said = {
+        LYAPUNOVS: "Lyapunov exponents of coordinates, velocities and states, the largest first",
+        LYAPUNOV_UNCERTAINTY: f"standard uncertainty of each exponent: {rules.UNCERTAINTY_RULE}",
+        LYAPUNOV: f"the largest of {LYAPUNOVS}",
+        LYAPUNOV_TIME: f"1/{LYAPUNOV}; inf where that is not above its uncertainty",
+        FINITE_TIME_GROWTH: "logarithm of how much the change of the start that grows most has grown at the end of the run,"
+        " each variable in units of its range, over the run's time; transients are in it",
+    }
+    numbers: dict[str, Any] = {
+        LYAPUNOVS: found.values,
+        LYAPUNOV_UNCERTAINTY: found.uncertainties,
+        LYAPUNOV: largest,
+        LYAPUNOV_TIME: 1.0 / largest if largest > doubt else np.inf,
+        FINITE_TIME_GROWTH: found.finite_time,
+    }
+    variables = {}
+    for name, value in numbers.items():
+        units = unit if name == LYAPUNOV_TIME else per_time
+        role = "error" if name == LYAPUNOV_UNCERTAINTY else ROLE
+        extra = rule if name == LYAPUNOVS else {}
+        variables[name] = ((EXPONENT,) if np.ndim(value) else (), value, about(units, said[name], role) | extra)
+    return variables
+
+
+def exponents_in_words(found: xr.Dataset) -> Iterator[str]:
+    """Say all exponents with the digits that their uncertainties bear, and what follows from the largest."""
+    if LYAPUNOVS not in found:
+        return
+    pairs = zip(found[LYAPUNOVS].values.tolist(), found[LYAPUNOV_UNCERTAINTY].values.tolist(), strict=True)
+    unit = str(found[LYAPUNOVS].attrs["units"])
+    behind = "" if unit == "1" else f" {unit}"
+    yield f"{LYAPUNOVS} = {', '.join(with_uncertainty(*pair) for pair in pairs)}{behind}"
+    time, unit_of_time = float(found[LYAPUNOV_TIME]), str(found[LYAPUNOV_TIME].attrs["units"])
+    if np.isfinite(time):
+        yield f"{LYAPUNOV_TIME} = {time:.3g}{'' if unit_of_time == '1' else f' {unit_of_time}'}"
+    else:
+        yield f"{LYAPUNOV_TIME} = inf: the largest exponent is not above its uncertainty"
+    yield f"{FINITE_TIME_GROWTH} = {float(found[FINITE_TIME_GROWTH]):.4g}{behind}, over the run's own time"
+
+
+def with_uncertainty(value: float, doubt: float) -> str:
+    """Write a number with the digits that its uncertainty bears.
+
+    Examples
+    --------
+    >>> with_uncertainty(0.90712, 0.00652), with_uncertainty(2.0, 0.0), with_uncertainty(-np.inf, 0.0)
+    ('0.9071 ± 0.0065', '2 ± 0', '-inf')
+    """
+    if not np.isfinite(value):
+        return f"{value:g}"
+    if not (np.isfinite(doubt) and 0.0 < doubt < 1e6):
+        return f"{value:.6g} ± {doubt:.2g}"
+    places = min(12, max(0, 1 - int(f"{doubt:.1e}".split("e")[1])))
+    size = f"{doubt:.{places}f}" if doubt >= 1e-12 else f"{doubt:.1e}"
+    return f"{value:.{places}f} ± {size}"

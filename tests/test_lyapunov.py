@@ -1,0 +1,397 @@
+"""Lyapunov exponents against eigenvalues, multipliers in closed form, and published digits; and runs that have none."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from xdynamics.evidence.diagnosing.diagnosis import lines_of
+
+MODELS = Path(__file__).parents[1] / "data" / "models"
+
+
+def exponents(run: xr.Dataset, *, lyapunov: bool | int = True) -> xr.Dataset:
+    """Diagnose a run without a further one."""
+    return xd.diagnose(run, companion=False, lyapunov=lyapunov)
+
+
+def marched(model: xd.Model, until: float, **asked: object) -> xr.Dataset:
+    """March without samples, by dop853 unless something else is asked for."""
+    return xd.simulate(model, until=until, force_samples="none", **({"method": "dop853", "rtol": 1e-9} | asked))
+
+
+def agree(found: xr.Dataset, expected: np.ndarray | list[float], within: float) -> None:
+    """Assert exponents within a bound, and within three of their uncertainties but for rounding."""
+    off = np.abs(found.lyapunov_exponents.values - np.sort(expected)[::-1])
+    assert (off <= within).all(), (off, within)
+    assert (off <= 3.0 * found.lyapunov_uncertainty.values + 1e-7).all()
+
+
+def flow(name: str, rates: Mapping[str, str], start: Mapping[str, float]) -> xd.Model:
+    """Return a model of first-order states without units."""
+    states = {one: {"unit": "1", "rate": text} for one, text in rates.items()}
+    return xd.Model(name=name, time={"unit": "1"}, states=states, initial={k: repr(v) for k, v in start.items()})
+
+
+def oscillator(force: str, start: tuple[float, float], **parameters: float) -> xd.Model:
+    """Return x'' = force without units."""
+    return xd.Model(
+        name="oscillator", time={"unit": "1"}, coordinates={"x": "1"}, mass={"x": "1"},
+        parameters={name: repr(value) for name, value in parameters.items()}, forces={"all": {"x": force}},
+        initial={"x": repr(start[0]), "v_x": repr(start[1])},
+    )  # fmt: skip
+
+
+LORENZ = {"x": "10*(y - x)", "y": "x*(28 - z) - y", "z": "x*y - 8/3*z"}
+
+
+# ------------------------------------------------------------------------------------------------- linear systems
+
+
+@pytest.mark.cases(400)
+def test_linear_systems_have_the_real_parts_of_their_eigenvalues(case: int) -> None:
+    """Assert it for random matrices of two to four states, at rest in the origin and away from it."""
+    random = np.random.default_rng(case)
+    n = int(random.integers(2, 5))
+    matrix = random.normal(size=(n, n))
+    names = "abcd"[:n]
+    parameters = {f"m_{i}{j}": repr(float(matrix[i, j])) for i in range(n) for j in range(n)}
+    rates = {one: " + ".join(f"m_{i}{j}*{other}" for j, other in enumerate(names)) for i, one in enumerate(names)}
+    start = random.normal(size=n) * (case % 2)
+    states = {one: {"unit": "1", "rate": text} for one, text in rates.items()}
+    model = xd.Model(
+        name="linear", time={"unit": "1"}, parameters=parameters, states=states,
+        initial=dict(zip(names, map(repr, start.tolist()), strict=True)),
+    )  # fmt: skip
+    found = exponents(marched(model, 100.0, rtol=1e-6))
+    real = np.sort(np.linalg.eigvals(matrix).real)[::-1]
+    off = np.abs(found.lyapunov_exponents.values - real)
+    assert (off <= 4.0 * found.lyapunov_uncertainty.values + 1e-6).all()
+    assert float(found.lyapunov_exponents.sum()) == pytest.approx(float(np.trace(matrix)), abs=1e-6)
+    apart = np.diff(real).min() < -0.3 if len(set(real.round(9))) == n else False
+    assert off.max() < (0.02 if apart else 0.2)
+
+
+@pytest.mark.parametrize(
+    ("method", "asked"),
+    [("forward_euler", 0.01), ("rk4", 0.05), ("implicit_midpoint", 0.05), ("radau_iia", None), ("dop853", None)],
+)
+def test_damped_oscillator(method: str, asked: float | None) -> None:
+    """Assert -c/2m twice, whatever the method of the run: equations are linear."""
+    model = oscillator("-k*x - c*v_x", (1.0, 0.0), k=4.0, c=0.3)
+    run = marched(model, 100.0, method=method, rtol=None if asked else 1e-6, step=asked)
+    found = exponents(run)
+    agree(found, [-0.15, -0.15], 1e-6)
+    assert found.lyapunov_exponent.attrs["units"] == "1"
+    assert math.isinf(found.lyapunov_time)
+
+
+def test_saddle_at_rest_and_stiff_decay() -> None:
+    """Assert both exponents of a saddle at which nothing moves, and of decays a thousand times apart."""
+    saddle = exponents(marched(oscillator("4*x", (0.0, 0.0)), 30.0))
+    agree(saddle, [2.0, -2.0], 1e-7)
+    assert float(saddle.lyapunov_time) == pytest.approx(0.5)
+    assert float(saddle.finite_time_growth) == pytest.approx(2.0, abs=0.03)
+    stiff = flow("stiff", {"x": "-1000*(x - y)", "y": "-y"}, {"x": 1.0, "y": 1.0})
+    agree(exponents(marched(stiff, 20.0, method="radau_iia", rtol=1e-5)), [-1.0, -1000.0], 1e-5)
+
+
+def test_units_of_a_model_with_seconds() -> None:
+    """Assert s-1 and s, and the words of the lines."""
+    model = xd.Model.from_toml(MODELS / "pendulum.toml")
+    found = exponents(marched(model, 20.0))
+    assert {found[name].attrs["units"] for name in ("lyapunov_exponents", "lyapunov_uncertainty", "finite_time_growth")} == {"s-1"}  # fmt: skip
+    assert found.lyapunov_time.attrs["units"] == "s"
+    assert any(line.startswith("lyapunov_exponents = ") and line.endswith(" s-1") for line in lines_of(found))
+
+
+# ---------------------------------------------------------------------------------------------- periodic solutions
+
+
+def multipliers(stiffness: str, period: float) -> np.ndarray:
+    """Return the multipliers of x'' = -stiffness(t) x by plain steps of order four."""
+    code = compile(stiffness, "stiffness", "eval")
+
+    def rates(t: float, state: np.ndarray) -> np.ndarray:
+        return np.stack([state[1], -eval(code, {"cos": math.cos, "t": t}) * state[0]])
+
+    state, steps = np.eye(2), 2000
+    h = period / steps
+    for k in range(steps):
+        t = k * h
+        k1 = rates(t, state)
+        k2 = rates(t + h / 2, state + h / 2 * k1)
+        k3 = rates(t + h / 2, state + h / 2 * k2)
+        k4 = rates(t + h, state + h * k3)
+        state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return np.linalg.eigvals(state)
+
+
+@pytest.mark.parametrize(("a", "q"), [(1.0, 0.4), (0.3, 0.5), (2.0, 0.3), (4.0, 1.5)])
+def test_mathieu_at_rest(a: float, q: float) -> None:
+    """Assert Floquet's exponents of Mathieu's equation about the solution 0, in its tongues and between them."""
+    found = exponents(marched(oscillator("-(a - 2*q*cos(2*t))*x", (0.0, 0.0), a=a, q=q), 400.0))
+    expected = np.log(np.abs(multipliers(f"{a} - {2 * q}*cos(2*t)", math.pi))) / math.pi
+    agree(found, expected, 3e-4)
+
+
+def test_orbit_in_an_unstable_invariant_line() -> None:
+    """Assert the exponent of a pendulum's motion in a line that it leaves when pushed aside."""
+    # x = cos(2 t) solves the first equation; the second, about y = 0, is then Mathieu's
+    model = xd.Model(
+        name="line", time={"unit": "1"}, coordinates={"x": "1", "y": "1"}, mass={"x": "1", "y": "1"},
+        forces={"all": {"x": "-4*x", "y": "-(1 - 0.8*x)*y"}},
+        initial={"x": "1", "v_x": "0", "y": "0", "v_y": "0"},
+    )  # fmt: skip
+    run = marched(model, 300.0)
+    assert not run.y.values.any()
+    found = exponents(run)
+    expected = np.log(np.abs(multipliers("1 - 0.8*cos(2*t)", math.pi))).max() / math.pi
+    assert expected > 0.15
+    agree(found, [expected, 0.0, 0.0, -expected], 2e-4)
+    assert float(found.lyapunov_exponent) > 10.0 * float(found.lyapunov_uncertainty[0])
+
+
+def test_limit_cycle_has_the_mean_divergence() -> None:
+    """Assert 0 and the mean of mu (1 - x**2) over a cycle of van der Pol's oscillator."""
+    run = marched(oscillator("mu*(1 - x**2)*v_x - x", (2.0, 0.0), mu=1.5), 300.0)
+    cycles = xd.diagnose(run, companion=False).cycle_time.values
+    times = np.linspace(cycles[-11], cycles[-1], 20001)
+    divergence = 1.5 * (1.0 - xd.sample(run, times).x.values ** 2)
+    mean = float(np.trapezoid(divergence, times) / (times[-1] - times[0]))
+    agree(exponents(run), [0.0, mean], 2e-4)
+
+
+# ----------------------------------------------------------------------------------------- impacts, switches, resets
+
+
+@pytest.mark.cases(100)
+def test_ball_bouncing_in_step_with_a_table(case: int) -> None:
+    """Assert the multipliers of the map from impact to impact (Holmes 1982, J. Sound Vib. 84, 173), in closed form."""
+    random = np.random.default_rng(case)
+    e, w, g = float(random.uniform(0.3, 0.85)), 2.0 * math.pi, 10.0
+    speed = g / 2.0  # behind an impact, of flights that last a period of the table, 1 s
+    slow = speed * (1.0 - e) / (1.0 + e)  # of the table there
+    # stable where 0 < A w**2 sin(phase) < 2 (1 + e**2) g/(1 + e)**2
+    steep = float(random.uniform(0.05, 0.9)) * 2.0 * (1.0 + e**2) * g / (1.0 + e) ** 2
+    amplitude, phase = math.hypot(slow / w, steep / w**2), math.atan2(steep / w**2, slow / w)
+    height = amplitude * math.sin(phase) + speed / 2.0 - g / 8.0
+    model = xd.Model(
+        name="table", coordinates={"y": "m"}, mass={"y": "m"},
+        parameters={"m": "1 kg", "g": f"{g!r} m s-2", "A": f"{amplitude!r} m", "w": f"{w!r} s-1", "p": repr(phase), "e": repr(e)},
+        forces={"gravity": {"potential": "m*g*y"}},
+        contacts={"table": {"gap": "y - A*sin(w*t + p)", "restitution": "e"}},
+        initial={"t": "0.5 s", "y": f"{height!r} m", "v_y": "0 m s-1"},
+    )  # fmt: skip
+    run = marched(model, 60.5)
+    assert 58 <= run.sizes["event"] <= 62
+    dt = 1.0 / (speed + slow)
+    matrix = np.array([[1.0, dt], [-(1 + e) * steep, -(1 + e) * steep * dt - e + e * g * dt]])
+    size = np.abs(np.linalg.eigvals(matrix))
+    found = exponents(run)
+    off = np.abs(found.lyapunov_exponents.values - np.sort(np.log(size))[::-1])
+    assert (off <= 3.0 * found.lyapunov_uncertainty.values + 1e-6).all()
+    assert off.max() < 0.05
+    assert float(found.lyapunov_exponents.sum()) == pytest.approx(2.0 * math.log(e), abs=0.01)
+
+
+@pytest.mark.cases(100)
+def test_switching_back_and_forth(case: int) -> None:
+    """Assert 0 for x' = a x -+ b between two bounds: the switches take what the flow adds (saltation f+/f-)."""
+    random = np.random.default_rng(case)
+    a, b, h = float(random.uniform(-0.9, 0.9)), 1.0, float(random.uniform(0.2, 1.0))
+    states = {"x": {"unit": "1", "rate": "a*x + push"}, "push": {"unit": "1", "rate": "0"}}
+    events = {
+        "top": {"function": "x - h", "direction": "rising", "action": "reset", "set": {"push": "-b"}},
+        "bottom": {"function": "x + h", "direction": "falling", "action": "reset", "set": {"push": "b"}},
+    }
+    parameters = {"a": repr(a), "b": repr(b), "h": repr(h)}
+    model = xd.Model(
+        name="relay", time={"unit": "1"}, parameters=parameters, states=states, events=events,
+        initial={"x": repr(float(random.uniform(-0.9, 0.9)) * h), "push": "1"},
+    )  # fmt: skip
+    found = exponents(marched(model, 60.0))
+    assert abs(float(found.lyapunov_exponents[0])) <= 3.0 * float(found.lyapunov_uncertainty[0]) + 1e-6
+    assert abs(float(found.lyapunov_exponents[0])) < 0.01
+    assert float(found.lyapunov_exponents[1]) == -math.inf  # of `push`, which every reset sets anew
+    assert float(found.lyapunov_uncertainty[1]) == 0.0
+
+
+@pytest.mark.cases(100)
+def test_ball_that_is_kicked(case: int) -> None:
+    """Assert 0 and log(e) over the flight's time of a ball whose reset makes e v + k of its speed v."""
+    random = np.random.default_rng(case)
+    e, kick = float(random.uniform(0.2, 0.9)), float(random.uniform(1.0, 5.0))
+    speed = kick / (1.0 - e)
+    model = xd.Model(
+        name="kicked", coordinates={"y": "m"}, mass={"y": "m"},
+        parameters={"m": "1 kg", "g": "10 m s-2", "e": repr(e), "k": f"{kick!r} m s-1"},
+        forces={"gravity": {"potential": "m*g*y"}},
+        events={"floor": {"function": "y", "direction": "falling", "action": "reset", "set": {"y": "0*metre", "v_y": "k - e*v_y"}}},
+        initial={"y": f"{speed**2 / 20.0!r} m", "v_y": "0 m s-1"},
+    )  # fmt: skip
+    flight = 2.0 * speed / 10.0
+    found = exponents(marched(model, 60.0 * flight))
+    off = np.abs(found.lyapunov_exponents.values - [0.0, math.log(e) / flight])
+    assert (off <= 3.0 * found.lyapunov_uncertainty.values + 1e-6).all()
+    assert off.max() * flight < 0.02
+
+
+def test_piecewise_springs_and_relays() -> None:
+    """Assert -c/m as the sum where a spring bends, and that a relay's swings grow like none."""
+    bent = exponents(marched(oscillator("-x - 3*max(x, 0) - 0.2*v_x + cos(1.3*t)", (1.0, 0.0)), 200.0))
+    assert float(bent.lyapunov_exponents.sum()) == pytest.approx(-0.2, abs=1e-6)
+    relay = exponents(xd.simulate(xd.Model.from_toml(MODELS / "relay_oscillator.toml"), until=200.0))
+    assert float(relay.lyapunov_exponents.sum()) == pytest.approx(0.0, abs=1e-6)
+    assert abs(float(relay.lyapunov_exponent)) < 2.0 * float(relay.lyapunov_uncertainty[0])
+    assert math.isinf(relay.lyapunov_time)
+
+
+# ------------------------------------------------------------------------------------------------ published digits
+
+PUBLISHED = {  # J. C. Sprott, Chaos and Time-Series Analysis (2003), appendix A
+    "lorenz": (flow("Lorenz", LORENZ, {"x": 1.0, "y": 1.0, "z": 1.0}), 1000.0, (0.9056, 0.0, -14.5723)),
+    "roessler": (
+        flow("Rössler", {"x": "-y - z", "y": "x + 0.2*y", "z": "0.2 + z*(x - 5.7)"}, {"x": -9.0, "y": 0.0, "z": 0.0}),
+        3000.0,
+        (0.0714, 0.0, -5.3943),
+    ),
+    "ueda": (oscillator("-x**3 - 0.05*v_x + 7.5*sin(t)", (2.5, 0.0)), 3000.0, (0.1034, -0.1534)),
+    "duffing": (oscillator("x - x**3 - 0.25*v_x + 0.4*cos(t)", (0.2, 0.0)), 3000.0, (0.1572, -0.4072)),
+    "jerk": (flow("jerk", {"x": "y", "y": "z", "z": "y**2 - x - 2.017*z"}, {"x": 0.0, "y": 0.0, "z": 1.0}), 3000.0, (0.0551, 0.0, -2.0721)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_published_exponents(name: str) -> None:
+    """Assert published digits within three uncertainties, which are small, and the sum of all by the divergence."""
+    model, until, expected = PUBLISHED[name]
+    found = exponents(marched(model, until))
+    values, doubts = found.lyapunov_exponents.values, found.lyapunov_uncertainty.values
+    assert (np.abs(values - expected) <= 3.0 * doubts).all()
+    assert (doubts <= 0.02 + 0.005 * np.abs(expected)).all()
+    assert doubts[0] < 0.2 * expected[0]
+    if name != "roessler":  # whose divergence is none of all places
+        assert values.sum() == pytest.approx(sum(expected), abs=2e-4)
+    assert float(found.lyapunov_time) == 1.0 / values[0]
+    assert float(found.finite_time_growth) == pytest.approx(values[0], abs=0.05 + 5.0 / until)
+
+
+def test_henon_heiles() -> None:
+    """Assert pairs of opposite exponents, a positive one in the chaotic sea at E = 1/8 and none on a torus."""
+    model = xd.Model(
+        name="Hénon-Heiles", time={"unit": "1"}, coordinates={"x": "1", "y": "1"}, mass={"x": "1", "y": "1"},
+        forces={"all": {"potential": "(x**2 + y**2)/2 + x**2*y - y**3/3"}},
+        initial={"x": "0", "y": "-0.25", "v_x": "0.42081", "v_y": "0"},
+    )  # fmt: skip
+    chaotic = exponents(marched(model, 4000.0))
+    calm = exponents(marched(model.replace(initial={"y": "0.55", "v_x": "0.2417"}), 4000.0))
+    for found in (chaotic, calm):
+        values, doubts = found.lyapunov_exponents.values, found.lyapunov_uncertainty.values
+        assert (np.abs(values + values[::-1]) < 1e-4).all()
+        assert (np.abs(values[1:3]) <= 2.0 * doubts[1:3] + 1e-4).all()
+    assert 0.03 < float(chaotic.lyapunov_exponent) < 0.07
+    assert float(chaotic.lyapunov_exponent) > 3.0 * float(chaotic.lyapunov_uncertainty[0])
+    assert abs(float(calm.lyapunov_exponent)) <= 2.0 * float(calm.lyapunov_uncertainty[0]) < 0.01
+    assert math.isinf(calm.lyapunov_time)
+
+
+# --------------------------------------------------------------------------------------------------- the run itself
+
+
+def test_archive_says_the_same(tmp_path: Path) -> None:
+    """Assert the same numbers of a run and its archive, the rules in words, and that the diagnosis is kept."""
+    run = marched(flow("Lorenz", LORENZ, {"x": 1.0, "y": 1.0, "z": 1.0}), 50.0)
+    xd.save(run, tmp_path / "lorenz.nc")
+    fresh, opened = exponents(run), exponents(xd.open_run(tmp_path / "lorenz.nc"))
+    xr.testing.assert_equal(fresh, opened)
+    about = fresh.lyapunov_exponents.attrs
+    assert "Benettin" in about["rule"]
+    assert "first tenth" in about["transient"]
+    assert about["transient_end"] == 5.0
+    assert "standard error" in fresh.lyapunov_uncertainty.attrs["long_name"]
+    xd.save(fresh, tmp_path / "diagnosis.nc")
+    xr.testing.assert_equal(xr.open_dataset(tmp_path / "diagnosis.nc"), fresh)
+
+
+def test_some_of_the_largest() -> None:
+    """Assert that the largest exponents are those of all."""
+    run = marched(flow("Lorenz", LORENZ, {"x": 1.0, "y": 1.0, "z": 1.0}), 100.0)
+    every, two = exponents(run), exponents(run, lyapunov=2)
+    assert two.sizes["exponent"] == 2
+    assert two.lyapunov_exponents.values == pytest.approx(every.lyapunov_exponents.values[:2], rel=1e-6, abs=1e-6)
+
+
+def test_force_in_python() -> None:
+    """Assert that a force without derivatives is followed by differences."""
+
+    def push(x: float, v_x: float) -> float:
+        return -4.0 * x - 0.3 * v_x
+
+    written = xd.Model(
+        name="python", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces={"all": {"x": push}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    run = marched(written, 60.0, rtol=1e-8)
+    agree(xd.diagnose(run, companion=False, lyapunov=True, functions={"push": push}), [-0.15, -0.15], 1e-5)
+
+
+def test_drives_are_followed() -> None:
+    """Assert -c/2m beside a force from a table in time, and from one of the coordinate the slope that it has there."""
+    csv = "t [s],push [N]\n0,0\n1,1\n2,-1\n3,0.5\n100,0\n"
+    spring = "x [m],pull [N]\n-5,20\n0,0\n5,-20\n"
+    model = xd.Model(
+        name="driven", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, parameters={"c": "0.3 kg s-1"},
+        drives={"push": {"table": "push.csv", "csv": csv}, "pull": {"table": "pull.csv", "csv": spring, "argument": "x"}},
+        forces={"push": {"x": "push"}, "pull": {"x": "pull"}, "drag": {"x": "-c*v_x"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    agree(exponents(marched(model, 90.0)), [-0.15, -0.15], 1e-5)
+
+
+def test_events_that_do_nothing_and_many_rows() -> None:
+    """Assert that recorded crossings change nothing, and that short steps are taken together."""
+    watched = xd.Model(
+        name="watched", time={"unit": "1"}, coordinates={"x": "1"}, mass={"x": "1"}, forces={"all": {"x": "-4*x - 0.3*v_x"}},
+        events={"zero": {"function": "x", "action": "record"}}, initial={"x": "1", "v_x": "0"},
+    )  # fmt: skip
+    run = marched(watched, 50.0, method="rk4", step=0.005, rtol=None)
+    assert run.sizes["event"] > 20
+    agree(exponents(run), [-0.15, -0.15], 1e-5)
+
+
+# ------------------------------------------------------------------------------------------------------- and refusals
+
+
+@pytest.mark.parametrize(
+    ("file", "until", "said"),
+    [
+        ("moving_table.toml", 0.5, "contact_state_table' holds from t = 0 on"),
+        ("rocking_block.toml", 0.5, "holds from t = "),
+        ("stick_slip_belt.toml", 2.0, "friction element 'belt' slips or sticks all the time"),
+    ],
+)
+def test_runs_without_variational_equations(file: str, until: float, said: str) -> None:
+    """Assert that what cannot be followed is named, and is not 0."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / file), until=until)
+    with pytest.raises(xd.InputError, match=said):
+        exponents(run)
+
+
+def test_impulses_over_whole_steps_are_refused() -> None:
+    """Assert that moreau_jean's contacts are named."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), method="moreau_jean", step=0.01, until=0.3)
+    with pytest.raises(xd.InputError, match="moreau_jean has no events"):
+        exponents(run)
+
+
+@pytest.mark.parametrize("wanted", [0, -1, 1.5, "all"])
+def test_counts_that_are_none(wanted: object) -> None:
+    """Assert that a count of exponents is one."""
+    run = marched(oscillator("-x", (1.0, 0.0)), 5.0)
+    with pytest.raises(xd.InputError, match="needs true for all exponents, or how many of the largest"):
+        xd.diagnose(run, companion=False, lyapunov=wanted)  # type: ignore[arg-type]
