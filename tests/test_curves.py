@@ -112,7 +112,9 @@ def test_contact_forces_are_evaluated_between_rows(case: int) -> None:
         contacts={"floor": {"gap": "y", "restitution": 0.0, "tangential": "coulomb", "slip": "v_x", "friction": 0.9}},
         initial={"x": "0 m", "y": "0 m"},
     )  # fmt: skip
-    run = xd.simulate(block, method=("dop853", "rk4", "bogacki_shampine")[case % 3], step=random.uniform(0.2, 1.0), until=2.0)
+    run = xd.simulate(
+        block, method=("dop853", "rk4", "bogacki_shampine")[case % 3], step=random.uniform(0.2, 1.0), until=2.0
+    )
     times, (normal, friction) = drawn(run, "contact_force_floor", "friction_force_floor")
     assert len(times) > 1000
     assert np.abs(normal - (9.81 - load * np.cos(w * times))).max() < 1e-9

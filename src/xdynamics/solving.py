@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from xdynamics.expressions import text_of
+from xdynamics.expressions import Node, text_of
+from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers, check_repeats
 from xdynamics.expressions.tracing import Traced, name, node_of, traced
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.simulation import simulate
-from xdynamics.units import parse_quantity, parse_unit
+from xdynamics.units import parse_quantity, parse_time, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,6 +35,7 @@ NOT_HERE = {
     "lband": "derivatives are those of the expressions", "uband": "derivatives are those of the expressions",
 }  # fmt: skip
 RightSide = Callable[..., Any]
+Floats = NDArray[np.float64]
 
 
 def solve(
@@ -53,8 +58,9 @@ def solve(
     ----------
     fun : callable
         ``fun(t, y, *args)``, which returns as many rates as there are numbers in y, by arithmetic and numpy's elementary
-        functions. It is called once, with names for numbers, and written down as expressions: these are what is marched,
-        differentiated and archived. A branch is written `numpy.where`.
+        functions. It is called with names for numbers, and written down as expressions: these are what is marched,
+        differentiated and archived. A branch is written `numpy.where`. What is random, counts its calls or reads a clock
+        is refused: it is called twice with names, and with numbers at two states.
     t_span : pair of float, s, or str
         First and last time.
     y0 : array_like of float or str, shape (n,)
@@ -82,7 +88,8 @@ def solve(
     Raises
     ------
     InputError
-        If `fun` or an event cannot be written down, or something has another shape or unit.
+        If `fun` or an event cannot be written down, or gives something else when it is called again, or something has
+        another shape or unit.
 
     Examples
     --------
@@ -118,16 +125,18 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
     t, y = name("t") / name("second"), np.empty(len(words), object)
     y[:] = [name(one) / name(scales[one]) if one in scales else name(one) for one in words]
     given, parameters = _arguments(fun, args)
-    rates = _as_many(fun, traced(fun, t, y, *given), len(words))
+    zeros = _listed(events)
+    written = _written([fun, *zeros], words, t, y, given)
+    _check_numbers(written, words, scales, t_span, _numbers(starts, own), [*parameters], args)
     states = {}
-    for word, unit, rate in zip(words, own, rates, strict=True):
+    for word, unit, rate in zip(words, own, written[0].values, strict=True):
         whole = (name(scales[word]) if word in scales else 1.0) * rate / name("second")
         states[word] = {"unit": unit, "rate": text_of(node_of(whole))}
     return Model(
         name=_called(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], states=states,
         parameters=parameters | sizes,
         initial={"t": t_span[0] if isinstance(t_span[0], str) else f"{float(t_span[0])!r} s"} | dict(zip(words, starts, strict=True)),
-        events=_events(events, t, y, given),
+        events=_events(written[1:]),
     )  # fmt: skip
 
 
@@ -178,16 +187,77 @@ def _as_many(fun: RightSide, rates: Any, n: int) -> list[Any]:
     return row
 
 
-def _events(events: Any, t: Traced, y: Any, given: list[Any]) -> dict[str, dict[str, Any]]:
-    """Write events down, with scipy's attributes."""
+def _listed(events: Any) -> list[RightSide]:
+    """Return events as functions."""
     row = [] if events is None else [events] if callable(events) else list(events)
-    found: dict[str, dict[str, Any]] = {}
     for i, one in enumerate(row):
         if not callable(one):
             raise InputError(f"events[{i}] is {repr(one)[:40]}, needs a function of t and y")
-        called = _called(one) if _called(one) not in found else f"{_called(one)}_{i}"
-        terminal, direction = getattr(one, "terminal", False), int(np.sign(getattr(one, "direction", 0)))
-        entry: dict[str, Any] = {"function": text_of(node_of(traced(one, t, y, *given)))}
+    return row
+
+
+@dataclass(frozen=True)
+class Written:
+    """A function of t and y, what each of its values is, and the values that it wrote down."""
+
+    function: RightSide
+    words: tuple[str, ...]
+    values: tuple[Any, ...]
+
+    @property
+    def nodes(self) -> list[Node]:
+        """The values as expressions."""
+        return [node_of(one) for one in self.values]
+
+
+def _written(functions: list[RightSide], words: list[str], t: Traced, y: Any, given: list[Any]) -> list[Written]:
+    """Write the right-hand side and the events down, all of them once more, and refuse what differs."""
+    first, second = ([*_each_written(functions, words, t, y, given)] for _ in range(2))
+    for one, again in zip(first, second, strict=True):
+        check_repeats(_called(one.function), one.words, one.nodes, again.nodes)
+    return first
+
+
+def _each_written(functions: list[RightSide], words: list[str], t: Traced, y: Any, given: list[Any]) -> Iterator[Written]:  # fmt: skip
+    fun, *events = functions
+    rates = _as_many(fun, traced(fun, t, y.copy(), *given), len(words))
+    yield Written(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
+    for one in events:
+        yield Written(one, ("its value",), (traced(one, t, y.copy(), *given),))
+
+
+def _numbers(starts: list[str], own: list[str]) -> Floats:
+    """Return initial values as numbers of their units."""
+    return np.array([parse_quantity(one).si / float(parse_unit(unit).factor) for one, unit in zip(starts, own, strict=True)])  # fmt: skip
+
+
+def _check_numbers(
+    written: list[Written], words: list[str], scales: Mapping[str, str], t_span: Any, y0: Floats, named: list[str], args: Any
+) -> None:  # fmt: skip
+    """Call functions with numbers, at the start and at a state beside it: they are to give what they wrote down."""
+    begin, end = (parse_time(one, "t_span") for one in t_span)
+    row = [*args] if isinstance(args, list | tuple) else [args]
+    numbers = [float(one) for one in row if isinstance(one, int | float | np.number) and not isinstance(one, bool)]
+    known = dict(zip(named, numbers, strict=True)) | {"second": 1.0} | dict.fromkeys(scales.values(), 1.0)
+    for t, y in ((begin, y0), (begin + (end - begin) / 3.0, y0 + 0.125 * np.where(y0 == 0.0, 1.0, y0))):
+        values = known | {"t": t} | dict(zip(words, y.tolist(), strict=True))
+        least = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
+        for i, one in enumerate(written):
+            of_rates = abs(end - begin) if i == 0 and end != begin else 1.0
+            call = partial(one.function, t, y.copy(), *row)
+            check_numbers(_called(one.function), one.words, one.nodes, call, values, least / of_rates)
+
+
+def _events(written: list[Written]) -> dict[str, dict[str, Any]]:
+    """Return events as a model has them, with scipy's attributes."""
+    found: dict[str, dict[str, Any]] = {}
+    for i, one in enumerate(written):
+        called = _called(one.function) if _called(one.function) not in found else f"{_called(one.function)}_{i}"
+        terminal, direction = (
+            getattr(one.function, "terminal", False),
+            int(np.sign(getattr(one.function, "direction", 0))),
+        )
+        entry: dict[str, Any] = {"function": text_of(one.nodes[0])}
         entry |= {"direction": DIRECTIONS[direction], "action": "stop" if terminal else "record"}
         if terminal and int(terminal) > 1:
             entry["count"] = int(terminal)
