@@ -11,12 +11,13 @@ import numpy as np
 
 from xdynamics.budgeting import numerical, physical, tabulated
 from xdynamics.budgeting.drawing import Asked, drawn_until, wanted_of
-from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, judged
+from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, draws_needed, judged
 from xdynamics.budgeting.rounding import rounded
 from xdynamics.budgeting.tables import draws_as, levels_as, terms_as
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import PHYSICAL, Declared, Term
 from xdynamics.elementary.arrays import applied
+from xdynamics.evidence.diagnosing.extremes import RULES
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.model import Model
@@ -56,7 +57,9 @@ def error_budget(
         Its parameters and initial values with an uncertainty, tables with a column of uncertainties, correlations and
         discrepancies are the physical terms.
     quantity : str
-        A coordinate, velocity, state, energy or observable; at an event ``"t"``, its time.
+        A coordinate, velocity, state, energy or observable; at an event ``"t"``, its time; with neither time nor event the
+        largest or the least of one of these or of a force over the run, as `diagnose` names it:
+        ``"maximum_force_drag_y"``, ``"minimum_contact_force_floor"``.
     at : str or float, s
         The physical time of the number; or
     event : str
@@ -138,7 +141,9 @@ def error_budget(
         monte_carlo, draws = drawn_until(Asked(model, target, asked, found.value, added), first, seed, coverage, wanted)
         variables |= draws_as(monte_carlo, unit, coverage)
         verdict, apart = judged(found.value, float(variables["physical_rss"][1]), monte_carlo, coverage, digits)
+        open_ = verdict == NOT_CHECKED
         more |= {"draws": draws, "linear_apart": apart, "digits": digits}
+        more |= {"draws_needed": draws_needed(apart, monte_carlo, draws, digits)} if open_ else {}
         if verdict == NOT_ADEQUATE:
             total = float(applied("hypot", monte_carlo.standard, float(variables["numerical_rss"][1])))
     variables["linear_verdict"] = ((), np.int8(verdict), about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag") | flags(dict(enumerate(LINEAR))))  # fmt: skip
@@ -148,9 +153,15 @@ def error_budget(
     more |= {
         "quantity": quantity, "of": target.said, "event": target.event, "occurrence": occurrence, "side": side,
         "asked": json.dumps(asked, sort_keys=True), "model_digest": model.digest,
-        "solver_method": str(found.run.attrs["solver_method"]), "result": result,
-    } | ({"at": target.at} if target.at is not None else {})  # fmt: skip
+        "time_units": target.second, "solver_method": str(found.run.attrs["solver_method"]), "result": result,
+    } | ({"at": target.at} if target.at is not None else {}) | _where(target, found.run, model)  # fmt: skip
     return exhibit("budget", f"error budget of {model.name}: {target.said}", found.digests, variables, more)
+
+
+def _where(target: Target, run: Any, model: Model) -> dict[str, Any]:
+    """Say of an extreme where it is in the run, and by which rule."""
+    top = target.found_in(run, model)
+    return {} if top is None else {"extreme_rule": RULES[top.rule], "extreme_time": top.time}
 
 
 def _terms(model: Model, target: Target, asked: dict[str, Any], found: numerical.Marched, unit: Unit, terms: Any, seed: int) -> list[Term]:  # fmt: skip

@@ -11,7 +11,9 @@ import numpy as np
 
 from xdynamics import archive
 from xdynamics.budgeting.budget import error_budget
-from xdynamics.budgeting.montecarlo import LINEAR
+from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
+from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
+from xdynamics.budgeting.told import place_of, settled_by
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING
 from xdynamics.evidence.validating.ledger import VERDICTS as CASES
@@ -26,11 +28,11 @@ if TYPE_CHECKING:
 
 CERTIFICATE = "certificate"
 GATE, CASE = "gate", "case"
-PASSED, FAILED = "passed", "failed"
-GATES = (PASSED, FAILED)
+PASSED, FAILED, NOT_CHECKED = GATES = ("passed", "failed", "not_checked")
 DRAWS = 10_000
 SMALL = 0.1  # of the physical uncertainty, that the numerical bound may be
-SAME = ("quantity", "of", "result", "event", "occurrence", "side", "asked", "coverage", "seed", "draws", "model_digest", "solver_method", "linear_apart", "digits")  # fmt: skip
+SAME = ("quantity", "of", "result", "event", "occurrence", "side", "asked", "coverage", "seed", "draws", "model_digest", "solver_method", "linear_apart", "draws_needed", "digits", "extreme_rule", "extreme_time")  # fmt: skip
+KEPT = ("at", "time_units")
 
 
 def certify(
@@ -53,7 +55,8 @@ def certify(
     Returns
     -------
     xarray.Dataset
-        All of the budget; along `gate` `gate_name`, `gate_verdict` (passed, failed) and `gate_reason`; along `case` the
+        All of the budget; along `gate` `gate_name`, `gate_verdict` (passed, failed, not_checked: too few draws to tell) and
+        `gate_reason`, which says how many draws settle it; along `case` the
         ledger's cases for the method with `residual`, `case_bound` and `case_verdict`. `recheck` makes it again.
 
     Raises
@@ -67,27 +70,27 @@ def certify(
         )
     budget = error_budget(model, quantity, draws=draws if model.uncertain else 0, seed=seed, **asked)
     ledger = validate([str(budget.attrs["solver_method"])])
-    gates = _gates(budget, ledger)
+    gates = _gates(budget, ledger, drawn=bool(model.uncertain))
     variables: dict[str, Any] = {
         str(name): (one.dims, one.values, dict(one.attrs)) for name, one in budget.variables.items()
     }
     variables |= {
         "gate_name": ((GATE,), np.array([one for one, _, _ in gates]), about("1", "what the number has to pass", "name")),
         "gate_reason": ((GATE,), np.array([why for _, _, why in gates]), about("1", "what was looked at", "rule")),
-        "gate_verdict": ((GATE,), np.array([GATES.index(PASSED if ok else FAILED) for _, ok, _ in gates], np.int8), about("1", "what became of it", "flag") | flags(dict(enumerate(GATES)))),
+        "gate_verdict": ((GATE,), np.array([GATES.index(verdict) for _, verdict, _ in gates], np.int8), about("1", "what became of it", "flag") | flags(dict(enumerate(GATES)))),
         "case_name": ((CASE,), ledger["case_name"].values, dict(ledger["case_name"].attrs)),
         "case_units": ((CASE,), ledger["case_units"].values, dict(ledger["case_units"].attrs)),
         "residual": ((CASE,), ledger["residual"].values, dict(ledger["residual"].attrs)),
         "case_bound": ((CASE,), ledger["bound"].values, dict(ledger["bound"].attrs)),
         "case_verdict": ((CASE,), ledger["verdict"].values, dict(ledger["verdict"].attrs)),
     }  # fmt: skip
-    said = {key: budget.attrs[key] for key in (*SAME, "at") if key in budget.attrs}
+    said = {key: budget.attrs[key] for key in (*SAME, *KEPT) if key in budget.attrs}
     title = f"certificate of {model.name}: {budget.attrs['of']}"
     return exhibit(CERTIFICATE, title, str(budget.attrs["runs"]).split(), variables, said)
 
 
-def _gates(budget: xr.Dataset, ledger: xr.Dataset) -> list[tuple[str, bool, str]]:
-    """Return what the number has to pass, whether it does, and what was looked at."""
+def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple[str, str, str]]:
+    """Return what the number has to pass, what became of it, and what was looked at."""
     words, verdicts = [CASES[one] for one in ledger["verdict"].values.tolist()], budget["level_verdict"]
     told = verdicts.attrs["flag_meanings"].split()[int(verdicts)]
     bounds = dict(zip(budget["term_name"].values.tolist(), budget["bound"].values.tolist(), strict=True))
@@ -95,7 +98,7 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset) -> list[tuple[str, bool, str]
     linear = LINEAR[int(budget["linear_verdict"])]
     outcome = str(budget["run_outcome"].values)
     between = float(abs(budget["level_value"][0] - budget["level_value"][1]))
-    found = [
+    decided = [
         ("outcome", outcome in GOOD, f"the run ended as '{outcome}'"),
         ("levels", budget.sizes["level"] >= 3, f"{budget.sizes['level']} levels"),
         ("convergence", int(verdicts) != NOT_CONVERGING, f"the levels are {told.replace('_', ' ')}"),
@@ -103,10 +106,20 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset) -> list[tuple[str, bool, str]
         ("ledger", "failed" not in words, f"{words.count('passed')} cases of the method passed, {words.count('failed')} failed, {words.count('refused')} refused"),
     ]  # fmt: skip
     if physical > 0.0:
-        found.append(("numerical_part", numerical <= SMALL * physical, f"numerical bound {numerical:.3g}, physical standard uncertainty {physical:.3g}"))  # fmt: skip
-    if "monte_carlo_standard_uncertainty" in budget:
-        found.append(("linear_budget", linear == "adequate", f"the linear budget is {linear.replace('_', ' ')}"))
-    return found
+        decided.append(("numerical_part", numerical <= SMALL * physical, f"numerical bound {numerical:.3g}, physical standard uncertainty {physical:.3g}"))  # fmt: skip
+    gates = [(name, PASSED if passes else FAILED, why) for name, passes, why in decided]
+    return [*gates, *([_of_draws(budget, linear)] if drawn else [])]
+
+
+def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
+    """Return the gate of the linear budget: what too few draws leave open is neither passed nor failed."""
+    name, said = "linear_budget", f"the linear budget is {linear.replace('_', ' ')}"
+    if linear != LINEAR[OPEN]:
+        return name, PASSED if linear == LINEAR[ADEQUATE] else FAILED, said
+    more = (
+        f"nothing was drawn; {DRAWS} draws tell as a rule" if "draws_needed" not in budget.attrs else settled_by(budget)
+    )
+    return name, NOT_CHECKED, f"{said}: {more}"
 
 
 def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:  # fmt: skip
@@ -136,7 +149,9 @@ def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Cal
     if attributes.get(EVIDENCE) != CERTIFICATE:
         raise InputError(f"{str(certificate)[:60]!r} is no certificate; `certify` makes one")
     model = Model.from_text(str(given["model_toml"].values), functions=functions)
-    place = {"at": float(attributes["at"])} if "at" in attributes else {"event": str(attributes["event"]), "occurrence": int(attributes["occurrence"]), "side": str(attributes["side"])}  # fmt: skip
+    place: dict[str, Any] = {"at": float(attributes["at"])} if "at" in attributes else {}
+    if attributes["event"]:
+        place = {key: attributes[key] for key in ("event", "side")} | {"occurrence": int(attributes["occurrence"])}
     again = certify(
         model, str(attributes["quantity"]), draws=int(attributes["draws"]), seed=int(attributes["seed"]),
         coverage=float(attributes["coverage"]), digits=int(attributes.get("digits", 1)), **place, **json.loads(str(attributes["asked"])),
@@ -169,8 +184,9 @@ def lines_of(found: xr.Dataset) -> list[str]:
     """Say the number, its gates, and where more stands."""
     verdicts = [GATES[one] for one in found["gate_verdict"].values.tolist()]
     lines = [f"result    {found.attrs['of']} = {found.attrs['result']}"]
+    lines += place_of(found)
     rows = zip(found["gate_name"].values, verdicts, found["gate_reason"].values, strict=True)
-    lines += [f"{verdict:<10}{str(name).replace('_', ' ')}: {why}" for name, verdict, why in rows]
+    lines += [f"{verdict.replace('_', ' '):<9} {str(name).replace('_', ' ')}: {why}" for name, verdict, why in rows]
     lines.append(f"model     sha256 {found.attrs['model_digest']}; method {found.attrs['solver_method']}")
     lines.append("again     xdynamics recheck makes it again from this file alone, and compares every number")
     return lines

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import nan
+from math import inf, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,24 @@ def tolerance_of(standard: float, digits: int = 1) -> float:
         return nan
     power = int(f"{standard:.{digits - 1}e}".split("e")[1])
     return float(f"5e{power - digits}")
+
+
+def draws_needed(apart: float, found: Drawn, draws: int, digits: int = 1) -> float:
+    """Return about how many draws tell whether the linear budget is adequate, where so many leave it open.
+
+    What draws leave uncertain falls with the root of their number: until it is the distance of the ends from the tolerance.
+
+    Examples
+    --------
+    >>> few = Drawn(0.0, 0.061, (-0.12, 0.12), (-0.12, 0.12), 0.0006, 0.003)
+    >>> draws_needed(0.002, few, 4000), draws_needed(0.005, few, 4000)
+    (16000.0, inf)
+    """
+    left = abs(tolerance_of(found.standard, digits) - apart)
+    if not left > 0.0:
+        return inf
+    needed = draws * (SURE * found.ends_doubt / left) ** 2
+    return float(f"{1.05 * needed:.1e}")
 
 
 def judged(value: float, standard: float, found: Drawn, coverage: float, digits: int = 1) -> tuple[int, float]:

@@ -13,6 +13,7 @@ from xdynamics.budgeting.reversal import returned
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
 from xdynamics.elementary.arrays import exp, power
+from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, SAID, Extreme
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.refining.convergence import CAUTION, CLOSE, SAFETY, Judged, judge, observed_orders
 from xdynamics.evidence.refining.levels import Levels, absolute_tolerances
@@ -84,10 +85,24 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
     terms = (
         _truncation(levels, values, noise, told),
         _roundoff(runs[0], model, target, asked, value, seed),
-        Term.bounded(INTERPOLATION, NUMERICAL, inside, "a shortened step against two of half its length, extrapolated"),
+        Term.bounded(INTERPOLATION, NUMERICAL, inside, _inner_rule(target.found_in(runs[0], model))),
         _location(model, target, asked, value, located, runs[0]),
     )
     return Marched(runs[0], value, terms, levels, values, told, tuple(digest_of_run(run) for run in runs))
+
+
+def _inner_rule(top: Extreme | None) -> str:
+    """Say how a number inside a step was found, and how far that may have it off."""
+    halved = "a shortened step against two of half its length, extrapolated"
+    if top is None:
+        return halved
+    if top.rule == INTERPOLATED:
+        return f"{SAID[top.rule]}: {halved}"
+    return (
+        f"{SAID[top.rule]}; none between is beyond it"
+        if not top.uncertainty
+        else f"{SAID[top.rule]}: the parabola through it and its neighbours"
+    )
 
 
 def own_run(model: Model, asked: dict[str, Any]) -> xr.Dataset:

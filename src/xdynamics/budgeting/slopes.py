@@ -46,6 +46,8 @@ def slopes_along(run: xr.Dataset, model: Model, target: Target) -> dict[str, flo
 
 def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, ...]) -> Floats:
     """Walk along the run, from event to event, to the number; return its slopes in SI units."""
+    if target.extreme is not None:
+        raise NotVariedError("an extreme is where the run has it")
     along = Along(run, _equations(run, model, inputs), METHODS[run.attrs["solver_method"]].order)
     change, row, seen, held = _start(model, inputs), 0, 0, touches(run)
     for before, after, names in _instants(run):

@@ -1,4 +1,4 @@
-"""The one number that a budget is about: a quantity at a physical time, or at an occurrence of an event."""
+"""The one number that a budget is about: a quantity at a time, at an occurrence of an event, or its extreme of a run."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.observing import comparable, observe
+from xdynamics.evidence.diagnosing.extremes import LOCATED, Extreme, between, extreme
+from xdynamics.evidence.observing import comparable, observables_of, observe
 from xdynamics.faults import InputError
+from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.record.words import words_of
-from xdynamics.schema import OCCURRENCE
+from xdynamics.schema import EVENT_AFTER, OCCURRENCE
 from xdynamics.sweeping.sweep import sweep
 from xdynamics.units import Unit, parse_unit, time_in
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+LARGEST, LEAST = "maximum", "minimum"  # of a whole run
 TIME = "t"  # the quantity that is the time of the event itself
 SIDES = ("before", "after")
 ROUNDED = 8.0 * float(np.finfo(float).eps)  # of a time, relative
@@ -34,7 +37,8 @@ class Target:
     Attributes
     ----------
     quantity : str
-        A coordinate, velocity, state, energy or observable, or at an event ``t``, its time.
+        A coordinate, velocity, state, energy or observable, or at an event ``t``, its time; of a whole run the largest or
+        the least of one of these or of a force: ``maximum_force_drag_y``, ``minimum_contact_force_floor``.
     at : float, s, optional
     event : str, optional
     occurrence : int
@@ -61,9 +65,14 @@ class Target:
         InputError
             If the model has no such quantity or event, or there is not one place.
         """
+        known, extremes = comparable(model), _extremes_of(model)
+        if at is None and event is None and quantity in extremes:
+            return cls(quantity, second=model.statement.time_unit.text)
         if (at is None) == (event is None):
-            raise InputError("a budget is of one number: give at='1 s' or event='ground', one of them")
-        known = comparable(model)
+            raise InputError(
+                "a budget is of one number: give at='1 s' or event='ground', one of them, or neither of an extreme like "
+                f"'{extremes[0]}'"
+            )
         if event is not None and event not in (*model.events, *model.contacts, *model.frictions):
             names = ", ".join((*model.events, *model.contacts, *model.frictions)) or "none"
             raise InputError(f"event is {event!r}; there are {names}")
@@ -78,8 +87,19 @@ class Target:
         return cls(quantity, when, event or "", occurrence, side, unit.text)
 
     @property
+    def extreme(self) -> tuple[str, float] | None:
+        """Of an extreme what it is of, and its sign: 1 of the largest, -1 of the least."""
+        if self.at is not None or self.event:
+            return None
+        word, _, name = self.quantity.partition("_")
+        return name, 1.0 if word == LARGEST else -1.0
+
+    @property
     def said(self) -> str:
         """What it is, in words."""
+        if self.extreme is not None:
+            name, sign = self.extreme
+            return f"{LARGEST if sign > 0 else LEAST} of {name}"
         if self.at is not None:
             return f"{self.quantity} at t = {self.at:.9g}{'' if self.second == '1' else f' {self.second}'}"
         nth = "" if self.occurrence == 1 else f" number {self.occurrence}"
@@ -89,7 +109,13 @@ class Target:
 
     def units(self, run: xr.Dataset) -> Unit:
         """Return the unit that the number has."""
-        return parse_unit(self.second if self.quantity == TIME else str(run[self.quantity].attrs["units"]))
+        if self.quantity == TIME:
+            return parse_unit(self.second)
+        return parse_unit(str(run[self.extreme[0] if self.extreme else self.quantity].attrs["units"]))
+
+    def found_in(self, run: xr.Dataset, model: Model) -> Extreme | None:
+        """Return where an extreme is in a run, and by which rule; None of what is no extreme."""
+        return None if self.extreme is None else extreme(run, *self.extreme, model.functions)
 
     def in_run(self, run: xr.Dataset, model: Model) -> tuple[float, float, float]:
         """Return the number in a run, what interpolation may have it off, and what the location of the event may.
@@ -103,6 +129,8 @@ class Target:
             time = np.array([_held(self.at, run["time"].values)])
             value, off = observe(run, model, [self.quantity], time)[self.quantity]
             return float(value[0]), float(off[0]), 0.0
+        if (top := self.found_in(run, model)) is not None:
+            return top.value, top.uncertainty, self._of_event(run, model, top)
         place = self._place(run)
         located = float(run["event_time_uncertainty"].values[place])
         if self.quantity == TIME:
@@ -114,15 +142,33 @@ class Target:
         """Return a sweep in which it is kept of every member."""
         if self.at is not None:
             return sweep(model, axes, keep=[self.quantity], times=[self.at], **settings)
+        if self.extreme is not None:
+            return sweep(model, axes, keep=[self.quantity], **settings)
         word = f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"
         return sweep(model, axes, keep=[word], occurrences=(self.occurrence - 1, self.occurrence), **settings)
 
     def values(self, found: xr.Dataset) -> Floats:
         """Return the numbers of a sweep's members, nan of those that do not come there."""
-        name = self.quantity if self.at is not None else f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"  # fmt: skip
+        name = self.quantity if not self.event else f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"  # fmt: skip
         one = found[name]
         values: Floats = (one.isel({OCCURRENCE: 0}) if OCCURRENCE in one.dims else one).values.astype(float)
         return values[..., 0] if self.at is not None else values
+
+    def _of_event(self, run: xr.Dataset, model: Model, top: Extreme) -> float:
+        """Return what the location of the event that an extreme is at may have it off: nothing where it is level there."""
+        if top.rule != LOCATED or self.extreme is None:
+            return 0.0
+        if model.python_functions and self.extreme[0] not in model.units:
+            return 0.0
+        name, time = self.extreme[0], run["time"].values
+        row = int(np.flatnonzero((time == top.time) & (run[name].values == top.value))[0])
+        doubts = run["event_time_uncertainty"].values[run["event_time"].values == top.time]
+        other = row + 1 if int(run["row_kind"][row]) == EVENT_AFTER else row - 1
+        if not doubts.size or not 0 <= other < len(time) or time[other] == time[row]:
+            return 0.0
+        near = time[row] + NEAR * (time[other] - time[row])
+        beside = float(between(run, model, name, np.array([near]), model.functions)[0][0])
+        return abs(beside - top.value) / abs(float(near - time[row])) * float(doubts.max())
 
     def _place(self, run: xr.Dataset) -> int:
         """Find the event in a run."""
@@ -142,6 +188,13 @@ class Target:
             return 0.0
         beside = float(observe(run, model, [self.quantity], np.array([near]))[self.quantity][0][0])
         return (beside - float(run[self.quantity].values[row])) / (near - float(time[row]))
+
+
+def _extremes_of(model: Model) -> tuple[str, ...]:
+    """Name every extreme that a run has, as `diagnose` does."""
+    layout = layout_of(model)
+    names = (*observables_of(model), *layout.forces, *layout.reactions)
+    return tuple(f"{word}_{name}" for name in names for word in (LARGEST, LEAST))
 
 
 def _held(at: float, time: Floats) -> float:

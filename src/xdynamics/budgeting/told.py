@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xdynamics.budgeting.drawing import MOST_DRAWS
+from xdynamics.evidence.diagnosing.extremes import RULES, SAID
 from xdynamics.record.words import words_of
 
 if TYPE_CHECKING:
@@ -21,6 +23,7 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     units = str(budget["value"].attrs["units"])
     unit = _unit(units)
     yield f"result    {budget.attrs['of']} = {budget.attrs['result']}"
+    yield from place_of(budget)
     kinds, shares = words_of(budget["term_kind"]), budget["share"].values
     width = max(len(str(one)) for one in budget["term_name"].values)
     for i in np.argsort(-np.abs(shares), kind="stable").tolist():
@@ -44,7 +47,24 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     standard, doubt = (float(budget[f"monte_carlo_standard_uncertainty{one}"]) for one in ("", "_doubt"))
     yield f"drawn     standard uncertainty {with_doubt(standard, doubt)}{unit}, of {draws} draws"
     verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
-    yield f"linear    {verdict}: its interval ends {float(budget.attrs['linear_apart']):.2g}{unit} from that of the draws"
+    more = f"; {settled_by(budget)}" if "draws_needed" in budget.attrs else ""
+    yield f"linear    {verdict}: its interval ends {float(budget.attrs['linear_apart']):.2g}{unit} from that of the draws{more}"
+
+
+def settled_by(budget: xr.Dataset) -> str:
+    """Say how many draws tell whether the linear budget is adequate, where those that were made leave it open."""
+    needed = float(budget.attrs["draws_needed"])
+    if needed > MOST_DRAWS:
+        return f"{budget.attrs['draws']} draws leave it open, and more than {MOST_DRAWS} were needed: it ends as far off as the tolerance is"
+    return f"{budget.attrs['draws']} draws leave it open, about {needed:.0f} settle it"
+
+
+def place_of(budget: xr.Dataset) -> Iterator[str]:
+    """Say of an extreme where it is in the run, and how it was found."""
+    if "extreme_rule" in budget.attrs:
+        second = _unit(budget.attrs.get("time_units", "s"))
+        rule = SAID[RULES.index(str(budget.attrs["extreme_rule"]))]
+        yield f"found     {rule}, at t = {float(budget.attrs['extreme_time']):.9g}{second}"
 
 
 def doubt_of(budget: xr.Dataset, i: int) -> float:

@@ -14,7 +14,7 @@ from xdynamics.cli.marching import asked_of, changed_model
 from xdynamics.cli.sweeping import ends_of
 
 OF_A_NUMBER = (
-    click.option("--quantity", required=True, metavar="NAME", help="A coordinate, velocity, state, energy or observable; at an event t, its time."),
+    click.option("--quantity", required=True, metavar="NAME", help="A coordinate, velocity, state, energy or observable; at an event t, its time; of the whole run maximum_… or minimum_… of one of these or of a force."),
     click.option("--at", "time", metavar="TIME", help="The time at which it is asked for."),
     click.option("--event", metavar="NAME", help="Or the event."),
     click.option("--occurrence", type=int, default=1, show_default=True, help="The how-manieth."),

@@ -9,7 +9,7 @@ import numpy as np
 
 from xdynamics import archive
 from xdynamics.archive.target import check_target, taking_name
-from xdynamics.budgeting.certificate import GATES
+from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED
 from xdynamics.budgeting.told import doubt_of, known_to, with_doubt
 from xdynamics.bundling import CERTIFICATE, LEDGER, MODEL, RUN
 from xdynamics.documenting import blocks
@@ -72,9 +72,13 @@ def document(folder: str | Path, path: str | Path) -> Path:
 def _result(found: xr.Dataset) -> Section:
     """The gates that the number has to pass."""
     verdicts = [GATES[one] for one in found["gate_verdict"].values.tolist()]
-    rows = [[str(name).replace("_", " "), verdict, str(why)] for name, verdict, why in zip(found["gate_name"].values, verdicts, found["gate_reason"].values, strict=True)]  # fmt: skip
-    failed = verdicts.count("failed")
-    said = "It passes every gate." if not failed else f"It fails {failed} of {len(verdicts)} gates."
+    rows = [[str(name).replace("_", " "), verdict.replace("_", " "), str(why)] for name, verdict, why in zip(found["gate_name"].values, verdicts, found["gate_reason"].values, strict=True)]  # fmt: skip
+    failed, unknown = verdicts.count(FAILED), verdicts.count(NOT_CHECKED)
+    said = f"It fails {failed} of {len(verdicts)} gates." if failed else "It passes every gate."
+    if unknown:
+        said = (
+            f"{said if failed else 'It fails none.'} Of {unknown} it is not known whether it passes: more draws tell."
+        )
     return Section("What it has to pass", [Words(said), Table(["gate", "verdict", "what was looked at"], rows)])
 
 

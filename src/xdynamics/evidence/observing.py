@@ -118,24 +118,33 @@ def evaluated_on(
     """
     at: dict[str, Any] = {name: states[name] * float(unit.factor) for name, unit in model.units.items()} | {"t": times}
     at[REGIME_NUMBER] = run["regime"].values[rows].astype(float) if "regime" in run else np.zeros(rows.size)
-    at |= _modes(run, model, rows)
+    led_to = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
+    names = [name for one in reactions(model) for name in (state_name(one), one.name)]
+    at |= modes_behind(model, {name: run[name].values for name in names}, rows, led_to)
     functions = kept_set(run.attrs.get("math_functions"))
     found = evaluated_many(model, trees, at, constants(model), tables_of(model), functions)
     return [np.array(np.broadcast_to(one, rows.shape)) for one in found]
 
 
-def _modes(run: xr.Dataset, model: Model, rows: Rows) -> dict[str, Floats]:
-    """Return the numbers that say what each reaction does, as a march puts them behind the parameters."""
+def modes_behind(model: Model, columns: Mapping[str, Any], rows: Rows, led_to: Rows) -> dict[str, Floats]:
+    """Return the numbers that say what each reaction does behind rows, as a march puts them behind the parameters.
+
+    Parameters
+    ----------
+    model : Model
+    columns : mapping of str to ndarray
+        State and force of every contact and friction element.
+    rows, led_to : ndarray of int, shape (k,)
+        Of the columns: from which each step goes, and to which.
+    """
     modes: dict[str, Floats] = {}
-    led_to = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
     for one in reactions(model):
-        state = run[state_name(one)].values[rows]
+        state, force = columns[state_name(one)][rows], columns[one.name]
         if one.sort == NORMAL:
             modes[holds(one)], modes[way(one)] = (state != schema.OPEN).astype(float), np.zeros(rows.size)
         else:
             modes[holds(one)] = (state == schema.STICKING).astype(float)
             modes[way(one)] = (state == schema.FORWARD).astype(float) - (state == schema.BACKWARD)
         # of what two corners hold together the first has all: a march lets the other go, and so its force is 0
-        force = run[one.name].values
         modes[holds(one)] *= (force[rows] != 0.0) | (force[led_to] != 0.0)
     return modes

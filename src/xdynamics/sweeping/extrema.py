@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.diagnosing.extremes import LOOKS, MOST_HUMPS, ROUNDS
+from xdynamics.evidence.diagnosing.extremes import LOOKS, MOST_HUMPS, ROUNDS, STATES
 from xdynamics.sweeping.harvest import Harvest
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
-SEARCHED = ("coordinate", "velocity", "state")  # roles of what is looked at between accepted states
 
 
 def extremes(runs: Harvest, name: str, sign: float) -> tuple[Floats, Floats]:
@@ -31,7 +30,7 @@ def extremes(runs: Harvest, name: str, sign: float) -> tuple[Floats, Floats]:
     values, time, first = runs[name], runs["time"], runs.runs.first_row
     rows = _tops(sign * values, first)
     best, when = np.where(rows >= 0, values[rows], np.nan), np.where(rows >= 0, time[rows], np.nan)
-    if runs.columns[name].variable.role not in SEARCHED:
+    if runs.columns[name].variable.role not in STATES and runs.model.python_functions:
         return best, when
     humps, members = _humps(sign * values, time, first)
     low = time[np.maximum(humps - 1, first[members])]
@@ -47,9 +46,9 @@ def extremes(runs: Harvest, name: str, sign: float) -> tuple[Floats, Floats]:
         # states of one member behind each other, whose parameters are then loaded once
         order = np.argsort(each, kind="stable")
         looked = np.empty(each.size)
-        looked[order] = runs.states_at(each[order], places.ravel()[order], after=False)[0][name]
+        looked[order] = runs.observed(name, each[order], places.ravel()[order], after=False)
         looked = looked.reshape(places.shape)
-        k, column = np.nanargmax(sign * looked, axis=0), np.arange(mine.size)
+        k, column = np.argmax(np.where(np.isnan(looked), -np.inf, sign * looked), axis=0), np.arange(mine.size)
         _improve(best, when, sign, members[mine], looked[k, column], places[k, column])
         low[mine], high[mine] = places[np.maximum(k - 1, 0), column], places[np.minimum(k + 1, LOOKS - 1), column]
     return best, when
@@ -74,12 +73,12 @@ def _tops(values: Floats, first: Rows) -> Rows:
 
 
 def _humps(values: Floats, time: Floats, first: Rows) -> tuple[Rows, Rows]:
-    """Return the rows that lie no lower than both neighbours in their member, the highest of each, and the members."""
+    """Return the rows that lie no lower than both neighbours in their member, and higher than one, and the members."""
     members = np.repeat(np.arange(len(first) - 1), np.diff(first))
     before, behind = np.full(values.size, -np.inf), np.full(values.size, -np.inf)
     before[1:], behind[:-1] = values[:-1], values[1:]
     before[first[:-1]], behind[first[1:] - 1] = -np.inf, -np.inf
-    rows = np.flatnonzero((values >= before) & (values >= behind))
+    rows = np.flatnonzero((values >= before) & (values >= behind) & (values > np.minimum(before, behind)))
     low, high = np.maximum(rows - 1, first[members[rows]]), np.minimum(rows + 1, first[members[rows] + 1] - 1)
     rows = rows[time[high] > time[low]]
     counts = np.bincount(members[rows], minlength=len(first) - 1)

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
+from xdynamics.evidence.observing import modes_behind
+from xdynamics.expressions import Name
 from xdynamics.kernels import Layout, law_of
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march import Pacing, Runs, Settings
@@ -109,19 +111,27 @@ class Harvest:
         """What a single step is made with, as by `sample`: equations are solved as well as they can be, whatever the tolerances."""
         return replace(self.settings, until=self.model.initial["t"].si, step=None, tolerances=None, pacing=Pacing())
 
-    def observed(self, name: str, members: Rows, times: Floats) -> Floats:
-        """Evaluate a coordinate, velocity, state, energy or observable of members at times, in the unit of a record."""
-        states, rows = self.states_at(members, times, after=True)
+    def observed(self, name: str, members: Rows, times: Floats, *, after: bool = True) -> Floats:
+        """Evaluate a state, energy, observable or force of members at times, in the unit of a record."""
+        states, rows = self.states_at(members, times, after=after)
         if name in states:
             return states[name]
         units = {one: float(unit.factor) for one, unit in self.model.units.items()}
         at: dict[str, Any] = {one: states[one] * units[one] for one in self.layout.used}
         at |= {"t": times, REGIME_NUMBER: self["regime"][rows].astype(float)} | self._own(members)
+        at |= self._modes(members, rows)
         # as `observe` does: no forces that are told on which side of a switch they are
-        tree, known, tables = layout_of(self.model).derived[name], constants(self.model), tables_of(self.model)
+        known, tables = constants(self.model), tables_of(self.model)
+        tree = layout_of(self.model).derived.get(name, Name(name))
         value = evaluated_many(self.model, [tree], at, known, tables, self.settings.math_functions)[0]
         unit = self.columns[name].variable.units
         return np.broadcast_to(value, times.shape) / _factor_of(unit)
+
+    def _modes(self, members: Rows, rows: Rows) -> dict[str, Floats]:
+        """Return what each contact and friction element does behind rows, as of one run."""
+        found = [state_name(one) for one in reactions(self.model)] + [one.name for one in reactions(self.model)]
+        following = np.minimum(rows + 1, self.runs.first_row[members + 1] - 1)
+        return modes_behind(self.model, {name: self[name] for name in found}, rows, following)
 
     def _own(self, members: Rows) -> dict[str, Floats]:
         """Return the parameters of each member, SI."""

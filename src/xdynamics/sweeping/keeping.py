@@ -107,13 +107,15 @@ class _Reader:
         detectors = str(self.columns["event_detector"].more["flag_meanings"]).split()
         self.detectors = detectors if self.layout.watched else []
         self.quantities = observables_of(model)
+        self.loads = (*self.layout.forces, *self.layout.reactions)  # which have extremes too
 
     def known(self) -> list[str]:
         """List the words."""
         events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
         quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in self.quantities]
         behind = [f"{word}{name}_…" for name in self.detectors for word in (AFTER, BEFORE)]
-        return [END, LOG, *events, *behind, *quantities]
+        loads = [word + name for word in (LARGEST, LEAST) for name in self.loads]
+        return [END, LOG, *events, *behind, *quantities, *loads]
 
     def sampled(self) -> list[str]:
         """Name what is kept at times where nothing says what."""
@@ -131,6 +133,8 @@ class _Reader:
                 return [make(word.removeprefix(head))]
         for head in ("end_", LARGEST, LEAST):
             name = word.removeprefix(head)
+            if name in self.loads and word.startswith(head) and head != "end_":
+                return self._extreme(word, name)
             if name in self.quantities and word.startswith(head):
                 return [self._end(name)] if head == "end_" else self._extreme(word, name)
         for head in (AFTER, BEFORE):

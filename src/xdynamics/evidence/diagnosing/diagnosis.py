@@ -14,7 +14,7 @@ from xdynamics.dynamics.inside import model_of, sampled
 from xdynamics.evidence.companion import Companion, check_whole, companion_of, global_error
 from xdynamics.evidence.diagnosing import chaos
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
-from xdynamics.evidence.diagnosing.extremes import extremes_of
+from xdynamics.evidence.diagnosing.extremes import extremes_of, sought
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.marching import march
 from xdynamics.expressions import dimension_of, free_names, parse
@@ -82,8 +82,8 @@ def diagnose(
     xarray.Dataset
         Without a dimension: `energy_band` (largest less least total energy), `energy_drift` (its mean over the last
         cycle less that over the first; without cycles, at the end less at the start), `band_y` and `drift_y` of every
-        declared observable y and, as `momentum_x`, of every generalised momentum; for every coordinate, velocity and
-        state `maximum_y`, `maximum_y_time`, `maximum_y_rule` (a flag: sampled, interpolated, located by an event),
+        declared observable y and, as `momentum_x`, of every generalised momentum; for every coordinate, velocity,
+        state, energy, observable, force and contact force `maximum_y`, `maximum_y_time`, `maximum_y_rule` (a flag: sampled, interpolated, located by an event),
         `maximum_y_uncertainty`, and so for `minimum_y`; with closed forms `largest_residual_y` and `rms_residual_y`;
         with a companion `believed_until`, the time up to which no coordinate, velocity or state is further from the solution
         than a tenth of its range; on request `lyapunov_exponent` (the largest), `lyapunov_time` (1 over it; inf where it
@@ -124,7 +124,7 @@ def diagnose(
         turns = _turns(run, found.name, functions)
         variables |= _along_cycles(run, found, ideal, turns, functions) | turns
         told["reference"] = said
-    for name in _with_roles(run, ("coordinate", "velocity", "state")):
+    for name in sought(run):
         variables |= extremes_of(run, name, functions)
     variables |= dict(_residuals(run, model, {} if exact is None else exact))
     if exact:
