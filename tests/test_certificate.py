@@ -237,3 +237,75 @@ def test_what_cannot_be_bundled_is_named(certificate: xr.Dataset, tmp_path: Path
     with pytest.raises(xd.InputError, match="is no certificate"):
         xd.bundle(tmp_path / "new", xd.simulate(BALL, method="rk4", step="10 ms", until="1 s"))
     assert not (tmp_path / "new").exists()
+
+
+def test_too_few_draws_leave_a_gate_open_and_say_how_many_settle_it(tmp_path: Path) -> None:
+    """Assert not_checked, the number of draws, the verdict by so many, exit code 1 and the same again from the file."""
+    from click.testing import CliRunner
+
+    from xdynamics.cli import main
+
+    asked = {name: one for name, one in ASKED.items() if name != "draws"}
+    few = xd.certify(BALL, "t", draws=100, **asked)
+    assert gates(few)["linear_budget"] == "not_checked"
+    needed = float(few.attrs["draws_needed"])
+    reason = str(few.gate_reason.values[few.gate_name.values.tolist().index("linear_budget")])
+    assert reason == f"the linear budget is not checked: 100 draws leave it open, about {needed:.0f} settle it"
+    rounds, verdict = 0, "not_checked"
+    while verdict == "not_checked" and rounds < 4:
+        more = xd.error_budget(BALL, "t", draws=round(needed), **asked)
+        verdict, rounds = more.linear_verdict.attrs["flag_meanings"].split()[int(more.linear_verdict)], rounds + 1
+        needed = float(more.attrs.get("draws_needed", needed))
+    assert verdict == "adequate"
+    none = xd.certify(BALL, "t", draws=0, **asked)
+    assert gates(none)["linear_budget"] == "not_checked"
+    xd.save(few, tmp_path / "C.nc")
+    assert gates(xd.recheck(tmp_path / "C.nc"))["linear_budget"] == "not_checked"
+    verb = ["certify", str(MODELS / "ball_drag.toml"), "--quantity", "t", "--event", "ground", "--rtol", "1e-8"]
+    said = CliRunner().invoke(
+        main, [*verb, "--method", "dormand_prince", "--draws", "100", "-o", str(tmp_path / "D.nc")]
+    )
+    assert said.exit_code == 1, said.output
+    assert "not checked linear budget: the linear budget is not checked: 100 draws leave it open" in said.output
+
+
+@pytest.mark.cases(200)
+def test_the_number_of_draws_that_is_told_settles_it(case: int) -> None:
+    """Assert the right verdict of normal and of bent numbers, and that what is left open is so after four rounds at most."""
+    from scipy.optimize import brentq
+    from scipy.stats import norm
+
+    from xdynamics.budgeting.montecarlo import (
+        ADEQUATE,
+        NOT_ADEQUATE,
+        NOT_CHECKED,
+        drawn,
+        draws_needed,
+        judged,
+        tolerance_of,
+    )
+
+    rng = np.random.default_rng([case, 5])
+    spread, bent = float(rng.uniform(0.011, 0.099)), float(rng.uniform(0.0, 0.2)) * (case // 20 % 2)
+
+    def end(part: float) -> float:
+        """A quantile of z + b z^2."""
+
+        def below(y: float) -> float:
+            root = np.sqrt(max(1.0 + 4.0 * bent * y, 0.0))
+            return float(norm.cdf((root - 1.0) / (2.0 * bent)) - norm.cdf((-root - 1.0) / (2.0 * bent))) - part
+
+        return spread * (float(brentq(below, -0.25 / bent, 9.0)) if bent else float(norm.ppf(part)))
+
+    true = max(abs(end(part) - spread * float(norm.ppf(part))) for part in (0.025, 0.975))
+    tolerance = tolerance_of(spread * np.sqrt(1.0 + 2.0 * bent**2))
+    count, rounds, verdict = 100, 0, NOT_CHECKED
+    while verdict == NOT_CHECKED and rounds < 5 and count < 1_000_000:
+        normal = rng.standard_normal(count)
+        found = drawn(3.0 + spread * (normal + bent * normal**2), 0.95)
+        verdict, apart = judged(3.0, spread, found, 0.95)
+        needed, rounds = draws_needed(apart, found, count, 0.95), rounds + 1
+        assert needed > count
+        count = round(needed)
+    if abs(true - tolerance) > 0.2 * tolerance:
+        assert verdict == (ADEQUATE if true < tolerance else NOT_ADEQUATE)

@@ -143,7 +143,7 @@ def error_budget(
         verdict, apart = judged(found.value, float(variables["physical_rss"][1]), monte_carlo, coverage, digits)
         open_ = verdict == NOT_CHECKED
         more |= {"draws": draws, "linear_apart": apart, "digits": digits}
-        more |= {"draws_needed": draws_needed(apart, monte_carlo, draws, digits)} if open_ else {}
+        more |= {"draws_needed": draws_needed(apart, monte_carlo, draws, coverage, digits)} if open_ else {}
         if verdict == NOT_ADEQUATE:
             total = float(applied("hypot", monte_carlo.standard, float(variables["numerical_rss"][1])))
     variables["linear_verdict"] = ((), np.int8(verdict), about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag") | flags(dict(enumerate(LINEAR))))  # fmt: skip

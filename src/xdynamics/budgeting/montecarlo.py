@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, nan
+from math import ceil, floor, inf, nan, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.arrays import exp
 from xdynamics.faults import InputError
 from xdynamics.model.spread import normal_quantile
 
@@ -17,6 +18,9 @@ LINEAR = ("adequate", "not_adequate", "not_checked")
 ADEQUATE, NOT_ADEQUATE, NOT_CHECKED = range(len(LINEAR))
 PARTS = 20  # of the draws, whose numbers tell how far those of all may be off
 SURE = 2.0  # standard uncertainties of what few draws tell
+REFUTED = 1.5  # times that, from which on a linear budget is called not adequate
+NARROW = 0.2  # of the tolerance, a distance of the ends from it that is not told apart from nothing
+MARGIN = 2.5  # more of them, by which the distance of ends may be larger than it is without chance
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,11 @@ class Drawn:
     shortest, symmetric : (float, float)
         Intervals that hold the stated part of all draws: the shortest one, and one with as many on either side.
     standard_doubt, ends_doubt : float
-        How far the standard uncertainty and the ends of the symmetric interval may be off, being of so many draws.
+        How far the standard uncertainty and the ends of the symmetric interval may be off, being of so many draws: standard
+        uncertainties.
+    ends_reach : float
+        How far the ends are off at most, as sure as `SURE` standard uncertainties are; infinite where so few draws do not
+        reach to where they may be.
     """
 
     mean: float
@@ -38,6 +46,7 @@ class Drawn:
     symmetric: tuple[float, float]
     standard_doubt: float
     ends_doubt: float
+    ends_reach: float
 
 
 def drawn(values: Floats, coverage: float) -> Drawn:
@@ -61,17 +70,32 @@ def drawn(values: Floats, coverage: float) -> Drawn:
     ordered = np.sort(values)
     widths = ordered[held:] - ordered[: count - held]
     k, tail = int(np.argmin(widths)), max((count - held) // 2 - 1, 0)
-    parts = np.array_split(values, PARTS)
-    ends = np.array([np.quantile(one, [(1 - coverage) / 2, (1 + coverage) / 2]) for one in parts])
-    deviations = np.array([one.std(ddof=1) for one in parts])
+    deviations = np.array([one.std(ddof=1) for one in np.array_split(values, PARTS)])
     return Drawn(
         float(values.mean()),
         float(values.std(ddof=1)),
         (float(ordered[k]), float(ordered[k + held])),
         (float(ordered[tail]), float(ordered[tail + held])),
         float(deviations.std(ddof=1) / np.sqrt(PARTS)),
-        float(ends.std(axis=0, ddof=1).max() / np.sqrt(PARTS)),
+        _reach(ordered, coverage, 1.0),
+        _reach(ordered, coverage, SURE),
     )
+
+
+def _reach(ordered: Floats, coverage: float, sure: float) -> float:
+    """Return half the larger distance of the order statistics that the ends of an interval lie between.
+
+    The number of draws under a quantile p is binomial: n p, with the standard deviation sqrt(n p (1 - p)), whatever their
+    distribution is (David and Nagaraja, Order Statistics, 2003, section 7.1).
+    """
+    count, p = len(ordered), (1.0 - coverage) / 2.0
+    off, found = sure * float(np.sqrt(count * p * (1.0 - p))), 0.0
+    for centre in (count * p, count * (1.0 - p)):
+        low, high = floor(centre - off), ceil(centre + off)
+        if low < 0 or high > count - 1:
+            return inf
+        found = max(found, float(ordered[high] - ordered[low]))
+    return found / 2.0
 
 
 def tolerance_of(standard: float, digits: int = 1) -> float:
@@ -90,21 +114,26 @@ def tolerance_of(standard: float, digits: int = 1) -> float:
     return float(f"5e{power - digits}")
 
 
-def draws_needed(apart: float, found: Drawn, draws: int, digits: int = 1) -> float:
+def draws_needed(apart: float, found: Drawn, draws: int, coverage: float, digits: int = 1) -> float:
     """Return about how many draws tell whether the linear budget is adequate, where so many leave it open.
 
-    What draws leave uncertain falls with the root of their number: until it is the distance of the ends from the tolerance.
+    Ends of an interval of n normal numbers are uncertain by sqrt(p (1 - p)/n)/density(p): four and a half times that is to fit
+    between the tolerance and what the ends are apart, of which chance is taken off.
 
     Examples
     --------
-    >>> few = Drawn(0.0, 0.061, (-0.12, 0.12), (-0.12, 0.12), 0.0006, 0.003)
-    >>> draws_needed(0.002, few, 4000), draws_needed(0.005, few, 4000)
-    (16000.0, inf)
+    >>> few = Drawn(0.0, 0.061, (-0.12, 0.12), (-0.12, 0.12), 0.0006, 0.003, 0.006)
+    >>> draws_needed(0.002, few, 4000, 0.95), draws_needed(0.005, few, 4000, 0.95)
+    (23000.0, 85000.0)
     """
-    left = abs(tolerance_of(found.standard, digits) - apart)
-    if not left > 0.0:
-        return inf
-    needed = draws * (SURE * found.ends_doubt / left) ** 2
+    p = (1.0 - coverage) / 2.0
+    quantile = float(normal_quantile(np.array([p]))[0])
+    density = float(exp(np.array(-(quantile**2) / 2.0))) / sqrt(2.0 * pi)
+    one = found.standard * sqrt(p * (1.0 - p)) / density  # of a single draw
+    chance = one / sqrt(draws)
+    tolerance = tolerance_of(found.standard, digits)
+    left = min(abs(tolerance - sqrt(max(apart**2 - 2.0 * chance**2, 0.0))), tolerance)
+    needed = max(((SURE + MARGIN) * one / max(left, NARROW * tolerance)) ** 2, 2.0 * draws)
     return float(f"{1.05 * needed:.1e}")
 
 
@@ -122,7 +151,7 @@ def judged(value: float, standard: float, found: Drawn, coverage: float, digits:
     factor = float(normal_quantile(np.array([(1.0 + coverage) / 2.0]))[0])
     linear = value - factor * standard, value + factor * standard
     apart = max(abs(one - other) for one, other in zip(linear, found.symmetric, strict=True))
-    tolerance, doubt = tolerance_of(found.standard, digits), SURE * found.ends_doubt
+    tolerance, doubt = tolerance_of(found.standard, digits), found.ends_reach
     if apart + doubt <= tolerance or apart == doubt == 0.0:
         return ADEQUATE, apart
-    return (NOT_ADEQUATE if apart - doubt > tolerance else NOT_CHECKED), apart
+    return (NOT_ADEQUATE if apart - REFUTED * doubt > tolerance else NOT_CHECKED), apart

@@ -111,7 +111,7 @@ def draws_as(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
         "monte_carlo_mean": (found.mean, "mean of the draws"),
         "monte_carlo_standard_uncertainty": (found.standard, "standard deviation of the draws of inputs; tables, discrepancies and declared terms are added to each as normal"),
         "monte_carlo_standard_uncertainty_doubt": (found.standard_doubt, "how well that is known from so many draws: a standard uncertainty, by parts of them"),
-        "monte_carlo_end_doubt": (found.ends_doubt, "how well the symmetric interval's ends are known from so many draws: a standard uncertainty, by parts of them"),
+        "monte_carlo_end_doubt": (found.ends_doubt, "how well the symmetric interval's ends are known from so many draws: a standard uncertainty, by order statistics"),
     }  # fmt: skip
     intervals = {
         "monte_carlo_shortest": (found.shortest, "shortest interval that holds the part `coverage` of the draws"),

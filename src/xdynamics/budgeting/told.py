@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.budgeting.drawing import MOST_DRAWS
 from xdynamics.evidence.diagnosing.extremes import RULES, SAID
 from xdynamics.record.words import words_of
 
@@ -54,8 +53,6 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
 def settled_by(budget: xr.Dataset) -> str:
     """Say how many draws tell whether the linear budget is adequate, where those that were made leave it open."""
     needed = float(budget.attrs["draws_needed"])
-    if needed > MOST_DRAWS:
-        return f"{budget.attrs['draws']} draws leave it open, and more than {MOST_DRAWS} were needed: it ends as far off as the tolerance is"
     return f"{budget.attrs['draws']} draws leave it open, about {needed:.0f} settle it"
 
 

@@ -124,8 +124,7 @@ def diagnose(
         turns = _turns(run, found.name, functions)
         variables |= _along_cycles(run, found, ideal, turns, functions) | turns
         told["reference"] = said
-    for name in sought(run):
-        variables |= extremes_of(run, name, functions)
+    variables |= extremes_of(run, sought(run), functions)
     variables |= dict(_residuals(run, model, {} if exact is None else exact))
     if exact:
         variables["time"] = ((STEPS,), np.asarray(run["time"]), dict(run["time"].attrs))

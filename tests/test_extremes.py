@@ -1,0 +1,164 @@
+"""Extremes of runs: states, forces, contact forces, observables against closed forms; rules; in sweeps and in budgets."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from problems import MODELS
+from xdynamics.summary import summary
+
+BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
+FINE: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}
+
+
+def rule(found: xr.Dataset, name: str) -> str:
+    """The rule of an extreme, in words."""
+    return str(found[f"{name}_rule"].attrs["flag_meanings"]).split()[int(found[f"{name}_rule"])]
+
+
+def swinging(k: float, m: float, x: float, v: float) -> xd.Model:
+    """A mass on a spring, with its power and a load that is largest where it is fastest."""
+    return xd.Model(
+        name="swinging", coordinates={"x": "m"}, parameters={"m": f"{m!r} kg", "k": f"{k!r} N m-1"}, mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}}, observables={"load": "-3*newton*(v_x*second/(1*metre))**2", "power": "k*x*v_x"},
+        initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"},
+    )  # fmt: skip
+
+
+@pytest.mark.cases(200)
+def test_extremes_of_a_spring(case: int) -> None:
+    """Assert value, sign, time and uncertainty of the largest and least force, load, power and energies of a random swing."""
+    rng = np.random.default_rng([case, 3])
+    k, m, x, v = (float(one) for one in rng.uniform(0.5, 3.0, 4))
+    w, size = math.sqrt(k / m), math.hypot(x, v / math.sqrt(k / m))
+    model, end = swinging(k, m, x, v), float(rng.uniform(1.1, 3.0)) * 2.0 * math.pi / w
+    found = xd.diagnose(xd.simulate(model, **FINE, until=end, max_step=0.6 / w), companion=False)
+    energy = k * size**2 / 2.0
+    true = {
+        "maximum_force_spring_x": k * size, "minimum_force_spring_x": -k * size, "minimum_load": -3.0 * (w * size) ** 2,
+        "maximum_load": 0.0, "maximum_power": w * energy, "minimum_power": -w * energy, "maximum_kinetic_energy": energy,
+        "maximum_potential_energy": energy, "maximum_x": size, "minimum_v_x": -w * size,
+    }  # fmt: skip
+    for name, value in true.items():
+        assert abs(float(found[name]) - value) <= float(found[f"{name}_uncertainty"]) + 1e-9 * max(1.0, abs(value)), (
+            name
+        )
+        assert found[name].attrs["units"] == found[f"{name}_uncertainty"].attrs["units"]
+        assert rule(found, name) in ("interpolated", "sampled")
+    phase = w * float(found.maximum_force_spring_x_time) - math.atan2(v / w, x)
+    assert math.cos(phase) == pytest.approx(-1.0, abs=1e-6)
+
+
+def test_rules_of_extremes_are_told() -> None:
+    """Assert a force that is least at the start, largest where an event ends the run, and constant."""
+    found = xd.diagnose(xd.simulate(BALL, **FINE, until="9 s"), companion=False)
+    speed = 20.0 * 30.0 / math.hypot(20.0, 30.0)
+    weight = 0.145 * 9.80665
+    assert float(found.maximum_force_drag_y) == pytest.approx(weight * (speed / 30.0) ** 2, rel=1e-10)
+    assert float(found.minimum_force_drag_y) == pytest.approx(-weight * (20.0 / 30.0) ** 2, rel=1e-14)
+    assert rule(found, "maximum_force_drag_y") == "located"
+    assert rule(found, "minimum_force_drag_y") == "sampled"
+    assert float(found.minimum_force_drag_y_time) == 0.0
+    assert float(found.maximum_force_gravity_y) == float(found.minimum_force_gravity_y) == -weight
+
+
+def resting() -> xd.Model:
+    """A mass on a floor, pressed by a force that swings."""
+    return xd.Model(
+        name="pressed", coordinates={"y": "m"}, parameters={"m": "2 kg", "F": "5 ± 0.1 N"}, mass={"y": "m"},
+        forces={"weight": {"y": "-m*9.81*newton/kilogram"}, "press": {"y": "F*sin(3*t/second)"}},
+        contacts={"floor": {"gap": "y", "restitution": 0.0}}, initial={"y": "0 m", "v_y": "0 m s-1"},
+    )  # fmt: skip
+
+
+def test_the_largest_contact_force_lies_between_accepted_states() -> None:
+    """Assert m g + F of a floor, by coarse steps, and its least value."""
+    found = xd.diagnose(xd.simulate(resting(), method="rk4", step="0.37 s", until="5 s"), companion=False)
+    assert float(found.maximum_contact_force_floor) == pytest.approx(2 * 9.81 + 5.0, rel=1e-9)
+    assert float(found.minimum_contact_force_floor) == pytest.approx(2 * 9.81 - 5.0, rel=1e-9)
+    assert rule(found, "maximum_contact_force_floor") == "interpolated"
+    assert found.maximum_contact_force_floor.attrs["units"] == "N"
+
+
+def test_forces_in_python_are_sampled_and_say_how_far_that_may_be_off() -> None:
+    """Assert the largest accepted state, and that the true one is within twice what the parabola tells."""
+
+    def push(t: float) -> float:
+        return math.sin(t)
+
+    model = xd.Model(
+        name="pushed", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={"push": {"x": push}},
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    run = xd.simulate(model, method="rk4", step="0.35 s", until="3 s")
+    found = xd.diagnose(run, companion=False, functions={"push": push})
+    assert rule(found, "maximum_force_push_x") == "sampled"
+    assert float(found.maximum_force_push_x) == float(run.force_push_x.max())
+    off = 1.0 - float(found.maximum_force_push_x)
+    assert 0.5 * off <= float(found.maximum_force_push_x_uncertainty) <= 2.0 * off
+
+
+def test_a_sweep_has_what_a_diagnosis_has() -> None:
+    """Assert the same bits of extremes of forces, contact forces and energies, of every member."""
+    for model, axis, names, settings in (
+        (BALL, {"vt": ["20 m s-1", "30 m s-1"]}, ("force_drag_y", "kinetic_energy"), {"method": "rk4", "step": "70 ms", "until": "5 s"}),
+        (resting(), {"F": ["3 N", "5 N"]}, ("contact_force_floor", "force_press_y"), {"method": "rk4", "step": "0.37 s", "until": "5 s"}),
+    ):  # fmt: skip
+        words = [f"{word}_{name}" for word in ("maximum", "minimum") for name in names]
+        grid = xd.sweep(model, axis, keep=words, **settings).compute()
+        for k, value in enumerate(next(iter(axis.values()))):
+            one = xd.diagnose(xd.simulate(model.replace(parameters={next(iter(axis)): value}), **settings), companion=False)  # fmt: skip
+            for word in words:
+                assert float(grid[word][k]) == float(one[word]), word
+                assert grid[word].attrs["units"] == one[word].attrs["units"]
+
+
+@pytest.mark.cases(60)
+def test_budgets_of_extremes_hold_closed_forms(case: int) -> None:
+    """Assert bound, slopes with their signs, and rule of the largest and least load of random springs and balls."""
+    rng = np.random.default_rng([case, 4])
+    method, step = str(rng.choice(["rk4", "velocity_verlet", "dormand_prince"])), float(rng.uniform(0.01, 0.05))
+    k, m, x = (float(one) for one in rng.uniform(0.5, 3.0, 3))
+    model = swinging(k, m, x, 0.0).replace(parameters={"k": f"{k!r} ± {0.01 * k!r} N m-1"})
+    word, sign = [("maximum", 1.0), ("minimum", -1.0)][case % 2]
+    budget = xd.error_budget(model, f"{word}_force_spring_x", method=method, step=step, until=9.0 * math.sqrt(m / k))
+    assert abs(float(budget.value) - sign * k * x) <= float(budget.numerical_bound) + 2.0**-52 * k * x
+    i = budget["term_name"].values.tolist().index("k")
+    assert float(budget.sensitivity[i]) == pytest.approx(sign * x, rel=1e-3)
+    assert budget.attrs["of"] == f"{word} of force_spring_x"
+    assert budget.attrs["extreme_rule"] in ("interpolated", "sampled", "located")
+
+
+def test_an_extreme_is_budgeted_certified_and_made_again(tmp_path: Path) -> None:
+    """Assert rule and place in lines, gates, the same from the file alone, and the verb."""
+    from click.testing import CliRunner
+
+    from xdynamics.cli import main
+
+    asked = {"method": "dormand_prince", "rtol": 1e-8, "until": "4 s"}
+    found = xd.certify(BALL, "maximum_force_drag_y", draws=100, seed=3, **asked)
+    speed = 20.0 * 30.0 / math.hypot(20.0, 30.0)
+    assert float(found.value) == pytest.approx(0.145 * 9.80665 * (speed / 30.0) ** 2, rel=1e-7)
+    assert found.attrs["extreme_rule"] == "located"
+    assert float(found.attrs["extreme_time"]) == pytest.approx(3.7112, abs=1e-4)
+    assert "found     located by an event, at t = 3.71" in "\n".join(summary(found))
+    xd.save(found, tmp_path / "C.nc")
+    assert xd.recheck(tmp_path / "C.nc").attrs["result"] == found.attrs["result"]
+    said = CliRunner().invoke(main, ["budget", str(MODELS / "ball_drag.toml"), "--quantity", "minimum_force_drag_y", "--rtol", "1e-7", "--method", "dormand_prince"])  # fmt: skip
+    assert said.exit_code == 0, said.output
+    assert "minimum of force_drag_y = -0.632" in said.output
+    assert "found     sampled at an accepted state, at t = 0 s" in said.output
+
+
+@pytest.mark.parametrize("quantity", ["maximum_force_wind_y", "largest_force_drag_y", "force_drag_y", "maximum_t", ""])
+def test_an_extreme_that_is_none_is_named(quantity: str) -> None:
+    """Assert one clear error that shows how extremes are called."""
+    with pytest.raises(xd.InputError, match="or neither of an extreme like 'maximum_y'"):
+        xd.error_budget(BALL, quantity, **FINE)
