@@ -1,6 +1,9 @@
 """Lyapunov exponents against eigenvalues, multipliers in closed form, and published digits; and runs that have none."""
 
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -251,6 +254,24 @@ def test_piecewise_springs_and_relays() -> None:
     assert math.isinf(relay.lyapunov_time)
 
 
+def test_regimes_with_other_forces() -> None:
+    """Assert 0 and 0 for a speed that two regimes drive up and down between bounds, though each alone grows it."""
+    model = xd.Model(
+        name="thermostat", time={"unit": "1"}, coordinates={"x": "1"}, mass={"x": "1"},
+        forces={"gain": {"x": "0.4*v_x"}, "up": {"x": "1"}, "down": {"x": "-1"}},
+        regimes={"rise": {"forces": ["gain", "up"]}, "fall": {"forces": ["gain", "down"]}},
+        events={
+            "top": {"function": "v_x - 0.5", "direction": "rising", "action": "switch", "to": "fall"},
+            "bottom": {"function": "v_x + 0.5", "direction": "falling", "action": "switch", "to": "rise"},
+        },
+        initial={"x": "0", "v_x": "0"},
+    )  # fmt: skip
+    found = exponents(marched(model, 200.0))
+    values, doubts = found.lyapunov_exponents.values, found.lyapunov_uncertainty.values
+    assert (np.abs(values) <= 2.0 * doubts + 1e-6).all()
+    assert (np.abs(values) < 0.02).all()
+
+
 # ------------------------------------------------------------------------------------------------ published digits
 
 PUBLISHED = {  # J. C. Sprott, Chaos and Time-Series Analysis (2003), appendix A
@@ -316,6 +337,45 @@ def test_archive_says_the_same(tmp_path: Path) -> None:
     assert "standard error" in fresh.lyapunov_uncertainty.attrs["long_name"]
     xd.save(fresh, tmp_path / "diagnosis.nc")
     xr.testing.assert_equal(xr.open_dataset(tmp_path / "diagnosis.nc"), fresh)
+
+
+PLAIN = """
+import numpy as np, xdynamics as xd
+rates = {"x": "10*(y - x)", "y": "x*(28 - z) - y", "z": "x*y - 8/3*z"}
+model = xd.Model(name="L", time={"unit": "1"}, states={k: {"unit": "1", "rate": v} for k, v in rates.items()},
+                 initial={"x": "1", "y": "1", "z": "1"})
+found = xd.diagnose(xd.simulate(model, method="rk4", step=0.02, until=1.0), companion=False, lyapunov=1)
+print(*(float(found[one].values.ravel()[0]).hex() for one in ("lyapunov_exponents", "lyapunov_uncertainty", "finite_time_growth")))
+"""
+
+
+def test_the_same_bits_without_a_compiler() -> None:
+    """Assert that compiled code and Python find the same numbers, to the bit."""
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", PLAIN], env=os.environ | more, capture_output=True, text=True, check=True
+        ).stdout
+        for more in ({}, {"NUMBA_DISABLE_JIT": "1"})
+    ]
+    assert said[0].count("0x1.") == 3
+    assert said[0] == said[1]
+
+
+def test_figure_of_exponents() -> None:
+    """Assert every exponent with its digits in a panel, and the rule of the transient below."""
+    found = exponents(marched(flow("Lorenz", LORENZ, {"x": 1.0, "y": 1.0, "z": 1.0}), 50.0))
+    figure = xd.plot(found)
+    axes = figure.axes[0]
+    assert [text.get_text().split(" ± ")[1] for text in axes.texts] == [
+        line.split(" ± ")[1].split(",")[0] for line in _parts(found)
+    ]
+    assert axes.get_ylabel() == "Lyapunov exponent"
+    assert "the first tenth" in figure._supxlabel.get_text()
+
+
+def _parts(found: xr.Dataset) -> list[str]:
+    line = next(one for one in lines_of(found) if one.startswith("lyapunov_exponents = "))
+    return line.removeprefix("lyapunov_exponents = ").split(", ")
 
 
 def test_some_of_the_largest() -> None:
@@ -387,6 +447,13 @@ def test_impulses_over_whole_steps_are_refused() -> None:
     run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), method="moreau_jean", step=0.01, until=0.3)
     with pytest.raises(xd.InputError, match="moreau_jean has no events"):
         exponents(run)
+
+
+def test_chunks_are_refused() -> None:
+    """Assert that a run that is read in chunks is to be loaded first."""
+    run = marched(oscillator("-x", (1.0, 0.0)), 5.0)
+    with pytest.raises(xd.InputError, match="load\\(\\) it first"):
+        exponents(run.chunk({"step": 10}))
 
 
 @pytest.mark.parametrize("wanted", [0, -1, 1.5, "all"])

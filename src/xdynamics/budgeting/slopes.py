@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.budgeting.target import TIME, Target
+from xdynamics.dynamics.path import BY_IMPULSES, NO_MAP
 from xdynamics.dynamics.saltation import Met, Place
 from xdynamics.dynamics.variational import LARGEST, Along, Equations, NotVariedError, gauss, touches
 from xdynamics.faults import InputError
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
-
-BY_IMPULSES = "moreau_jean"  # contacts over whole steps, without events
-UNTOLD = ("pole", "cluster", "rest", "takeoff", "stick", "slip")  # kinds of events that no map of a state tells
 
 
 def slopes_along(run: xr.Dataset, model: Model, target: Target) -> dict[str, float]:
@@ -102,7 +100,7 @@ def _instants(run: xr.Dataset) -> Iterator[tuple[int, int, tuple[str, ...]]]:
     together: dict[tuple[int, int], list[str]] = {}
     for before, after, name, kind in zip(*rows, detectors, kinds, strict=True):
         together.setdefault((before, after), []).append(name)
-        if kind in UNTOLD:
+        if kind in NO_MAP:
             together[before, after].append(f"{kind} of {name}")
     for (before, after), names in together.items():
         yield before, after, tuple(names)

@@ -1,4 +1,4 @@
-"""Figures of diagnoses: what changes from cycle to cycle."""
+"""Figures of diagnoses: what changes from cycle to cycle, and how fast small changes grow."""
 
 from __future__ import annotations
 
@@ -8,33 +8,36 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from xdynamics.evidence.diagnosing.chaos import exponents_with_uncertainty
 from xdynamics.faults import InputError
 from xdynamics.figures.marks import COLOURS, timed, words
 from xdynamics.figures.sheet import Panel
-from xdynamics.schema import CYCLE
+from xdynamics.schema import CYCLE, FINITE_TIME_GROWTH, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 STEADY = 1e-4  # of the first value: what changes by less is drawn as its change
+MOST_LABELS = 12  # exponents up to which each has its digits beside it
 SHOWN = ("period", "phase_offset", "amplitude", "phase_space_area")
 
 
 def panels_of(found: xr.Dataset) -> list[Panel]:
-    """Return what draws period, phase, amplitude and area of each cycle.
+    """Return what draws period, phase, amplitude and area of each cycle, and Lyapunov exponents.
 
     Raises
     ------
     InputError
-        If there is no cycle.
+        If there is neither a cycle nor an exponent.
     """
     names = [name for name in SHOWN if name in found and found.sizes.get(CYCLE, 0) and found[name].notnull().any()]
     residuals = [str(name) for name in found.data_vars if str(name).startswith("residual_")]
-    if not names:
+    if not names and LYAPUNOVS not in found:
         raise InputError(
             "there is nothing to draw: the diagnosis has no cycle; what it found is told by `xdynamics show`"
         )
     panels: list[Panel] = [partial(_along_cycles, found, name) for name in names]
+    panels += [partial(_exponents, found)] if LYAPUNOVS in found else []
     return panels + [partial(_residual, found, name) for name in residuals]
 
 
@@ -46,7 +49,34 @@ def foot_of(found: xr.Dataset) -> str:
         energy = (
             f"; energy band {float(found['energy_band']):.3g} {units}, drift {float(found['energy_drift']):.3g} {units}"
         )
-    return f"cycles of {found.attrs['coordinate']}; phases beside {found.attrs['reference']}{energy}"
+    parts = []
+    if found.sizes.get(CYCLE, 0):
+        parts.append(f"cycles of {found.attrs['coordinate']}; phases beside {found.attrs['reference']}")
+    if LYAPUNOVS in found:
+        parts.append(f"exponents: {found[LYAPUNOVS].attrs['transient']}; bars are standard uncertainties")
+    return "; ".join(parts) + energy
+
+
+def _exponents(found: xr.Dataset, axes: Axes) -> None:
+    """Draw every exponent with its uncertainty and its digits; of one that is -inf the digits alone."""
+    values, doubts = found[LYAPUNOVS].values, found[LYAPUNOV_UNCERTAINTY].values
+    known = np.where(np.isfinite(values), values, np.nan)
+    numbers = np.arange(1, len(values) + 1)
+    axes.axhline(0.0, color="#888888", linewidth=0.8)
+    axes.errorbar(numbers, known, yerr=doubts, fmt="o", color=COLOURS[0], markersize=4, capsize=3.0, linewidth=1.0)
+    labels = exponents_with_uncertainty(found) if len(values) <= MOST_LABELS else []
+    for number, value, label in zip(numbers, known, labels, strict=False):
+        place = (number, value if np.isfinite(value) else 0.0)
+        axes.annotate(label, place, xytext=(6, 5), textcoords="offset points", fontsize=8)
+    units = str(found[LYAPUNOVS].attrs["units"])
+    behind = "" if units == "1" else f" ({units})"
+    axes.set(xlim=(0.5, len(values) + 0.9), xlabel="number", ylabel=words(f"Lyapunov exponent{behind}"))
+    axes.margins(y=0.15)
+    axes.locator_params(axis="x", integer=True)
+    growth = (
+        f"growth over the run's own time {float(found[FINITE_TIME_GROWTH]):.3g}{'' if units == '1' else f' {units}'}"
+    )
+    axes.set_title(words(f"Lyapunov exponents; {growth}"), loc="left", fontsize=10)
 
 
 def _along_cycles(found: xr.Dataset, name: str, axes: Axes) -> None:

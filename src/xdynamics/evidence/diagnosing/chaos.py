@@ -73,16 +73,21 @@ def exponents_in_words(found: xr.Dataset) -> Iterator[str]:
     """Say all exponents with the digits that their uncertainties bear, and what follows from the largest."""
     if LYAPUNOVS not in found:
         return
-    pairs = zip(found[LYAPUNOVS].values.tolist(), found[LYAPUNOV_UNCERTAINTY].values.tolist(), strict=True)
     unit = str(found[LYAPUNOVS].attrs["units"])
     behind = "" if unit == "1" else f" {unit}"
-    yield f"{LYAPUNOVS} = {', '.join(with_uncertainty(*pair) for pair in pairs)}{behind}"
+    yield f"{LYAPUNOVS} = {', '.join(exponents_with_uncertainty(found))}{behind}"
     time, unit_of_time = float(found[LYAPUNOV_TIME]), str(found[LYAPUNOV_TIME].attrs["units"])
     if np.isfinite(time):
         yield f"{LYAPUNOV_TIME} = {time:.3g}{'' if unit_of_time == '1' else f' {unit_of_time}'}"
     else:
         yield f"{LYAPUNOV_TIME} = inf: the largest exponent is not above its uncertainty"
     yield f"{FINITE_TIME_GROWTH} = {float(found[FINITE_TIME_GROWTH]):.4g}{behind}, over the run's own time"
+
+
+def exponents_with_uncertainty(found: xr.Dataset) -> list[str]:
+    """Write every exponent with the digits that its uncertainty bears."""
+    pairs = zip(found[LYAPUNOVS].values.tolist(), found[LYAPUNOV_UNCERTAINTY].values.tolist(), strict=True)
+    return [with_uncertainty(*pair) for pair in pairs]
 
 
 def with_uncertainty(value: float, doubt: float) -> str:

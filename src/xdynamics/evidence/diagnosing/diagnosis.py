@@ -109,6 +109,8 @@ def diagnose(
     check(run, whole=False, values=False)
     title, digest = f"diagnosis of {run.attrs['title']}", archive.digest_of_run(run)
     if any(run[name].chunks is not None for name in run.data_vars):
+        if lyapunov is not False:
+            raise InputError("Lyapunov exponents need a run in memory, and this one is read in chunks; load() it first")
         return exhibit("diagnosis", title, [digest], dict(_bands(run)), {})
     model = model_of(run, functions)
     told: dict[str, Any] = {name: run.attrs[name] for name in KEPT if name in run.attrs}
