@@ -6,20 +6,27 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 
 import xdynamics as xd
+from xdynamics.evidence.diagnosing.chaos import lyapunov
 from xdynamics.evidence.diagnosing.diagnosis import lines_of
 
 MODELS = Path(__file__).parents[1] / "data" / "models"
 
 
-def exponents(run: xr.Dataset, *, lyapunov: bool | int = True) -> xr.Dataset:
+def exponents(run: xr.Dataset, *, wanted: bool | int = True) -> xr.Dataset:
+    """Return what `diagnose` says of growth, and of nothing else."""
+    return xr.Dataset(lyapunov(run, None, wanted=wanted))
+
+
+def diagnosis(run: xr.Dataset, **more: Any) -> xr.Dataset:
     """Diagnose a run without a further one."""
-    return xd.diagnose(run, companion=False, lyapunov=lyapunov)
+    return xd.diagnose(run, companion=False, **({"lyapunov": True} | more))
 
 
 def marched(model: xd.Model, until: float, **asked: object) -> xr.Dataset:
@@ -106,7 +113,7 @@ def test_saddle_at_rest_and_stiff_decay() -> None:
 def test_units_of_a_model_with_seconds() -> None:
     """Assert s-1 and s, and the words of the lines."""
     model = xd.Model.from_toml(MODELS / "pendulum.toml")
-    found = exponents(marched(model, 20.0))
+    found = diagnosis(marched(model, 20.0))
     assert {found[name].attrs["units"] for name in ("lyapunov_exponents", "lyapunov_uncertainty", "finite_time_growth")} == {"s-1"}  # fmt: skip
     assert found.lyapunov_time.attrs["units"] == "s"
     assert any(line.startswith("lyapunov_exponents = ") and line.endswith(" s-1") for line in lines_of(found))
@@ -328,7 +335,7 @@ def test_archive_says_the_same(tmp_path: Path) -> None:
     """Assert the same numbers of a run and its archive, the rules in words, and that the diagnosis is kept."""
     run = marched(flow("Lorenz", LORENZ, {"x": 1.0, "y": 1.0, "z": 1.0}), 50.0)
     xd.save(run, tmp_path / "lorenz.nc")
-    fresh, opened = exponents(run), exponents(xd.open_run(tmp_path / "lorenz.nc"))
+    fresh, opened = diagnosis(run), diagnosis(xd.open_run(tmp_path / "lorenz.nc"))
     xr.testing.assert_equal(fresh, opened)
     about = fresh.lyapunov_exponents.attrs
     assert "Benettin" in about["rule"]
@@ -363,7 +370,7 @@ def test_the_same_bits_without_a_compiler() -> None:
 
 def test_figure_of_exponents() -> None:
     """Assert every exponent with its digits in a panel, and the rule of the transient below."""
-    found = exponents(marched(flow("Lorenz", LORENZ, {"x": 1.0, "y": 1.0, "z": 1.0}), 50.0))
+    found = diagnosis(marched(flow("Lorenz", LORENZ, {"x": 1.0, "y": 1.0, "z": 1.0}), 50.0))
     figure = xd.plot(found)
     axes = figure.axes[0]
     assert [text.get_text().split(" ± ")[1] for text in axes.texts] == [
@@ -381,7 +388,7 @@ def _parts(found: xr.Dataset) -> list[str]:
 def test_some_of_the_largest() -> None:
     """Assert that the largest exponents are those of all."""
     run = marched(flow("Lorenz", LORENZ, {"x": 1.0, "y": 1.0, "z": 1.0}), 100.0)
-    every, two = exponents(run), exponents(run, lyapunov=2)
+    every, two = exponents(run), exponents(run, wanted=2)
     assert two.sizes["exponent"] == 2
     assert two.lyapunov_exponents.values == pytest.approx(every.lyapunov_exponents.values[:2], rel=1e-6, abs=1e-6)
 
@@ -397,7 +404,7 @@ def test_force_in_python() -> None:
         initial={"x": "1 m", "v_x": "0 m s-1"},
     )  # fmt: skip
     run = marched(written, 60.0, rtol=1e-8)
-    agree(xd.diagnose(run, companion=False, lyapunov=True, functions={"push": push}), [-0.15, -0.15], 1e-5)
+    agree(diagnosis(run, functions={"push": push}), [-0.15, -0.15], 1e-5)
 
 
 def test_drives_are_followed() -> None:
@@ -453,7 +460,7 @@ def test_chunks_are_refused() -> None:
     """Assert that a run that is read in chunks is to be loaded first."""
     run = marched(oscillator("-x", (1.0, 0.0)), 5.0)
     with pytest.raises(xd.InputError, match="load\\(\\) it first"):
-        exponents(run.chunk({"step": 10}))
+        diagnosis(run.chunk({"step": 10}))
 
 
 @pytest.mark.parametrize("wanted", [0, -1, 1.5, "all"])
@@ -461,4 +468,4 @@ def test_counts_that_are_none(wanted: object) -> None:
     """Assert that a count of exponents is one."""
     run = marched(oscillator("-x", (1.0, 0.0)), 5.0)
     with pytest.raises(xd.InputError, match="needs true for all exponents, or how many of the largest"):
-        xd.diagnose(run, companion=False, lyapunov=wanted)  # type: ignore[arg-type]
+        diagnosis(run, lyapunov=wanted)
