@@ -142,10 +142,13 @@ def _of_gains(march: March) -> Iterator[str]:
         f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g} s, event_energy_lost = {-gains.energy:.3g} {unit})"
     )
     times = "an impact" if gains.groups == 1.0 else f"{gains.groups:.0f} impacts, most of it"
+    rubbing = any(one.slip is not None for one in model.contacts.values())
+    causes = ["there is friction (Kane's paradox)"] * rubbing + ["several are struck at once"] * (
+        len(model.contacts) > 1
+    )
     others = f"law = '{ENERGETIC}' does not" if law == POISSON else f"law = '{POISSON}' and law = '{ENERGETIC}' do not"
     yield (
-        f"energy was created in {times} {where}: restitution by law = '{law}' may do so where there is friction (Kane's"
-        f" paradox); {others}"
+        f"energy was created in {times} {where}: restitution by law = '{law}' may do so where {' or '.join(causes)}; {others}"
     )
 
 
