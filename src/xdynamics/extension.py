@@ -20,7 +20,7 @@ from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
 from xdynamics.record.kinds import said_of
 from xdynamics.record.provenance import asked_of
-from xdynamics.schema import END_MEMORY, EVENT_AFTER, GIVEN_STEP, NODE, STEP, STEPS, velocity
+from xdynamics.schema import END_MEMORY, EVENT_AFTER, FAR, GIVEN_STEP, NODE, STEP, STEPS, velocity
 from xdynamics.units import TIME, parse_time, parse_unit
 
 if TYPE_CHECKING:
@@ -167,6 +167,10 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
         )
     if "event_energy_lost" in kept:
         march.gains = with_more(Gains(), _impacts_of(kept, march), 0)
+    if "event_position" in kept:
+        labels = kept["event_detector"].attrs["flag_meanings"].split()
+        far = {labels[i] for i in kept["event_detector"].values[kept["event_position"].values == FAR].tolist()}
+        march.misplaced = np.array([one.name in far for one in march.layout.watched])
     march.event_pairs = int((kept["row_kind"].values == EVENT_AFTER).sum())
     stride = march.stride(rows)
     found = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}

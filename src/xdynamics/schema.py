@@ -42,6 +42,8 @@ KINDS_IN_WORDS = (
     " and stays; takeoff: it opens; stick, slip: friction comes to hold, or begins to slip or reverses;"
     " regime_switch: other forces act, or another side of one; reset: the state was set"
 )
+EVENT_POSITIONS = ("not_asked", "met", "not_met")  # whether an event is as near to its zero as was asked for
+UNASKED, NEAR, FAR = range(len(EVENT_POSITIONS))
 EVENT_DIRECTIONS = {-1: "falling", 1: "rising"}
 ONLY_REGIME = "motion"
 CONTACT_STATES = ("open", "settling", "closed")

@@ -23,6 +23,7 @@ TOLD = {
     "budget": "budgeting.told", "certificate": "budgeting.certificate", "fit": "budgeting.fitted", "sweep": "sweeping.told",
     **dict.fromkeys(("contrast", "convergence", "influences", "precision", "sensitivities", "sobol indices"), "sweeping.surveyed"),
 }  # fmt: skip
+_OF_FLAGS = ("units", "long_name", "role", "flag_values", "flag_meanings", "comment")
 LONGEST = 400  # characters of a setting that are shown
 
 
@@ -90,6 +91,8 @@ def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
         key for key in ("date_created", "xdynamics_version", "python_version", "numba_version") if key in run.attrs
     ]
     lines += [f"  {key} = {shortened(run.attrs[key])}" for key in keys]
+    detectors = run["event_detector"].attrs if "event_detector" in run else {}
+    lines += [f"  events, {key.replace('_', ' ')} = {shortened(text)}" for key, text in detectors.items() if key not in _OF_FLAGS]  # fmt: skip
     return [escaped(line) for line in lines]
 
 

@@ -40,6 +40,7 @@ def doubts(march: March) -> list[str]:
         *_of_switches(march),
         *_of_contacts(march.model),
         *_of_gains(march),
+        *_of_places(march),
     ]
 
 
@@ -150,6 +151,18 @@ def _of_gains(march: March) -> Iterator[str]:
     yield (
         f"energy was created in {times} {where}: restitution by law = '{law}' may do so where {' or '.join(causes)}; {others}"
     )
+
+
+def _of_places(march: March) -> Iterator[str]:
+    """Say so where an event could not be located as near to its zero as was asked for."""
+    names = dict.fromkeys(
+        f"'{one.name}'" for one, far in zip(march.layout.watched, march.misplaced, strict=True) if far
+    )
+    if names:
+        yield (
+            f"the position tolerance of {', '.join(names)} was not met by every event: rounding of the function, or of t,"
+            " leaves more; event_position says where"
+        )
 
 
 def _condition(mass: NDArray[np.float64]) -> float:

@@ -168,6 +168,13 @@ def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
     )
 
 
+def misplaced_events(detectors: NDArray[Any], log: Log, count: int) -> NDArray[np.bool_]:
+    """Tell which of the first events of a log were accepted farther from their zero than was asked for."""
+    events = log.events[:count]
+    found: NDArray[np.bool_] = np.abs(events["residual"]) > detectors["position"][events["detector"]]
+    return found
+
+
 def most_recycled(layout: Layout) -> int:
     """Rows of a log whose memory the next one finds again: larger ones are given back to the system and come anew."""
     return max(1 << 9, _HUGE // (8 * len(layout.row)) - 8)

@@ -281,6 +281,8 @@ def _detectors(layout: Layout, said: Enclosing, settings: Settings) -> NDArray[n
         one.direction, one.action, one.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
         one.to = list(model.regimes).index(event.to) if event.to else 0
         one.tolerance = settings.located_within(detector.time_tolerance) / settings.scales.of(TIME)
+        near = detector.position_tolerance
+        one.position = np.inf if near is None else near.si / settings.scales.of(near.unit.dimension)
         one.role, one.reaction = detector.role, detector.reaction
         one.sampled = int(detector.sampled)
         one.interpolant = int(event.root_state == "interpolant")

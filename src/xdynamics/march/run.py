@@ -35,11 +35,11 @@ NOW = _record(
 # A step that was made and is yet to be judged; iterations are -1 where Newton's method did not converge; `unsound` is 0
 # where its state, and `unsound_events` where its event functions are finite, else nan.
 TRIAL = _record("t h unsound unsound_events", "landing iterations")
-# How to look for each event; `role` is one of `model.detectors`, of the reaction with that number. A switch at the next
+# How to look for each event: `tolerance` of its time, and how far from zero its function may be then; `role` is one of `model.detectors`, of the reaction with that number. A switch at the next
 # points of a table has the number of its drive, else -1, and where its argument, that one's rate and
 # acceleration stand in a state; of a velocity the rate stands for that too.
 DETECTOR = _record(
-    "tolerance",
+    "tolerance position",
     "direction action to count value slope bend of_time role reaction at_zero interpolant sampled drive argument rate turn",
 )
 # What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `began` what

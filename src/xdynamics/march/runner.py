@@ -21,7 +21,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine
 from xdynamics.march.gains import Gains, impacts_of, with_more
-from xdynamics.march.log import Log, allocate, most_recycled
+from xdynamics.march.log import Log, allocate, misplaced_events, most_recycled
 from xdynamics.march.memory import arrays_of, put_back
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STOPPED, Outcome
 from xdynamics.march.posing import addresses_of, posed
@@ -83,6 +83,9 @@ class March:
         self.doubts: list[str] = []  # what speaks against its numbers, once it is over; see `ending`
         self.event_pairs = 0
         self.gains = Gains()  # energy that impacts created
+        self.misplaced = np.zeros(
+            len(self.layout.watched), bool
+        )  # detectors of which a state was farther from zero than asked
         self.witnesses: NDArray[np.float64] = np.empty((3 + len(self.layout.used), 0))  # row number, time, step, state
 
     @cached_property
@@ -128,6 +131,8 @@ class March:
                 block = self._filled(log, patience)
                 self._remember(block)
                 self._look_at_the_end(block)
+                misplaced = misplaced_events(self.run.detectors, log, block.events)
+                self.misplaced[log.events["detector"][: block.events][misplaced]] = True
                 if self.layout.reactions and block.events:
                     impacts = impacts_of(self.layout, self.settings.scales, log, block.events)
                     self.gains = with_more(self.gains, impacts, int(log.base[0]["events"]))
@@ -157,7 +162,12 @@ class March:
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return all that it takes to go on from here, by name."""
-        kept = {"witnesses": self.witnesses, "event_pairs": np.array([self.event_pairs]), "gains": np.array(self.gains)}
+        kept = {
+            "witnesses": self.witnesses,
+            "event_pairs": np.array([self.event_pairs]),
+            "gains": np.array(self.gains),
+            "misplaced": self.misplaced,
+        }
         return arrays_of(self.run) | kept
 
     def go_on_from(self, memory: Mapping[str, NDArray[Any]]) -> None:
@@ -170,7 +180,8 @@ class March:
         """
         put_back(self.run, memory)
         self.witnesses, self.event_pairs = memory["witnesses"], int(memory["event_pairs"][0])
-        self.gains = Gains(*memory["gains"].tolist()) if "gains" in memory else Gains()  # version 0.2 kept none
+        if "gains" in memory:  # version 0.2 kept none
+            self.gains, self.misplaced = Gains(*memory["gains"].tolist()), memory["misplaced"]
 
     def _filled(self, log: Log, patience: float) -> Block:
         """Fill one log, looking up now and then."""

@@ -15,7 +15,7 @@ from xdynamics.model.spread import NORMAL, matrix_of, root_of
 from xdynamics.model.statement import Statement
 from xdynamics.model.validating import check_validation
 from xdynamics.schema import acceleration, record_names, velocity
-from xdynamics.units import CONSTANTS, NONE, Dimension, constant, spell
+from xdynamics.units import CONSTANTS, NONE, Dimension, Quantity, constant, spell
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 MOST_EVENTS = 100
@@ -57,9 +57,11 @@ def check(statement: Statement) -> dict[str, Dimension]:
     for name, event in statement.events.items():
         if isinstance(event.function, Function):
             _check_function(f"event '{name}'", event.function, statement, known, ledger)
+            with ledger.entry(f"event '{name}'"):
+                _check_place(event.position_tolerance, "function", event.unit.dimension if event.unit else NONE)
         else:
             with ledger.entry(f"event '{name}'"):
-                dimension_of(event.function, known)
+                _check_place(event.position_tolerance, "function", dimension_of(event.function, known))
         _check_action(name, event, statement, known, ledger)
     _check_regimes(statement, ledger)
     accelerations = {acceleration(name): known[name] / time**2 for name in statement.coordinates}
@@ -86,6 +88,12 @@ def _check_times(statement: Statement, ledger: Ledger) -> None:
             asked = one.time_tolerance
             if asked is not None and asked.unit.dimension != statement.time_unit.dimension:
                 ledger.note(f"{kind.removesuffix('s')} '{name}': time_tolerance is '{asked}', needs a positive time in '{statement.time_unit.text}'")  # fmt: skip
+
+
+def _check_place(asked: Quantity | None, what: str, dimension: Dimension) -> None:
+    """Check that a position tolerance is in the unit of what it is of."""
+    if asked is not None and asked.unit.dimension != dimension:
+        raise InputError(f"position_tolerance is '{asked}', needs the unit of the {what}, '{dimension}'")
 
 
 def _check_names(statement: Statement, ledger: Ledger) -> None:

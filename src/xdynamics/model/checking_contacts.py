@@ -70,6 +70,8 @@ def _check_contact(contact: Contact, statement: Statement, known: Dimensions) ->
     if size is not None and not 0.0 <= size <= 1.0:
         raise InputError(f"{_said('restitution', contact.restitution, size)}, needs to be from 0 to 1")
     _check_start(tree, statement)
+    if contact.position_tolerance is not None and contact.position_tolerance.unit.dimension != gap:
+        raise InputError(f"position_tolerance is '{contact.position_tolerance}', needs the unit of the gap, '{gap}'")
     if contact.rest_height is not None and contact.rest_height.unit.dimension != gap:
         raise InputError(f"rest_height is '{contact.rest_height}', needs the unit of the gap, '{gap}'")
     if contact.slip is not None and contact.friction is not None and contact.static is not None:

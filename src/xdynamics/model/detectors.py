@@ -11,7 +11,7 @@ from xdynamics.expressions.calculus import ZERO
 from xdynamics.model.mass import Assignment
 from xdynamics.model.model import Model
 from xdynamics.model.motion import motion
-from xdynamics.model.parts import Event, Function
+from xdynamics.model.parts import Contact, Event, Friction, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
 from xdynamics.model.switches import watched_by
 from xdynamics.units import NONE, Dimension, Quantity
@@ -42,7 +42,7 @@ class Detector:
         Whether nothing is known of the function between the places where it is looked at: one in Python.
     drive : str
         Of a switch that is a table's next point, the drive.
-    time_tolerance : Quantity, optional
+    time_tolerance, position_tolerance : Quantity, optional
     """
 
     name: str
@@ -55,6 +55,7 @@ class Detector:
     at_zero: int = 0
     sampled: bool = False
     drive: str = ""
+    position_tolerance: Quantity | None = None
 
 
 @lru_cache(maxsize=64)
@@ -64,7 +65,8 @@ def detectors(model: Model) -> tuple[Detector, ...]:
     for name, event in model.events.items():
         sampled = isinstance(event.function, Function)
         tree = Name(python_value(name)) if isinstance(event.function, Function) else model.expanded(event.function)
-        found.append(Detector(name, tree, OCCASION, event.time_tolerance, event.direction, event, sampled=sampled))
+        place = event.position_tolerance
+        found.append(Detector(name, tree, OCCASION, event.time_tolerance, event.direction, event, sampled=sampled, position_tolerance=place))  # fmt: skip
     for k, one in enumerate(reactions(model)):
         part = model.frictions[one.owner] if one.owner in model.frictions else model.contacts[one.owner]
         if one.sort == NORMAL:
@@ -74,11 +76,19 @@ def detectors(model: Model) -> tuple[Detector, ...]:
             held = Binary("*", one.most, Name(reactions(model)[one.normal].name)) if one.sort == TANGENT else one.most
             grip = Binary("-", held, Call("abs", (Name(one.name),)))
             watched = [(SLIP, one.rate, "either"), (GRIP, grip, "falling")]
-        found += [Detector(one.owner, tree, role, part.time_tolerance, to, reaction=k) for role, tree, to in watched]
+        found += [
+            Detector(one.owner, tree, role, part.time_tolerance, to, reaction=k, position_tolerance=_place(part, role))
+            for role, tree, to in watched
+        ]
     for each in watched_by(model):
         role = SWITCH if each.jumps else KINK
         found.append(Detector(each.name, each.function, role, at_zero=each.at_zero, drive=each.drive))
     return tuple(found)
+
+
+def _place(part: Contact | Friction, role: int) -> Quantity | None:
+    """Return how near to zero a gap is to be; of what else is watched of a contact nothing is asked."""
+    return part.position_tolerance if role == GAP and isinstance(part, Contact) else None
 
 
 def python_value(event: str) -> str:

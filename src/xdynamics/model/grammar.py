@@ -76,6 +76,12 @@ def _words(words: tuple[str, ...]) -> str:
 
 DESCRIPTION = Key("description", "text", "what it is, for people; it goes into the record", "none")
 TOLERANCE = Key("time_tolerance", "time", "how well it is located", "that of the run")
+PLACE = Key(
+    "position_tolerance",
+    "quantity",
+    "how far from zero the function, or gap, may be at the accepted state",
+    "what the time tolerance leaves",
+)
 SPREAD = (
     Key("uncertainty", "number in the value's unit, or quantity", "standard uncertainty", "none"),
     Key("half_width", "number in the value's unit, or quantity", "half the width between bounds, in its place", "none"),
@@ -90,6 +96,7 @@ OF_EVENTS = (
     Key("set", "table of expressions", "new values that a reset gives, from those before", "needed by reset"),
     Key("count", "whole number from 1 on", "the occurrence from which on to act", "1"),
     TOLERANCE,
+    PLACE,
     Key("root_state", _words(ROOT_STATES), "where it is located: on shortened steps, or on the step's interpolant", "reintegrate"),
     Key("unit", "unit", "of a function in Python", "1"),
     DESCRIPTION,
@@ -102,6 +109,7 @@ OF_CONTACTS = (
     Key("friction", "expression, 1", "coefficient while it slips", "needed by coulomb"),
     Key("static", "expression, 1", "coefficient up to which it sticks", "friction"),
     TOLERANCE,
+    PLACE,
     Key("rest_height", "quantity, m", "lower bounces may be skipped into rest", "1e-9 of the largest gap so far"),
     Key(
         "law",
@@ -185,14 +193,14 @@ SECTIONS: dict[str, Section] = {
     ),
     "events": Section(
         "functions whose zeros are located, and what is done there", "event", OF_EVENTS,
-        '[events.turn]\nfunction = "v_x"\ndirection = "falling"\ntime_tolerance = "1 ns"\n'
+        '[events.turn]\nfunction = "v_x"\ndirection = "falling"\ntime_tolerance = "1 ns"\nposition_tolerance = "1 um s-1"\n'
         '[events.release]\nfunction = "t - 2*second"\naction = "switch"\nto = "free"\ndescription = "the string is cut"\n'
         '[events.wall]\nfunction = "2*metre - x"\ndirection = "falling"\naction = "reset"\nset = { v_x = "-0.9*v_x" }\nroot_state = "interpolant"\n'
         '[events.third]\nfunction = "theta"\naction = "stop"\ncount = 3\n',
     ),
     "contacts": Section(
         "unilateral contacts: impacts, rest, take-off, Coulomb's friction", "contact", OF_CONTACTS,
-        '[contacts.floor]\ngap = "x + 1*metre"\nrestitution = "0.8*exp(-approach_speed/(9*metre/second))"\nrest_height = "1 nm"\nlaw = "poisson"\n'
+        '[contacts.floor]\ngap = "x + 1*metre"\nrestitution = "0.8*exp(-approach_speed/(9*metre/second))"\nrest_height = "1 nm"\nposition_tolerance = "1 nm"\nlaw = "poisson"\n'
         '[contacts.pad]\ngap = "3*metre - x"\nrestitution = 0.5\nlaw = "poisson"\ntangential = "coulomb"\nslip = "l*v_theta/radian"\nfriction = 0.3\nstatic = 0.4\ntime_tolerance = "1 ps"\ndescription = "rubber"\n',
     ),
     "frictions": Section(

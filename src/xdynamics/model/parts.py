@@ -139,6 +139,8 @@ class Event:
     action : {"record", "stop", "switch", "reset"}
     time_tolerance : Quantity, optional
         How well it is located; without it as the run's settings say.
+    position_tolerance : Quantity, optional
+        How far from zero its function may be at the accepted state, in its own unit; without it what the time leaves.
     description : str
     to : str
         The regime to go on in, of a switch.
@@ -162,6 +164,7 @@ class Event:
     count: int = 1
     root_state: str = "reintegrate"
     unit: Unit | None = None
+    position_tolerance: Quantity | None = None
 
 
 @dataclass(frozen=True)
@@ -181,6 +184,8 @@ class Contact:
         Coefficients while it slips, and up to which it sticks.
     time_tolerance : Quantity, optional
         Of impacts, rest and take-off; without it as the run's settings say.
+    position_tolerance : Quantity, optional
+        How large the gap may be at the accepted state of an impact; without it what the time leaves.
     rest_height : Quantity, optional
         Bounces lower than this may be skipped into rest; without it 1e-9 of the largest gap so far.
     law : {"newton", "poisson", "sequential", "energetic"}
@@ -198,6 +203,7 @@ class Contact:
     rest_height: Quantity | None = None
     law: str = "newton"
     description: str = ""
+    position_tolerance: Quantity | None = None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from xdynamics.faults import InputError
 from xdynamics.model.grammar import keys_of
 from xdynamics.model.parts import ACTIONS, DIRECTIONS, ROOT_STATES, STRIKE, Event, Function, Regime
 from xdynamics.model.python import Functions, expression_or_function
-from xdynamics.model.words import choice, described, tolerance
+from xdynamics.model.words import choice, described, place_tolerance, tolerance
 from xdynamics.units import parse_unit
 
 _OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other knows
@@ -47,6 +47,7 @@ def event(given: Any, functions: Functions) -> Event:
         to=given.get("to", ""), reset=_reset(given.get("set", {})), count=count,
         root_state=choice(given, "root_state", ROOT_STATES, "reintegrate"),
         unit=parse_unit(given["unit"]) if "unit" in given else None,
+        position_tolerance=place_tolerance(given),
     )  # fmt: skip
 
 

@@ -57,7 +57,7 @@ def write(statement: Statement) -> str:
         body |= {"root_state": event.root_state} if event.root_state != "reintegrate" else {}
         body |= {} if event.unit is None else {"unit": event.unit.text}
         body |= {"set": {key: text_of(one) for key, one in event.reset.items()}} if event.reset else {}
-        _section(lines, f"events.{name}", _described(body | _tolerance(event), event))
+        _section(lines, f"events.{name}", _described(body | _tolerance(event) | _place(event), event))
     for name, contact in statement.contacts.items():
         _section(lines, f"contacts.{name}", _described(_contact(contact), contact))
     for name, friction in statement.frictions.items():
@@ -131,7 +131,7 @@ def _mass(statement: Statement) -> dict[str, Any]:
 def _contact(part: Contact) -> dict[str, Any]:
     trees = {key: getattr(part, key) for key in ("gap", "restitution", "slip", "friction", "static")}
     body = {key: text_of(tree) for key, tree in trees.items() if tree is not None}
-    body |= {"tangential": part.tangential, "law": part.law, **_tolerance(part)}
+    body |= {"tangential": part.tangential, "law": part.law, **_tolerance(part), **_place(part)}
     return body | ({} if part.rest_height is None else {"rest_height": str(part.rest_height)})
 
 
@@ -144,6 +144,10 @@ def _validation(part: Validation) -> dict[str, Any]:
 
 def _tolerance(part: Event | Contact | Friction) -> dict[str, str]:
     return {} if part.time_tolerance is None else {"time_tolerance": str(part.time_tolerance)}
+
+
+def _place(part: Event | Contact) -> dict[str, str]:
+    return {} if part.position_tolerance is None else {"position_tolerance": str(part.position_tolerance)}
 
 
 def _component(component: Any) -> Any:

@@ -9,7 +9,7 @@ from xdynamics.expressions import Node, parse
 from xdynamics.faults import InputError
 from xdynamics.model.grammar import SECTIONS, keys_of
 from xdynamics.model.parts import DIRECTIONS, IMPACT_LAWS, TANGENTIALS, Contact, Friction
-from xdynamics.model.words import choice, described, keys, tolerance
+from xdynamics.model.words import choice, described, keys, place_tolerance, tolerance
 from xdynamics.units import Quantity, parse_quantity
 
 _OF_COULOMB = ("slip", "friction", "static")
@@ -35,7 +35,7 @@ def contact(given: Any) -> Contact:
             raise InputError(f"{', '.join(unused)} is for tangential = 'coulomb', and this contact is frictionless")
         own = {}
     return Contact(
-        parse(given["gap"]), _expression(given, "restitution"), tangential, time_tolerance=tolerance(given), rest_height=_height(given),
+        parse(given["gap"]), _expression(given, "restitution"), tangential, time_tolerance=tolerance(given), position_tolerance=place_tolerance(given), rest_height=_height(given),
         law=choice(given, "law", IMPACT_LAWS, "newton"), description=described(given), **own,
     )  # fmt: skip
 

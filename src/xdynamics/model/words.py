@@ -38,6 +38,16 @@ def tolerance(given: Mapping[str, Any]) -> Quantity | None:
     return found
 
 
+def place_tolerance(given: Mapping[str, Any]) -> Quantity | None:
+    """Return how near to its zero a function is to be at the accepted state, where that is said; in its own unit."""
+    if "position_tolerance" not in given:
+        return None
+    found = parse_quantity(given["position_tolerance"])
+    if not found.value > 0:
+        raise InputError(f"position_tolerance is '{found}', needs a positive quantity")
+    return found
+
+
 def described(given: Mapping[str, Any]) -> str:
     """Return the description of an entry."""
     text = str(given.get("description", "")).strip()

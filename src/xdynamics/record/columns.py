@@ -155,7 +155,7 @@ def _declared(model: Model, one: Reaction) -> dict[str, str]:
         if one.sort == NORMAL
         else "derivative of the slip by the velocities"
     )
-    said = {"time_tolerance": part.time_tolerance, "rest_height": getattr(part, "rest_height", None)}
+    said = {key: getattr(part, key, None) for key in ("time_tolerance", "position_tolerance", "rest_height")}
     return found | {key: str(value) for key, value in said.items() if value is not None}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,14 @@ from xdynamics.march import Block
 from xdynamics.march.events.certainty import LOOKS
 from xdynamics.model import Function, Model
 from xdynamics.model.detectors import GAP, GRIP, KINK, LIMIT, OCCASION, PULL, SLIP, SWITCH, function_dimension, labels
+from xdynamics.model.parts import Contact, Friction
 from xdynamics.record.column import About, Column, event_of, times
 from xdynamics.schema import EVENTS, Variable
 from xdynamics.units import Dimension, Unit, spell
 
 Array = NDArray[Any]
+
+TIME_LEAVES = "none, what the time tolerance leaves"
 
 
 def event_columns(about: About) -> list[Column]:
@@ -55,6 +58,7 @@ def event_columns(about: About) -> list[Column]:
     detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", more)
     found.append(Column(detector, lambda block: owners[block.log.events["detector"][: block.events]]))
     found += _values(about)
+    found += _positions(about)
     found += _observed(about, uncertainty)
     for i, name in enumerate(model.coordinates):
         impulse = _impulse_unit(model, i, name)
@@ -115,20 +119,42 @@ def _left_over(about: About) -> Callable[[Block], Array]:
 
 
 def _detectors(about: About) -> dict[str, str]:
-    """Say of every event its function, direction, action and time tolerance."""
-    events = about.model.events.items()
-    return (
-        {
-            "functions": "; ".join(f"{name}: {_text(one.function)}" for name, one in events),
-            "directions": "; ".join(f"{name}: {one.direction}" for name, one in events),
-            "actions": "; ".join(f"{name}: {one.action}" for name, one in events),
-            "time_tolerances": "; ".join(
-                f"{name}: {one.time_tolerance or 'solver_time_tolerance'}" for name, one in events
-            ),
-        }
-        if events
-        else {}
-    )
+    """Say of every event its function, direction, action and tolerances; of contacts and friction their rules."""
+    model = about.model
+    parts: dict[str, Mapping[str, Any]] = {"": model.events, "contact_": model.contacts, "friction_": model.frictions}
+    said: list[tuple[str, str, Callable[[Any], Any]]] = [
+        ("", "functions", lambda one: _text(one.function)),
+        ("", "directions", lambda one: one.direction),
+        ("", "actions", lambda one: one.action),
+        ("contact_", "gaps", lambda one: text_of(one.gap)),
+        ("contact_", "laws", lambda one: one.law),
+        ("contact_", "restitutions", lambda one: text_of(one.restitution)),
+        ("contact_", "tangential_rules", _tangential),
+        ("contact_", "rest_heights", lambda one: one.rest_height or "1e-9 of the largest gap so far"),
+        ("friction_", "rules", _rule),
+        *((kind, "time_tolerances", lambda one: one.time_tolerance or "solver_time_tolerance") for kind in parts),
+        *(
+            (kind, "position_tolerances", lambda one: one.position_tolerance or TIME_LEAVES)
+            for kind in ("", "contact_")
+        ),
+    ]
+    return {
+        f"{kind}{what}": "; ".join(f"{name}: {text(one)}" for name, one in parts[kind].items())
+        for kind, what, text in said
+        if parts[kind]
+    }
+
+
+def _tangential(one: Contact) -> str:
+    """Say what a contact does along its surface."""
+    if one.slip is None or one.friction is None or one.static is None:
+        return one.tangential
+    return f"{one.tangential}, slip {text_of(one.slip)}, friction {text_of(one.friction)}, static {text_of(one.static)}"
+
+
+def _rule(one: Friction) -> str:
+    """Say what a friction element does."""
+    return f"slip {text_of(one.slip)}, kinetic {text_of(one.kinetic)}, static {text_of(one.static)}"
 
 
 def _text(function: Node | Function) -> str:
@@ -178,6 +204,25 @@ def _values(about: About) -> list[Column]:
         Column(Variable("event_function_uncertainty", (EVENTS,), "f8", unit, said, "event", more), taken("uncertainty")),
         Column(Variable("event_substeps", (EVENTS,), "i4", "1", "steps that were re-integrated to find and locate it", "event"), event_of("substeps", "i4")),
     ]  # fmt: skip
+
+
+def _positions(about: About) -> list[Column]:
+    """Say of every event whether it is as near to its zero as was asked for, where that was asked for."""
+    watched = about.layout.watched
+    if all(one.position_tolerance is None for one in watched):
+        return []
+    scales, model = about.scales, about.model
+    asked = np.array([np.inf if one.position_tolerance is None else one.position_tolerance.si / scales.of(function_dimension(model, one)) for one in watched])  # fmt: skip
+
+    def take(block: Block) -> Array:
+        events = block.log.events[: block.events]
+        within = asked[events["detector"]]
+        met = np.where(np.abs(events["residual"]) <= within, schema.NEAR, schema.FAR)
+        return np.where(np.isinf(within), schema.UNASKED, met).astype("i1")
+
+    said = "whether the accepted state is as near to the zero of the event function as its position tolerance asks for"
+    more = schema.flags(dict(enumerate(schema.EVENT_POSITIONS)))
+    return [Column(Variable("event_position", (EVENTS,), "i1", "1", said, "flag", more), take)]
 
 
 def _observed(about: About, uncertainty: Callable[[Block], Array]) -> list[Column]:

@@ -180,5 +180,11 @@ def _read(varied: Varied, given: Any) -> Any:
 def _located(model: Model, sections: tuple[str, ...], how: dict[str, str]) -> Model:
     """Return a model whose entries of some sections are located in another way."""
     said = tomllib.loads(model.to_toml())
-    changed = {part: {name: one | how for name, one in said[part].items()} for part in sections if part in said}
+    kept = {part: {name: _without_place(one) for name, one in said.get(part, {}).items()} for part in sections}
+    changed = {part: {name: one | how for name, one in entries.items()} for part, entries in kept.items() if entries}
     return model.replace(**changed) if changed else model
+
+
+def _without_place(entry: dict[str, Any]) -> dict[str, Any]:
+    """Return an entry without its position tolerance, which would locate it as well in every level."""
+    return {key: value for key, value in entry.items() if key != "position_tolerance"}

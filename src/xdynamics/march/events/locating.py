@@ -63,9 +63,20 @@ def join(run: Run, i: int) -> None:
     if not max(before, run.watches[i].left) < s:
         return
     substep(run, s)
-    if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)):
+    if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)) and placed(run):
         keep(run)
         run.watches[i].left, run.watches[i].before = before, nan
+
+
+@shared
+def placed(run: Run) -> bool:
+    """Whether every event that the trial ends behind is as near to its zero as is asked for."""
+    near = True
+    for i in range(run.detectors.shape[0]):
+        asked = run.detectors[i].position
+        if asked < inf and run.watches[i].hit not in (NONE, TOUCHED, ENDED) and passed(run, i, run.g1[i]):
+            near = near and abs(run.g1[i]) <= asked
+    return near
 
 
 @shared
@@ -110,11 +121,14 @@ def bracket(run: Run, i: int, left: float) -> None:
     if run.detectors[i].interpolant and low > 0.0 and sign(at_low) != watch.armed:
         low = 0.0  # by the interpolant it is earlier than by the shortened step
         at_low = start_of(run, i, low)
-    tolerance = max(run.detectors[i].tolerance, 2.0 * EPS * max(abs(t), abs(t + high)))
+    spacing, place = 2.0 * EPS * max(abs(t), abs(t + high)), inf if watch.hit == TOUCHED else run.detectors[i].position
+    asked = max(run.detectors[i].tolerance, spacing)
+    # where a place is asked for too, the time may have to be known as well as numbers tell it
+    tolerance = asked if place == inf else spacing
     slack, scale = reach(high - low, tolerance), 0.2 / (high - low)
     believed = sign(at_low) == watch.armed
     for _ in range(MOST_SUBSTEPS - 1):
-        if high - low <= tolerance:
+        if high - low <= tolerance or (high - low <= asked and abs(at_high) <= place):
             break
         if sign(at_low) != watch.armed:  # too small to be believed: only the side is
             at_low = -at_high if at_high != 0.0 else float(watch.armed)
