@@ -131,11 +131,7 @@ class March:
                 block = self._filled(log, patience)
                 self._remember(block)
                 self._look_at_the_end(block)
-                misplaced = misplaced_events(self.run.detectors, log, block.events)
-                self.misplaced[log.events["detector"][: block.events][misplaced]] = True
-                if self.layout.reactions and block.events:
-                    impacts = impacts_of(self.layout, self.settings.scales, log, block.events)
-                    self.gains = with_more(self.gains, impacts, int(log.base[0]["events"]))
+                self._judge_events(block)
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
                 yield block
                 size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
@@ -180,8 +176,9 @@ class March:
         """
         put_back(self.run, memory)
         self.witnesses, self.event_pairs = memory["witnesses"], int(memory["event_pairs"][0])
-        if "gains" in memory:  # version 0.2 kept none
-            self.gains, self.misplaced = Gains(*memory["gains"].tolist()), memory["misplaced"]
+        if "gains" in memory:  # version 0.2 kept none; what is empty is not kept
+            self.gains = Gains(*memory["gains"].tolist())
+        self.misplaced = memory.get("misplaced", self.misplaced).copy()
 
     def _filled(self, log: Log, patience: float) -> Block:
         """Fill one log, looking up now and then."""
@@ -234,6 +231,16 @@ class March:
         elif status == NONFINITE_OBSERVABLE:
             column = block.log.rows[:, 0 if self.now.h == 0.0 else block.rows]
             self.bad_values = dict(zip(self.layout.row, column.tolist(), strict=True))
+
+    def _judge_events(self, block: Block) -> None:
+        """Find events that are farther from their zero than asked, and impacts that create energy."""
+        log, count = block.log, block.events
+        if not count:
+            return
+        self.misplaced[log.events["detector"][:count][misplaced_events(self.run.detectors, log, count)]] = True
+        if self.layout.reactions:
+            impacts = impacts_of(self.layout, self.settings.scales, log, count)
+            self.gains = with_more(self.gains, impacts, int(log.base[0]["events"]))
 
     def _addresses(self) -> NDArray[np.int64]:
         """Compile the law, or find it."""
