@@ -95,6 +95,18 @@ def test_refine_by_tolerances_and_by_location(tmp_path: Path) -> None:
     assert "stopped   every change under its tolerance" in more.output
 
 
+def test_diagnose_growth(swing: Path) -> None:
+    """Assert all Lyapunov exponents of a spring or the largest alone, and that no time follows from 0."""
+    every = call("diagnose", swing, "--no-companion", "--lyapunov").output
+    line = next(one for one in every.splitlines() if one.startswith("lyapunov_exponents"))
+    assert (line.count(" ± "), line[-4:]) == (2, " s-1")
+    assert "lyapunov_time = inf: the largest exponent is not above twice its uncertainty" in every
+    assert "finite_time_growth = " in every
+    one = call("diagnose", swing, "--no-companion", "--exponents", 1).output
+    assert next(each for each in one.splitlines() if each.startswith("lyapunov_exponents")).count(" ± ") == 1
+    assert call("diagnose", swing, "--exponents", 0).exit_code == 2
+
+
 def test_diagnose_and_compare(swing: Path, tmp_path: Path) -> None:
     """Assert the lines of a diagnosis, a comparison of two runs, and of one with measured data."""
     done = call("diagnose", swing, "--exact", "x=cos(2*t/second)*metre", "-o", tmp_path / "d.nc")

@@ -119,6 +119,7 @@ def _kept(found: xr.Dataset, told: Any, output: str | None) -> None:
 @click.option("--reference", metavar="PERIOD|RUN.nc", help="What phases are offset from; without it one more run at a tighter setting.")  # fmt: skip
 @click.option("--exact", multiple=True, metavar="NAME=EXPRESSION", help="A closed form, like x='x0*cos(w*t)'.")
 @click.option("--lyapunov", is_flag=True, help="Find all Lyapunov exponents, each with its uncertainty, by the variational equations along the run.")  # fmt: skip
+@click.option("--exponents", type=click.IntRange(1), metavar="N", help="Find the N largest Lyapunov exponents only.")
 @click.option("--no-companion", is_flag=True, help="Make no further run.")
 def diagnose(
     archive: str,
@@ -127,6 +128,7 @@ def diagnose(
     reference: str | None,
     exact: tuple[str, ...],
     lyapunov: bool,
+    exponents: int | None,
     no_companion: bool,
 ) -> None:
     """Energy, momentum, cycles and phases, extremes, residuals of a run, and until when it can be believed."""
@@ -138,7 +140,7 @@ def diagnose(
     _check(output)
     other = open_run(reference) if reference and reference.endswith(".nc") else reference
     told = diagnosed(
-        open_run(archive), of=of, reference=other, exact=pairs(exact, "--exact"), companion=not no_companion, lyapunov=lyapunov
+        open_run(archive), of=of, reference=other, exact=pairs(exact, "--exact"), companion=not no_companion, lyapunov=exponents or lyapunov
     )  # fmt: skip
     _kept(told, lines_of, output)
 

@@ -38,8 +38,8 @@ class Exponents:
         Logarithm of by how much the vector of the start that grows most has grown at the end, over the whole time.
     begin : float, s
         Behind the transient.
-    pieces : int
-        That the steps were divided into.
+    pieces, variables : int
+        That the steps were divided into; of the state.
     """
 
     values: Floats
@@ -47,6 +47,7 @@ class Exponents:
     finite_time: float
     begin: float
     pieces: int
+    variables: int
 
 
 def exponents_of(local: Local) -> Exponents:
@@ -67,7 +68,7 @@ def exponents_of(local: Local) -> Exponents:
     gone = np.isneginf(values)  # a direction that an event forgets, for certain
     order = np.argsort(-values, kind="stable")
     doubts = np.where(gone, 0.0, doubts)
-    return Exponents(values[order], doubts[order], _finite_time(local), first, local.pieces)
+    return Exponents(values[order], doubts[order], _finite_time(local), first, local.pieces, local.variables)
 
 
 def _average(batches: Floats) -> Floats:

@@ -99,7 +99,7 @@ class Rows(NamedTuple):
 
 
 class Scheme(NamedTuple):
-    """The formula: stages, the first after stage 0 that each reads, and weights of the end and of its errors.
+    """The formula: stages, weights of the end, their times, and weights of the end's errors.
 
     A piece has the tolerance, relative to the vectors; so many are made at most.
     """
@@ -109,7 +109,6 @@ class Scheme(NamedTuple):
     c: Floats
     fifth: Floats
     third: Floats
-    firsts: Whole
     tolerance: float
     most_pieces: int
 
@@ -175,41 +174,10 @@ def differences_at(law: Law, state: Floats, slopes: Floats) -> None:
 
 
 @compiled
-def products_at(law: Law, state: Floats, slopes: Floats) -> None:
-    """Multiply every vector by the derivatives of accelerations and rates."""
-    n, first, entries = state.shape[1], law.coordinates, law.entries.shape[1]
-    for c in range(1, state.shape[0]):
-        for i in range(first, n):
-            slopes[c, i] = 0.0
-        for j in range(entries):
-            slopes[c, law.entries[0, j]] += law.e[j] * law.weights[j] * state[c, law.entries[1, j]]
-
-
-@compiled
-def rates_at(law: Law, t: float, state: Floats, slopes: Floats) -> None:
-    """Evaluate how fast a state and its tangent vectors change."""
-    n, first = state.shape[1], law.coordinates
-    for i in range(n):
-        law.y[i] = state[0, i]
-    law.at[T] = t
-    strode_by(law.entry, law.table, law.y_at, law.z_at, law.z_at)
-    for i in range(first):
-        slopes[0, i] = state[0, first + i]
-    for i in range(first, n):
-        slopes[0, i] = law.z[n - first + i]
-    for c in range(1, state.shape[0]):
-        for i in range(first):
-            slopes[c, i] = state[c, first + i] * law.ratios[i]
-    if law.nudge > 0.0:
-        differences_at(law, state, slopes)
-    else:
-        products_at(law, state, slopes)
-
-
-@compiled
 def finish(scheme: Scheme, tangent: Tangent, h: float) -> float:
     """Put the end of a piece together from its slopes; return the estimated error of the vectors."""
     state, slopes, end = tangent.state, tangent.slopes, tangent.end
+    b, of_fifth, of_third = scheme.b, scheme.fifth, scheme.third
     rows, n = state.shape
     fifth, third = 0.0, 0.0
     for c in range(rows):
@@ -217,9 +185,9 @@ def finish(scheme: Scheme, tangent: Tangent, h: float) -> float:
             moved, low, lower = 0.0, 0.0, 0.0
             for j in range(STAGES):
                 slope = slopes[j, c, i]
-                moved += scheme.b[j] * slope
-                low += scheme.fifth[j] * slope
-                lower += scheme.third[j] * slope
+                moved += b[j] * slope
+                low += of_fifth[j] * slope
+                lower += of_third[j] * slope
             end[c, i] = state[c, i] + h * moved
             if c > 0:
                 fifth += low * low
@@ -228,20 +196,57 @@ def finish(scheme: Scheme, tangent: Tangent, h: float) -> float:
     return abs(h) * fifth / np.sqrt(whole) if whole > 0.0 else whole  # nan stays nan
 
 
+@shared
+def combine(state: Floats, slopes: Floats, a: Floats, s: int, h: float, stage: Floats) -> None:
+    """Put a stage together from the slopes of those before it."""
+    rows, n = state.shape
+    for c in range(rows):
+        for i in range(n):
+            stage[c, i] = state[c, i]
+    for j in range(s):
+        weight = h * a[s, j]
+        if weight != 0.0:
+            for c in range(rows):
+                for i in range(n):
+                    stage[c, i] += weight * slopes[j, c, i]
+
+
+@shared
+def multiply(e: Floats, weights: Floats, entries: Whole, first: int, stage: Floats, slopes: Floats, s: int) -> None:
+    """Multiply every vector by the derivatives of accelerations and rates."""
+    rows, n = stage.shape
+    count = entries.shape[1]
+    for c in range(1, rows):
+        for i in range(first, n):
+            slopes[s, c, i] = 0.0
+        for j in range(count):
+            slopes[s, c, entries[0, j]] += e[j] * weights[j] * stage[c, entries[1, j]]
+
+
 @compiled
 def advance(law: Law, scheme: Scheme, tangent: Tangent, t: float, h: float) -> float:
     """Make one piece, to `tangent.end`; return the estimated error of the vectors."""
-    state, stage, slopes = tangent.state, tangent.stage, tangent.slopes
+    # fields are taken once: numba counts references, with an atomic operation, wherever an array gets a name
+    state, stage, slopes, a, times = tangent.state, tangent.stage, tangent.slopes, scheme.a, scheme.c
+    y, z, e, at, entries, weights, ratios = law.y, law.z, law.e, law.at, law.entries, law.weights, law.ratios
     rows, n = state.shape
+    first = law.coordinates
     for s in range(STAGES):
-        first = scheme.firsts[s]
-        for c in range(rows):
-            for i in range(n):
-                total = scheme.a[s, 0] * slopes[0, c, i] if s > 0 else 0.0
-                for j in range(first, s):
-                    total += scheme.a[s, j] * slopes[j, c, i]
-                stage[c, i] = state[c, i] + h * total
-        rates_at(law, t + scheme.c[s] * h, stage, slopes[s])
+        combine(state, slopes, a, s, h, stage)
+        for i in range(n):
+            y[i] = stage[0, i]
+        at[T] = t + times[s] * h
+        strode_by(law.entry, law.table, law.y_at, law.z_at, law.z_at)
+        for i in range(first):
+            slopes[s, 0, i] = stage[0, first + i]
+            for c in range(1, rows):
+                slopes[s, c, i] = stage[c, first + i] * ratios[i]
+        for i in range(first, n):
+            slopes[s, 0, i] = z[n - first + i]
+        if law.nudge > 0.0:
+            differences_at(law, stage, slopes[s])
+        else:
+            multiply(e, weights, entries, first, stage, slopes, s)
     return finish(scheme, tangent, h)
 
 

@@ -28,7 +28,7 @@ from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, jacobian, tables_of, variables
 from xdynamics.model.switches import STEPPED_OVER, switches, told, watched_by
 from xdynamics.record.words import words_of
-from xdynamics.schema import acceleration, rate, velocity
+from xdynamics.schema import acceleration, contact_state, friction_state, rate, velocity
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -93,7 +93,8 @@ class Path:
             raise NotVariedError(f"{BY_IMPULSES} has no events")
         if held := touches(run):
             name, row = min(held.items(), key=lambda one: one[1])
-            raise NotVariedError(f"'{name}' holds from t = {float(run['time'][row]):.6g} on")
+            owner = name.removeprefix(contact_state("")).removeprefix(friction_state(""))
+            raise NotVariedError(f"contact '{owner}' is not open from t = {float(run['time'][row]):.6g} on")
         stepped_over = str(run.attrs.get("solver_switches", STEPPED_OVER)) == STEPPED_OVER
         if stepped_over and (jumping := [one.name for one in switches(model) if one.jumps]):
             raise NotVariedError(f"'{jumping[0]}' jumps, and the run stepped over it")

@@ -33,8 +33,8 @@ Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 TOLERANCE = 1e-8  # of one piece of a step, relative to the tangent vectors
-CHUNK = 8192  # rows at a call: between calls a run can be interrupted
-PIECES, PIECES_PER_ROW = 2_000_000, 100  # that are made at most: beyond, the equations are too stiff
+CHUNK = 1024  # rows at a call: between calls a run can be interrupted
+PIECES, PIECES_PER_ROW = 5_000_000, 100  # that are made at most: beyond, the equations are too stiff
 MOST_VARIABLES, FEW = 64, 16  # of which all exponents are sought; how many vectors are carried where there are more
 
 
@@ -54,8 +54,8 @@ class Local:
     whole : ndarray, shape (m, m)
         What became of the vectors of the start, over 2**(332*whole_exponent): upper triangle of its Q R.
     whole_exponent : int
-    pieces : int
-        That the steps were divided into.
+    pieces, variables : int
+        That the steps were divided into; of the state.
     """
 
     times: Floats
@@ -65,6 +65,7 @@ class Local:
     whole: Floats
     whole_exponent: int
     pieces: int
+    variables: int
 
 
 def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None, vectors: int | None) -> Local:
@@ -102,7 +103,7 @@ def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] 
                 f"{where} the equations are too stiff: they would take more than {scheme.most_pieces} pieces of steps"
             )
     del alive
-    return Local(times, grown.factors, grown.exponents, grown.errors, tangent.total, int(tangent.exponents[0]), int(tangent.pieces[0]))  # fmt: skip
+    return Local(times, grown.factors, grown.exponents, grown.errors, tangent.total, int(tangent.exponents[0]), int(tangent.pieces[0]), n)  # fmt: skip
 
 
 def _chunks(rows: Rows) -> Iterator[Rows]:
@@ -139,8 +140,7 @@ def _scheme(most_pieces: int) -> Scheme:
     b, c, fifth, third_order = (
         _numbers(one[:STAGES]) for one in (DOP853_TABLEAU.b, DOP853_TABLEAU.c, DOP853_FIFTH, third)
     )
-    firsts = np.array([next((j for j in range(1, i) if a[i, j]), i) for i in range(STAGES)], np.int64)
-    return Scheme(a, b, c, fifth, third_order, firsts, TOLERANCE, most_pieces)
+    return Scheme(a, b, c, fifth, third_order, TOLERANCE, most_pieces)
 
 
 def _numbers(texts: tuple[str, ...]) -> Floats:

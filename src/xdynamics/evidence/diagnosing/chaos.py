@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ROLE = "diagnostic"
+CERTAIN = 2.0  # uncertainties that an exponent has to be above 0 for a time to follow from it
 IN_WORDS = (LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH)  # numbers that `exponents_in_words` says
 
 
@@ -44,12 +45,12 @@ def lyapunov(
     unit = str(run["time"].attrs["units"])
     per_time = "1" if unit == "1" else f"{unit}-1"
     rule = {"rule": rules.RULE, "ancillary_variables": LYAPUNOV_UNCERTAINTY, "piece_tolerance": TOLERANCE,
-            "transient": rules.TRANSIENT_RULE, "transient_end": found.begin, "pieces": found.pieces}  # fmt: skip
+            "transient": rules.TRANSIENT_RULE, "transient_end": found.begin, "pieces": found.pieces, "variables": found.variables}  # fmt: skip
     said = {
         LYAPUNOVS: "Lyapunov exponents of coordinates, velocities and states, the largest first",
         LYAPUNOV_UNCERTAINTY: f"standard uncertainty of each exponent: {rules.UNCERTAINTY_RULE}",
         LYAPUNOV: f"the largest of {LYAPUNOVS}",
-        LYAPUNOV_TIME: f"1/{LYAPUNOV}; inf where that is not above its uncertainty",
+        LYAPUNOV_TIME: f"1/{LYAPUNOV}; inf where that is not above twice its uncertainty",
         FINITE_TIME_GROWTH: "logarithm of how much the change of the start that grows most has grown at the end of the run,"
         " each variable in units of its range, over the run's time; transients are in it",
     }
@@ -57,7 +58,7 @@ def lyapunov(
         LYAPUNOVS: found.values,
         LYAPUNOV_UNCERTAINTY: found.uncertainties,
         LYAPUNOV: largest,
-        LYAPUNOV_TIME: 1.0 / largest if largest > doubt else np.inf,
+        LYAPUNOV_TIME: 1.0 / largest if largest > CERTAIN * doubt else np.inf,
         FINITE_TIME_GROWTH: found.finite_time,
     }
     variables = {}
@@ -80,7 +81,7 @@ def exponents_in_words(found: xr.Dataset) -> Iterator[str]:
     if np.isfinite(time):
         yield f"{LYAPUNOV_TIME} = {time:.3g}{'' if unit_of_time == '1' else f' {unit_of_time}'}"
     else:
-        yield f"{LYAPUNOV_TIME} = inf: the largest exponent is not above its uncertainty"
+        yield f"{LYAPUNOV_TIME} = inf: the largest exponent is not above twice its uncertainty"
     yield f"{FINITE_TIME_GROWTH} = {float(found[FINITE_TIME_GROWTH]):.4g}{behind}, over the run's own time"
 
 

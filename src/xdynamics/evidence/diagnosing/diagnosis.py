@@ -71,7 +71,8 @@ def diagnose(
     companion : bool
         Whether to march that one more run.
     lyapunov : bool or int
-        Whether to find all Lyapunov exponents, by the variational equations along the run; or how many of the largest.
+        Whether to find all Lyapunov exponents, by the variational equations along the run (of more than 64 variables 16);
+        or how many of the largest.
         They need a run that is much longer than 1/exponent. Contacts that hold, dry friction and impacts of several
         contacts at once are refused.
     functions : mapping of str to callable, optional
@@ -87,7 +88,7 @@ def diagnose(
         `maximum_y_uncertainty`, and so for `minimum_y`; with closed forms `largest_residual_y` and `rms_residual_y`;
         with a companion `believed_until`, the time up to which no coordinate, velocity or state is further from the solution
         than a tenth of its range; on request `lyapunov_exponent` (the largest), `lyapunov_time` (1 over it; inf where it
-        is not above its uncertainty) and `finite_time_growth`, of the start that grows most until the run's end, with
+        is not above twice its uncertainty) and `finite_time_growth`, of the start that grows most until the run's end, with
         `lyapunov_exponents` and `lyapunov_uncertainty` along `exponent`: of coordinates, velocities and states, not of
         time. Along `cycle`: `cycle_time`, `period`, `phase_offset` (behind the reference below 0),
         `amplitude`, `phase_space_area`. Along `turn`: `turning_time`, `turning_point`. Along `step`: `residual_y`.
