@@ -191,6 +191,138 @@ def test_data_that_cannot_be_used_are_named(columns: dict[str, list[float]], sai
         xd.fit(pendulum(), pd.DataFrame(columns), ["L"], **MARCH)
 
 
+def swing(seed: int) -> tuple[xd.Model, pd.DataFrame, dict[str, float], float]:
+    """A damped oscillator whose stiffness, damping and start are off by up to three quarters, and noisy data of a true one."""
+    rng = np.random.default_rng([seed, 6])
+    w, zeta, m, x0 = (float(rng.uniform(*ends)) for ends in ((1.5, 6.0), (0.005, 0.08), (0.3, 3.0), (0.5, 2.0)))
+    g, end = zeta * w, float(rng.uniform(4.0, 14.0)) * 2.0 * math.pi / w
+    fast, times = math.sqrt(w * w - g * g), np.sort(rng.uniform(0.01, 1.0, 300)) * end
+    exact = x0 * np.exp(-g * times) * (np.cos(fast * times) + g / fast * np.sin(fast * times))
+    noise = 0.01 * x0
+    frame = pd.DataFrame({"time [s]": times, "x [m]": exact + noise * rng.standard_normal(300), "u(x) [m]": noise})
+    true = {"k": m * w * w, "c": 2.0 * g * m, "x": x0}
+    off = dict(zip(true, (1.0 + rng.uniform(-0.75, 0.75, 3) * [1.0, 1.0, 0.5]).tolist(), strict=True))
+    model = xd.Model(
+        name="swing", coordinates={"x": "m"}, parameters={"m": f"{m!r} kg", "k": f"{off['k'] * true['k']!r} N m-1", "c": f"{off['c'] * true['c']!r} N s m-1"},
+        mass={"x": "m"}, forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}},
+        initial={"x": f"{off['x'] * x0!r} m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    return model, frame, true, end
+
+
+@pytest.mark.cases(100)
+def test_a_start_that_is_off_does_not_lead_astray(case: int) -> None:
+    """Assert that the true numbers are within five uncertainties, residuals noise, and every search in the record."""
+    model, frame, true, end = swing(case)
+    found = xd.fit(model, frame, list(true), method="dop853", rtol=1e-8, until=end)
+    assert (np.abs(found.estimate.values - [*true.values()]) < 5.0 * found.standard_uncertainty.values).all()
+    assert (found.attrs["converged"], found.attrs["adequate"]) == (1, 1)
+    best = int(np.argmin(found.start_square.values))
+    assert float(found.start_square[best]) == pytest.approx(found.attrs["chi_square"], rel=1e-9)
+    assert found.start_estimate.values[best] == pytest.approx(found.estimate.values, rel=1e-12)
+    assert found.start_value.values[0] == pytest.approx([model.parameters["k"].quantity.si, model.parameters["c"].quantity.si, model.initial["x"].si])  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore::xdynamics.faults.AccuracyWarning")
+def test_a_fit_that_residuals_speak_against_is_warned_of_refused_and_kept(tmp_path: Path) -> None:
+    """Assert the warning, adequate 0, the model's mark, budgets that refuse it unless asked, and exit code 1 of the verb."""
+    from click.testing import CliRunner
+
+    from xdynamics.cli import main
+
+    model, frame, _, end = swing(3)
+    asked: dict[str, Any] = {"method": "dop853", "rtol": 1e-8, "until": end}
+    with pytest.warns(xd.AccuracyWarning, match=r"not adequate: residuals are .* times as large as the uncertainties"):
+        found = xd.fit(model, frame, ["c"], starts=3, **asked)
+    assert (found.attrs["converged"], found.attrs["adequate"], found.sizes["start"]) == (1, 0, 3)
+    assert found.attrs["chi_square_probability"] < 1e-3
+    assert (found.start_square.values >= found.attrs["chi_square"] * (1 - 1e-9)).all()
+    fitted = xd.Model.from_text(str(found.model_toml.values))
+    assert fitted.fit is not None
+    assert not fitted.fit.adequate
+    where: dict[str, Any] = {"at": 1.0} | asked
+    with pytest.raises(xd.InputError, match="the fit is not adequate: residuals are .* inadequate_fit=True"):
+        xd.error_budget(fitted, "x", **where)
+    assert xd.error_budget(fitted, "x", inadequate_fit=True, **where).attrs["inadequate_fit"] == 1
+    frame.to_csv(tmp_path / "bench.csv", index=False)
+    (tmp_path / "swing.toml").write_text(model.to_toml())
+    verb = ["fit", tmp_path / "swing.toml", tmp_path / "bench.csv", "--parameter", "c", "--starts", 2, "--method", "dop853", "--rtol", "1e-8"]  # fmt: skip
+    done = CliRunner().invoke(main, [*map(str, verb), "--until", f"{end!r} s", "-o", str(tmp_path / "F.nc")])
+    assert done.exit_code == 1, done.output
+    assert "verdict   not adequate: residuals are" in done.output
+    assert (tmp_path / "F.nc").exists()
+
+
+@pytest.mark.filterwarnings("ignore::xdynamics.faults.AccuracyWarning")
+def test_without_uncertainties_the_order_of_residuals_tells() -> None:
+    """Assert that a damping that is left out is seen by the signs of residuals, and that noise is not."""
+    model, frame, true, end = swing(5)
+    bare = frame.drop(columns="u(x) [m]")
+    asked: dict[str, Any] = {"method": "dop853", "rtol": 1e-8, "until": end}
+    whole = xd.fit(model, bare, list(true), **asked)
+    assert whole.attrs["adequate"] == 1
+    assert whole.attrs["runs_probability"] > 1e-3
+    assert math.isnan(whole.attrs["chi_square_probability"])
+    still = xd.fit(model.replace(parameters={"c": 0.0}), bare, ["k", "x"], starts=2, **asked)
+    assert still.attrs["adequate"] == 0
+    assert still.attrs["runs_probability"] < 1e-6
+    assert "not in a random order" in still.attrs["adequate_text"]
+
+
+@pytest.mark.cases(100)
+def test_a_straight_line_without_uncertainties_is_that_of_the_normal_equations(case: int) -> None:
+    """Assert the covariance: the residuals' sum of squares over n - 2 times the inverse of X^T X, and its correlation."""
+    rng = np.random.default_rng([case, 7])
+    count = int(rng.integers(4, 9))
+    times = np.sort(rng.uniform(0.0, 4.0, count))
+    data = pd.DataFrame({"time [s]": times, "x [m]": 3.0 + 1.2 * times + 0.3 * rng.standard_normal(count)})
+    model = xd.Model(
+        name="free", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        initial={"x": "3 m", "v_x": "1 m s-1"},
+    )  # fmt: skip
+    found = xd.fit(model, data, ["x", "v_x"], method="rk4", step="0.5 s", until="4 s")
+    design = np.stack([np.ones(count), times], axis=1)
+    right, squares, _, _ = np.linalg.lstsq(design, data["x [m]"].to_numpy(), rcond=None)
+    covariance = np.linalg.inv(design.T @ design) * float(squares[0]) / (count - 2)
+    assert found.estimate.values == pytest.approx(right, rel=1e-8)
+    assert found.standard_uncertainty.values == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-6)
+    assert float(found.correlation[0, 1]) == pytest.approx(covariance[0, 1] / math.sqrt(covariance[0, 0] * covariance[1, 1]), rel=1e-6)  # fmt: skip
+    assert found.attrs["residual_variance"] == pytest.approx(float(squares[0]) / (count - 2), rel=1e-8)
+    assert found.attrs["degrees_of_freedom"] == count - 2
+
+
+@pytest.mark.parametrize(("more", "said"), [({"starts": 0}, "starts is 0"), ({"starts": True}, "starts is True"), ({"seed": -1}, "seed is -1"), ({"starts": 2.5}, "starts is 2.5")])  # fmt: skip
+def test_searches_that_cannot_be_are_named(more: dict[str, Any], said: str) -> None:
+    """Assert one clear error for each."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.fit(pendulum(), bench(swung(), 1), ["L"], **MARCH | more)
+
+
+def test_runs_of_one_sign() -> None:
+    """Assert probabilities of few, usual and many runs, against all arrangements counted."""
+    from itertools import combinations
+
+    from xdynamics.budgeting.residuals import runs_probability
+
+    def signs(places: tuple[int, ...]) -> np.ndarray:
+        return np.where(np.isin(np.arange(16), places), 1.0, -1.0)
+
+    def runs(row: np.ndarray) -> int:
+        return 1 + int(np.count_nonzero(row[1:] != row[:-1]))
+
+    every = np.array([runs(signs(one)) for one in combinations(range(16), 8)])
+    for places in (
+        (0, 1, 2, 3, 4, 5, 6, 7),
+        (0, 2, 4, 6, 8, 10, 12, 14),
+        (0, 1, 2, 3, 8, 9, 10, 11),
+        (0, 1, 4, 5, 8, 9, 12, 13),
+    ):
+        row = signs(places)
+        assert runs_probability(row * 3.0) == pytest.approx(float(np.mean(every <= runs(row))), abs=0.015)
+    assert math.isnan(runs_probability(np.ones(15)))
+    assert runs_probability(np.ones(20)) == 0.5**19
+
+
 if __name__ == "__main__":
     print(
         "95 % intervals hold {} of the true numbers; chi-square over its freedom {:.4f}".format(

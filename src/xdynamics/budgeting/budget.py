@@ -47,6 +47,7 @@ def error_budget(
     coverage: float = COVERAGE,
     until_uncertainty: str | None = None,
     digits: int = 1,
+    inadequate_fit: bool = False,
     **settings: Any,
 ) -> xr.Dataset:
     """Say how far one number of a run may be off, and why.
@@ -80,6 +81,8 @@ def error_budget(
         Draw on, twice as many each time, until the intervals' ends are known so well: ``"10 m at 95 %"``.
     digits : {1, 2}
         Of the standard uncertainty, whose last half place the linear interval may be off (JCGM 101:2008, 7.9.2 and 8.1).
+    inadequate_fit : bool
+        Whether to make a budget of a model that was fitted to data, where the residuals do not bear the fit out.
     **settings
         Of `simulate`: the run that the number is of.
 
@@ -126,6 +129,10 @@ def error_budget(
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     _check(draws, seed, coverage, digits)
+    if model.fit is not None and not model.fit.adequate and inadequate_fit is not True:
+        raise InputError(
+            f"the model was fitted to {model.fit.data}, and the fit is not adequate: {model.fit.description}. Fit it again, from other starts or with another model, or ask for the budget all the same: inadequate_fit=True (--inadequate-fit)"
+        )
     target = Target.of(model, quantity, at, event, occurrence, side)
     asked = {name: plain(name, one) for name, one in settings.items() if one is not None}
     found = numerical.marched(model, target, asked, seed)
@@ -151,7 +158,7 @@ def error_budget(
     told = "k = 2, drawn" if verdict == NOT_ADEQUATE else "k = 2"
     result = rounded(found.value, total, float(variables["numerical_bound"][1]), unit.text, told)
     more |= {
-        "quantity": quantity, "of": target.said, "event": target.event, "occurrence": occurrence, "side": side,
+        "inadequate_fit": int(inadequate_fit), "quantity": quantity, "of": target.said, "event": target.event, "occurrence": occurrence, "side": side,
         "asked": json.dumps(asked, sort_keys=True), "model_digest": model.digest,
         "time_units": target.second, "solver_method": str(found.run.attrs["solver_method"]), "result": result,
     } | ({"at": target.at} if target.at is not None else {}) | _where(target, found.run, model)  # fmt: skip

@@ -32,7 +32,7 @@ PASSED, FAILED, NOT_CHECKED = GATES = ("passed", "failed", "not_checked")
 DRAWS = 10_000
 SMALL = 0.1  # of the physical uncertainty, that the numerical bound may be
 SAME = ("quantity", "of", "result", "event", "occurrence", "side", "asked", "coverage", "seed", "draws", "model_digest", "solver_method", "linear_apart", "draws_needed", "digits", "extreme_rule", "extreme_time")  # fmt: skip
-KEPT = ("at", "time_units")
+KEPT = ("at", "time_units", "inadequate_fit")
 
 
 def certify(
@@ -154,7 +154,8 @@ def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Cal
         place = {key: attributes[key] for key in ("event", "side")} | {"occurrence": int(attributes["occurrence"])}
     again = certify(
         model, str(attributes["quantity"]), draws=int(attributes["draws"]), seed=int(attributes["seed"]),
-        coverage=float(attributes["coverage"]), digits=int(attributes.get("digits", 1)), **place, **json.loads(str(attributes["asked"])),
+        coverage=float(attributes["coverage"]), digits=int(attributes.get("digits", 1)),
+        inadequate_fit=bool(attributes.get("inadequate_fit", 0)), **place, **json.loads(str(attributes["asked"])),
     )  # fmt: skip
     if faults := _apart(given, again):
         raise ArchiveError(f"the certificate of {attributes.get('of')} does not come out again:{numbered(faults)}", tuple(faults))  # fmt: skip

@@ -27,6 +27,13 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
         yield f"fit       chi-square {square:.4g} for {freedom} degrees of freedom; {_judged(square, freedom)}"
     else:
         yield f"fit       residuals of {float(found.attrs['residual_variance']) ** 0.5:.3g}, by which the uncertainties are scaled; {freedom} degrees of freedom"
+    if "adequate" in found.attrs:
+        word = "adequate" if int(found.attrs["adequate"]) else "not adequate"
+        runs = float(found.attrs["runs_probability"])
+        yield f"verdict   {word}: {found.attrs['adequate_text']}{f'; fewer changes of sign have the probability {runs:.2g}' if isfinite(runs) else ''}"
+    if "start" in found.dims and found.sizes["start"] > 1:
+        best = int(np.argmin(found["start_square"].values))
+        yield f"searches  {found.sizes['start']}, the best of them number {best + 1}: {found['start_rule'].values[best]}"
     strong = [(i, j) for i in range(len(names)) for j in range(i) if abs(float(found["correlation"][i, j])) > STRONG]
     for i, j in strong:
         yield f"together  {names[j]} and {names[i]} are correlated by {float(found['correlation'][i, j]):.3f}"

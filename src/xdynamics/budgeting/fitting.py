@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.budgeting.residuals import Tested, tested
+from xdynamics.budgeting.searching import Search, searches
 from xdynamics.evidence.comparing.measured import Measured, measured
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.observing import comparable
-from xdynamics.faults import InputError, Ledger
+from xdynamics.faults import AccuracyWarning, InputError, Ledger, warn
 from xdynamics.march.asking import settings_for
 from xdynamics.model import Model, toml
-from xdynamics.model.parts import Parameter
+from xdynamics.model.parts import Fitted, Parameter
 from xdynamics.model.spread import Spread
 from xdynamics.record.columns import columns_of
 from xdynamics.schema import AT, AT_TIME
@@ -34,8 +36,8 @@ ROLE = "fit"
 SHIFT = 1e-3  # of a parameter's scale, for slopes
 SIDES = np.array([-2.0, -1.0, 1.0, 2.0])
 WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0  # of a slope of fourth order from these sides
-CLOSE = 1e-10  # relative, of parameters and of the sum of squares, when a fit ends
-MOST = 100  # evaluations
+START = "start"
+STARTS = 8  # searches at most
 ALIKE = 1e-8  # singular value, over the largest, of columns that tell the same
 
 
@@ -81,13 +83,18 @@ class Asked:
         ]
         return np.concatenate(parts)
 
-    def computed(self, values: Floats) -> Floats:
+    def within(self, share: float) -> NDArray[np.bool_]:
+        """Return which of all numbers were measured in the first part of the time, one quantity behind the other."""
+        first, last = float(self.data.times.min()), float(self.data.times.max())
+        return np.tile(self.data.times <= first + share * (last - first), len(self.quantities))
+
+    def computed(self, values: Floats, *, whole: bool = True) -> Floats:
         """Return what the model comes to, for rows of parameters in their own units, shape (n, all that was measured).
 
         Raises
         ------
         InputError
-            If a run does not come to all times.
+            If a run does not come to all times, where they are to be whole; else nan stands there.
         """
         import xarray as xr
 
@@ -98,11 +105,57 @@ class Asked:
         times, back = np.unique(self.data.times, return_inverse=True)
         found = sweep(self.model, {"fitted": columns}, keep=list(self.quantities), times=times, members_per_task=len(values), **self.settings).compute()  # fmt: skip
         rows = np.concatenate([found[name].values[:, back] for name in self.quantities], axis=1)
-        if not np.isfinite(rows).all():
+        if whole and not np.isfinite(rows).all():
             k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
             said = ", ".join(f"{name} = {float(one)!r}" for name, one in zip(self.names, values[k], strict=True))
             raise InputError(f"with {said} the run ends as '{found.run_outcome.values[k]}' at t = {float(found.end_time[k])!r} s, before all that was measured")  # fmt: skip
         return rows
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """What searches look at: numbers over their sizes, and residuals over their uncertainties.
+
+    Attributes
+    ----------
+    asked : Asked
+    scales : ndarray, shape (n,)
+    """
+
+    asked: Asked
+    scales: Floats
+
+    def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
+        """Return weighted residuals and their slopes, of the data up to a share of their time.
+
+        Raises
+        ------
+        InputError
+            If a run does not come to all times, or these are fewer numbers than are fitted.
+        """
+        asked, part = self.asked, self.asked.within(share)
+        if np.count_nonzero(part) <= scaled.size:
+            raise InputError(f"{np.count_nonzero(part)} numbers are too few")
+        values, slopes = _with_slopes(asked, scaled * self.scales, self.scales)
+        weights = asked.weights[part]
+        return (values[part] - asked.measured[part]) * weights, slopes[part] * weights[:, None] * self.scales
+
+    def squares(self, scaled: Floats) -> Floats:
+        """Return the sums of squares of many starts; infinite where a run does not come to all times."""
+        rows = self.asked.computed(scaled * self.scales, whole=False)
+        found = np.sum(((rows - self.asked.measured) * self.asked.weights) ** 2, axis=1)
+        return np.where(np.isfinite(found), found, np.inf)
+
+    def tested(self, search: Search) -> Tested:
+        """Test the residuals that a search came to."""
+        asked, residual = self.asked, search.residual
+        order = np.argsort(asked.data.times, kind="stable")
+        rows, measured = (
+            list(np.split(one, len(asked.quantities))) for one in (residual / asked.weights, asked.measured)
+        )
+        known = bool(asked.data.uncertainties)
+        freedom = residual.size - search.end.size
+        return tested(float(residual @ residual), freedom, [one[order] for one in rows], measured, known=known)
 
 
 def fit(
@@ -112,6 +165,8 @@ def fit(
     *,
     bounds: Mapping[str, Sequence[Any]] | None = None,
     gaps: str = "refuse",
+    starts: int = STARTS,
+    seed: int = 0,
     **settings: Any,
 ) -> xr.Dataset:
     """Find parameters and initial values from measured data by weighted least squares.
@@ -129,6 +184,12 @@ def fit(
         have are left out.
     bounds : mapping of str to (lowest, highest), optional
         ``{"k": ("0 N m-1", "10 N m-1")}``.
+    starts : int
+        How many searches there are at most: from the model's own values, by parts of the time that grow, and from the best
+        of 96 starts that are drawn about the model's own values or between bounds. The first whose residuals are no more
+        than noise is the last.
+    seed : int
+        Of what is drawn.
     **settings
         Of `simulate`.
 
@@ -137,7 +198,10 @@ def fit(
     xarray.Dataset
         Along `parameter`: `parameter_name`, `parameter_units`, `estimate` and `standard_uncertainty` in these,
         `at_bound`, and with `other` the `correlation`. Along `at` what was measured, what the fitted model comes to, and
-        the `residual_…`. `model_toml` is the fitted model, whose parameters are uncertain and correlated by what was
+        the `residual_…`. Along `start` every search: `start_rule`, `start_value`, `start_estimate`, `start_square` (the
+        weighted sum of squares that it came to), `start_converged`. Attributes `chi_square_probability`,
+        `runs_probability` and `adequate`: 1 where the residuals are no more than noise; else there is a warning, and
+        budgets refuse the fitted model unless they are asked for it. `model_toml` is the fitted model, whose parameters are uncertain and correlated by what was
         found: ``Model.from_text(str(found.model_toml.values))`` goes on into `error_budget`.
 
     Raises
@@ -151,7 +215,8 @@ def fit(
     Trust-region reflective least squares by `scipy.optimize.least_squares` (Branch, Coleman, Li 1999,
     doi:10.1137/S1064827595289108), slopes by central differences of fourth order, all copies marched side by side. The
     covariance is the inverse of J^T W J; without uncertainties of the data it is scaled by the residuals' variance
-    (Bevington, Robinson, Data Reduction and Error Analysis, 2003, section 8.5). What the march itself is off by is not in
+    (Bevington, Robinson, Data Reduction and Error Analysis, 2003, section 8.5). Residuals are tested by chi-square where the
+    data have uncertainties, and by the number of their runs of one sign (Wald, Wolfowitz 1940). What the march itself is off by is not in
     it: choose steps or tolerances that keep it small beside the residuals.
 
     Examples
@@ -165,31 +230,32 @@ def fit(
     >>> round(float(found.estimate[0] / model.parameters["m"].quantity.si) ** 0.5, 6)
     1.9
     """
-    from scipy.optimize import least_squares
-
+    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+        raise InputError(f"starts is {starts!r}, needs a whole number from 1 on")
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise InputError(f"seed is {seed!r}, needs a non-negative whole number")
     asked = _asked(
         model, data, parameters, gaps, {name: plain(name, one) for name, one in settings.items() if one is not None}
     )
     start = np.array([asked.given(name).value for name in asked.names])
     low, high = _bounds(asked, bounds or {})
-    scales = _scales(asked, start, low, high)
-    wanted, weights = asked.measured, asked.weights
-    seen: dict[bytes, tuple[Floats, Floats, Floats]] = {}
-
-    def looked(scaled: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return weighted residuals, their slopes, and what was computed; the last ones are remembered."""
-        key = scaled.tobytes()
-        if key not in seen:
-            values, slopes = _with_slopes(asked, scaled * scales, scales)
-            seen.clear()
-            seen[key] = (values - wanted) * weights, slopes * weights[:, None] * scales, values
-        return seen[key]
-
-    found = least_squares(
-        lambda x: looked(x)[0], start / scales, lambda x: looked(x)[1], bounds=(low / scales, high / scales),
-        xtol=CLOSE, ftol=CLOSE, gtol=CLOSE, max_nfev=MOST,
-    )  # fmt: skip
-    return _dataset(asked, found.x * scales, scales, looked(found.x), found, (low, high))
+    problem = Fitting(asked, _scales(asked, start, low, high))
+    scales, found, test = problem.scales, list[Search](), None
+    for one in searches(problem, start / scales, low / scales, high / scales, starts, seed):
+        found.append(one)
+        if one.converged and len(found) == 1:
+            _covariance(asked, one.slopes)  # or it names what the data do not tell apart, before others are searched
+        if one.converged and (test := problem.tested(one)).adequate:
+            break
+    best = min(found, key=lambda one: one.square)
+    if not np.isfinite(best.square):
+        raise InputError(found[0].stopped)
+    test = problem.tested(best)
+    evidence = _dataset(problem, found, best, test, (low, high), seed)
+    if not (test.adequate and best.converged):
+        why = test.text if not test.adequate else f"the search did not come to an end: {best.stopped}"
+        warn(f"the fit of '{model.name}' to {asked.data.name} is not adequate: {why}", AccuracyWarning)
+    return evidence
 
 
 def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str, Any]) -> Asked:
@@ -267,8 +333,10 @@ def _with_slopes(asked: Asked, values: Floats, scales: Floats) -> tuple[Floats, 
     return found[0], np.stack([WEIGHTS @ beside[i] / (SHIFT * scales[i]) for i in range(n)], axis=1)
 
 
-def _dataset(asked: Asked, values: Floats, scales: Floats, looked: tuple[Floats, Floats, Floats], found: Any, bounds: tuple[Floats, Floats]) -> xr.Dataset:  # fmt: skip
-    residual, slopes, rows = looked
+def _dataset(problem: Fitting, found: list[Search], best: Search, test: Tested, bounds: tuple[Floats, Floats], seed: int) -> xr.Dataset:  # fmt: skip
+    asked, scales, values = problem.asked, problem.scales, best.end * problem.scales
+    residual, slopes = best.residual, best.slopes
+    rows = residual / asked.weights + asked.measured
     freedom, square = residual.size - values.size, float(residual @ residual)
     covariance, condition = _covariance(asked, slopes)
     if not asked.data.uncertainties:
@@ -276,7 +344,7 @@ def _dataset(asked: Asked, values: Floats, scales: Floats, looked: tuple[Floats,
     deviations = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(deviations, deviations) if (deviations > 0).all() else np.eye(len(values))
     deviations = deviations * scales
-    fitted = _fitted(asked, values, deviations, correlation)
+    fitted = _fitted(asked, values, deviations, correlation, test)
     reached = [(values[i] <= bounds[0][i], values[i] >= bounds[1][i]) for i in range(len(values))]
     units = [asked.given(name).unit.text for name in asked.names]
     variables: dict[str, Any] = {
@@ -300,13 +368,26 @@ def _dataset(asked: Asked, values: Floats, scales: Floats, looked: tuple[Floats,
         }  # fmt: skip
         if asked.data.uncertainties:
             variables[f"measured_uncertainty_{name}"] = ((AT,), 1.0 / weights[mine], about(unit.text, f"standard uncertainty of {name} as measured", "uncertainty"))  # fmt: skip
+    variables |= _searches_as(found, scales)
     more = {
         "data": asked.data.name, "chi_square": square if asked.data.uncertainties else float("nan"), "degrees_of_freedom": freedom,
-        "residual_variance": square / freedom, "condition": condition, "evaluations": int(found.nfev), "stopped": str(found.message),
-        "converged": int(found.status > 0), "asked": json.dumps(asked.settings, sort_keys=True), "model_digest": asked.model.digest,
+        "residual_variance": square / freedom, "condition": condition, "evaluations": sum(one.evaluations for one in found), "stopped": best.stopped,
+        "converged": int(best.converged), "chi_square_probability": test.chi_square_probability, "runs_probability": test.runs_probability,
+        "seed": seed, "adequate": int(test.adequate and best.converged), "adequate_text": test.text, "asked": json.dumps(asked.settings, sort_keys=True), "model_digest": asked.model.digest,
         "fitted_digest": fitted.digest,
     }  # fmt: skip
     return exhibit("fit", f"{asked.model.name}, fitted to {asked.data.name}", [], variables, more)
+
+
+def _searches_as(found: list[Search], scales: Floats) -> dict[str, Any]:
+    """Return every search as variables."""
+    return {
+        "start_rule": ((START,), np.array([one.rule for one in found]), about("1", "where the search began", "rule")),
+        "start_value": ((START, PARAMETER), np.array([one.start * scales for one in found]), about("1", "values that the search began with, in parameter_units", ROLE)),
+        "start_estimate": ((START, PARAMETER), np.array([one.end * scales for one in found]), about("1", "values that it came to, in parameter_units", ROLE)),
+        "start_square": ((START,), np.array([one.square for one in found]), about("1", "weighted sum of squares there; infinite where a run did not come to all times", ROLE)),
+        "start_converged": ((START,), np.array([one.converged for one in found], np.int8), about("1", "1 where the search came to an end", ROLE)),
+    }  # fmt: skip
 
 
 def _covariance(asked: Asked, slopes: Floats) -> tuple[Floats, float]:
@@ -328,7 +409,7 @@ def _covariance(asked: Asked, slopes: Floats) -> tuple[Floats, float]:
     return inverse / np.outer(sizes, sizes), float(singular[0] / singular[-1])
 
 
-def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Floats) -> Model:
+def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Floats, test: Tested) -> Model:
     """Return the model with what was found, its uncertainties and correlations."""
     statement = asked.model.statement
     parameters, starts, initial = dict(statement.parameters), dict(statement.starts), dict(statement.initial)
@@ -346,5 +427,6 @@ def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Float
         for j in uncertain:
             if i < j:
                 kept[asked.names[i], asked.names[j]] = float(np.clip(correlation[i, j], -1.0, 1.0))
-    said = replace(statement, parameters=parameters, starts=starts, initial=initial, correlations=kept)
+    mark = Fitted(asked.data.name, test.adequate, test.text)
+    said = replace(statement, parameters=parameters, starts=starts, initial=initial, correlations=kept, fit=mark)
     return Model.from_text(toml.write(said), functions=asked.model.functions)

@@ -124,7 +124,7 @@ def draws_needed(apart: float, found: Drawn, draws: int, coverage: float, digits
     --------
     >>> few = Drawn(0.0, 0.061, (-0.12, 0.12), (-0.12, 0.12), 0.0006, 0.003, 0.006)
     >>> draws_needed(0.002, few, 4000, 0.95), draws_needed(0.005, few, 4000, 0.95)
-    (23000.0, 85000.0)
+    (23000.0, 230000.0)
     """
     p = (1.0 - coverage) / 2.0
     quantile = float(normal_quantile(np.array([p]))[0])

@@ -21,6 +21,7 @@ OF_A_NUMBER = (
     click.option("--side", default="before", show_default=True, help="before or after the event."),
     click.option("--seed", type=int, default=0, show_default=True, help="Of all that is drawn."),
     click.option("--coverage", type=float, default=0.95, show_default=True, help="Of the intervals."),
+    click.option("--inadequate-fit", is_flag=True, help="Also of a model whose fit the residuals do not bear out."),
     click.option("--atol", "atols", multiple=True, metavar="[NAME=]VALUE", help="Absolute tolerance, as of `run`."),
     click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value."),
     click.option("--method", help="Name of a method."),
@@ -53,14 +54,14 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
 @click.option("-o", "--output", metavar="B.nc", help="Where to keep the budget.")
 def budget(
     model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
-    coverage: float, until_uncertainty: str | None, output: str | None, atols: tuple[str, ...], changes: tuple[str, ...],
+    coverage: float, inadequate_fit: bool, until_uncertainty: str | None, output: str | None, atols: tuple[str, ...], changes: tuple[str, ...],
     **settings: str | None,
 ) -> None:  # fmt: skip
     """Say how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
     from xdynamics.budgeting.budget import error_budget
 
     _found(error_budget, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
-           side=side, draws=draws, seed=seed, coverage=coverage, until_uncertainty=until_uncertainty, **asked_of(settings, atols))  # fmt: skip
+           side=side, draws=draws, seed=seed, coverage=coverage, inadequate_fit=inadequate_fit, until_uncertainty=until_uncertainty, **asked_of(settings, atols))  # fmt: skip
     if output:
         say([f"budget    {output}"])
     sys.exit(DONE)
@@ -73,13 +74,13 @@ def budget(
 @click.option("-o", "--output", required=True, metavar="C.nc", help="Where to keep the certificate.")
 def certify(
     model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
-    coverage: float, output: str, atols: tuple[str, ...], changes: tuple[str, ...], **settings: str | None,
+    coverage: float, inadequate_fit: bool, output: str, atols: tuple[str, ...], changes: tuple[str, ...], **settings: str | None,
 ) -> None:  # fmt: skip
     """Certify one number with all that defends it: xdynamics certify ball.toml --quantity t --event ground -o C.nc."""
     from xdynamics.budgeting.certificate import certify as certified
 
     found = _found(certified, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
-                   side=side, draws=draws, seed=seed, coverage=coverage, **asked_of(settings, atols))  # fmt: skip
+                   side=side, draws=draws, seed=seed, coverage=coverage, inadequate_fit=inadequate_fit, **asked_of(settings, atols))  # fmt: skip
     say([f"kept      {output}"])
     sys.exit(DONE if not int(found["gate_verdict"].values.max()) else BADLY)
 
@@ -136,6 +137,14 @@ def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], 
 @click.option("--bounds", multiple=True, metavar="NAME=LOW:HIGH", help="Between which it is: k='0:10 N m-1'.")
 @click.option("-o", "--output", metavar="F.nc", help="Where to keep the fit.")
 @click.option(
+    "--starts",
+    type=int,
+    default=8,
+    show_default=True,
+    help="Searches at most: the first whose residuals are noise is the last.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of starts that are drawn.")
+@click.option(
     "--gaps", type=click.Choice(["refuse", "skip"]), default="refuse", help="Rows of data in which a number is missing."
 )
 @click.option("--model", "fitted", metavar="FITTED.toml", help="Where to write the fitted model, with uncertainties.")
@@ -152,12 +161,17 @@ def fit(
     bounds: tuple[str, ...],
     output: str | None,
     gaps: str,
+    starts: int,
+    seed: int,
     fitted: str | None,
     atols: tuple[str, ...],
     changes: tuple[str, ...],
     **settings: str | None,
 ) -> None:
-    """Find parameters from measured data: xdynamics fit pendulum.toml bench.csv --parameter L --parameter c -o F.nc."""
+    """Find parameters from measured data: xdynamics fit pendulum.toml bench.csv --parameter L --parameter c -o F.nc.
+
+    Exit code 1 where the search did not come to an end, or the residuals are more than noise.
+    """
     from xdynamics import archive
     from xdynamics.archive.target import taking_name
     from xdynamics.budgeting.fitting import fit as fitted_to
@@ -167,7 +181,14 @@ def fit(
     for path in filter(None, (output, fitted)):
         archive.check_target(Path(path))
     found = fitted_to(
-        model, data, parameters, bounds=ends_of(bounds, "--bounds"), gaps=gaps, **asked_of(settings, atols)
+        model,
+        data,
+        parameters,
+        bounds=ends_of(bounds, "--bounds"),
+        gaps=gaps,
+        starts=starts,
+        seed=seed,
+        **asked_of(settings, atols),
     )
     say(summary(found))
     if fitted:
@@ -177,4 +198,4 @@ def fit(
     if output:
         archive.save(found, output)
         say([f"fit       {output}"])
-    sys.exit(DONE if int(found.attrs["converged"]) else BADLY)
+    sys.exit(DONE if int(found.attrs["adequate"]) else BADLY)

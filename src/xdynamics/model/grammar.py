@@ -249,6 +249,15 @@ SECTIONS: dict[str, Section] = {
         '[discrepancy]\nx = { standard = "1 mm", description = "no wind in it" }\n',
         'its standard uncertainty: "1 mm"',
     ),
+    "fit": Section(
+        "what the numbers of the model were fitted to, as `fit` writes it", "",
+        (
+            Key("data", "text", "name of the measured data", "none"),
+            Key("adequate", "true | false", "whether the residuals bear the fit out: budgets refuse a model of one that they do not, unless they are asked for it", "true"),
+            DESCRIPTION,
+        ),
+        '[fit]\ndata = "bench.csv"\nadequate = true\ndescription = "residuals are no more than noise"\n',
+    ),
     "figure": Section(
         "what pictures and animations show of the motion in a plane", "",
         (

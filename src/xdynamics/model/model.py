@@ -22,6 +22,7 @@ from xdynamics.model.parts import (
     Coordinate,
     Drive,
     Event,
+    Fitted,
     Force,
     Friction,
     Function,
@@ -98,6 +99,7 @@ class Model:
     discrepancy: dict[str, Discrepancy]
     time_unit: Unit
     pictured: Pictured
+    fit: Fitted | None
     lagrangian: Lagrangian | None
     dimensions: dict[str, Dimension]
     file: Path | None = None  # that it was read from
@@ -268,7 +270,7 @@ class Model:
         initial = {name: Quantity(0.0, one.unit) for name, one in self.initial.items()}
         said = replace(
             self.statement, name="", description="", parameters=parameters, initial=initial, starts={}, observed={}, run={},
-            validation={}, correlations={}, discrepancy={}, pictured=Pictured(),
+            validation={}, correlations={}, discrepancy={}, pictured=Pictured(), fit=None,
         )  # fmt: skip
         return toml.write(said)
 

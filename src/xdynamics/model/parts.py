@@ -51,6 +51,15 @@ class Parameter:
 
 
 @dataclass(frozen=True)
+class Fitted:
+    """Which data the numbers of a model were fitted to, and whether its residuals bear the fit out."""
+
+    data: str = ""
+    adequate: bool = True
+    description: str = ""
+
+
+@dataclass(frozen=True)
 class State:
     """A first-order companion of the motion; `smooth` as in `Force`."""
 

@@ -17,6 +17,7 @@ from xdynamics.model.parts import (
     STRIKE,
     Coordinate,
     Drive,
+    Fitted,
     Force,
     Function,
     Observable,
@@ -96,6 +97,8 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["discrepancy"] = entries("discrepancy", "discrepancy", _discrepancy)
     with ledger.entry("figure"):
         parts["pictured"] = _pictured(sections["figure"])
+    with ledger.entry("fit"):
+        parts["fit"] = _fitted(sections["fit"]) if sections["fit"] else None
     parts["run"] = _run(sections["run"], parts["time_unit"], ledger)
     with ledger.entry("lagrangian"):
         parts["lagrangian"] = lagrangian(sections["lagrangian"])
@@ -188,6 +191,14 @@ def _discrepancy(given: Any) -> Discrepancy:
     if standard.value < 0:
         raise InputError(f"standard {given['standard']!r} must be non-negative")
     return Discrepancy(standard, described(given))
+
+
+def _fitted(given: Any) -> Fitted:
+    keys_of("fit", given)
+    data, adequate = given.get("data", ""), given.get("adequate", True)
+    if not isinstance(data, str) or not isinstance(adequate, bool):
+        raise InputError(f"data is {data!r}, needs a text, and adequate {adequate!r}, needs true or false")
+    return Fitted(data, adequate, described(given))
 
 
 def _observable(given: Any) -> tuple[Node, Observable]:

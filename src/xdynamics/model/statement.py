@@ -14,6 +14,7 @@ from xdynamics.model.parts import (
     Coordinate,
     Drive,
     Event,
+    Fitted,
     Force,
     Friction,
     Function,
@@ -56,6 +57,7 @@ class Statement:
     discrepancy: dict[str, Discrepancy]
     time_unit: Unit = SECONDS
     pictured: Pictured = field(default_factory=Pictured)  # what pictures show
+    fit: Fitted | None = None  # that the numbers are from
     lagrangian: Lagrangian | None = None  # from which the mass and some forces are derived
 
     @cached_property

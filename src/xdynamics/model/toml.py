@@ -73,6 +73,8 @@ def write(statement: Statement) -> str:
         name: _described({"standard": str(one.standard)}, one) for name, one in statement.discrepancy.items()
     }
     _section(lines, "discrepancy", discrepancy)
+    if (fit := statement.fit) is not None:
+        _section(lines, "fit", _described({"data": fit.data, "adequate": fit.adequate}, fit))
     _section(lines, "figure", _pictured(statement.pictured))
     _section(lines, "run", statement.run)
     return "\n".join(lines) + "\n"

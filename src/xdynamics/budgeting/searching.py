@@ -1,0 +1,122 @@
+"""Searches of a fit: from the model's own values, by parts of the data that grow, and from starts that are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError
+
+Floats = NDArray[np.float64]
+
+OWN, GROWING, DRAWN = (
+    "the model's own values",
+    "fits to parts of the time that grow",
+    "drawn about the model's own values",
+)
+CLOSE = 1e-10  # relative, of parameters and of the sum of squares, when a search ends
+MOST = 100  # evaluations
+SHARES = (0.06, 0.12, 0.25, 0.5)  # of the time of the data, one after the other
+LOOKED_AT = 96  # starts that are drawn, of which the best are searched from
+WIDTHS = (0.1, 0.3, 0.9)  # of the sizes of the numbers, about as many starts of each
+
+
+class Problem(Protocol):
+    """What searches need to know of a fit."""
+
+    def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
+        """Return weighted residuals and their slopes, of the data up to a share of their time."""
+
+    def squares(self, scaled: Floats) -> Floats:
+        """Return the sums of squares of many starts; infinite where a run does not come to all times."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """One search, of numbers over their sizes.
+
+    Attributes
+    ----------
+    rule : str
+        Where it began.
+    start, end : ndarray, shape (n,)
+    square : float
+        Sum of squares at the end; infinite of one that came to a run without an end.
+    evaluations : int
+    converged : bool
+    stopped : str
+        Why it ended.
+    residual, slopes : ndarray, shape (m,) and (m, n)
+        Over the uncertainties, at the end.
+    """
+
+    rule: str
+    start: Floats
+    end: Floats
+    square: float
+    evaluations: int
+    converged: bool
+    stopped: str
+    residual: Floats = field(default_factory=lambda: np.zeros(0), repr=False)
+    slopes: Floats = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+
+
+def searches(problem: Problem, start: Floats, low: Floats, high: Floats, most: int, seed: int) -> Iterator[Search]:
+    """Yield one search after the other, as many as are asked for: whoever reads them stops where one does.
+
+    One that comes to a run that does not come to all times has an infinite sum of squares.
+    """
+    yield _tried(problem, OWN, start, low, high)
+    if most > 1:
+        grown, evaluations = start, 0
+        for share in SHARES:
+            part = _tried(problem, GROWING, grown, low, high, share)
+            grown, evaluations = part.end, evaluations + part.evaluations
+        last = _tried(problem, GROWING, grown, low, high)
+        yield replace(last, start=start, evaluations=evaluations + last.evaluations)
+    if most > 2:
+        rng = np.random.default_rng(seed)
+        width = np.array(WIDTHS)[np.arange(LOOKED_AT) % len(WIDTHS), None]
+        about = start + width * rng.uniform(-1.0, 1.0, (LOOKED_AT, start.size))
+        bounded = np.isfinite(low) & np.isfinite(high)
+        least, widest = np.where(bounded, low, 0.0), np.where(bounded, high, 1.0)
+        within = least + (widest - least) * rng.random((LOOKED_AT, start.size))
+        drawn = np.clip(np.where(bounded & (width == WIDTHS[-1]), within, about), low, high)
+        for i in np.argsort(problem.squares(drawn), kind="stable")[: most - 2].tolist():
+            yield _tried(problem, DRAWN, drawn[i], low, high)
+
+
+def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats, share: float = 1.0) -> Search:
+    """Search the least sum of squares from one start."""
+    from scipy.optimize import least_squares
+
+    known: dict[bytes, tuple[Floats, Floats]] = {}
+
+    def looked(scaled: Floats) -> tuple[Floats, Floats]:
+        """Return weighted residuals and their slopes; the last ones are remembered."""
+        key = scaled.tobytes()
+        if key not in known:
+            known.clear()
+            known[key] = problem.looked(scaled, share)
+        return known[key]
+
+    residual: Callable[[Floats], Floats] = lambda x: looked(x)[0]  # noqa: E731
+    found = least_squares(
+        residual, np.clip(start, low, high), lambda x: looked(x)[1], bounds=(low, high), xtol=CLOSE, ftol=CLOSE, gtol=CLOSE, max_nfev=MOST,
+    )  # fmt: skip
+    return Search(
+        rule, start, found.x, 2.0 * float(found.cost), int(found.nfev), bool(found.status > 0), str(found.message),
+        found.fun, found.jac,
+    )  # fmt: skip
+
+
+def _tried(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats, share: float = 1.0) -> Search:
+    """Search from a start that need not lead to an end: of one that does not it stays where it was."""
+    try:
+        return search(problem, rule, start, low, high, share)
+    except InputError as error:
+        return Search(rule, start, start, np.inf, 0, converged=False, stopped=str(error))
