@@ -16,6 +16,7 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.matching import met
 from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
@@ -48,7 +49,7 @@ ROLE = "validation"
 
 
 def validate(methods: Sequence[str] | str | Model | None = None, model: Model | None = None) -> xr.Dataset:
-    """Hold methods against exact cases, or one model against its own closed forms.
+    """Hold methods against exact cases, or one model against its own closed forms and the law of its contacts.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ def validate(methods: Sequence[str] | str | Model | None = None, model: Model | 
     Raises
     ------
     InputError
-        If a method is not known, or the model has no closed form.
+        If a method is not known, or the model has neither a closed form nor contacts.
 
     Notes
     -----
@@ -99,8 +100,8 @@ def validate(methods: Sequence[str] | str | Model | None = None, model: Model | 
         rows = [row for k, (name, one) in enumerate(_own_cases(), 1) for method in names or METHODS for row in _rows(one, method, k, f"{name}.")]  # fmt: skip
         title = "validation ledger: exact cases"
     else:
-        if not model.validation:
-            raise InputError(f"model '{model.name}' has no closed form; write one as [validation.<name>] with expression, bound")  # fmt: skip
+        if not model.validation and not model.contacts:
+            raise InputError(f"model '{model.name}' has no closed form, and no contacts; write one as [validation.<name>] with expression, bound")  # fmt: skip
         own = names or [str(model.run["method"])] if "method" in model.run or names else []
         if not own:
             raise InputError(f"model '{model.name}' has no method in its [run]; give methods=[…]")
@@ -150,6 +151,27 @@ def _rows(model: Model, method: str, stage: int, prefix: str) -> Iterator[Row]:
         row = Row(f"{prefix}{name}", method, stage, text_of(case.expression), case.quantity, where, rule)
         why = marched.refusal(case)
         yield replace(row, note=why) if why else marched.filled(row, case)
+    if model.contacts:
+        yield from _of_impacts(marched, prefix, stage)
+
+
+def _of_impacts(marched: Marched, prefix: str, stage: int) -> Iterator[Row]:
+    """Yield the lines of the impacts of a model's own run, held against the law of its contacts."""
+    law, method = next(iter(marched.model.contacts.values())).law, marched.method
+    row = Row(f"{prefix}impacts", method.name, stage, f"law of impacts '{law}'", "contacts", "every impact", "rounding")
+    if marched.refused or method.stepping:
+        why = f"the method refuses: {'; '.join(marched.refused)}" if marched.refused else "the method locates no events"
+        yield replace(row, note=why)
+        return
+    checks = list(checks_of(marched.run, marched.model))
+    if not checks and not stage:
+        yield replace(row, note="the run has no impact")
+    for one in checks:
+        yield replace(
+            row, name=f"{row.name}.{one.name}", relation=one.relation, observable=one.observable, where=one.where or row.where,
+            units=one.units, residual=one.residual, bound=one.bound, note=one.note, run=archive.digest_of_run(marched.run),
+            norm="largest, measured by its bound",
+        )  # fmt: skip
 
 
 def _times_in_words(case: Validation, model: Model) -> str:

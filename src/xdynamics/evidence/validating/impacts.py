@@ -1,0 +1,250 @@
+"""Impacts of a run held against the law of its contacts: impulses, rates on both sides, friction's bound, energies.
+
+Everything is computed anew from the two states that the record has of an impact, with trees of the model and a mass
+matrix evaluated in Python; nothing of the march takes part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import Node
+from xdynamics.expressions.calculus import ZERO
+from xdynamics.model import Model
+from xdynamics.model.linearisation import mass_matrices
+from xdynamics.model.motion import constants, evaluated_many, tables_of
+from xdynamics.model.reactions import DRY, Reaction, rate_dimension, reactions
+from xdynamics.schema import IMPACT, RESET_KIND, acceleration, contact_gap, velocity
+from xdynamics.units import parse_unit, spell
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+EPS = float(np.finfo(float).eps)
+ROUNDINGS = 256.0  # of the terms of a sum, which the condition of the mass matrix multiplies
+NEAR = 1e-9  # of the largest gap: a contact as near as that may be in another one's impact
+OF_RATES = ("newton", "sequential")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One relation over all impacts: where it is fulfilled worst, measured by its bound.
+
+    Attributes
+    ----------
+    name, relation, observable, units : str
+    residual, bound : float
+        Of that impact; nan where there is nothing to compare.
+    where : str
+    note : str
+        Why there is nothing to compare.
+    """
+
+    name: str
+    relation: str
+    observable: str
+    units: str
+    residual: float = np.nan
+    bound: float = np.nan
+    where: str = ""
+    note: str = ""
+
+
+class Impacts:
+    """The impacts of a run: one row for each contact that took part in one, in SI units."""
+
+    def __init__(self, run: xr.Dataset, model: Model) -> None:
+        self.run, self.model = run, model
+        kind, row = run["event_kind"].values, run["event_row_before"].values
+        reset = np.isin(row, row[kind == RESET_KIND])  # velocities that are set are no matter of impulses
+        self.events = np.flatnonzero((kind == IMPACT) & ~reset)
+        self.rows = row[self.events], run["event_row_after"].values[self.events]
+        self.groups, self.group = np.unique(self.rows[0], return_inverse=True)
+        labels = run["event_detector"].attrs["flag_meanings"].split()
+        self.owners = [labels[i] for i in run["event_detector"].values[self.events].tolist()]
+        self.impulses = np.stack([self._events(f"event_impulse_{name}") for name in model.coordinates], axis=1)
+        self.speeds = [self._columns(velocity, rows) for rows in self.rows]
+        self.accelerations = [self._columns(acceleration, rows) for rows in self.rows]
+        self.lost = self._events("event_energy_lost")
+
+    def _events(self, name: str) -> Floats:
+        found: Floats = self.run[name].values[self.events] * float(parse_unit(self.run[name].attrs["units"]).factor)
+        return found
+
+    def column(self, name: str, rows: Any) -> Floats:
+        """Return a variable in rows of the run."""
+        found: Floats = self.run[name].values[rows] * float(parse_unit(self.run[name].attrs["units"]).factor)
+        return found
+
+    def _columns(self, named: Any, rows: Any) -> Floats:
+        return np.stack([self.column(named(name), rows) for name in self.model.coordinates], axis=1)
+
+    def state(self, rows: Any) -> dict[str, Floats]:
+        """Return time, coordinates, velocities and first-order states in rows of the run."""
+        names = ("time", *self.model.coordinates, *map(velocity, self.model.coordinates), *self.model.states)
+        found = {name: self.column(name, rows) for name in names}
+        return {"t": found.pop("time")} | found
+
+    @cached_property
+    def masses(self) -> Floats:
+        """Mass matrix at every impact."""
+        before = self.state(self.rows[0])
+        states = ({name: float(values[i]) for name, values in before.items()} for i in range(len(self.events)))
+        return np.array(list(mass_matrices(self.model, states)))
+
+    @cached_property
+    def conditions(self) -> Floats:
+        """Condition of each mass matrix with ones on its diagonal."""
+        size = np.sqrt(np.diagonal(self.masses, axis1=1, axis2=2))
+        found: Floats = np.linalg.cond(self.masses / (size[:, :, None] * size[:, None, :]))
+        return found
+
+    @cached_property
+    def rounding(self) -> Floats:
+        """What rounding may leave of a sum, as a share of its terms."""
+        return ROUNDINGS * EPS * self.conditions
+
+    def values(self, tree: Node, side: int) -> Floats:
+        """Evaluate an expression of the model before (0) or after (1) every impact."""
+        found = evaluated_many(self.model, [tree], self.state(self.rows[side]), constants(self.model), tables_of(self.model))[0]  # fmt: skip
+        return np.broadcast_to(np.asarray(found, float), (len(self.events),))
+
+    def row_of(self, one: Reaction) -> Floats:
+        """Return the derivative of a reaction's rate by the velocities at every impact."""
+        trees = [one.row.get(name, ZERO) for name in self.model.coordinates]
+        return np.stack([self.values(tree, 0) for tree in trees], axis=1)
+
+    def of(self, name: str) -> NDArray[np.int64]:
+        """Return the numbers of the impacts of a contact."""
+        return np.array([i for i, owner in enumerate(self.owners) if owner == name], np.int64)
+
+
+def checks_of(run: xr.Dataset, model: Model) -> Iterator[Check]:
+    """Yield what the impacts of a run are held against, nothing where there is none."""
+    if not model.contacts or "event_energy_lost" not in run or not (run["event_kind"].values == IMPACT).any():
+        return
+    impacts = Impacts(run, model)
+    yield from _of_impulses(impacts)
+    for name in model.contacts:
+        if impacts.of(name).size:
+            yield from _of_contact(impacts, name)
+
+
+def _settled(impacts: Impacts) -> Floats:
+    """Return by how much impulses may differ that take away rates below what the time tolerance leaves.
+
+    A contact that rests loses the rate that it may have come to within the time to which events are located.
+    """
+    tolerance = float(impacts.run.attrs["solver_time_tolerance"])
+    asked = [one.time_tolerance.si for one in impacts.model.contacts.values() if one.time_tolerance is not None]
+    terms = [np.abs(impacts.masses) @ np.abs(one)[:, :, None] for one in impacts.accelerations]
+    found: Floats = max([tolerance, *asked]) * (terms[0] + terms[1])[:, :, 0]
+    return found
+
+
+def _of_impulses(impacts: Impacts) -> Iterator[Check]:
+    """Hold impulses against the jump of velocities in the metric of the mass, and energies against impulses."""
+    run, (before, after) = impacts.run, impacts.speeds
+    first = np.unique(impacts.group, return_index=True)[1]
+    jump = (impacts.masses @ (after - before)[:, :, None])[first, :, 0]
+    size = (np.abs(impacts.masses) @ (np.abs(after) + np.abs(before))[:, :, None])[first, :, 0]
+    total = np.zeros((len(first), before.shape[1]))
+    np.add.at(total, impacts.group, impacts.impulses)
+    settled, rounding = _settled(impacts)[first], impacts.rounding[first, None]
+    for i, name in enumerate(impacts.model.coordinates):
+        units = str(run[f"event_impulse_{name}"].attrs["units"])
+        relation = f"sum of event_impulse_{name} = row {name} of M (v after - v before)"
+        bound = (rounding * (size + np.abs(total)) + settled)[:, i]
+        yield _worst(impacts, f"impulse_{name}", relation, f"event_impulse_{name}", units, np.abs(jump - total)[:, i], bound, first)  # fmt: skip
+    if "kinetic_energy" not in run:
+        return
+    kinetic = [impacts.column("kinetic_energy", rows)[first] for rows in impacts.rows]
+    work = np.sum(total * (before + after)[first], axis=1) / 2.0
+    scale = np.sum((size + np.abs(total)) * (np.abs(before) + np.abs(after))[first], axis=1)
+    slack = np.sum(settled * (np.abs(before) + np.abs(after))[first], axis=1)
+    units = str(run["event_energy_lost"].attrs["units"])
+    relation = "kinetic energy after - before = sum of impulses times (v before + v after)/2"
+    residual = np.abs(kinetic[1] - kinetic[0] - work)
+    yield _worst(impacts, "kinetic_energy", relation, "kinetic_energy", units, residual, rounding[:, 0] * scale + slack, first)  # fmt: skip
+
+
+def _of_contact(impacts: Impacts, name: str) -> Iterator[Check]:
+    """Hold the impulses of one contact against its directions and friction, its rates and energy against its law."""
+    mine, law = impacts.of(name), impacts.model.contacts[name].law
+    parts = [one for one in reactions(impacts.model) if one.owner == name and one.sort != DRY]
+    normal = parts[0]
+    rows = np.stack([impacts.row_of(one)[mine] for one in parts], axis=2)
+    impulse, rounding = impacts.impulses[mine], impacts.rounding[mine]
+    strength = np.stack([np.linalg.lstsq(row, one, rcond=None)[0] for row, one in zip(rows, impulse, strict=True)])
+    before, after = (np.stack([impacts.values(one.rate, side)[mine] for one in parts], axis=1) for side in (0, 1))
+    speeds = np.abs(impacts.speeds[0][mine]) + np.abs(impacts.speeds[1][mine])
+    size = np.sum(np.abs(rows) * speeds[:, :, None], axis=1) + np.abs(before) + np.abs(after)
+    noise = rounding[:, None] * size + _slack(impacts, parts)[mine]
+
+    off = np.linalg.norm(impulse - np.einsum("kij,kj->ki", rows, strength), axis=1) / np.linalg.norm(impulse, axis=1)
+    relation = "impulse is along the gradient of the gap, and the slip's"
+    yield _worst(impacts, f"{name}.direction", relation, "event_impulse", "1", off, rounding, mine)
+
+    unit, observable = spell(rate_dimension(impacts.model, normal)).text, f"rates of contact {name}"
+    relation = (
+        "rate after = -e times rate before; where others are struck too, at least that by newton, else at least 0"
+    )
+    if len(parts) > 1 and law not in OF_RATES:
+        why = f"law = '{law}' with friction relates impulses, or work, within an impact, and not the rates at its ends"
+        yield Check(f"{name}.restitution", relation, observable, unit, note=why)
+    else:
+        aim = after[:, 0] + impacts.values(normal.size, 0)[mine] * np.minimum(before[:, 0], 0.0)
+        least = aim if law == "newton" else after[:, 0]
+        residual = np.where(_alone(impacts)[mine], np.abs(aim), np.maximum(0.0, -least))
+        yield _worst(impacts, f"{name}.restitution", relation, observable, unit, residual, noise[:, 0], mine)
+
+    if len(parts) > 1:
+        friction = impacts.values(parts[1].size, 0)[mine]
+        over = np.maximum(0.0, np.abs(strength[:, 1]) / np.abs(strength[:, 0]) - friction)
+        relation, bound = "|tangential impulse| <= friction times normal impulse", rounding * (1.0 + friction) * np.linalg.cond(rows)  # fmt: skip
+        yield _worst(impacts, f"{name}.friction", relation, "event_impulse", "1", over, bound, mine)
+
+    loss = -np.sum(strength * (before + after), axis=1) / 2.0
+    relation, unit = "energy lost = -(impulses times (rates before + after)/2)", str(impacts.run["event_energy_lost"].attrs["units"])  # fmt: skip
+    bound = np.sum(np.abs(strength) * noise, axis=1)
+    yield _worst(impacts, f"{name}.energy_lost", relation, "event_energy_lost", unit, np.abs(impacts.lost[mine] - loss), bound, mine)  # fmt: skip
+
+
+def _alone(impacts: Impacts) -> NDArray[np.bool_]:
+    """Tell which impacts are of one contact, while no other one is as near that it might be in them."""
+    found: NDArray[np.bool_] = np.bincount(impacts.group)[impacts.group] == 1
+    for name, one in impacts.model.contacts.items():
+        near = np.abs(impacts.values(impacts.model.expanded(one.gap), 0)) <= NEAR * _largest_gap(impacts, name)
+        found &= ~near | np.array([owner == name for owner in impacts.owners])
+    return found
+
+
+def _largest_gap(impacts: Impacts, name: str) -> float:
+    gap = impacts.run[contact_gap(name)]
+    return float(np.max(np.abs(gap.values))) * float(parse_unit(gap.attrs["units"]).factor)
+
+
+def _slack(impacts: Impacts, parts: list[Reaction]) -> Floats:
+    """Return what rates of a contact may change by within the time tolerance."""
+    tolerance, found = float(impacts.run.attrs["solver_time_tolerance"]), []
+    asked = [one.time_tolerance.si for one in impacts.model.contacts.values() if one.time_tolerance is not None]
+    for one in parts:
+        row, bias = np.abs(impacts.row_of(one)), np.abs(impacts.values(one.bias, 0))
+        found.append(bias + sum(np.sum(row * np.abs(each), axis=1) for each in impacts.accelerations))
+    return max([tolerance, *asked]) * np.stack(found, axis=1)
+
+
+def _worst(impacts: Impacts, name: str, relation: str, observable: str, units: str, residual: Floats, bound: Floats, members: Any) -> Check:  # fmt: skip
+    """Return the impact at which a relation is fulfilled worst."""
+    k = int(np.argmax(residual / np.maximum(bound, np.finfo(float).tiny)))
+    event = int(impacts.events[members[k]])
+    where = f"{len(residual)} impacts, worst at event {event}, t = {float(impacts.run['event_time'][event]):.6g} s"
+    return Check(name, relation, observable, units, float(residual[k]), float(bound[k]), where)
