@@ -80,10 +80,10 @@ def test_linear_systems_have_the_real_parts_of_their_eigenvalues(case: int) -> N
     found = exponents(marched(model, 100.0, rtol=1e-6))
     real = np.sort(np.linalg.eigvals(matrix).real)[::-1]
     off = np.abs(found.lyapunov_exponents.values - real)
-    assert (off <= 4.0 * found.lyapunov_uncertainty.values + 1e-6).all()
+    assert (off <= found.lyapunov_uncertainty.values + 1e-6).all()
     assert float(found.lyapunov_exponents.sum()) == pytest.approx(float(np.trace(matrix)), abs=1e-6)
     apart = np.diff(real).min() < -0.3 if len(set(real.round(9))) == n else False
-    assert off.max() < (0.02 if apart else 0.2)
+    assert off.max() < (0.002 if apart else 0.05)
 
 
 @pytest.mark.parametrize(
@@ -259,6 +259,52 @@ def test_piecewise_springs_and_relays() -> None:
     assert float(relay.lyapunov_exponents.sum()) == pytest.approx(0.0, abs=1e-6)
     assert abs(float(relay.lyapunov_exponent)) < 2.0 * float(relay.lyapunov_uncertainty[0])
     assert math.isinf(relay.lyapunov_time)
+
+
+def shaken(case: int) -> xd.Model:
+    """Return two driven bodies with a mass matrix that moves, and one kind of event."""
+    random = np.random.default_rng(case)
+    ranges = {"a": (0.5, 2), "b": (0, 1), "c": (0, 0.3), "d": (0.2, 1), "w": (1, 3), "f": (1, 2.5), "e": (0.5, 0.95), "g": (0.2, 0.6), "j": (0.1, 0.4)}  # fmt: skip
+    force = {"x": "-a*x - b*x**3 - d*(x - y) - c*v_x**3 + f*cos(w*t)", "y": "-y - d*(y - x) - c*v_y"}
+    hit = {"function": "x - 0.4 + 0.1*y*y", "direction": "rising", "action": "reset"}
+    event: dict[str, Any] = (
+        {"contacts": {"wall": {"gap": "0.4 - x + 0.2*y", "restitution": "e"}}},
+        {},
+        {"events": {"hit": hit | {"set": {"v_x": "-e*v_x + 0.1*y", "v_y": "v_y - 0.2*v_x"}}}},
+        {},
+    )[case % 4]
+    force["x"] += " - g*abs(x - 0.1*y)" if case % 4 == 1 else ""
+    force["y"] += " - g*sign(x + 0.2)" if case % 4 == 3 else ""
+    return xd.Model(
+        name="shaken", time={"unit": "1"}, coordinates={"x": "1", "y": "1"},
+        mass={"matrix": [["1.5 + j*cos(y)", "j"], ["j", "1"]]}, forces={"all": force},
+        parameters={name: repr(float(random.uniform(*ends))) for name, ends in ranges.items()},
+        initial={name: repr(float(random.uniform(-0.5, 0.2))) for name in ("x", "y", "v_x", "v_y")}, **event,
+    )  # fmt: skip
+
+
+@pytest.mark.cases(200)
+def test_growth_is_that_of_runs_that_start_beside(case: int) -> None:
+    """Assert the growth over impacts, resets, kinks and jumps of forces against differences of whole runs."""
+    model, names = (
+        shaken(case + case // 20),
+        ("x", "y", "v_x", "v_y"),
+    )  # of every kind in the twentieth that always runs
+    run = marched(model, 8.0, rtol=1e-11, atol=1e-12)
+    ranges = np.array([float(np.ptp(run[name].values)) for name in names])
+    grown = []
+    for part in (1e-6, 3e-6):
+        columns = []
+        for name, size in zip(names, (part * ranges).tolist(), strict=True):
+            ends = []
+            for moved in (size, -size):
+                beside = model.replace(initial={name: repr(float(run[name][0]) + moved)})
+                end = marched(beside, 8.0, rtol=1e-11, atol=1e-12).isel(step=-1)
+                ends.append([float(end[other]) for other in names])
+            columns.append(np.subtract(*ends) / (2.0 * part) / ranges)
+        grown.append(math.log(np.linalg.norm(np.array(columns), 2)))
+    found = float(exponents(run).finite_time_growth) * 8.0
+    assert abs(found - grown[0]) <= 1e-6 + 10.0 * abs(grown[0] - grown[1])
 
 
 def test_regimes_with_other_forces() -> None:
