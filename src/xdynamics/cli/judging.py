@@ -116,6 +116,7 @@ def _kept(found: xr.Dataset, told: Any, output: str | None) -> None:
 @click.argument("archive", metavar="RUN.nc")
 @click.option("-o", "--output", metavar="D.nc", help="Where to keep the diagnosis.")
 @click.option("--of", help="The coordinate whose cycles are counted; the first one without it.")
+@click.option("--level", metavar="VALUE", help="Which level a cycle begins with the rise through, like '0.1 m'; else one that is passed often.")  # fmt: skip
 @click.option("--reference", metavar="PERIOD|RUN.nc", help="What phases are offset from; without it one more run at a tighter setting.")  # fmt: skip
 @click.option("--exact", multiple=True, metavar="NAME=EXPRESSION", help="A closed form, like x='x0*cos(w*t)'.")
 @click.option("--lyapunov", is_flag=True, help="Find all Lyapunov exponents, each with its uncertainty, by the variational equations along the run.")  # fmt: skip
@@ -125,6 +126,7 @@ def diagnose(
     archive: str,
     output: str | None,
     of: str | None,
+    level: str | None,
     reference: str | None,
     exact: tuple[str, ...],
     lyapunov: bool,
@@ -140,7 +142,7 @@ def diagnose(
     _check(output)
     other = open_run(reference) if reference and reference.endswith(".nc") else reference
     told = diagnosed(
-        open_run(archive), of=of, reference=other, exact=pairs(exact, "--exact"), companion=not no_companion, lyapunov=exponents or lyapunov
+        open_run(archive), of=of, level=level, reference=other, exact=pairs(exact, "--exact"), companion=not no_companion, lyapunov=exponents or lyapunov
     )  # fmt: skip
     _kept(told, lines_of, output)
 

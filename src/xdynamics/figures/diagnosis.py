@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.evidence.diagnosing.chaos import exponents_with_uncertainty
+from xdynamics.evidence.diagnosing.diagnosis import cycles_said
 from xdynamics.faults import InputError
 from xdynamics.figures.marks import COLOURS, timed, words
 from xdynamics.figures.sheet import Panel
@@ -51,7 +52,9 @@ def foot_of(found: xr.Dataset) -> str:
         )
     parts = []
     if found.sizes.get(CYCLE, 0):
-        parts.append(f"cycles of {found.attrs['coordinate']}; phases beside {found.attrs['reference']}")
+        parts.append(f"cycles of {cycles_said(found)}; phases beside {found.attrs['reference']}")
+    if "cycle_doubt" in found.attrs:
+        parts.append(str(found.attrs["cycle_doubt"]))
     if LYAPUNOVS in found:
         parts.append(f"exponents: {found[LYAPUNOVS].attrs['transient']}; bars are standard uncertainties")
     return "; ".join(parts) + energy

@@ -11,7 +11,7 @@ import xarray as xr
 
 from xdynamics.faults import escaped
 from xdynamics.record.kinds import is_whole
-from xdynamics.record.words import words_of
+from xdynamics.record.words import behind, words_of
 from xdynamics.schema import contact_force, friction_force
 
 if TYPE_CHECKING:
@@ -67,8 +67,7 @@ def timed(time: xr.DataArray, what: str = "time") -> str:
 
 def at_time(time: xr.DataArray, value: float, digits: int = 6) -> str:
     """Say a time with the unit that it has."""
-    units = str(time.attrs.get("units", "s"))
-    return f"t = {value:.{digits}g}{'' if units == '1' else f' {units}'}"
+    return f"t = {value:.{digits}g}{behind(str(time.attrs.get('units', 's')))}"
 
 
 def words(text: Any) -> str:

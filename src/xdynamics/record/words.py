@@ -1,10 +1,13 @@
-"""Flags of a record as the words that they stand for."""
+"""Flags of a record as the words that they stand for, and its times with the unit that they have."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from xdynamics.schema import AT_TIME
+from xdynamics.units import NUMBERS, SECONDS, Unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -15,3 +18,22 @@ def words_of(flag: xr.DataArray) -> list[str]:
     words = str(flag.attrs["flag_meanings"]).split()
     names = dict(zip(np.atleast_1d(flag.attrs["flag_values"]).tolist(), words, strict=True))
     return [names[int(one)] for one in np.atleast_1d(np.asarray(flag))]
+
+
+def time_unit(record: xr.Dataset) -> Unit:
+    """Return the unit of a record's times: seconds, or none where its model's time is a pure number."""
+    times = (record.variables[name] for name in ("time", AT_TIME, "event_time") if name in record.variables)
+    units = next((str(one.attrs.get("units", SECONDS.text)) for one in times), SECONDS.text)
+    return NUMBERS if units == NUMBERS.text else SECONDS
+
+
+def behind(unit: Unit | str) -> str:
+    """Return a unit as it stands behind a number; nothing where there is none.
+
+    Examples
+    --------
+    >>> f"3{behind('s')}, 3{behind('1')}"
+    '3 s, 3'
+    """
+    text = unit if isinstance(unit, str) else unit.text
+    return "" if text == NUMBERS.text else f" {text}"

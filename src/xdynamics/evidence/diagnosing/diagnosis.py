@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import reduce
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -17,14 +18,16 @@ from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
 from xdynamics.evidence.diagnosing.extremes import extremes_of, sought
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.marching import march
-from xdynamics.expressions import dimension_of, free_names, parse
+from xdynamics.evidence.observing import comparable, evaluated_on, tree_of
+from xdynamics.expressions import Binary, Name, Node, dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.record import check, check_kind
+from xdynamics.record.words import behind, time_unit
 from xdynamics.schema import CYCLE, STEPS
-from xdynamics.units import parse_quantity, parse_time, parse_unit, spell
+from xdynamics.units import Unit, parse_quantity, parse_unit, spell, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,6 +39,7 @@ ROLE = "diagnostic"
 BELIEVED = 0.1  # of the range of a quantity: what it may be off, and still be believed
 EXACT, MOST_STEPS = ("dop853", 1e-12), 1_000_000  # of the march that phases are told by
 PARTS = 64  # of a cycle, at which an area is looked at
+MEANT = 512  # of a cycle, besides accepted states, by which a mean is taken
 LOOKED_AT = 400  # times at which a run is held against its companion
 KEPT = ("solver_method", "solver_step", "solver_rtol", "model_digest")  # attributes of the run
 BANDED = ("energy", "observable")  # roles of what may be conserved
@@ -61,8 +65,9 @@ def diagnose(
     of : str, optional
         The coordinate whose cycles are counted; the first one without it.
     level : str or float, optional
-        Which level a cycle begins with the rise through; 0 where the coordinate rises through it twice, else the middle
-        of its range.
+        Which level a cycle begins with the rise through. Without it 0, the middle of the coordinate's range, or that of its
+        smallest swing: the first that it rises through twice, and half as often as it has maxima. Attributes say which
+        (`level`, `level_rule`), how many `maxima` there are, and in `cycle_doubt` where these are more than the rises.
     reference : xarray.Dataset, str or float, optional
         What phases are offset from: another run, or a period like ``"2 s"``; without it one more run of the
         model by `dop853` at a tolerance of 1e-12, or where that does not come to the end the companion.
@@ -120,10 +125,12 @@ def diagnose(
     beside = companion_of(run, functions) if companion else None
     variables = dict(_bands(run))
     found = _cycles(run, of, level, functions)
-    variables |= dict(_conserved(run, model, found))
+    variables |= dict(_conserved(run, model, found, functions))
     if found is not None:
         told |= {"coordinate": found.name, "level": found.level, "level_units": str(run[found.name].attrs["units"])}
-        ideal, said = _reference(found, reference, beside, functions)
+        told |= {"level_rule": found.rule, "maxima": found.maxima}
+        told |= {"cycle_doubt": found.doubt} if found.doubt else {}
+        ideal, said = _reference(found, reference, time_unit(run), beside, functions)
         turns = _turns(run, found.name, functions)
         variables |= _along_cycles(run, found, ideal, turns, functions) | turns
         told["reference"] = said
@@ -160,46 +167,56 @@ def _band(name: str) -> str:
     return "energy_band" if name == "total_energy" else f"band_{name}"
 
 
-def _conserved(run: xr.Dataset, model: Model, found: Cycles | None) -> Iterator[tuple[str, Any]]:
+def _conserved(run: xr.Dataset, model: Model, found: Cycles | None, functions: Functions | None) -> Iterator[tuple[str, Any]]:  # fmt: skip
     """Yield how far what may be conserved drifts, and momenta."""
-    time = np.asarray(run["time"])
+    known = comparable(model)
     for name in _with_roles(run, BANDED):
-        units = str(run[name].attrs["units"])
-        drift, said = _drift(time, np.asarray(run[name]), found)
+        units, tree = parse_unit(str(run[name].attrs["units"])), tree_of(model, name) if name in known else None
+        drift, said = _drift(run, model, np.asarray(run[name]) * float(units.factor), tree, found, functions)
         key = "energy_drift" if name == "total_energy" else f"drift_{name}"
-        yield key, ((), drift, about(units, f"{name}: {said}", ROLE))
+        yield key, ((), drift / float(units.factor), about(units.text, f"{name}: {said}", ROLE))
     coordinates = list(model.coordinates)
     if not coordinates or model.python_functions:
         return
-    state = {name: np.asarray(run[name]) * float(unit.factor) for name, unit in model.units.items()} | {"t": time}
+    rows, time = np.arange(run.sizes[STEPS]), np.asarray(run["time"])
+    states = {name: np.asarray(run[name]) for name in model.units}
     entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
-    masses = evaluated_many(model, list(entries.values()), state, constants(model), tables_of(model))
     for i, name in enumerate(coordinates):
-        speeds = [state[schema.velocity(one)] for one in coordinates]
-        momentum = sum((mass * speeds[j] for (k, j), mass in zip(entries, masses, strict=True) if k == i), np.zeros(time.size))  # fmt: skip
+        terms: list[Node] = [Binary("*", mass, Name(schema.velocity(coordinates[j]))) for (k, j), mass in entries.items() if k == i]  # fmt: skip
+        tree = reduce(lambda one, other: Binary("+", one, other), terms)
+        (momentum,) = evaluated_on(run, model, [tree], states, time, rows)
         mass = dimension_of(model.expanded(model.statement.mass_entries[i, i]), model.dimensions)
-        units = spell(mass * model.dimensions[schema.velocity(name)]).text
-        drift, said = _drift(time, momentum, found)
+        units = spell(mass * model.dimensions[schema.velocity(name)])
+        drift, said = _drift(run, model, momentum, tree, found, functions)
         yield (
             f"band_momentum_{name}",
-            ((), float(np.ptp(momentum)), about(units, f"largest less least momentum of {name}, (M v)", ROLE)),
+            ((), float(np.ptp(momentum)), about(units.text, f"largest less least momentum of {name}, (M v)", ROLE)),
         )
-        yield f"drift_momentum_{name}", ((), drift, about(units, f"momentum of {name}: {said}", ROLE))
+        yield f"drift_momentum_{name}", ((), drift, about(units.text, f"momentum of {name}: {said}", ROLE))
 
 
-def _drift(time: Floats, values: Floats, found: Cycles | None) -> tuple[float, str]:
-    """Return how far a quantity has gone since its beginning, what swings within a cycle apart."""
+def _drift(run: xr.Dataset, model: Model, values: Floats, tree: Node | None, found: Cycles | None, functions: Functions | None) -> tuple[float, str]:  # fmt: skip
+    """Return how far a quantity has gone since its beginning, what swings within a cycle apart: its end less its start."""
     if found is None or len(found.times) < 3:
         return float(values[-1] - values[0]), "at the end less at the start"
-    ends = found.times
-    return _mean(time, values, ends[-2], ends[-1]) - _mean(time, values, ends[0], ends[1]), "mean over the last cycle less that over the first"  # fmt: skip
+    ends = found.times.tolist()
+    first, last = (_mean(run, model, values, tree, *span, functions) for span in (ends[:2], ends[-2:]))
+    return last - first, "mean over the last cycle less that over the first"
 
 
-def _mean(time: Floats, values: Floats, begin: float, end: float) -> float:
-    """Return the mean over time, by straight lines between accepted states."""
-    inner = (time > begin) & (time < end)
-    t = np.concatenate([[begin], time[inner], [end]])
-    y = np.concatenate([[np.interp(begin, time, values)], values[inner], [np.interp(end, time, values)]])
+def _mean(run: xr.Dataset, model: Model, values: Floats, tree: Node | None, begin: float, end: float, functions: Functions | None) -> float:  # fmt: skip
+    """Return the mean over time: of accepted states, and of what is evaluated on states between, joined by straight lines."""
+    time = np.asarray(run["time"])
+    inner = np.flatnonzero((time > begin) & (time < end))
+    times = np.linspace(begin, end, MEANT + 1)
+    if tree is None:
+        between, rows = np.interp(times, time, values), np.searchsorted(time, times, side="right") - 1
+    else:
+        states = sampled(run, times, after=True, rule=REINTEGRATE, functions=functions)
+        rows = np.asarray(states["row"])
+        (between,) = evaluated_on(run, model, [tree], {name: np.asarray(states[name]) for name in model.units}, times, rows)  # fmt: skip
+    order = np.lexsort((np.concatenate([rows + 0.5, inner]), np.concatenate([times, time[inner]])))
+    t, y = (np.concatenate(pair)[order] for pair in ((times, time[inner]), (between, values[inner])))
     return float(np.trapezoid(y, t) / (end - begin))
 
 
@@ -218,14 +235,14 @@ def _cycles(run: xr.Dataset, of: str | None, level: Any, functions: Functions | 
     return cycles(run, name, level=level, functions=functions)
 
 
-def _reference(found: Cycles, reference: Any, beside: Companion | None, functions: Functions | None) -> tuple[Floats, str]:  # fmt: skip
+def _reference(found: Cycles, reference: Any, unit: Unit, beside: Companion | None, functions: Functions | None) -> tuple[Floats, str]:  # fmt: skip
     """Return the times of the reference's crossings, and what it is."""
     n = len(found.times)
     if isinstance(reference, str | float | int):
-        period = parse_time(reference, "reference")
+        period = time_in(unit, reference, "reference")
         if not period > 0.0:
             raise InputError(f"reference is {reference!r}, needs a positive period")
-        return np.array([found.times[0] + period * k for k in range(n)]), f"a period of {period!r} s"
+        return np.array([found.times[0] + period * k for k in range(n)]), f"a period of {period!r}{behind(unit)}"
     if reference is not None:
         check_kind(reference)
         check_whole(reference)
@@ -274,12 +291,12 @@ def _along_cycles(
     with np.errstate(invalid="ignore"):
         behind = TURN * (other[1:] - found.times[1:]) / np.diff(other)
     units, speed = (str(run[one].attrs["units"]) for one in (name, schema.velocity(name)))
-    doubts = found.uncertainties
+    doubts, seconds = found.uncertainties, time_unit(run).text
     each = (CYCLE,)
     return {
-        "cycle_time": (each, found.times[1:], about("s", f"end of the cycle: {name} rises through {found.level:.9g} {units}", ROLE)),
-        "period": (each, found.periods, about("s", "from one located crossing to the next", ROLE)),
-        "period_uncertainty": (each, doubts[1:] + doubts[:-1], about("s", "what the location of both crossings is uncertain by", "error")),
+        "cycle_time": (each, found.times[1:], about(seconds, f"end of the cycle: {name} rises through {found.level:.9g} {units}", ROLE)),
+        "period": (each, found.periods, about(seconds, "from one located crossing to the next", ROLE)),
+        "period_uncertainty": (each, doubts[1:] + doubts[:-1], about(seconds, "what the location of both crossings is uncertain by", "error")),
         "phase_offset": (each, behind, about("rad", "phase at the end of the cycle less that of the reference; below 0 behind it", ROLE)),
         "amplitude": (each, size, about(units, f"half of what {name} goes up and down, to located turns", ROLE)),
         "phase_space_area": (each, area, about(str(parse_unit(f"{units} {speed}").text), f"area that {name} and its velocity go round: the velocity squared, over the cycle", ROLE)),
@@ -298,7 +315,7 @@ def _turns(run: xr.Dataset, name: str, functions: Functions | None) -> dict[str,
     points = np.asarray(sampled(run, high, after=False, rule=REINTEGRATE, functions=functions)[name]) if rows.size else np.zeros(0)  # fmt: skip
     units = str(run[name].attrs["units"])
     return {
-        "turning_time": (("turn",), high, about("s", f"when {name} turns, located by steps of the run's own method", ROLE)),
+        "turning_time": (("turn",), high, about(time_unit(run).text, f"when {name} turns, located by steps of the run's own method", ROLE)),
         "turning_point": (("turn",), points, about(units, f"{name} where it turns", ROLE)),
     }  # fmt: skip
 
@@ -355,11 +372,18 @@ def _believed(run: xr.Dataset, beside: Companion) -> dict[str, Any]:
     stays = lost & np.append(lost[1:], lost[-1:])  # once may be between two impacts that are one
     until = float(time[rows[int(np.argmax(stays))]]) if stays.any() else end
     said = "time up to which no coordinate, velocity or state is further from the solution than a tenth of its range"
-    return {"believed_until": ((), until, about("s", said, ROLE))}
+    return {"believed_until": ((), until, about(time_unit(run).text, said, ROLE))}
 
 
 def _with_roles(run: xr.Dataset, roles: tuple[str, ...]) -> list[str]:
     return [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in roles and one.dims == (STEPS,)]
+
+
+def cycles_said(found: xr.Dataset) -> str:
+    """Say of which coordinate cycles are, and through which level; what an older diagnosis did not say is left out."""
+    used = found.attrs
+    rule = f", {used['level_rule']}" if "level_rule" in used else ""
+    return f"{used['coordinate']}, each from one rise through {float(used['level']):.6g}{behind(str(used['level_units']))}{rule}, to the next"
 
 
 def lines_of(found: xr.Dataset) -> Iterator[str]:
@@ -370,8 +394,10 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
             shown = f", {str(found[rule].attrs['flag_meanings']).split()[int(found[rule])]}" if rule in found else ""
             yield f"{name} = {float(one):.9g}{units}{shown}"
     yield from chaos.exponents_in_words(found)
+    if "cycle_doubt" in found.attrs:
+        yield f"attention: {found.attrs['cycle_doubt']}"
     if CYCLE in found.dims and found.sizes[CYCLE]:
-        yield f"cycles of {found.attrs['coordinate']}: {found.sizes[CYCLE]}, phases beside {found.attrs['reference']}"
+        yield f"cycles of {cycles_said(found)}: {found.sizes[CYCLE]}, phases beside {found.attrs['reference']}"
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):
             one = found[name]
             yield f"{name} = {float(one[0]):.9g} in the first cycle, {float(one[-1]):.9g} in the last, {one.attrs['units']}"

@@ -1,0 +1,126 @@
+"""Diagnoses against the closed form of damped swings: which level, sign, factor and end each number is of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from test_cli import call
+from xdynamics.evidence.diagnosing.cycles import cycles
+
+
+class Swing:
+    """x = middle + amplitude*exp(-d t)*cos(w t + phase), a mass of 1 kg on a spring with a drag."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        self.middle, self.amplitude = random.uniform(-3, 3), random.uniform(0.5, 2)
+        self.d, self.w, self.phase = random.uniform(-0.05, 0.05), random.uniform(1, 4), random.uniform(-3, 3)
+        self.end = random.uniform(4.2, 9.0) * 2 * np.pi / self.w
+        self.k = self.w**2 + self.d**2
+
+    def x(self, t: Any) -> Any:
+        """The place."""
+        return self.middle + self.amplitude * np.exp(-self.d * t) * np.cos(self.w * t + self.phase)
+
+    def v(self, t: Any) -> Any:
+        """The velocity."""
+        size = self.amplitude * np.exp(-self.d * t)
+        return -size * (self.d * np.cos(self.w * t + self.phase) + self.w * np.sin(self.w * t + self.phase))
+
+    def energy(self, t: Any) -> Any:
+        """The total energy."""
+        return self.v(t) ** 2 / 2 + self.k * (self.x(t) - self.middle) ** 2 / 2
+
+    @property
+    def rises(self) -> Any:
+        """When x rises through the middle: w t + phase = -pi/2 + 2 pi n."""
+        turns = (-np.pi / 2 + 2 * np.pi * np.arange(-2, 12) - self.phase) / self.w
+        return turns[(turns > 0) & (turns < self.end)]
+
+    @property
+    def maxima(self) -> int:
+        """How often it turns from rising to falling."""
+        lag = np.arctan2(self.d, self.w)
+        turns = (2 * np.pi * np.arange(-2, 12) - lag - self.phase) / self.w
+        return int(np.count_nonzero((turns > 0) & (turns < self.end)))
+
+    def run(self, **more: Any) -> xr.Dataset:
+        """The march."""
+        model = xd.Model(
+            name="swing", coordinates={"x": "m"}, mass={"x": "1*kilogram"},
+            parameters={"k": f"{self.k!r} kg s-2", "c": f"{2 * self.d!r} kg s-1", "x0": f"{self.middle!r} m"},
+            forces={"spring": {"potential": "k*(x - x0)**2/2"}, "drag": {"x": "-c*v_x"}},
+            observables={"clock": "2*newton*t/second"},
+            initial={"x": f"{float(self.x(0.0))!r} m", "v_x": f"{float(self.v(0.0))!r} m s-1"},
+        )  # fmt: skip
+        return xd.simulate(model, until=self.end, **({"method": "dop853", "rtol": 1e-10, "atol": 1e-12} | more))
+
+
+@pytest.mark.cases(100)
+def test_every_number_of_a_diagnosis(case: int) -> None:
+    """Assert sign, factor and run of each: cycles, drifts, extremes, turns, residuals, by closed forms and quadrature."""
+    swing = Swing(np.random.default_rng(case))
+    run = swing.run()
+    exact = {"x": "x0 + 0.5*metre*t/second"}
+    found = xd.diagnose(run, level=f"{swing.middle!r} m", exact=exact, companion=False)
+    assert (found.attrs["level"], found.attrs["level_rule"]) == (pytest.approx(swing.middle), "given")
+    assert found.attrs["maxima"] == swing.maxima
+    rises = swing.rises
+    assert found.cycle_time.values == pytest.approx(rises[1:], abs=1e-7)
+    assert found.period.values == pytest.approx(2 * np.pi / swing.w, abs=1e-7)
+    own = cycles(run, "x", level=swing.middle).uncertainties
+    assert found.period_uncertainty.values == pytest.approx(own[1:] + own[:-1], rel=1e-12)
+    means = [np.mean(swing.energy(np.linspace(*span, 20_001))) for span in (rises[:2], rises[-2:])]
+    swung = float(np.ptp(run.total_energy.values))
+    assert float(found.energy_drift) == pytest.approx(means[1] - means[0], abs=1e-4 * swung + 1e-9)
+    assert float(found.energy_drift) * swing.d < 0  # what a drag takes is lost, what it brings is won
+    middles = np.mean(rises[-2:]) - np.mean(rises[:2])
+    assert float(found.drift_clock) == pytest.approx(2 * middles, rel=1e-9)
+    assert float(found.band_clock) == pytest.approx(2 * swing.end, rel=1e-12)
+    fine = np.linspace(0, swing.end, 200_001)
+    for word, at in (("maximum", np.argmax), ("minimum", np.argmin)):
+        place = at(swing.x(fine))
+        assert float(found[f"{word}_x"]) == pytest.approx(swing.x(fine[place]), abs=1e-7)
+        assert float(found[f"{word}_x_time"]) == pytest.approx(fine[place], abs=2e-3)
+    off = run.x.values - swing.middle - 0.5 * run.time.values
+    assert found.residual_x.values == pytest.approx(off, abs=1e-12)
+    assert float(found.largest_residual_x) == np.abs(found.residual_x.values).max()
+    assert float(found.rms_residual_x) == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-12)
+    assert found.turning_point.values == pytest.approx(swing.x(found.turning_time.values), abs=1e-7)
+    assert np.abs(swing.v(found.turning_time.values)).max() < 1e-6
+
+
+@pytest.mark.cases(100)
+def test_the_level_is_chosen_for_the_swings_and_said(case: int) -> None:
+    """Assert cycles of the swings wherever their middle is, without a level, and a word where a level misses them."""
+    swing = Swing(np.random.default_rng(case))
+    run = swing.run()
+    found = xd.diagnose(run, companion=False)
+    assert found.sizes["cycle"] >= swing.maxima / 2 - 1
+    assert ("cycle_doubt" in found.attrs) == (found.sizes["cycle"] + 1 < swing.maxima - 1)
+    values, high = run.x.values, float(run.x.max())
+    missed = high - 1e-3 * np.ptp(values)
+    doubt = xd.diagnose(run, level=missed, companion=False).attrs.get("cycle_doubt", "")
+    fine = swing.x(np.linspace(0, swing.end, 100_001))
+    rises = int(np.count_nonzero((fine[:-1] < missed) & (fine[1:] >= missed)))
+    assert bool(doubt) == (rises < swing.maxima - 1)
+    assert not doubt or f"has {swing.maxima} maxima and rises through the level" in doubt
+
+
+def test_what_the_command_says_of_levels(tmp_path: Path) -> None:
+    """Assert that the verb says coordinate, level and why, that --level sets it, and what it says of a level that is missed."""
+    swing = Swing(np.random.default_rng(7))
+    swing.middle, swing.d, swing.phase, swing.amplitude, swing.end = 2.0, 0.02, 0.0, 1.0, 8.4 * 2 * np.pi / swing.w
+    swing.k = swing.w**2 + swing.d**2
+    xd.save(swing.run(), path := tmp_path / "run.nc")
+    said = call("diagnose", path, "--no-companion").output
+    assert "cycles of x, each from one rise through" in said
+    assert "the middle of the range, to the next: 7, phases beside none" in said
+    said = call("diagnose", path, "--no-companion", "--level", "290 cm").output
+    assert "attention: x has 8 maxima and rises through the level" in said
+    assert call("diagnose", path, "--level", "3 s").exit_code == 2
