@@ -21,7 +21,7 @@ from xdynamics.model import Model
 from xdynamics.record.kinds import said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.schema import END_MEMORY, EVENT_AFTER, FAR, GIVEN_STEP, NODE, STEP, STEPS, velocity
-from xdynamics.units import TIME, parse_time, parse_unit
+from xdynamics.units import TIME, behind, parse_unit, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,8 +101,10 @@ def _extended(
     _refuse_other_ends(kept)
     model = Model.from_text(str(kept["model_toml"].values), functions=functions)
     asked, end = asked_of(kept), float(kept.attrs["solver_until"])
-    if not parse_time(until, "until") > end:
-        raise InputError(f"until is {until!r}, needs a time behind the end of the run at t = {end!r} s")
+    if not time_in(model.time_unit, until, "until") > end:
+        raise InputError(
+            f"until is {until!r}, needs a time behind the end of the run at t = {end!r}{behind(model.time_unit)}"
+        )
     settings = settings_for(model, **asked | {"until": until, "nodes": [*(asked["nodes"] or ()), end]})
     march = March(model, settings, progress)
     if not record.is_of(kept, march):

@@ -23,7 +23,7 @@ from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.record.kinds import is_run, said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
-from xdynamics.units import Quantity
+from xdynamics.units import Quantity, Unit, behind
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -168,7 +168,7 @@ def simulate(
         raise InputError(f"path is {path!r}, needs the name of a file")
     if resume and path is None:
         raise InputError("resume needs path=…, the file that the run was to be streamed to")
-    wanted = None if times is None else times_within(times, model.initial["t"].si, settings.until)
+    wanted = None if times is None else times_within(times, model.time_unit, model.initial["t"].si, settings.until)
     if progress is not None and not callable(progress):
         raise InputError(f"progress is {progress!r}, needs a function")
     _warn_of_instability(model, settings)
@@ -184,7 +184,7 @@ def simulate(
     return _at(finished, wanted, model)
 
 
-def times_within(times: Any, start: float, until: float) -> NDArray[np.float64]:
+def times_within(times: Any, unit: Unit, start: float, until: float) -> NDArray[np.float64]:
     """Read the times to return states at, before anything is marched.
 
     Raises
@@ -192,10 +192,12 @@ def times_within(times: Any, start: float, until: float) -> NDArray[np.float64]:
     InputError
         If one is no time of the run.
     """
-    wanted = wanted_times(times)
+    wanted = wanted_times(times, unit)
     outside = wanted[(wanted < start) | (wanted > until)]
     if outside.size:
-        raise InputError(f"times have {float(outside[0])!r} s, and the run goes from {start!r} s to {until!r} s")  # fmt: skip
+        raise InputError(
+            f"times have {float(outside[0])!r}{behind(unit)}, and the run goes from {start!r}{behind(unit)} to {until!r}{behind(unit)}"
+        )
     return wanted
 
 
@@ -234,19 +236,19 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
             return
         if surely_stable(jacobian, method, len(model.coordinates), step):
             return
-    limit = stable_step_of(jacobian, method, model)
+    limit, second = stable_step_of(jacobian, method, model), behind(model.time_unit)
     if limit > 0.0 and step > limit:
         warn(
-            f"step {step:.6g} s is beyond the stability limit {limit:.6g} s of '{method.name}' for '{model.name}' at its"
+            f"step {step:.6g}{second} is beyond the stability limit {limit:.6g}{second} of '{method.name}' for '{model.name}' at its"
             " start: errors grow from step to step; take a shorter step, or see xdynamics.modes(model) for what other"
             " methods bear",
             StabilityWarning,
         )
     elif limit == 0.0 and step > (longest := stable_step_of(jacobian, method, model, growth=1.0 / span)):
         warn(
-            f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is 0 s): errors"
-            f" grow from step to step, with {step:.6g} s more than e times within this run of {span:.6g} s, up to"
-            f" {longest:.3g} s less; see xdynamics.modes(model) for methods that are stable",
+            f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is 0{second}): errors"
+            f" grow from step to step, with {step:.6g}{second} more than e times within this run of {span:.6g}{second}, up to"
+            f" {longest:.3g}{second} less; see xdynamics.modes(model) for methods that are stable",
             StabilityWarning,
         )
 

@@ -44,7 +44,7 @@ def text_of(run: xr.Dataset, wanted: Floats) -> str:
     """Return the states at some times: CSV with units in its header, numbers to the last bit."""
     found = sample(run, wanted)
     names = [str(name) for name in found.data_vars if found[name].dims == (AT,) and error(str(name)) in found]
-    columns = {"time [s]": found[AT_TIME].values}
+    columns = {f"time [{found[AT_TIME].attrs['units']}]": found[AT_TIME].values}
     columns |= {f"{name} [{found[name].attrs['units']}]": found[name].values for name in names}
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")

@@ -329,6 +329,18 @@ SECONDS = Unit("s", TIME)
 NUMBERS = Unit("1", NONE)  # the unit of a time that has none
 
 
+def behind(unit: Unit | str) -> str:
+    """Return a unit as it stands behind a number; nothing where there is none.
+
+    Examples
+    --------
+    >>> f"3{behind('s')}, 3{behind('1')}"
+    '3 s, 3'
+    """
+    text = unit if isinstance(unit, str) else unit.text
+    return "" if text == NUMBERS.text else f" {text}"
+
+
 def parse_time(given: Any, what: str) -> float:
     """Read a time and return seconds; a bare number is seconds.
 

@@ -86,7 +86,7 @@ class Segments:
                 one = self._checked(name)
                 one.check(seals)
             except ArchiveError as error:
-                where = f"goes on from t = {self._found[-1].said['t']:.9g} s" if self._found else "starts anew"
+                where = f"goes on from t = {self._found[-1].said['t']:.9g}" if self._found else "starts anew"
                 warn(f"segment '{name}' {error}: the run {where}", ResumeWarning)
                 return
             self._found.append(one)

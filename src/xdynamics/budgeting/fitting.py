@@ -24,7 +24,7 @@ from xdynamics.record.columns import columns_of
 from xdynamics.schema import AT, AT_TIME
 from xdynamics.sweeping.axes import FOR_INITIAL, numbers_of
 from xdynamics.sweeping.sweep import plain, sweep
-from xdynamics.units import Quantity, Unit, parse_unit
+from xdynamics.units import Quantity, Unit, behind, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -108,7 +108,7 @@ class Asked:
         if whole and not np.isfinite(rows).all():
             k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
             said = ", ".join(f"{name} = {float(one)!r}" for name, one in zip(self.names, values[k], strict=True))
-            raise InputError(f"with {said} the run ends as '{found.run_outcome.values[k]}' at t = {float(found.end_time[k])!r} s, before all that was measured")  # fmt: skip
+            raise InputError(f"with {said} the run ends as '{found.run_outcome.values[k]}' at t = {float(found.end_time[k])!r}{behind(self.model.time_unit)}, before all that was measured")  # fmt: skip
         return rows
 
 
@@ -269,7 +269,7 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str
     for name in names:
         if name not in known:
             raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(known)}")
-    read, used = measured(data, comparable(model), gaps), settings_for(model, **settings)
+    read, used = measured(data, comparable(model), gaps, model.time_unit), settings_for(model, **settings)
     columns = {one.variable.name: one.variable.units for one in columns_of(used.layout(model), used)}
     units = {name: parse_unit(columns[name]) for name in comparable(model)}
     ledger = Ledger(read.name)
@@ -280,11 +280,11 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{units[name].text}' or a unit like it")
         elif read.uncertainties and name not in read.uncertainties:
             ledger.note(f"column '{name}' has no uncertainties, and others have: give u({name}) too, or none")
-    begin, end = model.initial["t"].si, used.until
+    begin, end, second = model.initial["t"].si, used.until, behind(model.time_unit)
     outside = np.flatnonzero((read.times < begin) | (read.times > end))
     if outside.size:
         ledger.note(
-            f"row {int(outside[0]) + 1}: t = {float(read.times[outside[0]])!r} s is outside the run, from {begin!r} s to {end!r} s; give until=…"
+            f"row {int(outside[0]) + 1}: t = {float(read.times[outside[0]])!r}{second} is outside the run, from {begin!r}{second} to {end!r}{second}; give until=…"
         )
     rows = len(read.times) * len(read.values)
     if rows <= len(names):
@@ -354,7 +354,7 @@ def _dataset(problem: Fitting, found: list[Search], best: Search, test: Tested, 
         "standard_uncertainty": ((PARAMETER,), deviations, about("1", "standard uncertainty of the estimate, in parameter_units", ROLE)),
         "at_bound": ((PARAMETER,), np.array([any(one) for one in reached], np.int8), about("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE)),
         "correlation": ((PARAMETER, OTHER), correlation, about("1", "correlation of the estimates", ROLE)),
-        AT_TIME: ((AT,), asked.data.times, about("s", "time of measurement", "time")),
+        AT_TIME: ((AT,), asked.data.times, about(asked.model.time_unit.text, "time of measurement", "time")),
         "model_toml": ((), np.array(fitted.to_toml()), about("1", "the fitted model as TOML, uncertain and correlated by what was found", "model")),
     }  # fmt: skip
     n = len(asked.data.times)

@@ -111,4 +111,4 @@ class progress:  # noqa: N801 - used as a statement
         now = time.monotonic()
         if now - self.last >= 1.0 and sys.stderr.isatty():
             self.last = now
-            click.echo(f"\r\033[K{done:4.0%}  t = {at:.6g} s, {rows} rows", nl=False, err=True)
+            click.echo(f"\r\033[K{done:4.0%}  t = {at:.6g}, {rows} rows", nl=False, err=True)

@@ -70,14 +70,14 @@ def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, 
     """Return what is varied, from the coarsest of it, the number of levels and their ratio."""
     from xdynamics.evidence.refining.levels import RTOLS, STEPS, TIME_TOLERANCES
     from xdynamics.faults import InputError
-    from xdynamics.units import parse_time
+    from xdynamics.units import time_in
 
     if levels < 1 or (ratio is not None and not 1.0 < ratio < float("inf")):
         raise InputError(
             f"--levels is {levels} and --ratio {ratio}; there is at least one level, and a ratio is above 1"
         )
     if time_tolerance is not None:
-        varied, first, kept = TIME_TOLERANCES, parse_time(time_tolerance, "--time-tolerance"), {"step": step, "rtol": rtol}  # fmt: skip
+        varied, first, kept = TIME_TOLERANCES, time_in(model.time_unit, time_tolerance, "--time-tolerance"), {"step": step, "rtol": rtol}  # fmt: skip
     elif step is not None and rtol is not None:
         raise InputError("--step and --rtol are both given; one of them is varied")
     elif rtol is not None:
@@ -89,7 +89,7 @@ def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, 
         coarsest = step or model.run.get("step")
         if coarsest is None:
             raise InputError(f"model '{model.name}' has no step in its [run]; give --step or --rtol, the coarsest one")
-        varied, first, kept = STEPS, parse_time(coarsest, "--step"), {}
+        varied, first, kept = STEPS, time_in(model.time_unit, coarsest, "--step"), {}
     by = ratio or varied.ratio
     return kept | {varied.keyword: [first / by**k for k in range(levels)]}
 
@@ -181,11 +181,13 @@ def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: 
     from xdynamics.archive import open_run
     from xdynamics.evidence.comparing.comparison import compare as compared
     from xdynamics.evidence.comparing.comparison import lines_of
-    from xdynamics.units import parse_time
+    from xdynamics.record.words import time_unit
+    from xdynamics.units import time_in
 
     _check(output)
     other = second if second.lower().endswith((".csv", ".txt", ".tsv")) else open_run(second)
-    at = [parse_time(one, "--at") for one in times] or None
-    table = compared(open_run(first), other, at, gaps=gaps)
+    run = open_run(first)
+    at = [time_in(time_unit(run), one, "--at") for one in times] or None
+    table = compared(run, other, at, gaps=gaps)
     _kept(table, lines_of, output)
     sys.exit(DONE if table.attrs.get("identical", 1) else BADLY)

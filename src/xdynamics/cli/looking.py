@@ -98,11 +98,12 @@ def sample(archive: str, times: str, output: str | None) -> None:
     """Write the states of a run at any times as a table, each as if a step had ended there."""
     from xdynamics.archive import open_run
     from xdynamics.dynamics.inside import wanted_times
+    from xdynamics.record.words import time_unit
     from xdynamics.tabling import check_target, text_of, write
 
-    target, wanted = check_target(Path(output)) if output else None, wanted_times(times)
+    target = check_target(Path(output)) if output else None
     with open_run(archive) as run:
-        text = text_of(run, wanted)
+        text = text_of(run, wanted_times(times, time_unit(run)))
     if target is None:
         click.echo(text, nl=False)
     else:

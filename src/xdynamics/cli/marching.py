@@ -111,7 +111,7 @@ def run(
         from xdynamics.tabling import check_target
 
         table = check_target(Path(output).with_suffix(".csv"))
-        wanted = times_within(times, model.initial["t"].si, settings_for(model, **asked).until)
+        wanted = times_within(times, model.time_unit, model.initial["t"].si, settings_for(model, **asked).until)
     with progress() as told:
         finished = simulate(model, **asked, path=output, resume=resume, progress=told)
     if times is not None:

@@ -17,7 +17,8 @@ from xdynamics.documenting.blocks import Code, Picture, Section, Table, Words
 from xdynamics.documenting.equations import of_model
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.record.words import words_of
+from xdynamics.record.words import time_unit, words_of
+from xdynamics.units import behind
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -84,7 +85,7 @@ def _result(found: xr.Dataset) -> Section:
 
 def _method(run: xr.Dataset) -> Section:
     used = run.attrs
-    control = f"step {float(used['solver_step']):g} s" if "solver_step" in used else f"rtol {float(used['solver_rtol']):g}" if "solver_rtol" in used else str(used["solver_step_control"])  # fmt: skip
+    control = f"step {float(used['solver_step']):g}{behind(time_unit(run))}" if "solver_step" in used else f"rtol {float(used['solver_rtol']):g}" if "solver_rtol" in used else str(used["solver_step_control"])  # fmt: skip
     counts = f"{used['run_accepted_steps']} accepted steps, {used['run_rejected_trials']} rejected trials, {used['run_force_evaluations']} force evaluations"
     return Section("The method", [
         Words(f"of order {used['solver_order']}, {control}: {counts}.", str(used["solver_method"])),
@@ -150,12 +151,13 @@ def _budget(found: xr.Dataset, picture: bytes) -> Section:
 
 def _run(run: xr.Dataset, picture: bytes) -> Section:
     rows = []
+    second = f" ({time_unit(run).text})".replace(" (1)", "")
     if run.sizes.get("event", 0):
         names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
         times, doubts = run["event_time"].values.tolist(), run["event_time_uncertainty"].values.tolist()
         rows = [[name, kind.replace("_", " "), f"{time!r}", f"{doubt:.2g}"] for name, kind, time, doubt in zip(names, kinds, times, doubts, strict=True)]  # fmt: skip
     more = [Words(f"{len(rows) - MOST_EVENTS} further events are in {RUN}.")] if len(rows) > MOST_EVENTS else []
-    events = [Table(["event", "kind", "time (s)", "located within (s)"], rows[:MOST_EVENTS])] if rows else []
+    events = [Table(["event", "kind", f"time{second}", f"located within{second}"], rows[:MOST_EVENTS])] if rows else []
     return Section("The run", [Picture(picture, str(run.attrs["title"])), *events, *more])
 
 

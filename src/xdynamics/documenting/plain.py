@@ -12,6 +12,7 @@ from xdynamics.model import Model
 from xdynamics.model.parts import Function
 from xdynamics.model.switches import switches
 from xdynamics.schema import acceleration
+from xdynamics.units import behind
 
 COUNTED = ("coordinates", "states", "parameters", "forces", "drives", "events", "contacts", "frictions", "regimes", "observables")  # fmt: skip
 
@@ -67,14 +68,17 @@ def _occasions(model: Model) -> Iterator[str]:
 def _scales(model: Model) -> Iterator[str]:
     """Say time scales and steps about the start, or why they are not known there."""
     steps: dict[str, float] = {}
+    second = behind(model.time_unit)
     try:
         found = modes(model)
     except InputError as error:
         yield f"scales    not known at the start: {error}"
     else:
-        periods = [f"{one:.4g} s" for one in found["period"].values if 0.0 < one < float("inf")]
+        periods = [f"{one:.4g}{second}" for one in found["period"].values if 0.0 < one < float("inf")]
         fastest = float(found["fastest_time_scale"])
-        scale = f"fastest {fastest:.4g} s" if fastest < float("inf") else "none at the start: nothing turns or decays"
+        scale = (
+            f"fastest {fastest:.4g}{second}" if fastest < float("inf") else "none at the start: nothing turns or decays"
+        )
         yield f"scales    {scale}{'; periods ' if periods else ''}{', '.join(periods[:4])}"
         steps = dict(zip(METHODS, found["suggested_step"].values.tolist(), strict=True))
     refused: dict[str, list[str]] = {}
@@ -83,7 +87,7 @@ def _scales(model: Model) -> Iterator[str]:
             refused.setdefault("; ".join(why), []).append(name)
             continue
         near = steps.get(name, float("nan"))
-        step = "" if not 0.0 < near < float("inf") else f", a step of {near:.2g} s to begin with"
+        step = "" if not 0.0 < near < float("inf") else f", a step of {near:.2g}{second} to begin with"
         yield f"method    {name}: order {one.order}{', chooses steps' if one.estimate else ''}{step}"
     for reason, names in refused.items():
         yield f"not by    {', '.join(names)}: {reason}"

@@ -26,7 +26,7 @@ from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.columns import state_name
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import AT, AT_TIME, STEPS
-from xdynamics.units import TIME, Range, is_range, parse_time
+from xdynamics.units import SECONDS, Range, Unit, behind, is_range, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -213,36 +213,36 @@ def _check_whole(where: Floats, steps: Floats, near: float) -> None:
     if torn.size:
         i = int(torn[0])
         raise InputError(
-            f"rows are missing between t = {starts[i]:.15g} s and {ends[i]:.15g} s: the step to the later one is"
-            f" {steps[i]:.15g} s; sample the whole record, and choose among its rows afterwards"
+            f"rows are missing between t = {starts[i]:.15g} and {ends[i]:.15g}: the step to the later one is"
+            f" {steps[i]:.15g}; sample the whole record, and choose among its rows afterwards"
         )
 
 
-def wanted_times(times: Any) -> Floats:
-    """Read the times that are asked for: numbers, texts, or a range like ``0:20:201 s``."""
+def wanted_times(times: Any, unit: Unit = SECONDS) -> Floats:
+    """Read the times that are asked for, of a model with that unit of time: numbers, texts, or a range like ``0:20:201 s``."""
     if isinstance(times, str) and ":" in times:
         if not is_range(times):
             raise InputError(f"times are {times[:60]!r}, need start:stop:count and a unit, count a whole number, like '0:20:201 s'")  # fmt: skip
         asked = Range.parse(times)
-        if asked.unit.text != "1" and asked.unit.dimension != TIME:
-            raise InputError(f"times {times!r} are in '{asked.unit.text}', need a time like 's'")
+        if asked.unit.text != "1" and asked.unit.dimension != unit.dimension:
+            raise InputError(f"times {times!r} are in '{asked.unit.text}', need a time in '{unit.text}'")
         if not 0 < asked.count <= MOST_TIMES:
             raise InputError(f"times {times!r} are {asked.count}, need a count from 1 to {MOST_TIMES}")
         times = np.linspace(asked.start, asked.stop, asked.count) * float(asked.unit.factor)
     elif isinstance(times, str):
-        times = [parse_time(one, "times") for one in times.split(",")]
+        times = [time_in(unit, one, "times") for one in times.split(",")]
     elif isinstance(times, list | tuple) and any(isinstance(one, str) for one in times):
-        times = [parse_time(one, "times") for one in times]
+        times = [time_in(unit, one, "times") for one in times]
     try:
         if np.asarray(times).dtype == bool:
             raise TypeError(times)  # noqa: TRY301 - answered right below
         wanted = np.atleast_1d(np.asarray(times, dtype=float))
     except (TypeError, ValueError):
-        raise InputError(f"times are {str(times)[:60]}, need numbers in s") from None
+        raise InputError(f"times are {str(times)[:60]}, need numbers in '{unit.text}'") from None
     if wanted.ndim != 1 or not wanted.size:
         raise InputError(f"times have the shape {wanted.shape}, need one row with at least one time")
     if np.isnan(wanted).any():
-        raise InputError(f"times[{int(np.flatnonzero(np.isnan(wanted))[0])}] is nan, needs a time in s")
+        raise InputError(f"times[{int(np.flatnonzero(np.isnan(wanted))[0])}] is nan, needs a time in '{unit.text}'")
     return wanted
 
 
@@ -252,9 +252,10 @@ def _located(time: xr.DataArray, wanted: Floats, *, after: bool) -> tuple[NDArra
     first, last = known.at(np.array([0, len(known) - 1])).tolist()
     outside = np.flatnonzero((wanted < first) | (wanted > last))
     if outside.size:
+        second = behind(str(time.attrs.get("units", SECONDS.text)))
         raise InputError(
-            f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r} s is outside the run, from {first!r} s to {last!r} s;"
-            " a run is never extrapolated"
+            f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r}{second} is outside the run, from {first!r}{second} to"
+            f" {last!r}{second}; a run is never extrapolated"
         )
     rows = known.count(wanted, "right") - 1
     if not after:

@@ -20,8 +20,9 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record import check_kind
 from xdynamics.record.kinds import is_whole, said_of
 from xdynamics.record.provenance import asked_of
+from xdynamics.record.words import time_unit
 from xdynamics.schema import AT, AT_TIME, EVENTS
-from xdynamics.units import Quantity
+from xdynamics.units import Quantity, behind
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -128,11 +129,15 @@ def companion(
     True
     """
     found = companion_of(run, functions)
-    at = np.array([float(run["time"][-1])]) if times is None else wanted_times(times)
+    at = np.array([float(run["time"][-1])]) if times is None else wanted_times(times, time_unit(run))
     states = found.beside(sampled(run, at, after=True, rule=REINTEGRATE, functions=functions))
     variables = {str(name): (one.dims, one.values, one.attrs) for name, one in states.variables.items()}
-    variables["event_time"] = ((EVENTS,), run["event_time"].values, about("s", "accepted time of the event", "event"))
-    variables["event_time_global_error"] = ((EVENTS,), found.event_errors(), about("s", "error of the event's time since the start of the run", "error"))  # fmt: skip
+    variables["event_time"] = (
+        (EVENTS,),
+        run["event_time"].values,
+        about(time_unit(run).text, "accepted time of the event", "event"),
+    )
+    variables["event_time_global_error"] = ((EVENTS,), found.event_errors(), about(time_unit(run).text, "error of the event's time since the start of the run", "error"))  # fmt: skip
     digests = [archive.digest_of_run(one) for one in (run, found.run)]
     told = {"companion": found.said, "model_digest": run.attrs["model_digest"]}
     return exhibit("companion", f"{run.attrs['title']}, beside a tighter run", digests, variables, told)
@@ -188,9 +193,10 @@ def _tightened(asked: Mapping[str, Any]) -> dict[str, Any]:
 
 def lines_of(found: xr.Dataset) -> Iterator[str]:
     """Say how far a run is from the solution at its last time, and its events."""
+    second = behind(time_unit(found))
     yield f"beside a run with {found.attrs['companion']}"
     for name in [str(one) for one in found.data_vars if global_error(str(one)) in found]:
         value, off = float(found[name][-1]), float(found[global_error(name)][-1])
-        yield f"{name} = {value:.12g} {found[name].attrs['units']} at t = {float(found[AT_TIME][-1]):.9g} s, off by {off:.2g}"
+        yield f"{name} = {value:.12g} {found[name].attrs['units']} at t = {float(found[AT_TIME][-1]):.9g}{second}, off by {off:.2g}"
     for time, off in zip(found["event_time"].values, found["event_time_global_error"].values, strict=True):
-        yield f"event at t = {float(time):.12g} s, off by {float(off):.2g} s"
+        yield f"event at t = {float(time):.12g}{second}, off by {float(off):.2g}{second}"

@@ -16,7 +16,7 @@ from xdynamics.model import Model
 from xdynamics.model.linearisation import Linearisation, initial_state, linearise, variables
 from xdynamics.schema import STEPS, Variable
 from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of
-from xdynamics.units import NONE, Unit, parse_unit, spell
+from xdynamics.units import NONE, NUMBERS, Unit, behind, parse_unit, spell
 
 Floats = NDArray[np.float64]
 
@@ -85,12 +85,12 @@ def _dataset(model: Model, state: Mapping[str, float], found: Linearisation) -> 
     filled = [
         *_state(model, state),
         *_undamped(model, found),
-        *_eigenvalues(eigenvalues),
+        *_eigenvalues(model, eigenvalues),
         *_methods(model, found.jacobian, eigenvalues),
     ]
     attributes = {
         "title": f"Modes of {model.name}",
-        "summary": f"Linearisation about the state at t = {state['t']!r} s",
+        "summary": f"Linearisation about the state at t = {state['t']!r}{behind(model.time_unit)}",
         "source": "linearisation by xdynamics, exact derivatives",
         "model_digest": model.digest,
     }
@@ -138,7 +138,7 @@ def _check_state(model: Model, found: Linearisation, state: Mapping[str, float])
         np.linalg.cholesky(found.mass)
     except np.linalg.LinAlgError:
         raise InputError(
-            f"model '{model.name}' cannot be linearised at t = {state['t']!r} s: its mass matrix"
+            f"model '{model.name}' cannot be linearised at t = {state['t']!r}{behind(model.time_unit)}: its mass matrix"
             f" {found.mass.tolist()} is not positive definite there"
         ) from None
 
@@ -148,7 +148,7 @@ def _check_finite(model: Model, found: Linearisation, t: float) -> None:
     if wrong.size:
         i, j = (int(one) for one in wrong[0])
         raise InputError(
-            f"model '{model.name}' cannot be linearised at t = {t!r} s: the rate of {found.names[i]} has the derivative"
+            f"model '{model.name}' cannot be linearised at t = {t!r}{behind(model.time_unit)}: the rate of {found.names[i]} has the derivative"
             f" {found.jacobian[i, j]} by {found.names[j]}; choose another state with at=… or row=…"
         )
 
@@ -162,7 +162,7 @@ def _state(model: Model, state: Mapping[str, float]) -> list[tuple[Variable, Any
                 "time" if name == "t" else name,
                 (),
                 "f8",
-                "s" if name == "t" else _si_unit(model, name).text,
+                model.time_unit.text if name == "t" else _si_unit(model, name).text,
                 f"{'time' if name == 't' else name} at which the model is linearised",
                 roles.get(name, "velocity"),
             ),
@@ -180,11 +180,17 @@ def _undamped(model: Model, found: Linearisation) -> list[tuple[Variable, Any]]:
     period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
     comment = {"comment": "undamped; 0 of a rigid motion, nan where the square is negative or complex"}
     frequency_variable = Variable(
-        "frequency", (MODES,), "f8", "rad s-1", "natural angular frequency", "frequency", comment
+        "frequency",
+        (MODES,),
+        "f8",
+        Unit("rad", NONE).per(model.time_unit).text,
+        "natural angular frequency",
+        "frequency",
+        comment,
     )
     result: list[tuple[Variable, Any]] = [
         (frequency_variable, frequency),
-        (Variable("period", (MODES,), "f8", "s", "natural period", "period"), period),
+        (Variable("period", (MODES,), "f8", model.time_unit.text, "natural period", "period"), period),
     ]
     scaling = {"comment": "a displacement, scaled so that the largest number of the mode in SI units is 1"}
     for i, name in enumerate(model.coordinates):
@@ -212,13 +218,15 @@ def _normal_modes(stiffness: Floats, mass: Floats) -> tuple[NDArray[np.complex12
     return squares, shapes / largest
 
 
-def _eigenvalues(eigenvalues: NDArray[np.complex128]) -> list[tuple[Variable, Any]]:
+def _eigenvalues(model: Model, eigenvalues: NDArray[np.complex128]) -> list[tuple[Variable, Any]]:
     """Return the eigenvalues of the Jacobian, the slowest first, and the time scale of the fastest."""
     comment = {"comment": "negative decays, positive grows"}
-    size = float(np.max(np.abs(eigenvalues), initial=0.0))
-    real = Variable("eigenvalue_real", (EIGENVALUES,), "f8", "s-1", "rate of growth of an eigenmode of the motion", "eigenvalue", comment)  # fmt: skip
-    imag = Variable("eigenvalue_imag", (EIGENVALUES,), "f8", "s-1", "angular frequency of an eigenmode of the motion", "eigenvalue")  # fmt: skip
-    scale = Variable("fastest_time_scale", (), "f8", "s", "one over the largest eigenvalue", "time_scale")
+    size, rate = float(np.max(np.abs(eigenvalues), initial=0.0)), NUMBERS.per(model.time_unit).text
+    real = Variable("eigenvalue_real", (EIGENVALUES,), "f8", rate, "rate of growth of an eigenmode of the motion", "eigenvalue", comment)  # fmt: skip
+    imag = Variable("eigenvalue_imag", (EIGENVALUES,), "f8", rate, "angular frequency of an eigenmode of the motion", "eigenvalue")  # fmt: skip
+    scale = Variable(
+        "fastest_time_scale", (), "f8", model.time_unit.text, "one over the largest eigenvalue", "time_scale"
+    )
     return [(real, eigenvalues.real), (imag, eigenvalues.imag), (scale, 1.0 / size if size else np.inf)]
 
 
@@ -238,8 +246,8 @@ def _methods(model: Model, jacobian: Floats, eigenvalues: NDArray[np.complex128]
         (Variable("method_name", (BY_METHOD,), "i1", "1", "time-stepping method", "flag", names), np.arange(len(methods), dtype=np.int8)),
         (along("oscillator_limit", "1", "largest stable step over 1/w of an undamped oscillation", "0: every step makes it grow; inf: none does"), np.array([oscillator_limit(one) for one in methods])),
         (along("decay_limit", "1", "largest stable step over the time of a decay", "inf: every step is stable; nan: the method refuses such a term"), np.array([decay_limit(one) for one in methods])),
-        (along("largest_stable_step", "s", "largest step with which no mode grows that does not grow in the model", "0: none; inf: every step; nan: the method refuses the model"), stable),
-        (along("suggested_step", "s", "suggested step", SUGGESTION), suggested),
+        (along("largest_stable_step", model.time_unit.text, "largest step with which no mode grows that does not grow in the model", "0: none; inf: every step; nan: the method refuses the model"), stable),
+        (along("suggested_step", model.time_unit.text, "suggested step", SUGGESTION), suggested),
     ]  # fmt: skip
 
 
@@ -256,7 +264,7 @@ def _scale(eigenvalues: NDArray[np.complex128]) -> float:
 def _si_unit(model: Model, name: str) -> Unit:
     """Return the SI unit of a coordinate, velocity or state, an angle in rad."""
     if name not in model.coordinates and name not in model.states:
-        return _si_unit(model, name.removeprefix(schema.velocity(""))).per_second()
+        return _si_unit(model, name.removeprefix(schema.velocity(""))).per(model.time_unit)
     unit = model.coordinates[name].unit if name in model.coordinates else model.states[name].unit
     if unit.dimension == NONE and unit.text not in ("1", "percent"):
         return Unit("rad", NONE)

@@ -12,6 +12,7 @@ from xdynamics.dynamics.inside import sampled, wanted_times
 from xdynamics.evidence.companion import companion_of
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
+from xdynamics.record.words import time_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -83,6 +84,6 @@ def sample(
         raise InputError(f"rule is {rule!r}; there are {', '.join(RULES)}")
     if side not in SIDES:
         raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
-    wanted = wanted_times(times)
+    wanted = wanted_times(times, time_unit(run))
     found = sampled(run, wanted, after=side == "after", rule=rule, functions=functions)
     return companion_of(run, functions).beside(found) if companion else found

@@ -15,6 +15,7 @@ from xdynamics.evidence.comparing.measured import is_measured, measured
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import drawn
 from xdynamics.model.drives import SKIP
+from xdynamics.record.words import time_unit
 from xdynamics.schema import STEPS
 from xdynamics.units import parse_unit
 
@@ -32,7 +33,7 @@ def beside_of(run: xr.Dataset, given: Any) -> tuple[str, Columns]:
     """
     if isinstance(given, str | Path) and Path(given).suffix.lower() == ".nc":
         given = open_run(given)
-    label, found = _measured(given, [str(one) for one in run.data_vars]) if is_measured(given) else _of_run(given)
+    label, found = _measured(run, given) if is_measured(given) else _of_run(given)
     columns = {}
     for name, (times, values, doubts, units) in found.items():
         if name not in run or run[name].dims != (STEPS,):
@@ -47,8 +48,8 @@ def beside_of(run: xr.Dataset, given: Any) -> tuple[str, Columns]:
     return label, columns
 
 
-def _measured(given: Any, known: list[str]) -> tuple[str, dict[str, tuple[Floats, Floats, Floats | None, str]]]:
-    data = measured(given, known, SKIP)
+def _measured(run: xr.Dataset, given: Any) -> tuple[str, dict[str, tuple[Floats, Floats, Floats | None, str]]]:
+    data = measured(given, [str(one) for one in run.data_vars], SKIP, time_unit(run))
     found: dict[str, tuple[Floats, Floats, Floats | None, str]] = {}
     for name, (values, unit) in data.values.items():
         doubt, own = data.uncertainties.get(name, (np.zeros(values.shape), unit))

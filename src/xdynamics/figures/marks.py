@@ -11,8 +11,9 @@ import xarray as xr
 
 from xdynamics.faults import escaped
 from xdynamics.record.kinds import is_whole
-from xdynamics.record.words import behind, words_of
+from xdynamics.record.words import words_of
 from xdynamics.schema import contact_force, friction_force
+from xdynamics.units import behind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -44,7 +44,7 @@ from xdynamics.schema import (
     rate,
     velocity,
 )
-from xdynamics.units import TIME, UNSCALED
+from xdynamics.units import TIME, UNSCALED, behind
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,8 @@ def ending(march: March) -> Ending:
     if now.status != RUNNING and not march.outcome.good:
         failure = diagnose(march)
     t, h = float(now.t) * scale, float(now.h) * scale
-    text = failure.outcome.sentence.format(t=f"{t:.15g}", h=f"{h:.6g}", cause=failure.cause)
+    second = behind(march.model.time_unit)
+    text = failure.outcome.sentence.format(t=f"{t:.15g}{second}", h=f"{h:.6g}{second}", cause=failure.cause)
     # a run that got on, or ran out of steps, has something to say about its steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
     march.doubts = doubts(march)
@@ -189,7 +190,9 @@ def _leaves(march: March, name: str) -> bool:
 def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
     """Judge one force evaluation: the state it used, the drives, the force terms, the rates."""
     layout, model = march.layout, march.model
-    when = f"in the evaluation at t = {values['t'] * march.settings.scales.of(TIME):.15g} s"
+    when = (
+        f"in the evaluation at t = {values['t'] * march.settings.scales.of(TIME):.15g}{behind(march.model.time_unit)}"
+    )
     for name in layout.used:
         if not isfinite(values[name]):
             return Failure(NONFINITE, f"{name} is {values[name]} {when}")

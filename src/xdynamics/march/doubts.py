@@ -21,7 +21,7 @@ from xdynamics.model.parts import ENERGETIC, POISSON
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import LOCATED, MOST_SWITCHES, switches
 from xdynamics.stability import stiffness
-from xdynamics.units import TIME, parse_unit, spell
+from xdynamics.units import TIME, behind, parse_unit, spell
 
 CONTROLLED = 300.0  # absolute tolerances that the largest value of a variable has at least, where they control it
 COMPARABLE = 10.0  # ratio of absolute to relative tolerance of a value up to which the relative one was meant so
@@ -93,7 +93,7 @@ def _of_mass(march: March) -> Iterator[str]:
     if conditions[worst] > WELL_CONDITIONED:
         left = max(0.0, -math.log10(conditions[worst] * EPS))
         yield (
-            f"the mass matrix is nearly singular, of condition {conditions[worst]:.2g} at t = {states[worst]['t']:.6g} s:"
+            f"the mass matrix is nearly singular, of condition {conditions[worst]:.2g} at t = {states[worst]['t']:.6g}{behind(model.time_unit)}:"
             f" of the 16 digits of accelerations about {left:.0f} are right; choose other coordinates"
         )
 
@@ -139,9 +139,7 @@ def _of_gains(march: March) -> Iterator[str]:
         return
     law, unit = next(iter(model.contacts.values())).law, spell(energy_dimension(model)).text
     name = march.layout.watched[int(gains.detector)].name
-    where = (
-        f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g} s, event_energy_lost = {-gains.energy:.3g} {unit})"
-    )
+    where = f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g}{behind(model.time_unit)}, event_energy_lost = {-gains.energy:.3g} {unit})"
     times = "an impact" if gains.groups == 1.0 else f"{gains.groups:.0f} impacts, most of it"
     rubbing = any(one.slip is not None for one in model.contacts.values())
     causes = ["there is friction (Kane's paradox)"] * rubbing + ["several are struck at once"] * (

@@ -49,8 +49,8 @@ class Outcome:
     good: bool = False
 
 
-_FINITE = "at t = {t} s, h = {h} s: {cause}; the last finite state is kept"
-_ACCEPTED = "at t = {t} s, h = {h} s: {cause}; the last accepted state is kept"
+_FINITE = "at t = {t}, h = {h}: {cause}; the last finite state is kept"
+_ACCEPTED = "at t = {t}, h = {h}: {cause}; the last accepted state is kept"
 NONFINITE = Outcome("nonfinite_state", _FINITE)
 
 # by what ended the run: the reason of a trial that could not be repeated, or what stands above
@@ -60,18 +60,18 @@ OUTCOMES: dict[int, Outcome] = {
     REASON_DOMAIN: NONFINITE,
     REASON_NEWTON: Outcome("equations_unsolved", _ACCEPTED),
     REASON_EVENT_FUNCTION: Outcome("nonfinite_event", _FINITE),
-    COMPLETED: Outcome("completed", "reached t = {t} s", good=True),
-    STOPPED: Outcome("stopped_by_event", "event {cause} stopped the run at t = {t} s", good=True),
-    STEP_TOO_SMALL: Outcome("step_below_spacing", "at t = {t} s, h = {h} s: {cause}"),
-    STEP_LIMIT: Outcome("step_limit", "at t = {t} s, h = {h} s: {cause}"),
+    COMPLETED: Outcome("completed", "reached t = {t}", good=True),
+    STOPPED: Outcome("stopped_by_event", "event {cause} stopped the run at t = {t}", good=True),
+    STEP_TOO_SMALL: Outcome("step_below_spacing", "at t = {t}, h = {h}: {cause}"),
+    STEP_LIMIT: Outcome("step_limit", "at t = {t}, h = {h}: {cause}"),
     NONFINITE_OBSERVABLE: Outcome("nonfinite_observable", _FINITE),
     EVENT_AT_ZERO: Outcome(
-        "event_at_zero", "reached t = {t} s, and {cause} from the start throughout: it tells of nothing"
+        "event_at_zero", "reached t = {t}, and {cause} from the start throughout: it tells of nothing"
     ),
     REASON_CONTACT: Outcome("contact_undetermined", _ACCEPTED),
-    CONTACT_PENETRATED: Outcome("contact_penetrated", "at t = {t} s: {cause}"),
-    SLIDING_MODE: Outcome("sliding_mode", "at t = {t} s: {cause}"),
-    INTERRUPTED: Outcome("interrupted", "interrupted at t = {t} s; the rows up to there are kept"),
+    CONTACT_PENETRATED: Outcome("contact_penetrated", "at t = {t}: {cause}"),
+    SLIDING_MODE: Outcome("sliding_mode", "at t = {t}: {cause}"),
+    INTERRUPTED: Outcome("interrupted", "interrupted at t = {t}; the rows up to there are kept"),
 }
 
 # refinements of a state that is not finite, told apart after the march from the step that failed

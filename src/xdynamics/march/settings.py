@@ -18,7 +18,7 @@ from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import LOCATED, SWITCHES, sided
-from xdynamics.units import UNSCALED, Quantity, Scales, Unit
+from xdynamics.units import UNSCALED, Quantity, Scales, Unit, behind
 
 EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
@@ -119,11 +119,11 @@ class Pacing:
         if not (0 < least < 1 < greatest and isfinite(greatest)):
             found.append(f"growth_limits are {self.growth_limits!r}, need 0 < least < 1 < greatest")
         if not (isfinite(self.min_step) and self.min_step >= 0):
-            found.append(f"min_step is {self.min_step!r} s, needs a non-negative time")
+            found.append(f"min_step is {self.min_step!r}, needs a non-negative time")
         if not self.max_step > 0:
-            found.append(f"max_step is {self.max_step!r} s, needs a positive time")
+            found.append(f"max_step is {self.max_step!r}, needs a positive time")
         elif self.min_step > self.max_step:
-            found.append(f"min_step is {self.min_step!r} s, needs to be at most max_step = {self.max_step!r} s")
+            found.append(f"min_step is {self.min_step!r}, needs to be at most max_step = {self.max_step!r}")
         if self.max_steps < 1:
             found.append(f"max_steps is {self.max_steps!r}, needs a positive number")
         return found
@@ -204,9 +204,9 @@ class Settings:
         InputError
             With every fault: the value and what was needed.
         """
-        start = model.initial["t"].si
+        start, second = model.initial["t"].si, behind(model.time_unit)
         faults = [
-            *self._grid_faults(start),
+            *self._grid_faults(start, second),
             *self._estimator_faults(),
             *self._jacobian_faults(),
             *self._summation_faults(),
@@ -218,15 +218,15 @@ class Settings:
         if self.math_functions not in SETS:
             faults.append(f"math_functions is {self.math_functions!r}; there are {', '.join(map(repr, SETS))}")
         if not (isfinite(self.time_tolerance) and self.time_tolerance > 0):
-            faults.append(f"time_tolerance is {self.time_tolerance!r} s, needs a positive time")
+            faults.append(f"time_tolerance is {self.time_tolerance!r}{second}, needs a positive time")
         if self.pacing.min_step > self.until - start > 0:
             faults.append(
-                f"min_step is {self.pacing.min_step!r} s, needs to be at most the span of {self.until - start!r} s"
+                f"min_step is {self.pacing.min_step!r}{second}, needs to be at most the span of {self.until - start!r}{second}"
             )
         if not isfinite(self.until) or self.until <= start:
-            faults.append(f"until is {self.until!r} s, needs a time after the start at t = {start!r} s")
+            faults.append(f"until is {self.until!r}{second}, needs a time after the start at t = {start!r}{second}")
         faults += [
-            f"nodes has {one!r} s, needs times between the start at t = {start!r} s and until = {self.until!r} s"
+            f"nodes has {one!r}{second}, needs times between the start at t = {start!r}{second} and until = {self.until!r}{second}"
             for one in self.nodes
             if not start < one < self.until
         ]
@@ -241,25 +241,25 @@ class Settings:
         if faults:
             raise InputError(faults[0], tuple(faults))
 
-    def _grid_faults(self, start: float) -> list[str]:
+    def _grid_faults(self, start: float, second: str) -> list[str]:
         if self.step is None:
             return []
         if isinstance(self.step, tuple):
             bad = [one for one in self.step if not (isfinite(one) and one > 0)]
             if not self.step or bad:
-                return [f"step has {f'{bad[0]!r} s' if bad else 'no entry'}, needs positive times"]
+                return [f"step has {f'{bad[0]!r}{second}' if bad else 'no entry'}, needs positive times"]
             last = given_times(start, self.step, self.until)[-1]
             if last < self.until:
                 return [
-                    f"step has {len(self.step)} steps up to t = {last!r} s, needs to reach until = {self.until!r} s"
+                    f"step has {len(self.step)} steps up to t = {last!r}{second}, needs to reach until = {self.until!r}{second}"
                 ]
             return []
         if not isfinite(self.step) or self.step <= 0:
-            return [f"step is {self.step!r} s, needs a positive time"]
+            return [f"step is {self.step!r}{second}, needs a positive time"]
         if self.adaptive and not self.pacing.min_step <= self.step <= self.pacing.max_step:
-            return [f"step, the first one, is {self.step!r} s, needs to be from min_step = {self.pacing.min_step!r} s to max_step = {self.pacing.max_step!r} s"]  # fmt: skip
+            return [f"step, the first one, is {self.step!r}{second}, needs to be from min_step = {self.pacing.min_step!r}{second} to max_step = {self.pacing.max_step!r}{second}"]  # fmt: skip
         if not self.adaptive and (self.until - start) / self.step > 2**53:
-            return [f"step {self.step!r} s makes over 2**53 steps to {self.until!r} s; take a longer one"]
+            return [f"step {self.step!r}{second} makes over 2**53 steps to {self.until!r}{second}; take a longer one"]
         return []
 
     def _inner_faults(self, rtol: float) -> list[str]:

@@ -85,7 +85,9 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     observables = entries("observables", "observable", _observable)
     parts["observables"] = {one: tree for one, (tree, _) in observables.items()}
     parts["observed"] = {one: about for one, (_, about) in observables.items() if about != Observable()}
-    parts["validation"] = named("validation", "validation", validation)
+    parts["validation"] = named(
+        "validation", "validation", lambda one, given: validation(one, given, parts["time_unit"])
+    )
     parts["regime"] = _first_regime(sections["initial"], list(parts["regimes"]), ledger)
     sections["initial"] = {key: value for key, value in sections["initial"].items() if key != "regime"}
     starts = entries("initial", "initial value", _parameter)

@@ -12,7 +12,7 @@ from xdynamics.model.lagrangian import TERMS
 from xdynamics.model.parts import Contact, Event, Friction, Function, Pictured, Validation
 from xdynamics.model.spread import NORMAL, RECTANGULAR
 from xdynamics.model.statement import Statement
-from xdynamics.units import Quantity
+from xdynamics.units import Quantity, Unit, behind
 
 
 def write(statement: Statement) -> str:
@@ -67,7 +67,7 @@ def write(statement: Statement) -> str:
         _section(lines, f"regimes.{name}", _described({"forces": list(regime.forces)}, regime))
     _section(lines, "observables", {name: _observable(statement, name) for name in statement.observables})
     for name, one in statement.validation.items():
-        _section(lines, f"validation.{name}", _described(_validation(one), one))
+        _section(lines, f"validation.{name}", _described(_validation(one, statement.time_unit), one))
     _section(lines, "correlations", _correlations(statement))
     discrepancy = {
         name: _described({"standard": str(one.standard)}, one) for name, one in statement.discrepancy.items()
@@ -137,11 +137,11 @@ def _contact(part: Contact) -> dict[str, Any]:
     return body | ({} if part.rest_height is None else {"rest_height": str(part.rest_height)})
 
 
-def _validation(part: Validation) -> dict[str, Any]:
+def _validation(part: Validation, time: Unit) -> dict[str, Any]:
     body = {"quantity": part.quantity, "expression": text_of(part.expression), "bound": str(part.bound)}
     if part.event:
         return body | {"event": part.event, "occurrence": part.occurrence}
-    return body | ({"times": [f"{one!r} s" for one in part.times]} if part.times else {})
+    return body | ({"times": [f"{one!r}{behind(time)}" for one in part.times]} if part.times else {})
 
 
 def _tolerance(part: Event | Contact | Friction) -> dict[str, str]:

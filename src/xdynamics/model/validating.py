@@ -11,14 +11,14 @@ from xdynamics.model.grammar import keys_of
 from xdynamics.model.parts import Validation
 from xdynamics.model.statement import Statement
 from xdynamics.model.words import described
-from xdynamics.units import Dimension, Quantity, parse_quantity, parse_time, spell
+from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, spell, time_in
 
 ROUNDING, ORDER, BAND, UNSCALED = "rounding", "order", "band", "unscaled"
 _FROM_ORDER = re.compile(r"rounding from order ([1-9]\d?)")
 WORDS = f"'{ROUNDING}', '{ROUNDING} from order 2', '{ORDER}', '{BAND}', '{UNSCALED}'"
 
 
-def validation(name: str, given: Any) -> Validation:
+def validation(name: str, given: Any, time: Unit) -> Validation:
     """Read one closed form."""
     given = {"expression": given} if isinstance(given, str) else given
     keys_of("validation", given)
@@ -37,7 +37,7 @@ def validation(name: str, given: Any) -> Validation:
     if not isinstance(quantity, str):
         raise InputError(f"quantity is {quantity!r}, needs the name of one")
     return Validation(
-        parse(given["expression"]), quantity, tuple(parse_time(one, "times") for one in times), _bound(given["bound"]),
+        parse(given["expression"]), quantity, tuple(time_in(time, one, "times") for one in times), _bound(given["bound"]),
         event, occurrence, described(given),
     )  # fmt: skip
 

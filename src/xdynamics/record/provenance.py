@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from functools import lru_cache
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -25,12 +24,11 @@ from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, S
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model.switches import STEPPED_OVER, watched_switches
 from xdynamics.record.kinds import left_out_atols
-from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, Quantity, Scales, Unit, parse_unit
+from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, Quantity, Scales, Unit, behind, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_SECOND = re.compile(r"(?<=[0-9]) s\b")  # behind a number of a sentence
 _SCALES = {"length": "m", "time": "s", "mass": "kg"}
 
 
@@ -66,7 +64,7 @@ def attributes(march: March) -> dict[str, Any]:
         "precision": "float64, IEEE 754 binary64, round to nearest",
         "math_functions": settings.math_functions,
         "run_outcome": end.outcome.word,
-        "run_outcome_text": end.text if model.time_unit == SECONDS else _SECOND.sub("", end.text),
+        "run_outcome_text": end.text,
         "model_digest": model.digest,
         "force_digest": force_digest(march),
     }
@@ -285,7 +283,11 @@ def _last_step(march: March) -> str:
     partial = abs(steps - round(steps)) * plan.step_size > plan.snap * max(abs(plan.start), abs(plan.end))
     whole = int(steps)
     rest = (float(plan.end) - (plan.start + whole * plan.step_size)) * march.settings.scales.of(TIME)
-    return f"partial, {rest:.9g} s: the span is no multiple of the step" if partial else "whole"
+    return (
+        f"partial, {rest:.9g}{behind(march.model.time_unit)}: the span is no multiple of the step"
+        if partial
+        else "whole"
+    )
 
 
 @lru_cache

@@ -25,15 +25,3 @@ def time_unit(record: xr.Dataset) -> Unit:
     times = (record.variables[name] for name in ("time", AT_TIME, "event_time") if name in record.variables)
     units = next((str(one.attrs.get("units", SECONDS.text)) for one in times), SECONDS.text)
     return NUMBERS if units == NUMBERS.text else SECONDS
-
-
-def behind(unit: Unit | str) -> str:
-    """Return a unit as it stands behind a number; nothing where there is none.
-
-    Examples
-    --------
-    >>> f"3{behind('s')}, 3{behind('1')}"
-    '3 s, 3'
-    """
-    text = unit if isinstance(unit, str) else unit.text
-    return "" if text == NUMBERS.text else f" {text}"

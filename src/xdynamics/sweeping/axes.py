@@ -209,11 +209,11 @@ def column_of(model: Model, name: str, given: Any) -> Column:
     if name in model.drives:
         return _tables(name, given)
     if name == STEP:
-        return _positive(_quantities(name, STEP, given, parse_unit("s"), name))
+        return _positive(_quantities(name, STEP, given, model.time_unit, name))
     if name == RTOL:
         return _positive(_quantities(name, RTOL, given, parse_unit("1"), name))
     if name in SETTINGS:
-        return _settings(name, given)
+        return _settings(model, name, given)
     known = [*model.parameters, *model.initial, *model.drives, STEP, RTOL, *SETTINGS]
     raise InputError(f"'{name}' is nothing that can vary; there are {', '.join(known)}")
 
@@ -325,10 +325,10 @@ def _positive(column: Column) -> Column:
     return column
 
 
-def _settings(name: str, given: Any) -> Column:
+def _settings(model: Model, name: str, given: Any) -> Column:
     """Read words or numbers that `simulate` takes."""
     if name in TIMES:
-        return _quantities(name, SETTING, given, parse_unit("s"), name)
+        return _quantities(name, SETTING, given, model.time_unit, name)
     row: Sequence[Any] = [one.strip() for one in given.split(",")] if isinstance(given, str) else given
     if isinstance(row, int | float) or not hasattr(row, "__iter__"):
         row = [row]

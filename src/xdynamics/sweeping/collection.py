@@ -17,7 +17,7 @@ from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis,
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.keeping import Keeping, keeping_of
 from xdynamics.sweeping.members import Plan
-from xdynamics.units import parse_unit
+from xdynamics.units import behind, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,7 +29,7 @@ AXES, ASKED, KEEP, OCCURRENCES, DIGEST = (
     "sweep_occurrences",
     "sweep_digest",
 )
-SHARED = {"method": "", "step": " s", "rtol": "", "until": " s"}  # settings that are told, with their units
+SHARED = "method", "step", "rtol", "until"  # settings that are told
 NUMBER = "occurrence_number"
 VARIES, WHAT, AXIS = "varies", "varies_what", "axis_of"  # attributes of values: the kind of thing, its name, its axis
 _SAID = {
@@ -69,7 +69,9 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
         if name not in varying and name not in kept
     }
     times = plan.keeping.times
-    more: dict[str, Any] = {AT_TIME: ((AT,), times, about("s", "wanted time", "time"))} if times.size else {}
+    more: dict[str, Any] = (
+        {AT_TIME: ((AT,), times, about(grid.model.time_unit.text, "wanted time", "time"))} if times.size else {}
+    )
     if any(OCCURRENCE in one.dims for one in plan.variables):
         begin, end = plan.keeping.occurrences
         more[NUMBER] = (
@@ -141,8 +143,12 @@ def _shared_settings(grid: Grid) -> dict[str, Any]:
     if settings.adaptive and settings.tolerances is not None and not varying & {STEP, RTOL}:
         found["solver_rtol"] = settings.tolerances.rtol
     if isinstance(settings.step, float) and not settings.adaptive and not varying & {STEP, RTOL}:
-        found |= {"solver_step": settings.step, "solver_step_units": "s"}
-    return found if "until" in varying else found | {"solver_until": settings.until, "solver_until_units": "s"}
+        found |= {"solver_step": settings.step, "solver_step_units": grid.model.time_unit.text}
+    return (
+        found
+        if "until" in varying
+        else found | {"solver_until": settings.until, "solver_until_units": grid.model.time_unit.text}
+    )
 
 
 def with_axes(sweep: xr.Dataset) -> xr.Dataset:
@@ -153,7 +159,7 @@ def with_axes(sweep: xr.Dataset) -> xr.Dataset:
 
 def settings_said(sweep: xr.Dataset) -> str:
     """Say which settings all members of a sweep share."""
-    used = {name: f"{sweep.attrs[key]:g}{unit}" if name != "method" else sweep.attrs[key] for name, unit in SHARED.items() if (key := f"solver_{name}") in sweep.attrs}  # fmt: skip
+    used = {name: f"{sweep.attrs[key]:g}{behind(str(sweep.attrs.get(f'{key}_units', '1')))}" if name != "method" else sweep.attrs[key] for name in SHARED if (key := f"solver_{name}") in sweep.attrs}  # fmt: skip
     asked = json.loads(str(sweep.attrs[ASKED]))
     said = ", ".join(
         f"{name} {value}"

@@ -16,6 +16,7 @@ from xdynamics.record.columns import columns_of
 from xdynamics.schema import AT, OCCURRENCE
 from xdynamics.sweeping.extrema import extremes
 from xdynamics.sweeping.harvest import Harvest
+from xdynamics.units import SECONDS, Unit, time_in
 
 Values = NDArray[Any]
 Take = Callable[[Harvest], Values]
@@ -166,7 +167,7 @@ class _Reader:
         return Kept(name, (AT,), (times.size,), about.units, f"{about.long_name}; nan behind the end of a run", about.role, take, logged=True)  # fmt: skip
 
     def _event_time(self, detector: str) -> Kept:
-        return self._occurrences(f"{EVENT_TIME}{detector}", detector, "s", f"time at which '{detector}' was met", lambda runs, places: runs["event_time"][places])  # fmt: skip
+        return self._occurrences(f"{EVENT_TIME}{detector}", detector, self.model.time_unit.text, f"time at which '{detector}' was met", lambda runs, places: runs["event_time"][places])  # fmt: skip
 
     def _event_count(self, detector: str) -> Kept:
         def take(runs: Harvest) -> Values:
@@ -209,11 +210,11 @@ class _Reader:
         sign, about = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name]
         said = f"{'largest' if sign > 0 else 'least'} {name} of the run"
         value = Kept(word, (), (), about.units, said, DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[0], logged=True)  # fmt: skip
-        when = Kept(f"{word}_time", (), (), "s", f"when {name} was {said.split(maxsplit=1)[0]}", DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[1], logged=True)  # fmt: skip
+        when = Kept(f"{word}_time", (), (), self.model.time_unit.text, f"when {name} was {said.split(maxsplit=1)[0]}", DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[1], logged=True)  # fmt: skip
         return [value, when]
 
 
-def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any) -> Keeping:
+def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any, unit: Unit = SECONDS) -> Keeping:
     """Read what is asked for.
 
     Raises
@@ -222,7 +223,6 @@ def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any) -> Keep
         If it is no row of words, no row of times, or no number of occurrences.
     """
     from xdynamics.dynamics.inside import wanted_times
-    from xdynamics.units import parse_time
 
     row: list[Any] = [words] if isinstance(words, str) or not hasattr(words, "__iter__") else list(words)
     if not row or not all(isinstance(one, str) for one in row):
@@ -235,6 +235,6 @@ def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any) -> Keep
         given = np.zeros(0)
     else:
         if not isinstance(times, str | np.ndarray) and hasattr(times, "__iter__"):
-            times = [parse_time(one, "times") for one in times]
-        given = wanted_times(times)
+            times = [time_in(unit, one, "times") for one in times]
+        given = wanted_times(times, unit)
     return Keeping(tuple(dict.fromkeys(row)), given, (int(both[0]), int(both[1])))

@@ -80,7 +80,15 @@ class Plan:
         """What is kept of every member; of each with a `take` of its own."""
         first = self.grid.settings_of((0,) * len(self.grid.shape))
         own = [
-            Kept("end_time", (), (), "s", "time at which the run ended", "time", lambda runs: runs.last("time")),
+            Kept(
+                "end_time",
+                (),
+                (),
+                self.grid.model.time_unit.text,
+                "time at which the run ended",
+                "time",
+                lambda runs: runs.last("time"),
+            ),
             *self.keeping.variables(self.grid.model, first),
         ]
         counts = [Kept(name, (), (), "1", name.removeprefix("run_").replace("_", " "), COUNT, take, dtype="i8") for name, take in COUNTS.items()]  # fmt: skip

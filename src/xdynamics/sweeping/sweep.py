@@ -19,7 +19,7 @@ from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.keeping import END, keeping_of
 from xdynamics.sweeping.members import Plan
 from xdynamics.sweeping.tasks import arrays_of, chunks_of
-from xdynamics.units import Quantity
+from xdynamics.units import Quantity, behind
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -100,7 +100,7 @@ def sweep(
     load_dask_whole()
     grid = _grid(model, axes, settings)
     grid.check()
-    plan = Plan(grid, keeping_of(keep, times, occurrences), _part(check))
+    plan = Plan(grid, keeping_of(keep, times, occurrences, grid.model.time_unit), _part(check))
     collected(plan, {})  # refuses words that mean nothing
     _check_times(plan)
     if plan.keeping.whole and path is None:
@@ -135,9 +135,12 @@ def _check_times(plan: Plan) -> None:
     times, grid = plan.keeping.times, plan.grid
     if not times.size or {"t", "until"} & {one.name for _, one in grid.columns}:
         return
+    second = behind(grid.model.time_unit)
     begin, end = grid.model.initial["t"].si, grid.settings_of((0,) * len(grid.shape)).until
     if outside := [one for one in times.tolist() if not begin <= one <= end]:
-        raise InputError(f"times has {outside[0]!r} s, and the runs are from t = {begin!r} s to until = {end!r} s")
+        raise InputError(
+            f"times has {outside[0]!r}{second}, and the runs are from t = {begin!r}{second} to until = {end!r}{second}"
+        )
 
 
 def _count(members: Any) -> int:

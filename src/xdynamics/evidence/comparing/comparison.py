@@ -22,8 +22,9 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError, escaped
 from xdynamics.record import check
 from xdynamics.record.kinds import is_evidence, said_of
+from xdynamics.record.words import time_unit
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
-from xdynamics.units import parse_unit
+from xdynamics.units import behind, parse_unit
 
 Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
@@ -101,11 +102,11 @@ def compare(
     _check(second)
     if "model_toml" not in second.variables:
         raise InputError("compare needs the models of both runs, and 'model_toml' was left out of the second")
-    at = _times(first, second) if times is None else wanted_times(times)
+    at = _times(first, second) if times is None else wanted_times(times, time_unit(first))
     names = _shared(first, second)
     lazy = any(run[name].chunks is not None for run in (first, second) for name in ("time", *names))
     found = [_sampled(run, names, at, functions, lazy=lazy) for run in (first, second)]
-    variables: dict[str, Any] = {AT_TIME: ((AT,), at, about("s", "time of comparison", "time"))}
+    variables: dict[str, Any] = {AT_TIME: ((AT,), at, about(time_unit(first).text, "time of comparison", "time"))}
     for name in names:
         variables |= _difference(name, *(run[name] for run in (first, second)), *(one.get(name) for one in found))
     title = f"{first.attrs['title']}, beside {second.attrs['title']}"
@@ -138,15 +139,15 @@ def _check(run: Any) -> None:
         )
 
 
-def _times(first: xr.Dataset, second: xr.Dataset) -> Floats:
+def _times(first: xr.Dataset, other: xr.Dataset) -> Floats:
     """Return every accepted time of either run that both reach."""
-    each = [np.asarray(run["time"]) for run in (first, second)]
+    each, second = [np.asarray(run["time"]) for run in (first, other)], behind(time_unit(first))
     for which, one in zip(("first", "second"), each, strict=True):
         if (wrong := np.flatnonzero(~(np.diff(one) >= 0.0))).size:
-            raise InputError(f"the times of the {which} run do not increase behind t = {float(one[wrong[0]])!r} s, as a run's do")  # fmt: skip
+            raise InputError(f"the times of the {which} run do not increase behind t = {float(one[wrong[0]])!r}{second}, as a run's do")  # fmt: skip
     begin, end = max(one[0] for one in each), min(one[-1] for one in each)
     if begin > end:
-        spans = [f"{float(one[0])!r} s to {float(one[-1])!r} s" for one in each]
+        spans = [f"{float(one[0])!r}{second} to {float(one[-1])!r}{second}" for one in each]
         raise InputError(f"the runs have no time in common: one goes from {spans[0]}, the other from {spans[1]}")
     found: Floats = np.union1d(*each)
     inside: Floats = found[(found >= begin) & (found <= end)]
@@ -207,9 +208,9 @@ def _events(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
         doubt[: len(here)] = doubts[0] + doubts[1]
         yield (
             f"difference_event_time_{name}",
-            ((OCCURRENCE,), apart, about("s", f"time of {name}, second run minus first", ROLE)),
+            ((OCCURRENCE,), apart, about(time_unit(first).text, f"time of {name}, second run minus first", ROLE)),
         )
-        yield f"interpolation_error_event_time_{name}", ((OCCURRENCE,), doubt, about("s", f"what the location of {name} is uncertain by in both runs", "error"))  # fmt: skip
+        yield f"interpolation_error_event_time_{name}", ((OCCURRENCE,), doubt, about(time_unit(first).text, f"what the location of {name} is uncertain by in both runs", "error"))  # fmt: skip
 
 
 def _paired(first: xr.Dataset, second: xr.Dataset, here: Rows, there: Rows) -> tuple[Rows, Rows]:
@@ -265,7 +266,7 @@ def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str
         if beyond.size and times[beyond[0]] < earliest:
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
             earliest = float(times[k])
-            said = f"t = {earliest:.9g} s: {name} by {float(apart[k]):.3g} {units}, beyond an interpolation error of {float(doubt[k]):.2g} {units}"
+            said = f"t = {earliest:.9g}{behind(time_unit(first))}: {name} by {float(apart[k]):.3g} {units}, beyond an interpolation error of {float(doubt[k]):.2g} {units}"
     return said
 
 
@@ -326,7 +327,11 @@ def _largest(table: xr.Dataset) -> Iterator[str]:
     for name, one in table.data_vars.items():
         if one.attrs.get("role") == ROLE and one.dims and np.isfinite(one.values).any():
             worst = int(np.nanargmax(np.abs(one.values)))
-            where = f"at t = {float(table[AT_TIME][worst]):.9g} s" if one.dims == (AT,) else f"occurrence {worst + 1}"
+            where = (
+                f"at t = {float(table[AT_TIME][worst]):.9g}{behind(time_unit(table))}"
+                if one.dims == (AT,)
+                else f"occurrence {worst + 1}"
+            )
             yield f"largest   {name} = {float(one[worst]):.6g} {one.attrs['units']} {where}"
         elif one.attrs.get("role") == "residual" and not one.dims:
             yield f"{name} = {float(one):.6g}{'' if one.attrs['units'] == '1' else ' ' + one.attrs['units']}"

@@ -20,8 +20,9 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.model.drives import GAPS, REFUSE, SKIP
 from xdynamics.model.reach import ANYWHERE, Reach
 from xdynamics.model.sheet import Sheet, Title, shown, title
+from xdynamics.record.words import time_unit
 from xdynamics.schema import AT, AT_TIME, EVIDENCE
-from xdynamics.units import TIME, Unit, parse_unit
+from xdynamics.units import SECONDS, TIME, Unit, behind, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,6 +51,7 @@ class Measured:
 
     name: str
     times: Floats
+    clock: Unit
     values: dict[str, tuple[Floats, Unit]]
     uncertainties: dict[str, tuple[Floats, Unit]]
     left_out: tuple[str, ...] = ()
@@ -63,7 +65,7 @@ def is_measured(given: Any) -> bool:
     return "row_kind" not in getattr(given, "variables", ("row_kind",)) and EVIDENCE not in about
 
 
-def measured(given: Any, known: Sequence[str] | None = None, gaps: str = REFUSE) -> Measured:
+def measured(given: Any, known: Sequence[str] | None = None, gaps: str = REFUSE, clock: Unit = SECONDS) -> Measured:
     """Read measured data.
 
     Parameters
@@ -73,6 +75,8 @@ def measured(given: Any, known: Sequence[str] | None = None, gaps: str = REFUSE)
         Names that are wanted: other columns are left out, whatever stands in them.
     gaps : {"refuse", "skip"}
         What is done with rows in which a number is missing.
+    clock : Unit
+        Of the model's time.
 
     Raises
     ------
@@ -82,12 +86,17 @@ def measured(given: Any, known: Sequence[str] | None = None, gaps: str = REFUSE)
     if gaps not in GAPS:
         raise InputError(f"gaps is {gaps!r}; there are {', '.join(GAPS)}")
     if isinstance(given, str | Path):
-        return _of_file(Path(given), known, skip=gaps == SKIP)
-    if hasattr(given, "columns"):
+        found = _of_file(Path(given), known, skip=gaps == SKIP)
+    elif hasattr(given, "columns"):
         table = given.reset_index() if given.index.name else given
         columns = {str(name): table[name].to_numpy() for name in table.columns}
-        return _of_columns("the DataFrame", columns, known, skip=gaps == SKIP)
-    return _of_dataset(given)
+        found = _of_columns("the DataFrame", columns, known, skip=gaps == SKIP)
+    else:
+        found = _of_dataset(given)
+    if found.clock.dimension != clock.dimension:
+        needed = "a time" if clock.dimension == TIME else "a pure number, as the model's time is"
+        raise InputError(f"{found.name}: the column of times is in '{found.clock.text}', needs {needed}")
+    return found
 
 
 def residuals(
@@ -96,7 +105,7 @@ def residuals(
     """Compare a run with measured data; see `compare`."""
     model = model_of(run, functions)
     known = [name for name in observables_of(model) if name in run.variables]
-    data = measured(given, known, gaps)
+    data = measured(given, known, gaps, time_unit(run))
     ledger = Ledger(data.name)
     for name, (_, unit) in data.values.items():
         if name not in known:
@@ -104,15 +113,18 @@ def residuals(
         elif unit.dimension != parse_unit(str(run[name].attrs["units"])).dimension:
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{run[name].attrs['units']}' or a unit like it")
     ledger.settle()
+    second = behind(time_unit(run))
     begin, end = (float(run["time"][k]) for k in (0, -1))
     outside = np.flatnonzero((data.times < begin) | (data.times > end))
     if outside.size:
         raise InputError(
-            f"{data.name}, row {int(outside[0]) + 1}: t = {float(data.times[outside[0]])!r} s is outside the run, from {begin!r} s to {end!r} s"
+            f"{data.name}, row {int(outside[0]) + 1}: t = {float(data.times[outside[0]])!r}{second} is outside the run, from {begin!r}{second} to {end!r}{second}"
         )
     names = list(data.values)
     found = observe(run, model, names, data.times)
-    variables: dict[str, Any] = {AT_TIME: ((AT,), data.times, about("s", "time of measurement", "time"))}
+    variables: dict[str, Any] = {
+        AT_TIME: ((AT,), data.times, about(time_unit(run).text, "time of measurement", "time"))
+    }
     for name in names:
         variables |= _residuals(name, str(run[name].attrs["units"]), *found[name], data)
     title = f"{run.attrs['title']}, beside {data.name}"
@@ -255,8 +267,6 @@ def _sorted_out(name: str, read: dict[str, tuple[Floats, Unit]], left_out: tuple
     if said is None:
         raise InputError(f"{name} has no column of times, like 'time [s]'; there are {', '.join(read) or 'none'}")
     times, unit = read.pop(str(said))
-    if unit.dimension != TIME:
-        raise InputError(f"{name}: column '{said}' is in '{unit.text}', needs a time")
     doubts = {match["name"]: one for key, one in read.items() if (match := _UNCERTAINTY.fullmatch(key))}
     values = {key: one for key, one in read.items() if not _UNCERTAINTY.fullmatch(key)}
     ledger = Ledger(name)
@@ -272,4 +282,4 @@ def _sorted_out(name: str, read: dict[str, tuple[Floats, Unit]], left_out: tuple
     if not values or not times.size:
         ledger.note("has no column beside the times" if times.size else "has no rows")
     ledger.settle()
-    return Measured(name, times * float(unit.factor), values, doubts, left_out)
+    return Measured(name, times * float(unit.factor), unit, values, doubts, left_out)

@@ -25,9 +25,9 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.record import check, check_kind
-from xdynamics.record.words import behind, time_unit
+from xdynamics.record.words import time_unit
 from xdynamics.schema import CYCLE, STEPS
-from xdynamics.units import Unit, parse_quantity, parse_unit, spell, time_in
+from xdynamics.units import Unit, behind, parse_quantity, parse_unit, spell, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -200,13 +200,13 @@ def _drift(run: xr.Dataset, model: Model, values: Floats, tree: Node | None, fou
     if found is None or len(found.times) < 3:
         return float(values[-1] - values[0]), "at the end less at the start"
     ends = found.times.tolist()
-    first, last = (_mean(run, model, values, tree, *span, functions) for span in (ends[:2], ends[-2:]))
+    first, last = (_mean(run, model, values, tree, (a, b), functions) for a, b in (ends[:2], ends[-2:]))
     return last - first, "mean over the last cycle less that over the first"
 
 
-def _mean(run: xr.Dataset, model: Model, values: Floats, tree: Node | None, begin: float, end: float, functions: Functions | None) -> float:  # fmt: skip
+def _mean(run: xr.Dataset, model: Model, values: Floats, tree: Node | None, span: tuple[float, float], functions: Functions | None) -> float:  # fmt: skip
     """Return the mean over time: of accepted states, and of what is evaluated on states between, joined by straight lines."""
-    time = np.asarray(run["time"])
+    (begin, end), time = span, np.asarray(run["time"])
     inner = np.flatnonzero((time > begin) & (time < end))
     times = np.linspace(begin, end, MEANT + 1)
     if tree is None:

@@ -17,7 +17,7 @@ from xdynamics.march.asking import settings_for
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
-from xdynamics.units import Quantity, Unit, parse_time
+from xdynamics.units import Quantity, Unit, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,6 +40,7 @@ class Varied:
     name : str
         The variable of the levels in the evidence.
     units, said : str
+        `TIME_UNIT` of what is in the model's unit of time.
     ratio : float
         From one level to the next, where levels are added.
     """
@@ -51,9 +52,10 @@ class Varied:
     ratio: float
 
 
-STEPS = Varied("steps", "step_size", "s", "step of the level", 2.0)
+TIME_UNIT = ""
+STEPS = Varied("steps", "step_size", TIME_UNIT, "step of the level", 2.0)
 RTOLS = Varied("rtols", "rtol", "1", "relative tolerance of the level", 10.0)
-TIME_TOLERANCES = Varied("time_tolerances", "time_tolerance", "s", "time tolerance of every event, contact and switch of the level", 10.0)  # fmt: skip
+TIME_TOLERANCES = Varied("time_tolerances", "time_tolerance", TIME_UNIT, "time tolerance of every event, contact and switch of the level", 10.0)  # fmt: skip
 CHOICES = Varied("rules", "rule", "1", "how states between accepted ones, and events, are found in the level", 1.0)
 ALL = (STEPS, RTOLS, TIME_TOLERANCES, CHOICES)
 
@@ -100,7 +102,7 @@ class Levels:
         varied, values = said[0], given[said[0].keyword]
         if isinstance(values, str | float | int):
             raise InputError(f"{varied.keyword} is {values!r}, needs a row of them, from coarse to fine")
-        found = np.array([_read(varied, one) for one in values])
+        found = np.array([_read(model, varied, one) for one in values])
         if varied is CHOICES:
             if len(found) < FEWEST or not {*found.tolist()} <= {*RULES} or len({*found.tolist()}) < len(found):
                 raise InputError(f"rules are {[*map(str, values)]}, need both of {', '.join(RULES)}")
@@ -135,7 +137,7 @@ class Levels:
     def model_of(self, value: Any) -> Model:
         """Return the model of a level: events are located as the level says, whatever they say themselves."""
         if self.varied is TIME_TOLERANCES:
-            return _located(self.model, LOCATED, {"time_tolerance": f"{float(value)!r} s"})
+            return _located(self.model, LOCATED, {"time_tolerance": f"{float(value)!r} {self.model.time_unit.text}"})
         if self.varied is CHOICES:
             return _located(self.model, LOCATED[:1], {"root_state": str(value)})
         return self.model
@@ -166,7 +168,7 @@ def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0)
     return {"atol": {name: Quantity(ratio * tolerances.of(name), Unit("", model.dimensions[name])) for name in names}}
 
 
-def _read(varied: Varied, given: Any) -> Any:
+def _read(model: Model, varied: Varied, given: Any) -> Any:
     if varied is CHOICES:
         return str(given)
     if varied is RTOLS:
@@ -174,7 +176,7 @@ def _read(varied: Varied, given: Any) -> Any:
             return float(given)
         except (TypeError, ValueError):
             raise InputError(f"rtols has {given!r}, needs numbers") from None
-    return parse_time(given, varied.keyword)
+    return time_in(model.time_unit, given, varied.keyword)
 
 
 def _located(model: Model, sections: tuple[str, ...], how: dict[str, str]) -> Model:

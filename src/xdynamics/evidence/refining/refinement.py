@@ -21,9 +21,9 @@ from xdynamics.faults import InputError
 from xdynamics.files import made_folder
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
-from xdynamics.record.words import words_of
+from xdynamics.record.words import time_unit, words_of
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
-from xdynamics.units import Quantity, parse_quantity, parse_unit
+from xdynamics.units import Quantity, behind, parse_quantity, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -141,10 +141,10 @@ def _dataset(study: Study, told: Mapping[str, Any], *, defects: bool) -> xr.Data
     digests = [archive.digest_of_run(run) for run in runs]
     outcomes = [str(run.attrs["run_outcome"]) for run in runs]
     variables: dict[str, Any] = {
-        varied.name: ((LEVEL,), levels.values, about(varied.units, varied.said, ROLE)),
+        varied.name: ((LEVEL,), levels.values, about(varied.units or levels.model.time_unit.text, varied.said, ROLE)),
         "run_digest": ((LEVEL,), np.array(digests), about("1", "content digest of the level's run", "digest")),
         "run_outcome": ((LEVEL,), np.array(outcomes), about("1", "outcome of the level's run", "outcome")),
-        AT_TIME: ((AT,), study.times, about("s", "time of comparison", "time")),
+        AT_TIME: ((AT,), study.times, about(levels.model.time_unit.text, "time of comparison", "time")),
     }
     for one in study.watched():
         more = family(one, levels)
@@ -236,7 +236,13 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
     for k in range(count if places != [OCCURRENCE] else min(count, MOST_SHOWN)):
         here = {places[0]: k} if places else {}
         value = float(one.isel(here)[-1])
-        where = "" if not places else f" at t = {float(study[AT_TIME][k]):.9g} s" if places[0] == AT else f" [{k + 1}]"
+        where = (
+            ""
+            if not places
+            else f" at t = {float(study[AT_TIME][k]):.9g}{behind(time_unit(study))}"
+            if places[0] == AT
+            else f" [{k + 1}]"
+        )
         if np.isnan(value):
             yield f"{name}{where} is not there in the finest level"
             continue

@@ -17,7 +17,7 @@ from xdynamics.evidence.refining.family import Watched
 from xdynamics.evidence.refining.levels import Levels
 from xdynamics.faults import InputError
 from xdynamics.schema import AT, OCCURRENCE, acceleration, rate, velocity
-from xdynamics.units import parse_time
+from xdynamics.units import behind, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,14 +45,17 @@ class Study:
     @property
     def times(self) -> Floats:
         """The times of comparison, s."""
+        unit = self.levels.model.time_unit
         begin, end = float(self.runs[0]["time"][0]), min(float(run["time"][-1]) for run in self.runs)
         if self.at is None:
             return np.array([end])
         given = [self.at] if isinstance(self.at, str | float | int) else list(self.at)
-        times = np.array([parse_time(one, "at") for one in given])
+        times = np.array([time_in(unit, one, "at") for one in given])
         for one in times.tolist():
             if not begin <= one <= end:
-                raise InputError(f"at has {one!r} s, needs times in every run, from {begin!r} s to {end!r} s")
+                raise InputError(
+                    f"at has {one!r}{behind(unit)}, needs times in every run, from {begin!r}{behind(unit)} to {end!r}{behind(unit)}"
+                )
         return times
 
     def watched(self) -> Iterator[Watched]:
@@ -100,7 +103,11 @@ class Study:
             if kind == PERIOD:
                 means = [float(one.periods.mean()) if one.periods.size else np.nan for one in found]
                 each = np.array([max(1, one.periods.size) for one in found])
-                values, errors, units = np.array([means]), np.array([2.0 * doubts / each]), "s"
+                values, errors, units = (
+                    np.array([means]),
+                    np.array([2.0 * doubts / each]),
+                    self.levels.model.time_unit.text,
+                )
                 dims: tuple[str, ...] = ()
                 said = f"mean period of {coordinate}, between located crossings of {found[-1].level:.6g} upward"
             else:
@@ -130,7 +137,7 @@ class Study:
         each = [run["event_time_uncertainty"].values[mine] for run, mine in zip(runs, rows, strict=True)]
         span = float(runs[-1]["time"][-1] - runs[-1]["time"][0]) or 1.0
         said = f"time at which {detector} was met"
-        yield Watched(f"event_time_{detector}", "s", said, dims, times, of(each), 4 * EPS * np.abs(times[:, -1]), still, span)  # fmt: skip
+        yield Watched(f"event_time_{detector}", self.levels.model.time_unit.text, said, dims, times, of(each), 4 * EPS * np.abs(times[:, -1]), still, span)  # fmt: skip
         for name in [one for one in self.names if one in runs[-1].variables and one in self.levels.model.units]:
             states, doubts = [], []
             for run, mine, doubt in zip(runs, rows, each, strict=True):

@@ -26,9 +26,9 @@ from xdynamics.model import Model
 from xdynamics.model.motion import constants, evaluated_many
 from xdynamics.model.parts import Validation
 from xdynamics.model.validating import BAND, ORDER, UNSCALED, exact_from
-from xdynamics.record.words import words_of
+from xdynamics.record.words import time_unit, words_of
 from xdynamics.schema import CASE, STEPS, flags, velocity
-from xdynamics.units import Quantity, parse_time, parse_unit
+from xdynamics.units import Quantity, behind, parse_unit, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -176,7 +176,7 @@ def _of_impacts(marched: Marched, prefix: str, stage: int) -> Iterator[Row]:
 
 def _times_in_words(case: Validation, model: Model) -> str:
     if case.times:
-        return "t = " + ", ".join(f"{one:.9g}" for one in case.times) + " s"
+        return "t = " + ", ".join(f"{one:.9g}" for one in case.times) + behind(model.time_unit)
     part = "the last tenth of " if case.bound == BAND else ""
     return f"{part}accepted states up to {model.run.get('until', 'the end')}"
 
@@ -192,7 +192,7 @@ class Marched:
         if refused and not by_differences:
             self.asked["jacobian"] = DIFFERENCES
         if own:  # the ledger's cases: with steps of which a low order too makes a small error
-            self.asked["step"] = parse_time(model.run["step"], "step") * FINER.get(self.method.order, 1.0)
+            self.asked["step"] = time_in(model.time_unit, model.run["step"], "step") * FINER.get(self.method.order, 1.0)
 
     def refusal(self, case: Validation) -> str:
         """Say why a case is none for the method; empty where it is one."""
@@ -232,7 +232,10 @@ class Marched:
             why = f"the run ended before: {run.attrs['run_outcome_text']}"
             return replace(row, residual=np.inf, bound=0.0, note=why)
         if not case.event and not case.times:
-            row = replace(row, where=f"{'the last tenth of ' * (case.bound == BAND)}accepted states up to {end:.9g} s")
+            row = replace(
+                row,
+                where=f"{'the last tenth of ' * (case.bound == BAND)}accepted states up to {end:.9g}{behind(time_unit(run))}",
+            )
         try:
             residual = self.residual(run, case)
             if case.bound == BAND:
@@ -348,7 +351,7 @@ def _met(run: xr.Dataset, case: Validation) -> tuple[int, int]:
 def _units(run: xr.Dataset, case: Validation) -> str:
     """Return the unit of a quantity in a record."""
     if case.quantity == "t":
-        return "s"
+        return time_unit(run).text
     if case.quantity not in run.variables or run[case.quantity].dims != (STEPS,):
         raise InputError(
             f"quantity '{case.quantity}' is nothing that the run has along '{STEPS}'; name one by quantity = …, without it the name of the table is one"

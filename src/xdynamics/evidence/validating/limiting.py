@@ -17,8 +17,9 @@ from xdynamics.evidence.marching import march
 from xdynamics.evidence.observing import observe
 from xdynamics.faults import InputError
 from xdynamics.model import Model
+from xdynamics.record.words import time_unit
 from xdynamics.schema import AT, AT_TIME, LEVEL
-from xdynamics.units import Unit, parse_quantity, parse_time
+from xdynamics.units import Unit, behind, parse_quantity, time_in
 
 Floats = NDArray[np.float64]
 ROLE = "limiting"
@@ -75,7 +76,9 @@ def limiting(
     ([1], 1.0)
     """
     unit, numbers, end = _values(model, parameter, values, limit)
-    times = wanted_times([parse_time(one, "at") for one in ([at] if isinstance(at, str | float | int) else at)])
+    times = wanted_times(
+        [time_in(model.time_unit, one, "at") for one in ([at] if isinstance(at, str | float | int) else at)]
+    )
     asked_for = [observables] if isinstance(observables, str) else observables
     names = tuple(model.units) if asked_for is None else tuple(asked_for)
     models = [model.replace(parameters={parameter: value}) for value in (*numbers.tolist(), end)]
@@ -89,7 +92,7 @@ def limiting(
         "parameter_value": ((LEVEL,), numbers, about(unit.text, f"{parameter} of the level", ROLE)),
         "run_digest": ((LEVEL,), np.array([archive.digest_of_run(run) for run in runs[:-1]]), about("1", "content digest of the level's run", "digest")),
         "run_outcome": ((LEVEL,), np.array([str(run.attrs["run_outcome"]) for run in runs[:-1]]), about("1", "outcome of the level's run", "outcome")),
-        AT_TIME: ((AT,), times, about("s", "time of comparison", "time")),
+        AT_TIME: ((AT,), times, about(model.time_unit.text, "time of comparison", "time")),
     }  # fmt: skip
     for name in names:
         every = np.stack([one[name][0] for one in found])
@@ -151,4 +154,4 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
             last, order = float(found[f"distance_{name}"][-1, k]), float(found[f"order_{name}"][-1, k])
             word = "approached" if int(found[f"approached_{name}"][k]) else "not approached"
             shown = f"order {order:.3g}, " if np.isfinite(order) else ""
-            yield f"{name} at t = {time:.9g} s: {last:.3g} {units} from its limit, {shown}{word}"
+            yield f"{name} at t = {time:.9g}{behind(time_unit(found))}: {last:.3g} {units} from its limit, {shown}{word}"
