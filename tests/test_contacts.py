@@ -105,7 +105,9 @@ def test_a_ball_leaves_a_table(method: str) -> None:
     closed = run.contact_state_table.values > 0
     assert (run.contact_force_table.values[~closed] == 0.0).all()
     assert (run.contact_force_table.values[closed] > -1e-9).all()
-    assert 55 <= len(words(run)) <= 66  # the last bounce before rest is rounding's choice
+    assert (
+        55 <= len(words(run)) <= 75
+    )  # bounces below 1e-9 of the largest gap are skipped, the last of them rounding's choice
 
 
 def shaken(amplitude: str, **balls: tuple[float, float]) -> xd.Model:

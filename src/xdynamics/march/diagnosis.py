@@ -7,12 +7,13 @@ from math import isfinite
 
 from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.march.disputes import dispute, painleve, undefined
+from xdynamics.march.disputes import dispute, inconsistency, painleve, undefined
 from xdynamics.march.doubts import advice_on_stiffness, doubts
 from xdynamics.march.implicit.newton import MOST_ITERATIONS
 from xdynamics.march.implicit.radau import MOST_TURNS
 from xdynamics.march.outcomes import (
     COMPLETED,
+    CONTACT_INCONSISTENT,
     CONTACT_PENETRATED,
     EVENT_AT_ZERO,
     NONFINITE,
@@ -99,8 +100,9 @@ def diagnose(march: March) -> Failure:
         return Failure(OUTCOMES[status], _sliding(march))
     if status == NONFINITE_OBSERVABLE:
         return _in_row(march)
-    if status in (REASON_CONTACT, CONTACT_PENETRATED):
-        return Failure(OUTCOMES[status], dispute(march))
+    if status in (REASON_CONTACT, CONTACT_PENETRATED, CONTACT_INCONSISTENT):
+        say = inconsistency if status == CONTACT_INCONSISTENT else dispute
+        return Failure(OUTCOMES[status], say(march))
     if status not in (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON):
         return Failure(OUTCOMES[status], _cause(march))
     for values in retraced(march):

@@ -11,10 +11,13 @@ from xdynamics.expressions import free_names
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.contacts.bonds import FLAT
 from xdynamics.march.contacts.linking import GAP_OF, MOST, NUMBERS, RATE, SIZE, SLIDING
+from xdynamics.march.gains import energy_dimension
 from xdynamics.march.outcomes import CONTACT_PENETRATED
+from xdynamics.march.run import APART, BOUND, FIGURE, GUARD, OWNER, SHIFTED, SLOWED, WORK
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import ENERGETIC
 from xdynamics.model.reactions import NORMAL, Reaction, rate_dimension, reactions
+from xdynamics.units import NONE
 
 if TYPE_CHECKING:
     from xdynamics.march.runner import March
@@ -99,6 +102,34 @@ def _pressed_apart(march: March, k: int) -> bool:
     touch, grams = march.run.touches[k], _grams(march)
     normal = int(march.run.reactions[k].normal)
     return bool(grams[normal, normal] - touch.way * touch.coefficient * grams[normal, k] > 0.0)
+
+
+def inconsistency(march: March) -> str:
+    """Name the group of events whose record does not agree with what it did, and the figures."""
+    run, model, found = march.run, march.model, reactions(march.model)
+    guard, owner = int(run.balance[GUARD]), int(run.balance[OWNER])
+    met = [one.owner for one, touch in zip(found, run.touches, strict=True) if touch.total != 0.0 or touch.hit]
+    group = " and ".join(f"'{one}'" for one in dict.fromkeys(met))
+    if guard == SHIFTED:
+        name = march.layout.coordinates[owner]
+        dimension, what = model.dimensions[name], f"contacts that come to rest move '{name}' by"
+    elif guard in (APART, SLOWED):
+        dimension = rate_dimension(model, found[owner]) * (model.time_unit.dimension if guard == APART else NONE)
+        told = "acts where its gap is" if guard == APART else "loses, without an impulse, a rate of"
+        what = f"'{found[owner].owner}' {told}"
+    else:
+        dimension = energy_dimension(model)
+        what = (
+            "kinetic energy changes by more than the work of the recorded impulses, by"
+            if guard == WORK
+            else "the recorded losses differ from what the impulses took, by"
+        )
+    scale = march.settings.scales.of(dimension)
+    figure, bound = run.balance[FIGURE] * scale, run.balance[BOUND] * scale
+    return (
+        f"in the group of events of {group or 'contacts'} {what} {figure:.6g} {dimension}, and tolerances and rounding allow"
+        f" {bound:.3g}: the march contradicts itself, which is no fault of the model; please report it"
+    )
 
 
 def _penetrated(march: March, gaps: list[float]) -> str:

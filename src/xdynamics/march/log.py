@@ -164,7 +164,7 @@ def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
         np.empty(trials, TRIAL_ROW),
         np.empty(most, EVENT_ROW),
         np.empty((len(layout.followed), most)),
-        np.empty((len(layout.coordinates) + 1 if layout.reactions else 0, most)),
+        np.empty((_acting(layout), most)),
     )
 
 
@@ -173,6 +173,12 @@ def misplaced_events(detectors: NDArray[Any], log: Log, count: int) -> NDArray[n
     events = log.events[:count]
     found: NDArray[np.bool_] = np.abs(events["residual"]) > detectors["position"][events["detector"]]
     return found
+
+
+def _acting(layout: Layout) -> int:
+    """Return how many numbers say what an event did: impulses and energy of contacts, then offsets of positions."""
+    n = len(layout.coordinates)
+    return 2 * n + 1 if layout.reactions else n if layout.resets else 0
 
 
 def most_recycled(layout: Layout) -> int:

@@ -20,10 +20,12 @@ Floats = NDArray[np.float64]
 _OF_A_STEP = (
     "at", "z", "e", "piece", "resets", "near", "full", "full_e", "near_g", "far", "far_g", "branches", "under", "over", "flaws", "samples", "w", "trial", "located", "g1", "half", "whole", "located_z", "located_e", "located_g",
     "located_samples", "slopes", "places", "matrix", "right", "kept", "stage", "shifted", "stages", "turned",
-    "defects", "past", "pivots", "links", "problem", "basis", "solution", "effects", "square", "column", "chosen",
+    "defects", "past", "pivots", "links", "problem", "basis", "solution", "effects", "square", "column", "chosen", "entry", "approach", "slowed", "pulled", "balance",
 )  # fmt: skip
-AT_END = tuple(name for name in CHANGING if name not in _OF_A_STEP)
 _OF_CONTACTS = ("modes", "touches")
+# of contacts, behind all others: archives of 0.2 have none of them, and go on as if nothing had moved before
+LATER = ("swiftest", "lingering")
+AT_END = tuple(name for name in CHANGING if name not in (*_OF_A_STEP, *LATER))
 
 
 def arrays_of(run: Run) -> dict[str, Array]:
@@ -67,6 +69,9 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
         If the numbers are of a run of another form.
     """
     known, kept = numbers_at_end(run)
+    short = sum(getattr(run, name).size for name in LATER)
+    if names == known.rsplit(maxsplit=len(LATER))[0] and numbers.size == kept.size - short:
+        names, numbers = known, np.append(numbers, np.zeros(short))
     if names != known or numbers.shape != kept.shape:
         raise InputError("its memory of the end is of another version of xdynamics")
     first = 0
@@ -83,4 +88,5 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
 def _at_end(run: Run) -> list[str]:
     """Return the arrays that a record keeps the end of; those of contacts and switches where there are any."""
     found = [name for name in AT_END if name not in _OF_CONTACTS or getattr(run, name).size]
-    return [*found, "places"] if (run.detectors["drive"] >= 0).any() else found
+    found += ["places"] if (run.detectors["drive"] >= 0).any() else []
+    return [*found, *LATER] if run.touches.size else found

@@ -27,7 +27,8 @@ BEGIN = -2  # in the place of a reason: the march begins
     EVENT_AT_ZERO,
     CONTACT_PENETRATED,
     SLIDING_MODE,
-) = range(len(TRIAL_REASONS), len(TRIAL_REASONS) + 9)
+    CONTACT_INCONSISTENT,
+) = range(len(TRIAL_REASONS), len(TRIAL_REASONS) + 10)
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ OUTCOMES: dict[int, Outcome] = {
     ),
     REASON_CONTACT: Outcome("contact_undetermined", _ACCEPTED),
     CONTACT_PENETRATED: Outcome("contact_penetrated", "at t = {t}: {cause}"),
+    CONTACT_INCONSISTENT: Outcome("contact_inconsistent", _ACCEPTED),
     SLIDING_MODE: Outcome("sliding_mode", "at t = {t}: {cause}"),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t}; the rows up to there are kept"),
 }

@@ -19,7 +19,20 @@ from xdynamics.march.contacts.linking import NUMBERS
 from xdynamics.march.engine import contacts, solvers, watchers
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.run import DETECTOR, EQUATIONS, KEPT, NOW, PIECE, PLAN, REACTION, TOUCH, TRIAL, WATCH, Run
+from xdynamics.march.run import (
+    BALANCE,
+    DETECTOR,
+    EQUATIONS,
+    KEPT,
+    NOW,
+    PIECE,
+    PLAN,
+    REACTION,
+    TOUCH,
+    TRIAL,
+    WATCH,
+    Run,
+)
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
 from xdynamics.model import Function, Model
@@ -159,6 +172,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "stages": scheme.stages,
         "samples": scheme.samples if law.sampled else 0,
         "coordinates": len(layout.coordinates),
+        "kinetic": layout.row.index("kinetic_energy") if "kinetic_energy" in layout.derived else -1,
         "used": len(layout.used),
         "state": len(layout.state),
         "regime": first_regime(model),
@@ -245,6 +259,11 @@ def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
     return {
         "reactions": fixed,
         "touches": np.zeros(m, TOUCH),
+        "swiftest": np.zeros(m),
+        "lingering": np.zeros(m),
+        "entry": np.zeros(2 * n if m else 0),
+        "balance": np.zeros(BALANCE),
+        **{name: np.zeros(m) for name in ("approach", "slowed", "pulled")},
         "links": np.zeros(NUMBERS * m + m * m + 2 * m * n),
         "problem": np.zeros((most, 2 * most + 2)),
         "basis": np.zeros(most, np.int64),

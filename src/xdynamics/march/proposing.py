@@ -74,6 +74,15 @@ propose_apart = apart(propose)
 
 
 @shared
+def usual_step(run: Run) -> float:
+    """How long steps are where nothing cuts them."""
+    now, plan = run.now[0], run.plan[0]
+    if plan.adaptive or plan.step_size > 0.0:
+        return now.step if plan.adaptive else plan.step_size
+    return run.steps[min(now.grid, run.steps.shape[0] - 1)]
+
+
+@shared
 def look(run: Run) -> None:
     """Evaluate the event functions at the trial's end."""
     run.at[T] = run.trial[0].t

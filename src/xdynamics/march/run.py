@@ -24,7 +24,7 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 # a node by `snap` of its size is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
-    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates used state regime evaluated reactions pressed switches stepping",
+    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates kinetic used state regime evaluated reactions pressed switches stepping",
 )
 # Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried;
 # `node` counts the nodes landed on, `crossed` those behind which forces were evaluated.
@@ -77,8 +77,14 @@ TOUCH = _record(
 )
 # Entries of the engine, behind the elementary functions in `functions`.
 ENCLOSE, SUBSTEP, HAPPEN, TOUCHED = (len(CALLED) + i for i in range(4))
-BEGIN, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME = range(6)  # what `contact.touch` is to do
+BEGIN, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contact.touch` is to do
 SIDES = -3  # in the place of a reason: look on which side of each switch the march is
+# numbers of `Run.balance`: which guard was broken, by which contact or coordinate, a figure and its bound; kinetic
+# energy before contacts act and behind; what impulses took by the rates of their contacts, with the size of the terms;
+# what skipped bounces take
+GUARD, OWNER, FIGURE, BOUND, BEFORE, BEHIND, TAKEN, TERMS, SKIPPED = range(9)
+BALANCE = 9
+KEPT_ALL, APART, SHIFTED, SLOWED, WORK, LOSSES = range(6)  # which guard was broken: none
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
 EVENT_ROW = _record(
@@ -183,6 +189,13 @@ class Run:
     slopes: Floats  # time derivatives of the event functions
     reactions: Reactions
     touches: Touches
+    swiftest: Floats  # the largest sum of the terms of each reaction's rate so far, at events
+    entry: Floats  # positions and velocities that contacts begin with at an event
+    approach: Floats  # rate of each reaction then
+    slowed: Floats  # rate that holding took from each
+    pulled: Floats  # with what impulse
+    balance: Floats  # what they did, as the guards see it; see `march.contacts.balance`
+    lingering: Floats  # how far from zero the gap of an open contact is as good as closed
     modes: Floats  # the end of `p`: two numbers of each reaction, see `model.reactions`, then the side of each switch
     links: Floats  # what `touching` says of a state: tables one behind the other
     problem: Columns  # a complementarity problem; see `march.contacts.complementarity`
@@ -221,7 +234,9 @@ class Run:
     log_trials: TrialRows
     log_events: EventRows
     log_rates: Columns  # of observables at the events
-    log_impulses: Columns  # of contacts at the events, by coordinate, and the energy that an impact took
+    log_impulses: (
+        Columns  # of contacts at the events, by coordinate, the energy that an impact took, offsets of positions
+    )
 
     def __init__(self, **arrays: NDArray[Any]) -> None:
         self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # where compiled code finds them; see `handle`

@@ -64,7 +64,7 @@ def event_columns(about: About) -> list[Column]:
         impulse = _impulse_unit(model, i, name)
         found += [
             Column(Variable(f"event_impulse_{name}", (EVENTS,), "f8", impulse.text, f"contact impulse along {name}", "event", _laws(model)), _impulse(about, i, impulse)),
-            Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"shift of {name} that was asked for at the event; 0 where none was", "event"), _nothing),
+            Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"shift of {name} at the event, by a reset or by contacts that come to rest; those of one time add up; 0 where none was", "event"), _offset(about, i, units.known[name])),
         ]  # fmt: skip
     if about.layout.reactions:
         energy = spell(
@@ -81,6 +81,17 @@ def _impulse(about: About, i: int, unit: Unit) -> Callable[[Block], Array]:
     """Impulses along a coordinate, or behind the last one the energy; none without contacts."""
     factor = about.units.factor(unit)
     return (lambda block: times(block.log.impulses[i, : block.events], factor)) if about.layout.reactions else _nothing
+
+
+def _offset(about: About, i: int, unit: Unit) -> Callable[[Block], Array]:
+    """Shifts of a coordinate; none where nothing sets one and there are no contacts."""
+    layout, factor = about.layout, about.units.factor(unit)
+    place = i - len(layout.coordinates)
+    return (
+        (lambda block: times(block.log.impulses[place, : block.events], factor))
+        if layout.reactions or layout.resets
+        else _nothing
+    )
 
 
 def _laws(model: Model) -> dict[str, str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.contacts.gaps import size_of_gap, struck
+from xdynamics.march.contacts.gaps import size_of_gap, spread, struck
 from xdynamics.march.contacts.holding import choose
 from xdynamics.march.contacts.linking import (
     ABSENT,
@@ -30,6 +30,7 @@ from xdynamics.march.contacts.linking import (
     terms,
 )
 from xdynamics.march.events.certainty import renew_constants
+from xdynamics.march.proposing import usual_step
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import MODES, NORMAL, TANGENT
@@ -180,6 +181,18 @@ def relieve(run: Run) -> None:
 
 
 @shared
+def lingers(run: Run, k: int) -> bool:
+    """Whether a contact that is open stays as good as closed: neither its rate nor its acceleration opens it in a step.
+
+    Where nothing presses, as between balls that hang side by side, rounding alone would make it open and close. What is
+    pulled open leaves at no rate and no acceleration, too, but for good.
+    """
+    one, h = run.touches[k], usual_step(run)
+    touches = one.state == OPEN and one.near == 1 and one.hit != PULL and abs(number(run, k, RATE)) <= one.slack
+    return bool(touches and abs(one.after) * h * h <= spread(run, k))
+
+
+@shared
 def wake(run: Run, i: int) -> None:
     """Have a detector look, or sleep; a gap may not be negative, nor what presses or grips."""
     detector, watch = run.detectors[i], run.watches[i]
@@ -189,6 +202,7 @@ def wake(run: Run, i: int) -> None:
     watch.guard, watch.floor, awake = 1, 0.0, False
     if detector.role == GAP:
         awake = state == OPEN
+        run.lingering[detector.reaction] = spread(run, detector.reaction) if lingers(run, detector.reaction) else 0.0
         watch.floor = 4.0 * EPS * size_of_gap(run, detector.reaction)
         if run.touches[detector.reaction].near:  # it opens from what is left of it, and that is its zero
             watch.floor = max(watch.floor, 2.0 * abs(number(run, detector.reaction, GAP_OF)))

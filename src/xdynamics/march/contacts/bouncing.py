@@ -5,9 +5,8 @@ from __future__ import annotations
 from math import inf
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.kernels.doubt import EPS
 from xdynamics.march.contacts.bonds import derive, inform
-from xdynamics.march.contacts.gaps import size_of_gap, struck
+from xdynamics.march.contacts.gaps import BLUR, size_of_gap, struck
 from xdynamics.march.contacts.linking import NOISE, RATE, SIZE, gram, number
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, PULL
@@ -15,7 +14,6 @@ from xdynamics.model.reactions import NORMAL
 from xdynamics.schema import CLOSED, OPEN, SETTLING
 
 LOW = 1e-9  # of the largest gap so far: bounces that may be skipped, where the model does not say
-BLUR = 16.0 * EPS  # of what a gap is the difference of, or of t: less is not known
 ROUNDS = 4  # of looking again who settles
 
 
@@ -76,7 +74,6 @@ def ends_soon(run: Run, k: int, t: float) -> bool:
         one.limit = -inf
         return False
     q, height = rate / before, rate * rate / (2.0 * fall)
-    one.largest = max(one.largest, height)
     again = 2.0 * rate / fall if one.hit == GAP else past * q  # a flight, or that of the other corners too
     rest, size = again / (1.0 - q), size_of_gap(run, k)
     limit = t + rest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.program import T
 from xdynamics.march.contacts.linking import FREE, GAP_OF, NOISE, RATE, SIZE, gram, number, row
 from xdynamics.march.events.certainty import NONE
@@ -10,6 +11,8 @@ from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP
 from xdynamics.model.reactions import NORMAL, TANGENT
 from xdynamics.schema import SETTLING
+
+BLUR = 16.0 * EPS  # of what a gap is the difference of, or of t: less is not known
 
 
 @shared
@@ -33,6 +36,21 @@ def width(run: Run, k: int) -> float:
 
 
 @shared
+def spread(run: Run, k: int) -> float:
+    """How far from zero impacts may have left a gap, each of which is met within the time tolerance, or the spacing of t.
+
+    Bodies that stay together behind one are apart, or in each other, by as much: that is no flight, and no penetration.
+    """
+    return run.swiftest[k] * within(run, k)
+
+
+@shared
+def within(run: Run, k: int) -> float:
+    """Within which time an event of a contact or friction is met: its tolerance, or the spacing of t."""
+    return max(run.reactions[k].tolerance, BLUR * abs(run.at[T]))
+
+
+@shared
 def size_of_gap(run: Run, k: int) -> float:
     """How large the numbers are that a gap is the difference of."""
     size, n = abs(number(run, k, GAP_OF)), run.plan[0].coordinates
@@ -53,11 +71,14 @@ def measure(run: Run) -> None:
             size += abs(row(run, k, i) * run.z[n + i])
         one.fastest = max(one.fastest, abs(number(run, k, RATE)))
         one.steepest = max(one.steepest, gram(run, k, k))
-        size = max(size, one.fastest)
+        run.swiftest[k] = max(run.swiftest[k], size)
+        size = max(one.fastest, run.swiftest[k])
         one.slack = max(NOISE * size, (abs(number(run, k, FREE)) + brake(run, k)) * run.reactions[k].tolerance)
         one.near = 0
         if run.reactions[k].role == NORMAL:
-            one.near = int(one.hit == GAP or number(run, k, GAP_OF) <= width(run, k))
+            still = abs(number(run, k, RATE)) <= one.slack
+            reach = max(width(run, k), spread(run, k)) if still else width(run, k)
+            one.near = int(one.hit == GAP or number(run, k, GAP_OF) <= reach)
 
 
 @shared

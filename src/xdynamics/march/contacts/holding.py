@@ -77,6 +77,8 @@ def shift(run: Run, count: int, which: int, first: int) -> bool:
     if not solve_linear(run.square, run.column, count):
         return False
     for i in range(count):
+        if which == RATE:  # with what impulse, for who keeps the balance
+            run.slowed[run.chosen[i]], run.pulled[run.chosen[i]] = number(run, run.chosen[i], RATE), run.column[i]
         for k in range(run.plan[0].coordinates):
             run.z[first + k] += reach(run, run.chosen[i], k) * run.column[i]
     return True

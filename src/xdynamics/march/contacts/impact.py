@@ -30,7 +30,7 @@ from xdynamics.model.reactions import NORMAL, TANGENT
 
 NEWTON, POISSON, SEQUENTIAL, ENERGETIC = range(len(IMPACT_LAWS))
 MOST_ROUNDS = 1000  # of impacts one after the other
-ALL = -1
+ALL, AGAIN = -1, -2  # contacts that do not part; those of the phase before
 
 
 @shared
@@ -59,19 +59,38 @@ def collide(run: Run) -> bool:
 
 @shared
 def at_once(run: Run, law: int) -> bool:
-    """Find all impulses together."""
-    if not press(run, ALL, 1.0 if law == NEWTON else 0.0):
-        return False
-    if law == NEWTON:
-        return True
+    """Find the impulses of all contacts that approach or rest, together, until none approaches."""
+    for _ in range(MOST_ROUNDS):
+        if not press(run, ALL, 1.0 if law == NEWTON else 0.0):
+            return False
+        if law == POISSON and not give_back(run):
+            return False
+        if not any_approaches(run):
+            return True
+    return press(run, ALL, 0.0)
+
+
+@shared
+def give_back(run: Run) -> bool:
+    """Have each contact give back its share of the impulse of compression."""
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
-        if run.reactions[k].role == NORMAL and touch.near:
-            touch.known = touch.bounce * touch.total
-    solved = press(run, ALL, 0.0)
+        if touch.part == PRESSING:
+            touch.known = touch.bounce * touch.found
+    solved = press(run, AGAIN, 0.0)
     for k in range(run.touches.shape[0]):
         run.touches[k].known = 0.0
     return solved
+
+
+@shared
+def any_approaches(run: Run) -> bool:
+    """Whether a contact that touches approaches by more than rounding leaves."""
+    found = False
+    for k in range(run.touches.shape[0]):
+        touch = run.touches[k]
+        found = found or (run.reactions[k].role == NORMAL and touch.near == 1 and touch.rate < -noise(run, k))
+    return found
 
 
 @shared
@@ -96,11 +115,13 @@ def press(run: Run, only: int, share: float) -> bool:
     """Find the impulses of all contacts that touch, or of one; `share` of each restitution counts."""
     for k in range(run.touches.shape[0]):
         touch, reaction = run.touches[k], run.reactions[k]
+        acts = touch.near == 1 and touch.rate <= noise(run, k) if only == ALL else touch.part == PRESSING
+        acts = k == only if only >= 0 else acts
         touch.part, touch.origin = ABSENT, touch.rate
-        if reaction.role == NORMAL and touch.near and only in (ALL, k):
+        if reaction.role == NORMAL and acts:
             touch.part = PRESSING
             touch.origin += share * touch.bounce * min(touch.rate, 0.0)
-        elif reaction.role == TANGENT and run.touches[reaction.normal].near and only in (ALL, reaction.normal):
+        elif reaction.role == TANGENT and run.touches[reaction.normal].part == PRESSING:
             touch.part, touch.coefficient, touch.bound = GRIPPING, number(run, k, SIZE), 0.0
     return solve_reactions(run) and add_impulses(run)
 

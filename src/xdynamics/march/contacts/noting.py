@@ -5,7 +5,7 @@ from __future__ import annotations
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.contacts.linking import row
 from xdynamics.march.events.certainty import NONE
-from xdynamics.march.run import Run
+from xdynamics.march.run import SKIPPED, Run
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import NORMAL, TANGENT
 from xdynamics.schema import CLOSED, IMPACT, LOOSE, OPEN, REST, STICKING, TAKEOFF, TOUCH
@@ -63,6 +63,7 @@ def note_contact(run: Run, k: int, first: int) -> None:
 def rest(run: Run, k: int, e: int) -> None:
     """Note that a contact came to rest, with the energy of the bounces that were skipped."""
     run.log_events[e].kind, run.log_events[e].murk = REST, 2.0 * run.touches[k].doubt
+    run.balance[SKIPPED] += run.touches[k].lost
     run.log_impulses[run.plan[0].coordinates, e] += run.touches[k].lost
 
 

@@ -10,9 +10,17 @@ from typing import Any
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
+from xdynamics.march.contacts.balance import (  # fmt: skip
+    is_broken,
+    open_balance,
+    weigh_energies,
+    weigh_impulses,
+    weigh_positions,
+    weigh_rates,
+)
 from xdynamics.march.contacts.bonds import derive, inform
 from xdynamics.march.contacts.bouncing import bounce
-from xdynamics.march.contacts.gaps import approaching, hear, measure, width
+from xdynamics.march.contacts.gaps import approaching, hear, measure, spread, width
 from xdynamics.march.contacts.holding import choose, hold
 from xdynamics.march.contacts.impact import collide, noise
 from xdynamics.march.contacts.linking import GAP_OF, gram, look_at_links, number
@@ -24,7 +32,7 @@ from xdynamics.march.landing import end
 from xdynamics.march.log import first_of_group
 from xdynamics.march.outcomes import CONTACT_PENETRATED, RUNNING
 from xdynamics.march.proposing import copy
-from xdynamics.march.run import HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, Run
+from xdynamics.march.run import HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, WEIGH, Run
 from xdynamics.model.reactions import NORMAL
 from xdynamics.schema import OPEN, REASON_CONTACT, SETTLING
 
@@ -43,6 +51,7 @@ def touch(address: Any, t: float, what: int) -> None:
         with the state that the march stands at, behind an event after which bounces are skipped. `RESOLVE`: change the
         trial's state by impacts, and say what contacts do behind the events that it ends at. `INFORM`: tell the forces
         what contacts do, which was put there. `STEP_IN_TIME`: add what contacts do over a step, for Moreau's method.
+        `WEIGH`: hold the energies behind the events against their rows.
     """
     run = run_at(address)
     if what == STEP_IN_TIME:
@@ -52,8 +61,10 @@ def touch(address: Any, t: float, what: int) -> None:
     elif what == SETTLE:
         settle(run, t)
     elif what == RESOLVE:
-        if not run.plan[0].stepping:
-            resolve(run, t)
+        resolve(run, t)
+    elif what == WEIGH:
+        weigh_energies(run, first_of_group(run, run.now[0].rows - 1))
+        is_broken(run)
     elif what == INFORM:
         copy(run.y, run.z)
         look_at_links(run, t)
@@ -73,6 +84,7 @@ def begin(run: Run, t: float) -> None:
         one.speed, one.since, one.doubt, one.total, one.fastest = 0.0, t, 0.0, 0.0, 0.0
         one.steepest = gram(run, k, k)
         one.largest = max(0.0, number(run, k, GAP_OF))
+        run.swiftest[k], run.lingering[k] = 0.0, 0.0
         if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -width(run, k):
             run.now[0].status = CONTACT_PENETRATED
         one.held = OPEN
@@ -94,7 +106,10 @@ def settle(run: Run, t: float) -> None:
         waiting = waiting or (run.reactions[k].role == NORMAL and run.touches[k].state == SETTLING)
     if waiting:
         copy(run.y, run.z)
+        look_at_links(run, t)
+        open_balance(run)
         hold(run, t, True)
+        weigh_positions(run, True)
         copy(run.z, run.y)
 
 
@@ -102,11 +117,12 @@ def settle(run: Run, t: float) -> None:
 def resolve(run: Run, t: float) -> None:
     """Change the trial's state by what happens to contacts at its end."""
     look_at_links(run, t)
+    open_balance(run)
     hear(run)
     measure(run)
     first = first_of_group(run, run.now[0].rows - 1)
     for k in range(run.touches.shape[0]):
-        if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -(width(run, k) + run.touches[k].slack) and run.touches[k].hit == NONE:  # fmt: skip
+        if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -max(width(run, k), spread(run, k)) and run.touches[k].hit == NONE:  # fmt: skip
             end(run, CONTACT_PENETRATED)
             return
     if approaching(run):
@@ -117,6 +133,7 @@ def resolve(run: Run, t: float) -> None:
         for k in range(run.touches.shape[0]):
             run.touches[k].slack, run.touches[k].lost = noise(run, k), 0.0
         look_at_links(run, t)
+        weigh_impulses(run)
     if not (derive(run) and bounce(run, t)):
         end(run, REASON_CONTACT)
         return
@@ -125,3 +142,7 @@ def resolve(run: Run, t: float) -> None:
         hold(run, t, False)
         if run.at[UNSOUND] != 0.0:
             end(run, REASON_CONTACT)
+        else:
+            weigh_positions(run, False)
+            weigh_rates(run)
+    is_broken(run)

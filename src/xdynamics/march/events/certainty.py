@@ -65,7 +65,14 @@ def uncertainty(run: Run, i: int, state: State) -> float:
 @shared
 def murk(run: Run, i: int, state: State) -> float:
     """How large an event function may be and count as zero."""
-    return max(MURK * uncertainty(run, i, state), run.watches[i].floor)
+    return max(MURK * uncertainty(run, i, state), least(run, i))
+
+
+@shared
+def least(run: Run, i: int) -> float:
+    """How large an event function may be and is never told from zero: what is left of a gap that closed."""
+    detector, floor = run.detectors[i], run.watches[i].floor
+    return max(floor, run.lingering[detector.reaction]) if detector.role == GAP else floor
 
 
 @shared
@@ -104,7 +111,7 @@ def known(run: Run, i: int) -> int:
         return CLEAR
     if watch.flaw == SMOOTH:
         if watch.down > 0.0 or watch.up < 0.0:
-            nothing = max(abs(run.near_g[i]), abs(run.far_g[i])) <= watch.floor
+            nothing = max(abs(run.near_g[i]), abs(run.far_g[i])) <= least(run, i)
             return OPEN if nothing or lingers(run, i) else MONOTONE
         if clears(run.near_g[i], run.far_g[i], watch.down, watch.up, w):
             return CLEAR
@@ -166,10 +173,14 @@ def stays_within(run: Run, i: int, size: float, w: float) -> bool:
 
 @shared
 def idles(run: Run, i: int, size: float) -> bool:
-    """Whether a force that presses nothing, say, is as good as zero at both ends of a piece, and may be between."""
-    watch = run.watches[i]
+    """Whether a force that presses nothing, say, is as good as zero at both ends of a piece, and may be between.
+
+    So is the gap of an open contact that lingers: there is nothing that would move it farther on the way.
+    """
+    watch, detector = run.watches[i], run.detectors[i]
+    quiet = detector.role != GAP or run.lingering[detector.reaction] > 0.0
     largest = max(abs(run.near_g[i]), abs(run.far_g[i]))
-    return watch.guard != 0 and watch.armed == 0 and run.detectors[i].role != GAP and largest <= size
+    return watch.guard != 0 and watch.armed == 0 and quiet and largest <= size
 
 
 @shared

@@ -9,6 +9,7 @@ from math import nan
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import apart, shared
 from xdynamics.kernels.doubt import EPS
@@ -25,6 +26,7 @@ from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_a
 from xdynamics.march.log import MOST_SUBSTEPS, first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (  # fmt: skip
     BEGIN,
+    CONTACT_INCONSISTENT,
     CONTACT_PENETRATED,
     NONFINITE_OBSERVABLE,
     RUNNING,
@@ -32,8 +34,8 @@ from xdynamics.march.outcomes import (  # fmt: skip
     SOUND,
     STOPPED,
 )
-from xdynamics.march.proposing import keep, look, substep, take
-from xdynamics.march.run import BEGUN, RESOLVE, SETTLE, SIDES, TOUCHED, Run
+from xdynamics.march.proposing import copy, keep, look, substep, take
+from xdynamics.march.run import BEFORE, BEGUN, BEHIND, GUARD, KEPT_ALL, RESOLVE, SETTLE, SIDES, TOUCHED, WEIGH, Run
 from xdynamics.model.detectors import GRIP, KINK, OCCASION, PULL, SLIP
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS
@@ -55,6 +57,8 @@ _BEFORE, _AFTER = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)
 _SWITCHED, _RESET = np.int64(REGIME_SWITCH), np.int64(RESET_KIND)
 _CROSSED, _JUMPED = np.int64(CROSSING), np.int64(JUMP)
 _, STOP, SWITCH, RESET = range(len(ACTIONS))
+_STATE = 2  # of a row of the log, behind time and step
+State = NDArray[Any]
 note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
 
 
@@ -191,11 +195,11 @@ def cross(run: Run, before: int) -> bool:
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     changed = act(run, before)
     if plan.reactions > 0:
-        entered_by(run.functions[TOUCHED], run, trial.t, RESOLVE)
         changed = True
-    if now.status in (CONTACT_PENETRATED, REASON_CONTACT):
-        break_off(run, before)
-        return False
+        if plan.stepping == 0 and not touch(run):
+            break_off(run, before)
+            return False
+    note_offsets(run, before)
     if plan.switches > 0:
         changed = keep_sides(run, changed) or changed
     if changed:
@@ -213,6 +217,51 @@ def cross(run: Run, before: int) -> bool:
 
 
 @shared
+def touch(run: Run) -> bool:
+    """Change the trial's state by what contacts do; whether they have an answer, and one that agrees with the record."""
+    run.balance[BEFORE] = kinetic_energy(run, run.z)
+    entered_by(run.functions[TOUCHED], run, run.trial[0].t, RESOLVE)
+    if run.now[0].status in (CONTACT_PENETRATED, REASON_CONTACT, CONTACT_INCONSISTENT):
+        return False
+    copy(run.z, run.whole)
+    for i in range(run.plan[0].coordinates):  # of the velocities alone: masses go by positions
+        run.whole[i] = run.entry[i]
+    run.balance[BEHIND] = kinetic_energy(run, run.whole)
+    entered_by(run.functions[TOUCHED], run, run.trial[0].t, WEIGH)
+    return bool(run.now[0].status != CONTACT_INCONSISTENT)
+
+
+@shared
+def kinetic_energy(run: Run, state: State) -> float:
+    """The kinetic energy of a state, by a row of the log that is written over."""
+    now, plan = run.now[0], run.plan[0]
+    if plan.kinetic < 0:
+        return 0.0
+    row = now.rows - run.base[0].rows
+    if note_apart(run, _AFTER, run.trial[0].t, 0.0, state):
+        now.rows -= 1
+    return run.log_rows[plan.kinetic, row]
+
+
+@shared
+def note_offsets(run: Run, before: int) -> None:
+    """Note how far positions were moved by contacts that came to rest, beyond what events set them to."""
+    n, rows, first = run.plan[0].coordinates, run.log_impulses.shape[0], first_of_group(run, before)
+    if rows == 0:
+        return
+    whose, last = first, run.now[0].events - run.base[0].events
+    for e in range(first, last):
+        if run.detectors[run.log_events[e].detector].reaction >= 0:
+            whose = e
+            break
+    for i in range(n):
+        left = run.z[i] - run.log_rows[_STATE + i, before - run.base[0].rows]
+        for e in range(first, last):
+            left -= run.log_impulses[rows - n + i, e]
+        run.log_impulses[rows - n + i, whose] += left
+
+
+@shared
 def go_on(run: Run, reached: bool) -> None:
     """Stand at the state behind the events, and look from there."""
     now = run.now[0]
@@ -226,6 +275,8 @@ def go_on(run: Run, reached: bool) -> None:
     run.kept[0].since = BEGUN
     if run.plan[0].reactions > 0:
         entered_by(run.functions[TOUCHED], run, now.t, SETTLE)
+        if run.balance[GUARD] != KEPT_ALL:
+            end(run, CONTACT_INCONSISTENT)
     rearm(run)
 
 
@@ -293,18 +344,21 @@ def act(run: Run, row: int) -> bool:
         elif detector.action == SWITCH:
             now.regime, run.at[REGIME], one.kind, changed = detector.to, detector.to, _SWITCHED, True
         elif detector.action == RESET:
-            reset(run, one.detector)
+            reset(run, one.detector, k)
             one.kind, changed = _RESET, True
     return changed
 
 
 @shared
-def reset(run: Run, i: int) -> None:
-    """Set the state to what an event says, all of it from the state before."""
+def reset(run: Run, i: int, e: int) -> None:
+    """Set the state to what an event says, all of it from the state before; its row has how far positions are moved."""
+    first = run.log_impulses.shape[0] - run.plan[0].coordinates
     called(run.law[RESETS], run, run.z, run.resets, 0)
     carried = run.plan[0].used + run.plan[0].evaluated
     for k in range(run.targets.shape[0]):
         if run.targets[k, 0] == i:
+            if run.targets[k, 1] < run.plan[0].coordinates:
+                run.log_impulses[first + run.targets[k, 1], e] += run.resets[k] - run.z[run.targets[k, 1]]
             run.z[run.targets[k, 1]] = run.resets[k]
             if carried < run.z.shape[0]:  # what rounding took from the value before is not the new one's
                 run.z[carried + run.targets[k, 1]] = 0.0

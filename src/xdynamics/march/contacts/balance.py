@@ -1,0 +1,138 @@
+"""The guards of a group of events: what contacts did to a state is held against what is recorded of it.
+
+Each is an identity of mechanics, whatever the law of impacts and however surfaces move, so that what it leaves is
+rounding, or what the location of events leaves. A group that breaks one ends the run.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.contacts.gaps import brake, size_of_gap, spread, within
+from xdynamics.march.contacts.holding import choose
+from xdynamics.march.contacts.linking import FREE, GAP_OF, NOISE, RATE, gram, number, reach, row
+from xdynamics.march.outcomes import CONTACT_INCONSISTENT
+from xdynamics.march.run import (  # fmt: skip
+    APART,
+    BALANCE,
+    BEFORE,
+    BEHIND,
+    BOUND,
+    FIGURE,
+    GUARD,
+    KEPT_ALL,
+    LOSSES,
+    OWNER,
+    SHIFTED,
+    SKIPPED,
+    SLOWED,
+    TAKEN,
+    TERMS,
+    WORK,
+    Run,
+)
+from xdynamics.model.detectors import GAP
+from xdynamics.model.reactions import NORMAL
+
+LEFT = 16.0 * NOISE  # by rounding, of the energies of a group for each of its bodies and contacts
+
+
+@shared
+def open_balance(run: Run) -> None:
+    """Keep the state that contacts are to change; links are those of it."""
+    for i in range(2 * run.plan[0].coordinates):
+        run.entry[i] = run.z[i]
+    for k in range(run.touches.shape[0]):
+        run.pulled[k], run.slowed[k], run.approach[k] = 0.0, 0.0, number(run, k, RATE)
+    run.balance[GUARD] = KEPT_ALL
+    for i in range(TAKEN, BALANCE):
+        run.balance[i] = 0.0
+
+
+@shared
+def examine(run: Run, guard: int, owner: int, figure: float, bound: float) -> None:
+    """Take down the first guard that is broken; a figure that is no number breaks it, too."""
+    if run.balance[GUARD] == KEPT_ALL and not figure <= bound:
+        run.balance[GUARD], run.balance[OWNER], run.balance[FIGURE], run.balance[BOUND] = guard, owner, figure, bound
+
+
+@shared
+def weigh_impulses(run: Run) -> None:
+    """Look at the gaps of contacts that acted, and at what their impulses took by the rates on either side; links are those behind."""
+    for k in range(run.touches.shape[0]):
+        touch, after = run.touches[k], number(run, k, RATE)
+        if touch.total == 0.0:
+            continue
+        run.balance[TAKEN] -= touch.total * (run.approach[k] + after) / 2.0
+        run.balance[TERMS] += abs(touch.total) * (abs(run.approach[k]) + abs(after))
+        if run.reactions[k].role == NORMAL:
+            width = within(run, k)  # of its bracket, on which the rate itself changes, too
+            far = max(spread(run, k), NOISE * size_of_gap(run, k)) + abs(number(run, k, FREE)) * width * width
+            examine(run, APART, k, abs(number(run, k, GAP_OF)), 2.0 * far)
+
+
+@shared
+def weigh_rates(run: Run) -> None:
+    """Look at the rates that were taken from contacts which rest, and friction that sticks, with no impulse recorded."""
+    for i in range(choose(run, False)):
+        k = run.chosen[i]
+        touch, free = run.touches[k], abs(number(run, k, FREE))
+        slow = touch.slack + (free + brake(run, k)) * within(run, k)
+        if touch.lost > 0.0:  # bounces that are skipped, of which the energy is recorded
+            slow += sqrt(2.0 * gram(run, k, k) * touch.lost)
+        if touch.hit == GAP and touch.total == 0.0:  # a gap that a step of low order closed; see `bonds.assign`
+            slow += free * run.trial[0].h
+        examine(run, SLOWED, k, abs(run.slowed[k]), 4.0 * slow)
+
+
+@shared
+def weigh_positions(run: Run, settling: bool) -> None:
+    """Look at how far contacts that rest have moved the state of `open_balance`: no farther than their gaps were open."""
+    count, farthest = choose(run, settling), 0.0
+    for i in range(count):
+        k = run.chosen[i]
+        if run.reactions[k].role == NORMAL:
+            farthest = max(farthest, spread(run, k), NOISE * size_of_gap(run, k))
+    for i in range(run.plan[0].coordinates):
+        most = 0.0
+        for j in range(count):
+            most += abs(reach(run, run.chosen[j], i)) / gram(run, run.chosen[j], run.chosen[j])
+        # rows of the inverse of a chain of `count` gaps have sums up to count**2/8 of that of one
+        bound = most * farthest * (1.0 + count * count / 4.0)
+        examine(run, SHIFTED, i, abs(run.z[i] - run.entry[i]), 2.0 * bound)
+
+
+@shared
+def weigh_energies(run: Run, first: int) -> None:
+    """Hold kinetic energy on both sides against the impulses of a group's rows, and their energies against the same.
+
+    Kinetic energy changes by each impulse times the mean, of before and behind, of its rate by velocities: for masses
+    M and impulses p with M (v1 - v0) = p it is (v1 + v0) p/2.
+    """
+    n, last = run.plan[0].coordinates, run.now[0].events - run.base[0].events
+    work, terms, lost = 0.0, run.balance[BEFORE] + run.balance[BEHIND], 0.0
+    for i in range(n):
+        impulse = 0.0
+        for e in range(first, last):
+            impulse += run.log_impulses[i, e]
+        for k in range(run.touches.shape[0]):
+            impulse += row(run, k, i) * run.pulled[k]
+        before, behind = run.entry[n + i], run.z[n + i]
+        work += impulse * (before + behind) / 2.0
+        terms += abs(impulse) * (abs(before) + abs(behind))
+    for e in range(first, last):
+        lost += run.log_impulses[n, e]
+    bound = LEFT * (n + run.touches.shape[0]) * (terms + run.balance[TERMS])
+    if run.plan[0].kinetic >= 0:
+        examine(run, WORK, 0, abs(run.balance[BEHIND] - run.balance[BEFORE] - work), bound)
+    examine(run, LOSSES, 0, abs(lost - run.balance[SKIPPED] - run.balance[TAKEN]), bound)
+
+
+@shared
+def is_broken(run: Run) -> bool:
+    """Whether a guard was broken, which ends the run."""
+    if run.balance[GUARD] == KEPT_ALL:
+        return False
+    run.now[0].status, run.now[0].h = CONTACT_INCONSISTENT, run.trial[0].h
+    return True
