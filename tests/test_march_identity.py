@@ -81,10 +81,11 @@ def test_tolerances_may_be_named_or_not() -> None:
     names = ("x", "v_x")
     bare, named, wider, none = (
         march(**{"step": None} | CHOSEN | more).settings
-        for more in ({}, {"atol": {"x": "1 um", "v_x": "1 um s-1"}}, {"atol": {"x": "2 um"}}, {"rtol": None, "step": 0.1, "method": "rk4"})
+        for more in ({"atol": 1e-6}, {"atol": {"x": "1 um", "v_x": "1 um s-1"}}, {"atol": {"x": "2 um"}}, {"rtol": None, "step": 0.1, "method": "rk4"})
     )  # fmt: skip
     assert same_settings(bare, named, names)
     assert same_settings(none, none, names)
+    assert not same_settings(bare, march(step=None, **CHOSEN).settings, names)  # those follow their variables
     assert not same_settings(bare, wider, names)
     assert not same_settings(bare, none, names)
     assert not same_settings(bare, march(step=None, until=2.0, **CHOSEN).settings, names)

@@ -90,6 +90,13 @@ ORIGIN = "origin"
 DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL = (
     "derived", "derived_from", "selection", "selection_of", "selection_atol_si",
 )  # fmt: skip
+# of a variable whose absolute tolerance was not given; what stands as its `atol` is what was used in the last step
+ATOL_RULE, ATOL_FOLLOWS = (
+    "atol_rule",
+    "follows the size of the variable so far, see solver_atol_rule; this is its last value",
+)
+# names of velocities that were not given, and are 0
+AT_REST = "initial_velocities_not_given"
 # of what was made from runs to judge them by: a word for what it is, and the content digests of the runs, coarse to fine
 EVIDENCE, RUNS = "evidence", "runs"
 SWEEP = "sweep"  # the evidence that is many runs

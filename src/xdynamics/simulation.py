@@ -77,9 +77,11 @@ def simulate(
         Relative and absolute tolerance: steps are chosen so that no component's estimated local error is larger than
         atol + rtol*max(abs(value before), abs(value after)). `atol` is a number for every coordinate, velocity and
         state, or one for each by name: ``{"y": "1 um", "v_y": "1 mm s-1"}``. A number without a unit is in each
-        variable's own declared unit (a velocity's is that unit per second; with `scales`, theirs), and what has no
-        tolerance has the number `rtol` there. Without either, a method with an embedded formula and no step marches
-        with 1e-6.
+        variable's own declared unit (a velocity's is that unit per second; with `scales`, theirs). What is given none
+        follows the size of its variable, whatever its units: rtol times the largest absolute value so far, and of what
+        starts at rest or at zero not less than a millionth of rtol times the largest of its kind, or times what the
+        forces about the start make of it in the fastest time scale (`solver_atol_rule`; what was used last is the
+        variable's `atol`). Without either, a method with an embedded formula and no step marches with rtol = 1e-6.
     estimator : {"embedded", "step_doubling", "step_doubling_extrapolated", "none"}
         Where the error estimate comes from; the method's embedded formula if it has one, else step doubling.
     safety, growth_limits, min_step, max_step, max_steps

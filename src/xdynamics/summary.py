@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from typing import Any
 
@@ -12,7 +12,7 @@ import xarray as xr
 from xdynamics.faults import escaped
 from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, said_of
 from xdynamics.record.words import words_of
-from xdynamics.schema import CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, SWEEP, TRIALS
+from xdynamics.schema import AT_REST, CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, SWEEP, TRIALS
 
 FEW_EVENTS = 4  # of one name, that are told one by one
 # kind of evidence -> the room that says what it tells
@@ -24,6 +24,7 @@ TOLD = {
     **dict.fromkeys(("contrast", "convergence", "influences", "precision", "sensitivities", "sobol indices"), "sweeping.surveyed"),
 }  # fmt: skip
 _OF_FLAGS = ("units", "long_name", "role", "flag_values", "flag_meanings", "comment")
+SHORT = 0.25  # of the slowest period
 LONGEST = 400  # characters of a setting that are shown
 
 
@@ -38,6 +39,7 @@ def summary(run: xr.Dataset) -> list[str]:
     if not is_whole(used):
         return [escaped(line) for line in _partly(run)]
     lines = [
+        *_at_rest(used),
         used["title"],
         f"outcome   {used['run_outcome']}: {used['run_outcome_text']}",
         f"method    {used['solver_method']} (order {used['solver_order']}), {_steps(run)}",
@@ -50,7 +52,23 @@ def summary(run: xr.Dataset) -> list[str]:
         lines.append(
             f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}, end minus start {change:.3g} {units}"
         )
-    return [escaped(line) for line in (*lines, *_events(run))]
+    return [escaped(line) for line in (*lines, *_pace(used), *_events(run))]
+
+
+def _at_rest(used: Mapping[Any, Any]) -> Iterator[str]:
+    """Say which velocities the model does not give."""
+    if AT_REST in used:
+        names = ", ".join(str(used[AT_REST]).split())
+        yield f"at rest   {names}: [initial] gives none, so that they are 0 at the start"
+
+
+def _pace(used: Mapping[Any, Any]) -> Iterator[str]:
+    """Say how steps compare with the fastest time scale, and a span that is short beside the slowest one."""
+    if "run_h_omega_largest" in used:
+        yield f"h*omega   {used['run_h_omega_start']:.3g} at the start, {used['run_h_omega_largest']:.3g} at most, of the fastest rate"
+    if float(used.get("run_slowest_periods", 1.0)) < SHORT:
+        second = "" if used["run_slowest_period_units"] == "1" else f" {used['run_slowest_period_units']}"
+        yield f"span      {used['run_slowest_periods']:.2g} of the slowest period at the start, {used['run_slowest_period']:g}{second}: what it does in a period is not seen"
 
 
 def _evidence(found: xr.Dataset) -> Iterator[str]:
@@ -85,7 +103,21 @@ def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
         return [escaped(line) for line in (*lines, "more      equations, settings and digests with --all")]
     lines.append("settings and evidence")
     keys = [
-        key for key in run.attrs if key.startswith(("solver_", "precision", "math_", "model_d", "force_d", "content_d"))
+        key
+        for key in run.attrs
+        if key.startswith(
+            (
+                "solver_",
+                "run_h_omega",
+                "run_fastest",
+                "run_slowest",
+                "precision",
+                "math_",
+                "model_d",
+                "force_d",
+                "content_d",
+            )
+        )
     ]
     keys += [
         key for key in ("date_created", "xdynamics_version", "python_version", "numba_version") if key in run.attrs

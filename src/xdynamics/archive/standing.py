@@ -15,7 +15,7 @@ from xdynamics.archive.seals import content_digest, letters, slabs
 from xdynamics.faults import InputError, numbered
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.kinds import is_selection
-from xdynamics.schema import LEFT_OUT_ATOL, ORIGIN, ROOT_DIGEST, SELECTION, SELECTION_OF
+from xdynamics.schema import ATOL_RULE, LEFT_OUT_ATOL, ORIGIN, ROOT_DIGEST, SELECTION, SELECTION_OF
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,7 +82,7 @@ def standing(run: xr.Dataset) -> Standing:
     tolerances = {
         name: (float(about["atol_si"]), str(about["units"]))
         for name, about in ((name, origin.parts[name].attributes) for name in left_out)
-        if "atol_si" in about
+        if "atol_si" in about and ATOL_RULE not in about
     }
     return Standing(origin, tuple(faults), "; ".join(_selected(fewer, left_out, run, origin)), tolerances)
 

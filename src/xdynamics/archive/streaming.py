@@ -64,6 +64,8 @@ def streamed(march: March, path: str | Path, *, before: Iterable[Part] = (), res
                 sizes = dict(zip(one.dims, np.shape(value), strict=True))
                 writer.define(one.name, one.dims, dtype, one.attributes, sizes)
                 writer.append(one.name, np.asarray(value, dtype=dtype))
+            for name, known in record.followed_tolerances(march).items():
+                writer.describe(name, known)
             writer.finish(provenance.attributes(march))
         if not march.unfinished:
             segments.remove()

@@ -83,6 +83,10 @@ class Writer:
             # room for the one chunk that is being filled: the library's 16 MiB each would not be bounded memory
             variable.set_var_chunk_cache(size=2 * prod(chunks) * seal.dtype.itemsize)
 
+    def describe(self, name: str, more: Mapping[str, Any]) -> None:
+        """Say more of a variable than was known when it was defined."""
+        self._attributes[name] |= own_attributes(more)
+
     @property
     def filled(self) -> dict[str, int]:
         """How many values along its first dimension every variable was given."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     "atols",
     multiple=True,
     metavar="[NAME=]VALUE",
-    help="Absolute tolerance: 1e-9 is in every variable's own unit, y='1 um' for one.",
+    help="Absolute tolerance: 1e-9 is in every variable's own unit, y='1 um' for one; where none is given, rtol times the variable's largest value so far.",
 )
 @click.option("--estimator", help="embedded, step_doubling, step_doubling_extrapolated or none.")
 @click.option("--switches", help="located (default) or 'stepped over': kinks and jumps inside forces.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from xdynamics.evidence.modes import modes
 from xdynamics.expressions import Node, text_of
@@ -19,6 +19,7 @@ COUNTED = ("coordinates", "states", "parameters", "forces", "drives", "events", 
 
 def lines_of(model: Model) -> Iterator[str]:
     """Say what a model is, of which every name and unit fits."""
+    yield from at_rest(model.statement.at_rest)
     counts = [(len(getattr(model, kind)), kind) for kind in COUNTED]
     said = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
     yield f"{model.name}: {said}; every name is known and every unit fits"
@@ -27,6 +28,12 @@ def lines_of(model: Model) -> Iterator[str]:
     starts = (f"{name} = {quantity}" for name, quantity in model.initial.items())
     yield f"start     {', '.join(starts)}{f', regime {model.regime}' if model.regime else ''}"
     yield from _scales(model)
+
+
+def at_rest(velocities: Sequence[str]) -> Iterator[str]:
+    """Say which velocities were not given."""
+    if velocities:
+        yield f"at rest   {', '.join(velocities)}: [initial] gives none, so that they are 0 at the start"
 
 
 def _motion(model: Model) -> Iterator[str]:

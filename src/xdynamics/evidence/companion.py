@@ -186,7 +186,7 @@ def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Compani
 
 def _tightened(asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings with a tenth of the tolerances; the first step is chosen again."""
-    atol = {name: Quantity(one.value / TIGHTER, one.unit) for name, one in asked["atol"].items()}
+    atol = {name: Quantity(one.value / TIGHTER, one.unit) for name, one in asked.get("atol", {}).items()} or None
     kept = {name: value for name, value in asked.items() if name != "step"}
     return kept | {"rtol": asked["rtol"] / TIGHTER, "atol": atol, "max_steps": int(TIGHTER * asked["max_steps"])}
 

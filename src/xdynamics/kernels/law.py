@@ -165,14 +165,14 @@ class Law:
         names = [one.name for one in self.entries if one not in without]
         return machine.compiled(self.text(lanes, without), names, functions)
 
-    def striding(self, lanes: int, *, adaptive: bool) -> int:
-        """Return where one ordinary step in so many lanes begins, compiled."""
+    def striding(self, lanes: int, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> int:
+        """Return where one ordinary step in so many lanes begins, compiled; see `striding.stride`."""
         with _LOCK:
-            return self._striding(lanes, adaptive)
+            return self._striding(lanes, adaptive, followers)
 
     @lru_cache(maxsize=8)  # noqa: B019 - laws are kept as long as they are used
-    def _striding(self, lanes: int, adaptive: bool) -> int:  # noqa: FBT001
-        programs = (self.entries[0], *self.steps.programs, *stride(self.layout, adaptive=adaptive))
+    def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...]) -> int:  # noqa: FBT001
+        programs = (self.entries[0], *self.steps.programs, *stride(self.layout, adaptive=adaptive, followers=followers))
         text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
         code = machine.compiled(text, [STRIDE])
         _STRIDES.append(code)

@@ -89,6 +89,14 @@ class Layout:
         return self.coordinates + self.velocities + self.states
 
     @cached_property
+    def kinds(self) -> tuple[int, ...]:
+        """Of what is used, a number for each kind: coordinates of one dimension are of one, and so on."""
+        roles = (self.coordinates, self.velocities, self.states)
+        found = [(i, self.model.dimensions[name]) for i, names in enumerate(roles) for name in names]
+        numbers = {kind: number for number, kind in enumerate(dict.fromkeys(found))}
+        return tuple(numbers[kind] for kind in found)
+
+    @cached_property
     def state(self) -> tuple[str, ...]:
         """What a row of the log keeps of a state, and the next step starts from."""
         return self.used + self.accelerations + self.rates + self.forces + self.reactions

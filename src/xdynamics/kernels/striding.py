@@ -7,6 +7,8 @@ lane and is said: there the single march makes the step. So each line here has t
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from xdynamics.expressions import parse
 from xdynamics.kernels import quantities, watching
 from xdynamics.kernels.assignments import Assignments
@@ -32,7 +34,7 @@ from xdynamics.kernels.program import (
 # and of a gap how large it was.
 LANE = (
     "t", "h", "norm", "tried", "step", "step_log", "rejected", "grid", "on_grid", "done", "accepted", "most", "lives",
-    "node", "snap", "start", "step_size", "rtol", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
+    "node", "snap", "start", "step_size", "rtol", "floor", "rest", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
 )  # fmt: skip
 STRIDE, DERIVED = "stride", "derived"
 STRETCH = 1.01  # of a step that would end just before a node
@@ -93,9 +95,12 @@ def lane_width(layout: Layout) -> int:
     return len(LANE) + 3 * len(layout.used) + 2 * len(layout.watched)
 
 
-def stride(layout: Layout, *, adaptive: bool) -> tuple[Program, ...]:
-    """Write the step, and behind which it stands: what a row of the log has besides the state, which is to be finite."""
-    write = _Writing(layout)
+def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> tuple[Program, ...]:
+    """Write the step, and behind which it stands: what a row of the log has besides the state, which is to be finite.
+
+    `followers` says whose absolute tolerances follow their variables; of none if it is empty.
+    """
+    write = _Writing(layout, followers)
     write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
     write.lines(_READY)
     write.store("at", {"t": "t", "t1": "reach", "h": "width"})
@@ -114,6 +119,8 @@ def stride(layout: Layout, *, adaptive: bool) -> tuple[Program, ...]:
     write.move(adaptive=adaptive)
     write.lines(_MOVE + (_JUDGED if layout.estimates else "") + (_PACE if adaptive else ""), kept=True)
     local = {"noted": max(1, len(layout.derived)), "norm": 1}
+    if any(followers):
+        local["tops"] = 1 + max(layout.kinds)
     own = Program(STRIDE, "One step in every lane.", tuple(write.body), {}, local)
     return (*((quantities.derived(layout),) if layout.derived else ()), own)
 
@@ -121,9 +128,10 @@ def stride(layout: Layout, *, adaptive: bool) -> tuple[Program, ...]:
 class _Writing:
     """Writes lines of text, whose names are those of a lane or of lines before."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Layout, followers: tuple[bool, ...]) -> None:
         self.body: list[Instruction] = []
         self._layout = layout
+        self._followers = followers
         self._known: dict[str, Operand] = {"stretch": STRETCH, "least_logarithm": LEAST_LOGARITHM}
         self._parts = 0
 
@@ -163,21 +171,72 @@ class _Writing:
 
     def error_norm(self) -> None:
         """Find the largest error over its scale: `march.control.error_norm`."""
-        first, used = len(LANE), len(self._layout.used)
+        first = len(LANE)
         write = self._next()
-        rtol = write.named("rtol")
+        rtol, floor, rest = write.named("rtol"), write.named("floor"), write.named("rest")
         self.body += [*write.lines, Store(Place("norm", same=True), 0.0)]
-        body: tuple[Compute | Load | Store, ...] = (
-            Load("_e", Place("e")), Load("_y", Place("y")), Load("_z", Place("z")), Load("_atol", Place("w", first)),
-            Load("_norm", Place("norm", same=True)),
-            Compute("_before", "abs", ("_y",)), Compute("_behind", "abs", ("_z",)),
-            Compute("_size", "greatest", ("_before", "_behind")),
-            Compute("_relative", "multiply", (rtol, "_size")), Compute("_scale", "add", ("_atol", "_relative")),
-            Compute("_error", "abs", ("_e",)), Compute("_ratio", "divide", ("_error", "_scale")),
-            Compute("_there", "unequal", ("_e", 0.0)), Compute("_mine", "choose", ("_there", "_ratio", 0.0)),
-            Compute("_largest", "greatest", ("_norm", "_mine")), Store(Place("norm", same=True), "_largest"),
-        )  # fmt: skip
-        self.body.append(Each(used, body))
+        if any(self._followers):
+            self._tops(Place("z"))
+        for begin, end, kind, follows in self._pieces():
+            least: tuple[Compute | Load | Store, ...] = (
+                Load("_top", Place("tops", kind, same=True)), Compute("_least", "multiply", (floor, "_top")),
+                Load("_slope", Place("z", self._slope(begin))), Compute("_steep", "abs", ("_slope",)),
+                Compute("_moved", "unequal", ("_atol", 0.0)), Compute("_time", "multiply", (rtol, rest)), Compute("_reach", "multiply", ("_time", "_steep")),
+                Compute("_beginning", "choose", ("_moved", 0.0, "_reach")),
+                Compute("_more", "greatest", ("_atol", "_least")), Compute("_allowed", "greatest", ("_more", "_beginning")),
+            ) if follows else ()  # fmt: skip
+            body: tuple[Compute | Load | Store, ...] = (
+                Load("_e", Place("e", begin)), Load("_y", Place("y", begin)), Load("_z", Place("z", begin)), Load("_atol", Place("w", first + begin)),
+                Load("_norm", Place("norm", same=True)), *least,
+                Compute("_before", "abs", ("_y",)), Compute("_behind", "abs", ("_z",)),
+                Compute("_size", "greatest", ("_before", "_behind")),
+                Compute("_relative", "multiply", (rtol, "_size")),
+                Compute("_scale", "add", ("_allowed" if follows else "_atol", "_relative")),
+                Compute("_error", "abs", ("_e",)), Compute("_ratio", "divide", ("_error", "_scale")),
+                Compute("_there", "unequal", ("_e", 0.0)), Compute("_mine", "choose", ("_there", "_ratio", 0.0)),
+                Compute("_largest", "greatest", ("_norm", "_mine")), Store(Place("norm", same=True), "_largest"),
+            )  # fmt: skip
+            self.body.append(Each(end - begin, body))
+
+    def _slope(self, i: int) -> int:
+        """Return where in a state the time derivative of the i-th number stands."""
+        n, used = len(self._layout.coordinates), len(self._layout.used)
+        return n + i if i < n else used + i - n
+
+    def _pieces(self) -> list[tuple[int, int, int, bool]]:
+        """Return neighbours that are of one kind: first, last, kind, whether their tolerances follow; all, if none do."""
+        used = len(self._layout.used)
+        if not any(self._followers):
+            return [(0, used, 0, False)]
+        told = list(zip(self._layout.kinds, self._followers, strict=True))
+        cuts = [i for i in range(used) if i == 0 or told[i] != told[i - 1]]
+        return [(begin, end, *told[begin]) for begin, end in pairwise([*cuts, used])]
+
+    def _tops(self, of: Place) -> None:
+        """Find the largest absolute value of each kind: `march.sizes.tops_of`."""
+        self.body += [Store(Place("tops", kind), 0.0) for kind in range(1 + max(self._layout.kinds))]
+        for begin, end, kind, _ in self._pieces():
+            top = Place("tops", kind, same=True)
+            body = (
+                Load("_value", Place(of.array, of.index + begin)), Load("_top", top), Compute("_amount", "abs", ("_value",)),
+                Compute("_greater", "greatest", ("_top", "_amount")), Store(top, "_greater"),
+            )  # fmt: skip
+            self.body.append(Each(end - begin, body))
+
+    def _settle(self, first: int) -> None:
+        """Let tolerances follow: `march.sizes.settle_tolerances`; where the lane did not move they stay what they are."""
+        write = self._next()
+        rtol, floor, used = write.named("rtol"), write.named("floor"), len(self._layout.used)
+        self.body += write.lines
+        self._tops(Place("w", first + used))
+        for begin, end, kind, follows in self._pieces():
+            if follows:
+                body = (
+                    Load("_largest", Place("w", first + used + begin)), Load("_top", Place("tops", kind, same=True)),
+                    Compute("_own", "multiply", (rtol, "_largest")), Compute("_least", "multiply", (floor, "_top")),
+                    Compute("_allowed", "greatest", ("_own", "_least")), Store(Place("w", first + begin), "_allowed"),
+                )  # fmt: skip
+                self.body.append(Each(end - begin, body))
 
     def watch(self) -> None:
         """Find out whether every event function is known to keep its side: `march.events.isolation.quiet`."""
@@ -210,6 +269,8 @@ class _Writing:
                 Compute("_most", "greatest", ("_largest", "_size")), *chosen("_most", Place("w", first), "_largest"),
             )  # fmt: skip
             self.body.append(Each(used, larger))
+        if any(self._followers):
+            self._settle(len(LANE))
         if self._layout.estimates:
             error = (Load("_e", Place("e")), Load("_kept", Place("w", first + used)), *chosen("_e", Place("w", first + used), "_kept"))  # fmt: skip
             self.body.append(Each(used, error))

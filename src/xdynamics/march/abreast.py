@@ -48,7 +48,10 @@ def march_abreast(model: Model, settings: Settings, law: Law, arrays: Arrays, la
     part = Part.of(n, law, inputs[2])
     blocks = {name: np.zeros((len(getattr(one, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
     blocks |= {"pieces": np.zeros((len(one.places), lanes), np.int64), "w": np.zeros((lane_width(layout), lanes))}
-    table, stride = _table(blocks | {"tables": one.tables}), law.striding(lanes, adaptive=settings.adaptive)
+    table, stride = (
+        _table(blocks | {"tables": one.tables}),
+        law.striding(lanes, adaptive=settings.adaptive, followers=tuple(map(bool, one.followers))),
+    )
     given = [blocks[name] for name in ("at", "y", "p", "pieces", "z", "w")]
     met = _room(log, 2 * lanes * len(log.events) + min(n, EVENT_ROOM) if layout.watched else 0)
     owners, standing = np.zeros(len(met.events), np.int64), np.array([lanes, 0, 0])

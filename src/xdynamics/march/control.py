@@ -14,6 +14,7 @@ from xdynamics.march.evaluating import slope_of
 from xdynamics.march.handle import applied, called
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
+from xdynamics.march.sizes import tops_of
 
 SPACINGS = 10.0  # of t that the shortest step has at least, like scipy's
 NONFINITE_FACTOR = 0.25
@@ -38,10 +39,17 @@ def larger(x: float, y: float) -> float:
 @compiled
 def error_norm(run: Run) -> float:
     """Return the largest error of the trial over its scale: 1 is what the tolerances allow."""
-    rtol, norm = run.plan[0].rtol, 0.0
+    rtol, norm, follows = run.plan[0].rtol, 0.0, run.plan[0].follows
+    if follows:
+        tops_of(run, run.z)
     for i in range(run.plan[0].used):
         if run.e[i] != 0.0:  # a component that is zero and stays so has no error, whatever its scale
-            scale = run.atol[i] + rtol * larger(abs(run.y[i]), abs(run.z[i]))
+            atol = run.atol[i]
+            if follows and run.followers[i]:  # of what starts from zero, others of its kind are the measure
+                reach = rtol * run.plan[0].rest
+                rest = reach * abs(slope_of(run, run.z, i)) if atol == 0.0 else 0.0  # none has moved yet
+                atol = max(atol, run.plan[0].floor * run.tops[run.kinds[i]], rest)
+            scale = atol + rtol * larger(abs(run.y[i]), abs(run.z[i]))
             norm = larger(norm, abs(run.e[i]) / scale)
         else:
             norm = larger(norm, 0.0)
@@ -104,9 +112,11 @@ def first_step(run: Run) -> float:
     size, slope, change = 0.0, 0.0, 0.0
     for i in range(plan.used):
         scale = run.atol[i] + plan.rtol * abs(y[i])
-        size = larger(size, abs(y[i]) / scale)
-        slope = larger(slope, abs(slope_of(run, y, i)) / scale)
-    size = size if size > 0.0 else 1.0
+        if scale > 0.0:  # what follows a size of 0 is 0 and stays so for now
+            size = larger(size, abs(y[i]) / scale)
+            slope = larger(slope, abs(slope_of(run, y, i)) / scale)
+    if not size > 0.0:  # natural sizes where tolerances follow those
+        size = 1.0 / plan.rtol if plan.follows else 1.0
     time = size / slope if slope > 0.0 else 1e-4 * span
     guess = min(0.01 * time, span, plan.max_step)
     for i in range(plan.used):
@@ -117,7 +127,8 @@ def first_step(run: Run) -> float:
     note_sample(run, t + guess, probe, 0)
     for i in range(plan.used):
         scale = run.atol[i] + plan.rtol * abs(y[i])
-        change = larger(change, abs(slope_of(run, probe, i) - slope_of(run, y, i)) / scale)
+        if scale > 0.0:
+            change = larger(change, abs(slope_of(run, probe, i) - slope_of(run, y, i)) / scale)
     curvature = change / guess
     if curvature > 0.0:  # a body at rest has a slope that tells little
         time = max(time, math.sqrt(size / curvature))

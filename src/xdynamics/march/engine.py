@@ -48,6 +48,8 @@ class Engine(NamedTuple):
     march: Callable[..., None]
     march_many: Callable[..., int]
     states_inside: Callable[..., None]
+    fastest_rates: Callable[..., None]
+    responses: Callable[..., None]
     march_at: int  # where the compiled `loop.march` begins
 
 
@@ -126,7 +128,8 @@ def _loaded(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any]
 
 def _plain_entries() -> Engine:
     many = entries.march_many
-    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), entries.states_inside, 0)
+    others = (entries.states_inside, entries.fastest_rates, entries.responses)
+    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), *others, 0)
 
 
 def _plain_solvers() -> Solvers:
@@ -137,9 +140,9 @@ def _plain_solvers() -> Solvers:
 def _entries(kept: Kept) -> Engine:
     """Compile the entries, or load what was kept of them."""
     march = kept.callback(loop.march, types.void(types.int64, types.int64))
-    march_many, states_inside = (
-        kept.function(one, signature)
-        for one, signature in zip((entries.march_many, entries.states_inside), _SIGNATURES, strict=True)
+    functions = (entries.march_many, entries.states_inside, entries.fastest_rates, entries.responses)
+    march_many, states_inside, fastest_rates, responses = (
+        kept.function(one, signature) for one, signature in zip(functions, _SIGNATURES, strict=True)
     )
     address, call = march.address, march.ctypes
     _KEPT.append(march)  # the code behind an address lives as long as this
@@ -147,6 +150,8 @@ def _entries(kept: Kept) -> Engine:
         lambda run, rows: call(run.address, rows),
         lambda run, *given: march_many(run.address, address, *given),
         lambda run, *given: states_inside(run.address, *given),
+        lambda run, *given: fastest_rates(run.address, *given),
+        lambda run, *given: responses(run.address, *given),
         address,
     )
 
@@ -204,7 +209,10 @@ def _array(dtype: Any, dims: int) -> Any:
 
 _STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
 _MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), *[_array("f8", 2)] * 2, types.int64, types.boolean)
-_SIGNATURES = ((types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 5, types.boolean))
+_SIGNATURES = (
+    (types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 5, types.boolean),
+    (types.int64, *[_array("f8", 2)] * 2), (types.int64, *[_array("f8", 2)] * 3),
+)  # fmt: skip
 
 
 _WHOLE, _BLOCK = _array("i8", 1), _array("f8", 2)

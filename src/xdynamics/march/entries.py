@@ -12,13 +12,14 @@ from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
 from xdynamics.kernels.tables import enter_pieces
-from xdynamics.march.evaluating import evaluate
+from xdynamics.march.evaluating import evaluate, slope_of
 from xdynamics.march.handle import called, entered_by, floats_at, march_by, run_at
 from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.proposing import copy, propose_apart
 from xdynamics.march.run import BEGUN, HAPPEN, INFORM, KEPT, PIECE, SETTLE, SIDES, TOUCH, TOUCHED, TRIAL, WATCH, Run
+from xdynamics.march.sizes import derivatives, fastest_rate, natural_sizes
 
 Floats = NDArray[np.float64]
 Records = NDArray[Any]
@@ -170,21 +171,84 @@ def states_inside(address: Any, parameters: Floats, steps: Floats, states: Float
         judge_inside(run, s, states, ends, found, k, solved)
 
 
+def responses(address: Any, states: Floats, moves: Floats, found: Floats) -> None:
+    """Find how much slopes change where states are moved, contacts open: products of the Jacobian and a vector.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run`, which stands elsewhere afterwards.
+    states : ndarray, shape (1 + n, k)
+        Time and state.
+    moves : ndarray, shape (n, 1)
+    found : ndarray, shape (n, k)
+        Filled.
+    """
+    run = run_at(address)
+    for i in range(run.touches.shape[0]):
+        run.touches[i] = _NO_TOUCH[0]
+    for k in range(states.shape[1]):
+        stand_at(run, states, k)
+        for i in range(run.plan[0].used):
+            run.probe[i] = run.y[i] + moves[i, 0]
+        evaluate(run, states[0, k], run.probe)
+        for i in range(run.plan[0].used):
+            found[i, k] = slope_of(run, run.probe, i) - slope_of(run, run.y, i)
+
+
+def fastest_rates(address: Any, states: Floats, found: Floats) -> None:
+    """Estimate how fast the motion about each state is, contacts open; see `sizes.fastest_rate`.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run`, which stands elsewhere afterwards.
+    states : ndarray, shape (1 + n, k)
+        Time and state.
+    found : ndarray, shape (1 + n, n or k)
+        Filled: in the first row the rate at each state; in the rows behind it, if it has n columns, the derivatives of
+        what stands in row i by what stands in column j about the one state, each over its size.
+    """
+    run = run_at(address)
+    for i in range(run.touches.shape[0]):
+        run.touches[i] = _NO_TOUCH[0]
+    for k in range(states.shape[1]):
+        stand_at(run, states, k)
+        natural_sizes(run, run.y)
+        found[0, k] = fastest_rate(run, states[0, k], run.y)
+    if found.shape[0] > 1:
+        derivatives(run, states[0, 0], run.y, found)
+
+
+@shared
+def stand_at(run: Run, states: Floats, k: int) -> None:
+    """Stand at a time and a state, between steps."""
+    for i in range(run.y.shape[0]):
+        run.y[i] = states[1 + i, k] if 1 + i < states.shape[0] else 0.0
+    enter_here(run, states[0, k])
+
+
 @shared
 def enter(run: Run, t: float, states: Floats, k: int, behind: bool) -> None:
     """Stand at the start of a step: on the far side of what changes there, behind an event on what a contact settles to."""
-    enter_pieces(t, run.tables, run.places, run.of_time)
-    run.at[REGIME] = run.now[0].regime
     for i in range(run.y.shape[0]):  # nothing is carried along
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
+    enter_here(run, t)
+    if behind and run.plan[0].reactions > 0:
+        entered_by(run.functions[TOUCHED], run, t, SETTLE)
+
+
+@shared
+def enter_here(run: Run, t: float) -> None:
+    """Let forces, sides and contacts be those of a time and of the state that `y` has."""
+    enter_pieces(t, run.tables, run.places, run.of_time)
+    run.at[REGIME] = run.now[0].regime
     run.now[0].t = t
     if run.plan[0].switches > 0:
         entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
     if run.plan[0].reactions > 0:
         entered_by(run.functions[TOUCHED], run, t, INFORM)
     evaluate(run, t, run.y)
-    if behind and run.plan[0].reactions > 0:
-        entered_by(run.functions[TOUCHED], run, t, SETTLE)
 
 
 @shared

@@ -10,6 +10,7 @@ from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.march.control import accepts, error_norm
 from xdynamics.march.outcomes import COMPLETED, EVENT_AT_ZERO, SOUND
 from xdynamics.march.run import BEGUN, MOVED, Run
+from xdynamics.march.sizes import settle_tolerances
 from xdynamics.schema import REASON_DOMAIN, REASON_ERROR, REASON_EVENT_FUNCTION, REASON_NEWTON, REASON_NONFINITE
 
 AT_GRID, AT_NODE, AT_BOTH, AT_BORDER = 1, 2, 3, 4  # the last: of what the model is defined for
@@ -62,9 +63,11 @@ def move(run: Run) -> None:
     now.t, now.h = trial.t, trial.h
     run.kept[0].since = BEGUN if run.piece[0].cut else MOVED  # what substeps left behind is not the step's
     run.piece[0].cut = 0
-    if run.plan[0].adaptive:
+    if run.plan[0].adaptive or run.plan[0].follows:
         for i in range(run.largest.shape[0]):
             run.largest[i] = max(run.largest[i], abs(run.z[i]))
+    if run.plan[0].follows:
+        settle_tolerances(run)
     for i in range(run.y.shape[0]):  # a loop: a slice assignment takes numba seconds to compile
         run.y[i] = run.z[i]
 

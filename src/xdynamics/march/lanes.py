@@ -29,7 +29,7 @@ Records = NDArray[Any]
 
 (
     L_T, L_H, L_NORM, L_TRIED, L_STEP, L_STEP_LOG, L_REJECTED, L_GRID, L_ON_GRID, L_DONE, L_ACCEPTED, L_MOST, L_LIVES,
-    L_NODE, L_SNAP, L_START, L_STEP_SIZE, L_RTOL, L_ORDER, L_SAFETY, L_LEAST, L_GREATEST, L_MIN_STEP, L_MAX_STEP, L_ORDINARY,
+    L_NODE, L_SNAP, L_START, L_STEP_SIZE, L_RTOL, L_FLOOR, L_REST, L_ORDER, L_SAFETY, L_LEAST, L_GREATEST, L_MIN_STEP, L_MAX_STEP, L_ORDINARY,
 ) = range(len(LANE))  # fmt: skip
 NONE = -1  # no run is in the lane
 LIVING, FOLLOWING, EVENTS = range(3)  # of `standing`: lanes with a run, the next run, events that were handed out
@@ -153,6 +153,7 @@ def enter(run: Run, at: Floats, y: Floats, p: Floats, pieces: Whole, w: Floats, 
     w[L_DONE, lane], w[L_ACCEPTED, lane], w[L_MOST, lane] = float(now.rows + now.trials), 0.0, plan.most_steps
     w[L_NODE, lane], w[L_SNAP, lane] = run.nodes[now.node] if inner else plan.end, run.snaps[now.node]
     w[L_START, lane], w[L_STEP_SIZE, lane], w[L_RTOL, lane] = plan.start, plan.step_size, plan.rtol
+    w[L_FLOOR, lane], w[L_REST, lane] = plan.floor, plan.rest
     w[L_ORDER, lane], w[L_SAFETY, lane] = plan.order, plan.safety
     w[L_LEAST, lane], w[L_GREATEST, lane] = plan.least, plan.greatest
     w[L_MIN_STEP, lane], w[L_MAX_STEP, lane] = plan.min_step, plan.max_step

@@ -33,6 +33,7 @@ from xdynamics.march.outcomes import (
 from xdynamics.march.proposing import copy, propose
 from xdynamics.march.run import BEGIN as TOUCHES
 from xdynamics.march.run import BEGUN, HAPPEN, SIDES, TOUCHED, Run
+from xdynamics.march.sizes import begin_sizes, settle_tolerances
 from xdynamics.schema import (
     INITIAL,
     NODE,
@@ -63,6 +64,8 @@ def march(address: Any, rows: int) -> None:
         renew_constants(run)
     if now.rows == 0 and now.status == RUNNING and has_room(run):
         start(run)
+    elif run.plan[0].follows:
+        settle_tolerances(run)  # of a march that goes on
     pause = now.rows + rows
     while now.status == RUNNING and 0 < now.rows < pause and has_room(run):
         if now.crossed != now.node:
@@ -113,9 +116,12 @@ def start(run: Run) -> None:
     elif not noted:
         now.status = NONFINITE_OBSERVABLE
     now.rows = 1  # there is no run without an initial row, be it as it may
+    longest = begin_sizes(run) if plan.follows and now.status == RUNNING else np.inf
     if plan.adaptive and now.status == RUNNING:
-        now.step = plan.first_step if plan.first_step > 0.0 else first_step(run)
+        now.step = plan.first_step if plan.first_step > 0.0 else min(longest, first_step(run))
         now.first_step = now.step
+    if plan.follows:
+        settle_tolerances(run)
 
 
 @compiled

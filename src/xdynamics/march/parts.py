@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels import Law
 from xdynamics.march.log import Log
-from xdynamics.march.posing import widened
+from xdynamics.march.posing import floor_of, widened
 from xdynamics.march.run import NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
@@ -58,7 +58,9 @@ def inputs_of(
         elif settings.tolerances is not None:
             plans["rtol"] = [law.scheme.inner(one) for one in values.tolist()]
             factors = np.array([widened(law, one) for one in values.tolist()])
-            each = [replace(settings.tolerances, rtol=one) for one in values.tolist()]  # unnamed ones follow rtol
+            plans["floor"] = [floor_of(one) for one in plans["rtol"].tolist()]
             for i, one in enumerate(layout.used):
-                atols[:, i] = np.array([asked.of(one) for asked in each]) / scales.of(model.dimensions[one]) * factors
+                given = settings.tolerances.of(one)
+                if given is not None:
+                    atols[:, i] = given / scales.of(model.dimensions[one]) * factors
     return plans, starts, parameters, atols

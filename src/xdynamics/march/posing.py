@@ -33,7 +33,8 @@ from xdynamics.march.run import (
     WATCH,
     Run,
 )
-from xdynamics.march.settings import Settings, given_times
+from xdynamics.march.settings import EPS, Settings, given_times
+from xdynamics.march.sizes import BEGINNING, FLOOR, ROUNDED
 from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
 from xdynamics.model import Function, Model
 from xdynamics.model.detectors import KINK, SWITCH
@@ -63,6 +64,9 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     asked = np.array(settings.nodes) / scales.of(TIME)
     nodes = np.union1d(nodes_of(model, scales), asked)
     nodes = nodes[(nodes > start) & (nodes < end)]
+    plan["rest"] = BEGINNING * (
+        nodes[0] - start if len(nodes) else end - start
+    )  # what is behind a node changes nothing
     given = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
     grid, steps = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
     now = np.zeros(1, NOW)
@@ -74,6 +78,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         located=np.zeros(1, TRIAL),
         at=np.zeros(len(AT)),
         **_states(model, settings, law, int(plan["samples"][0])),
+        **_following(settings, law.layout),
         **_parameters(model, scales),
         tables=tables,
         places=places,
@@ -135,8 +140,19 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
     # without tolerances nothing is asked of an error
     wider = widened(law, asked.rtol) if asked else 1.0
-    arrays["atol"] = np.array([asked.of(name) / sizes[name] * wider if asked else np.inf for name in layout.used])
+    given = [None if asked is None else asked.of(name) for name in layout.used]
+    none = np.inf if asked is None else 0.0  # what follows its variable is not known yet
+    arrays["atol"] = np.array([none if one is None else one / sizes[name] * wider for name, one in zip(layout.used, given, strict=True)])  # fmt: skip
+    arrays["probe"], arrays["turning"] = np.zeros(len(layout.record)), np.zeros(4 * n)
+    arrays["tops"] = np.zeros(2 * (1 + max(layout.kinds)))
     return arrays
+
+
+def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64]]:
+    """Return which absolute tolerances follow their variables, and what of is of one kind."""
+    asked = settings.tolerances
+    follow = [asked is not None and asked.of(name) is None for name in layout.used]
+    return {"followers": np.array(follow, np.int64), "kinds": np.array(layout.kinds, np.int64)}
 
 
 def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
@@ -151,6 +167,8 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "snap": 4.0 * float(np.finfo(float).eps),
         "step_size": 0.0 if adaptive else single,
         "rtol": scheme.inner(asked.rtol) if asked else 0.0,
+        "floor": floor_of(scheme.inner(asked.rtol)) if asked else 0.0,
+        "rest": 0.0,  # known with the nodes
         "order": scheme.error_order,
         "safety": pacing.safety,
         "least": pacing.growth_limits[0],
@@ -174,6 +192,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "coordinates": len(layout.coordinates),
         "kinetic": layout.row.index("kinetic_energy") if "kinetic_energy" in layout.derived else -1,
         "used": len(layout.used),
+        "follows": asked is not None and any(asked.of(name) is None for name in layout.used),
         "state": len(layout.state),
         "regime": first_regime(model),
         "evaluated": len(layout.evaluation),
@@ -183,6 +202,11 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "pressed": len(layout.state) - len(layout.reactions),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
+
+
+def floor_of(rtol: float) -> float:
+    """Return what an absolute tolerance that follows is at least, over the largest of its kind."""
+    return max(FLOOR * rtol, ROUNDED * EPS)
 
 
 def widened(law: Law, rtol: float) -> float:

@@ -21,10 +21,11 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 
 
 # What a march does not change. step_size is 0 where the grid is given or steps are chosen; a grid time that differs from
-# a node by `snap` of its size is that node; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
+# a node by `snap` of its size is that node; `floor` is what an absolute tolerance that follows is at least, over the largest of
+# its kind, and `rest` a time over which the slope of what was at rest counts; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
-    "start end snap step_size rtol order safety least greatest min_step max_step first_step most_steps divisor",
-    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates kinetic used state regime evaluated reactions pressed switches stepping",
+    "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps divisor",
+    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates kinetic used follows state regime evaluated reactions pressed switches stepping",
 )
 # Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried;
 # `node` counts the nodes landed on, `crossed` those behind which forces were evaluated.
@@ -122,9 +123,9 @@ FLEETING = (
     "functions",
     "base",
 )  # no part of the memory, nor what begins with log_: addresses belong to a process
-# what the model and the settings say, and no march changes
+# what the model and the settings say, or follows from the rest whenever it is needed
 FIXED = (
-    "plan", "p", "tables", "of_time", "reactions", "atol", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
+    "plan", "p", "tables", "of_time", "reactions", "atol", "followers", "kinds", "tops", "probe", "turning", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
 )  # fmt: skip
 
 
@@ -207,7 +208,12 @@ class Run:
     chosen: Whole
     of_time: Whole  # drives of time
     atol: Floats
-    largest: Floats  # absolute values so far, where steps are chosen
+    followers: Whole  # 1 where it follows the size of its variable
+    kinds: Whole  # of each variable: coordinates, velocities, states of one dimension are of one
+    tops: Floats  # the largest of each kind, then of their slopes
+    largest: Floats  # absolute values so far, where steps are chosen; at least a floor where tolerances follow them
+    probe: Floats  # a state at which forces are asked for scales alone
+    turning: Floats  # sizes, slopes and directions for that; see `sizes`
     nodes: Floats  # times to land on between start and end
     snaps: Floats  # how far rounding alone may set a grid time apart from each, and from the end
     grid: Floats  # times of a given grid
@@ -274,6 +280,6 @@ if tuple(_OF_LAWS) != TABLE:
     raise AssertionError("laws would find other arrays than they look for")
 # of runs side by side; modes are in p
 SHARED = ("tables", "of_time", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts",
-          "reactions", "equations", "unknowns", "entries", "law", "functions", "modes")  # fmt: skip
+          "reactions", "equations", "unknowns", "entries", "law", "functions", "modes", "followers", "kinds")  # fmt: skip
 _ALIGNED = 64  # bytes
 CHANGING = tuple(name for name in ARRAYS if name not in {*FLEETING, *FIXED} and not name.startswith("log_"))

@@ -204,14 +204,15 @@ class March:
 
     def _remember(self, block: Block) -> None:
         """Keep some rows of the whole run, the same whatever its blocks: those whose number a power of two divides."""
-        if not (self.settings.adaptive or self.model.mass_is_full):
-            return
         rows, n = _counts(self.run)[0], 2 + len(self.layout.used)
         first = rows - block.rows
         stride = self.stride(rows)
         new = range(-(-first // stride) * stride, rows, stride)
         found = np.empty((1 + n, len(new)))
-        found[0], found[1:] = new, block.log.rows[:n, new.start - first : block.rows : stride]
+        found[0], found[1:] = (
+            np.arange(new.start, rows, stride),
+            block.log.rows[:n, new.start - first : block.rows : stride],
+        )
         if first:
             found = np.hstack([self.witnesses[:, self.witnesses[0] % stride == 0], found])
         self.witnesses = found

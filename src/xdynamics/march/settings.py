@@ -40,6 +40,8 @@ def given_times(start: float, steps: tuple[float, ...], end: float) -> list[floa
 class Tolerances:
     """What a step's error is allowed to be: atol + rtol*|value|, for every coordinate, velocity and state.
 
+    An absolute tolerance that is not given follows the size of its variable along the run; see `sizes`.
+
     Attributes
     ----------
     rtol : float
@@ -48,7 +50,7 @@ class Tolerances:
     units : dict of str to Unit
         Of every coordinate, velocity and state: its own declared unit, or where a march has scales theirs.
     bare : float, optional
-        What has no tolerance of its own has this number in its unit, or where there is none the number `rtol`.
+        What has no tolerance of its own has this number in its unit.
     """
 
     rtol: float
@@ -59,11 +61,11 @@ class Tolerances:
     def __hash__(self) -> int:
         return hash((self.rtol, self.bare, *sorted(self.atol.items())))
 
-    def of(self, name: str) -> float:
-        """Return the absolute tolerance of a coordinate, velocity or state, SI."""
+    def of(self, name: str) -> float | None:
+        """Return the absolute tolerance that a coordinate, velocity or state is given, SI; None where it follows."""
         if name in self.atol:
             return self.atol[name]
-        return self.units[name].to_si(self.rtol if self.bare is None else self.bare)
+        return None if self.bare is None else self.units[name].to_si(self.bare)
 
     def faults(self, model: Model) -> list[str]:
         """List what no error test could use."""

@@ -280,7 +280,7 @@ SECTIONS: dict[str, Section] = {
             Key("step", "time", "of the grid; with a tolerance, the first step", "needed without a tolerance"),
             Key("until", "time", "end of the run", "needed here or there"),
             Key("rtol", "number", "relative tolerance: steps are chosen", "none"),
-            Key("atol", 'number in every variable\'s unit, or table { y = "1 um" }', "absolute tolerance", "rtol in each unit"),
+            Key("atol", 'number in every variable\'s unit, or table { y = "1 um" }', "absolute tolerance", "rtol times the largest value so far"),
             Key("estimator", '"embedded" | "step_doubling" | "step_doubling_extrapolated" | "none"', "where errors are estimated from", "embedded where there is one"),
             Key("safety", "number below 1", "of the proposed step", "0.9"),
             Key("growth_limits", "pair of numbers", "of a step to the next", "[0.2, 10]"),

@@ -212,6 +212,9 @@ class Model:
             If an entry does not exist or the new model is faulty.
         """
         statement = tomllib.loads(self.to_toml())
+        asked = sections.get("initial")
+        still = [name for name in self.statement.at_rest if isinstance(asked, Mapping) and name in asked]
+        statement.get("initial", {}).update({name: str(self.initial[name]) for name in still})
         for section, entries in sections.items():
             if not isinstance(statement.get(section, {}), dict) or not isinstance(entries, Mapping):
                 raise ModelError(f"{section} has no entries to replace")
@@ -270,7 +273,7 @@ class Model:
         initial = {name: Quantity(0.0, one.unit) for name, one in self.initial.items()}
         said = replace(
             self.statement, name="", description="", parameters=parameters, initial=initial, starts={}, observed={}, run={},
-            validation={}, correlations={}, discrepancy={}, pictured=Pictured(), fit=None,
+            validation={}, correlations={}, discrepancy={}, pictured=Pictured(), fit=None, at_rest=(),
         )  # fmt: skip
         return toml.write(said)
 

@@ -92,6 +92,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     sections["initial"] = {key: value for key, value in sections["initial"].items() if key != "regime"}
     starts = entries("initial", "initial value", _parameter)
     parts["initial"] = _initial(starts, parts["coordinates"], sections["initial"], parts["time_unit"])
+    parts["at_rest"] = tuple(velocity(one) for one in parts["coordinates"] if velocity(one) not in sections["initial"])
     parts["starts"] = {key: one for key, one in starts.items() if one.spread or one.description}
     parts["correlations"] = {}
     with ledger.entry("correlations"):

@@ -58,6 +58,7 @@ class Statement:
     time_unit: Unit = SECONDS
     pictured: Pictured = field(default_factory=Pictured)  # what pictures show
     fit: Fitted | None = None  # that the numbers are from
+    at_rest: tuple[str, ...] = ()  # velocities that were not given, and are 0
     lagrangian: Lagrangian | None = None  # from which the mass and some forces are derived
 
     @cached_property

@@ -49,7 +49,7 @@ def write(statement: Statement) -> str:
         body = {"unit": state.unit.text, "rate": text_of(state.rate)} | ({"smooth": True} if state.smooth else {})
         _section(lines, f"states.{name}", _described(body, state))
     starts = statement.starts
-    initial: dict[str, Any] = {name: _parameter(starts[name]) if name in starts else str(quantity) for name, quantity in statement.initial.items()}  # fmt: skip
+    initial: dict[str, Any] = {name: _parameter(starts[name]) if name in starts else str(quantity) for name, quantity in statement.initial.items() if name not in statement.at_rest}  # fmt: skip
     _section(lines, "initial", initial | ({"regime": statement.regime} if statement.regime else {}))
     for name, event in statement.events.items():
         body = {"function": _component(event.function), "direction": event.direction, "action": event.action}

@@ -2,7 +2,7 @@
 
 from xdynamics.attributes import own_attributes, plain
 from xdynamics.record.column import Column
-from xdynamics.record.columns import columns, constants, factors
+from xdynamics.record.columns import columns, constants, factors, followed_tolerances
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.dataset import check, check_kind, dataset
 from xdynamics.record.identity import apart, comes_of, identity, is_of, same_settings
@@ -18,6 +18,7 @@ __all__ = [
     "dataset",
     "factors",
     "faults_of",
+    "followed_tolerances",
     "identity",
     "is_of",
     "own_attributes",

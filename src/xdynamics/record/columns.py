@@ -178,16 +178,40 @@ def _state_of(one: Reaction) -> Variable:
     return Variable(name, (STEPS,), "i1", "1", said, "flag", schema.flags(meanings))
 
 
+def _between(model: Model, name: str) -> dict[str, str]:
+    """Say of a drive by which rule its value is found between those of its table, and beyond them."""
+    drive = model.drives.get(name)
+    if drive is None:
+        return {}
+    return {"interpolation": drive.interpolation, "outside": drive.outside, "argument": drive.argument}
+
+
 def _flag(index: int) -> Callable[[Block], Array]:
     return lambda block: block.log.flags[index, : block.rows]
 
 
 def _tolerance(about: About, name: str, unit: Unit) -> dict[str, float]:
-    """Say the absolute tolerance of a variable, in its unit and, exactly, in SI."""
-    asked = about.tolerances
-    if asked is None:
+    """Say the absolute tolerance that a variable was given, in its unit and, exactly, in SI."""
+    given = None if about.tolerances is None else about.tolerances.of(name)
+    return {} if given is None else {"atol": given / float(unit.factor), "atol_si": given}
+
+
+def followed_tolerances(march: March) -> dict[str, dict[str, Any]]:
+    """Return what is known of the absolute tolerances that follow their variables once a march is over, by variable."""
+    if not march.run.plan[0].follows:
         return {}
-    return {"atol": asked.of(name) / float(unit.factor), "atol_si": asked.of(name)}
+    found, model, scales = {}, march.model, march.settings.scales
+    for name, follows, atol in zip(
+        march.layout.used, march.run.followers.tolist(), march.run.atol.tolist(), strict=True
+    ):
+        if follows:
+            used = atol * scales.of(model.dimensions[name])
+            found[name] = {
+                "atol": used / float(model.units[name].factor),
+                "atol_si": used,
+                schema.ATOL_RULE: schema.ATOL_FOLLOWS,
+            }
+    return found
 
 
 def _forces_by_regime(model: Model) -> dict[str, str]:
@@ -224,7 +248,8 @@ def _samples(about: About) -> list[Column]:
             else "used in"
         )
         variable = Variable(
-            schema.sampled(name), (SAMPLES,), "f8", unit.text, f"{name} {what} the force evaluation", "sample"
-        )
+            schema.sampled(name), (SAMPLES,), "f8", unit.text, f"{name} {what} the force evaluation", "sample",
+            _between(about.model, name),
+        )  # fmt: skip
         found.append(Column(variable, sample_of(order[name], units.factor(unit))))
     return found

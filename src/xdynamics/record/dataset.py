@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError, numbered
 from xdynamics.march import Block, March
 from xdynamics.record import provenance
-from xdynamics.record.columns import columns, constants
+from xdynamics.record.columns import columns, constants, followed_tolerances
 from xdynamics.record.conformity import faults_of
-from xdynamics.schema import STEPS
+from xdynamics.schema import STEPS, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,12 +43,19 @@ def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, A
     for block in blocks:
         for column in spec:
             parts[column.variable.name].append(column.take(block))
-    filled = [(column.variable, _joined(parts[column.variable.name])) for column in spec]
+    more = followed_tolerances(march)
+    filled = [(_described(column.variable, more), _joined(parts[column.variable.name])) for column in spec]
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     # fastpath: xarray would import dask to find out that a numpy array is none of its own
     variables = {one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True) for one, data in filled}
     time = variables.pop("time")
     return xr.Dataset(variables, {"time": time}, provenance.attributes(march))
+
+
+def _described(variable: Variable, more: Mapping[str, Mapping[str, Any]]) -> Variable:
+    """Return a variable with what is known of it behind the march."""
+    known = more.get(variable.name)
+    return replace(variable, more={**variable.more, **known}) if known else variable
 
 
 def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:

@@ -68,7 +68,7 @@ def same_settings(one: Settings, other: Settings, names: tuple[str, ...]) -> boo
 def _named(settings: Settings, names: tuple[str, ...]) -> dict[str, Any]:
     asked = settings.tolerances
     absolute = {f"atol of {name}": asked.of(name) for name in names} if asked else {}
-    return {name: value for name, value in _words("", settings) if not name.startswith("atol")} | absolute
+    return {name: value for name, value in _words("", settings) if not name.startswith(("atol", "bare"))} | absolute
 
 
 def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:

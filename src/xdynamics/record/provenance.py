@@ -19,9 +19,12 @@ from xdynamics.march.events.locating import ROOT_METHOD
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.march.outcomes import COMPLETED
+from xdynamics.march.sizes import ATOL_RULE
+from xdynamics.march.timescales import FEW, RULE, time_scales
 from xdynamics.methods.method import HERMITE, printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, STEP_DOUBLING, Scheme
 from xdynamics.methods.summation import PLAIN
+from xdynamics.model import Model
 from xdynamics.model.switches import STEPPED_OVER, watched_switches
 from xdynamics.record.kinds import left_out_atols
 from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, Quantity, Scales, Unit, behind, parse_unit
@@ -58,6 +61,8 @@ def attributes(march: March) -> dict[str, Any]:
         "solver_summation": settings.summation,
         **_switches(march),
         **_located(march),
+        **_time_scales(march),
+        **_assumed(march.model),
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHOD,
         "solver_force_samples": "all" if settings.samples else "none",
@@ -108,6 +113,28 @@ def force_digest(march: March) -> str:
 def _switches(march: March) -> dict[str, str]:
     """Say what was done about switches hidden in forces, where there are any."""
     return {"solver_switches": march.settings.switches} if watched_switches(march.model) else {}
+
+
+def _time_scales(march: March) -> dict[str, Any]:
+    """Say how steps compare with the fastest time scale, and the span with the slowest; or that it was not looked at."""
+    known = time_scales(march)
+    if known is None:
+        return {"run_h_omega_rule": "not looked at: the forces give no finite rate at the start"}
+    said: dict[str, Any] = {
+        "run_fastest_rate": known.rate, "run_fastest_rate_units": "s-1" if march.model.time_unit == SECONDS else NUMBERS.text,
+        "run_h_omega_start": known.start, "run_h_omega_largest": known.largest, "run_h_omega_rule": RULE.format(rows=known.rows),
+    }  # fmt: skip
+    if np.isfinite(known.period):
+        span = float(march.now.t) * march.settings.scales.of(TIME) - march.model.initial["t"].si
+        said |= {"run_slowest_period": known.period, "run_slowest_period_units": "s", "run_slowest_periods": float(f"{span / known.period:.3g}")}  # fmt: skip
+    elif np.isnan(known.period):
+        said["run_slowest_period_rule"] = f"not looked at: the state has more than {FEW} numbers"
+    return said
+
+
+def _assumed(model: Model) -> dict[str, str]:
+    """Say which coordinates start at rest because nothing else is given."""
+    return {schema.AT_REST: " ".join(model.statement.at_rest)} if model.statement.at_rest else {}
 
 
 def _located(march: March) -> dict[str, Any]:
@@ -175,7 +202,7 @@ def _asked_longest(run: xr.Dataset) -> bool:
 
 
 def _tolerances(run: xr.Dataset) -> dict[str, Any]:
-    """Return the tolerances that a record was made with."""
+    """Return the tolerances that a record was made with; those that followed their variables do so again."""
     rtol, wider = float(run.attrs["solver_rtol"]), 1.0
     if run.attrs["solver_estimator"] == STEP_DOUBLING and "solver_rtol_used" not in run.attrs:
         # version 0.1 judged by what was asked for: ask for what is rescaled to that
@@ -184,11 +211,11 @@ def _tolerances(run: xr.Dataset) -> dict[str, Any]:
     atol = {
         str(name): Quantity(wider * float(one.attrs["atol_si"]), Unit("SI", parse_unit(one.attrs["units"]).dimension))
         for name, one in run.data_vars.items()
-        if "atol_si" in one.attrs
+        if "atol_si" in one.attrs and schema.ATOL_RULE not in one.attrs
     }
     for name, (size, units) in left_out_atols(run.attrs).items():
         atol[name] = Quantity(wider * size, Unit("SI", parse_unit(units).dimension))
-    return {"rtol": wider * rtol, "atol": atol}
+    return {"rtol": wider * rtol, "atol": atol or None}
 
 
 def _steps(march: March) -> dict[str, Any]:
@@ -248,6 +275,8 @@ def _errors(march: March) -> dict[str, Any]:
             "solver_rtol_used": scheme.inner(rtol),
             "solver_error_norm": "; ".join(filter(None, [ERROR_NORM, scheme.inner_norm])),
         }
+        if march.run.plan[0].follows:
+            said["solver_atol_rule"] = ATOL_RULE
     if method.simplified:
         said |= {
             "solver_equations_solved_by": SOLVED_BY,

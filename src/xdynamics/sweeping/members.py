@@ -97,7 +97,7 @@ class Plan:
     @property
     def _judged(self) -> list[Kept]:
         """What is said of every member as a run."""
-        said = "how many variables were so small throughout that the absolute tolerances let pass any error of theirs"
+        said = "of how many variables errors of their given absolute tolerance, one a step, may come to 3 % of their largest value; what they do to others is looked at in single runs alone"
         whole = self.keeping.whole
         stops = [name for name, one in self.grid.model.events.items() if one.action == "stop"]
         files = [
@@ -212,9 +212,9 @@ def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
     scales = group.settings.scales
     largest = runs.runs.largest * np.array([scales.of(layout.model.dimensions[name]) for name in layout.used])
     if rtols is None:
-        return np.asarray(np.count_nonzero(uncontrolled(asked, layout.used, largest), axis=1))
-    each = zip(rtols[part].tolist(), largest, strict=True)
-    return np.array([uncontrolled(replace(asked, rtol=rtol), layout.used, one).sum() for rtol, one in each])
+        return np.asarray(np.count_nonzero(uncontrolled(asked, layout, largest, runs.runs.accepted), axis=1))
+    each = zip(rtols[part].tolist(), largest, runs.runs.accepted.tolist(), strict=True)
+    return np.array([uncontrolled(replace(asked, rtol=rtol), layout, *one).sum() for rtol, *one in each])
 
 
 def _digests(runs: Harvest) -> Values:

@@ -262,7 +262,7 @@ def _nearly_exact(beside: Companion) -> tuple[xr.Dataset, str]:
     end = float(beside.run["time"][-1])
     try:
         model = model_of(beside.of, beside.functions)
-        near = march(model, method=EXACT[0], rtol=EXACT[1], atol=EXACT[1], max_steps=MOST_STEPS, until=float(beside.of.attrs["solver_until"]), force_samples="none")  # fmt: skip
+        near = march(model, method=EXACT[0], rtol=EXACT[1], atol=EXACT[1] if "atol" in model.run else None, max_steps=MOST_STEPS, until=float(beside.of.attrs["solver_until"]), force_samples="none")  # fmt: skip
     except InputError:
         return beside.run, f"the run with {beside.said}"
     if float(near["time"][-1]) < end - EXACT[1] * max(1.0, abs(end)):

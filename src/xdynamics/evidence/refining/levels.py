@@ -149,7 +149,7 @@ class Levels:
         if self.varied is RTOLS:
             coarsest = self.asked | {"rtol": float(self.values[0])}
             tolerances = settings_for(self.model, **coarsest).tolerances
-            if tolerances and (tolerances.atol or tolerances.bare is not None):  # or they would be all of the error
+            if tolerances:  # what follows its variable goes with rtol by itself
                 varied |= absolute_tolerances(self.model, coarsest, float(value) / float(self.values[0]))
         return {"force_samples": "none"} | self.asked | varied
 
@@ -160,12 +160,13 @@ class Levels:
 
 
 def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0) -> dict[str, Any]:
-    """Return absolute tolerances, or a part of them, as they are in any units: a bare number is in those of the march."""
+    """Return given absolute tolerances, or a part of them, as they are in any units: a bare number is in those of the march."""
     tolerances = settings_for(model, **asked).tolerances
     if tolerances is None:
         return {}
-    names = variables(model)
-    return {"atol": {name: Quantity(ratio * tolerances.of(name), Unit("", model.dimensions[name])) for name in names}}
+    given = {name: tolerances.of(name) for name in variables(model)}
+    found = {name: Quantity(ratio * one, Unit("", model.dimensions[name])) for name, one in given.items() if one is not None}  # fmt: skip
+    return {"atol": found} if found else {}
 
 
 def _read(model: Model, varied: Varied, given: Any) -> Any:

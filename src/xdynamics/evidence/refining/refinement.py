@@ -57,7 +57,7 @@ def refine(
         As for `simulate`, like everything in `asked`; the same for all levels.
     steps, rtols, time_tolerances, rules : sequence
         What is varied, one of them, from coarse to fine, at least two levels: steps like ``["10 ms", "5 ms"]``; relative
-        tolerances, with an `atol` that goes with each in proportion (what is given is that of the first; 1 for each unit where none is); how well every
+        tolerances, with an `atol` that goes with each in proportion (what is given is that of the first; where none is, it follows the sizes of the variables); how well every
         event, contact and switch is located; ``["interpolant", "reintegrate"]``, by which states between accepted ones
         and events are found.
     at : times, optional

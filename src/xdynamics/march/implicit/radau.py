@@ -245,8 +245,10 @@ def correction(run: Run, h: float, y: State) -> float:
     n, plan, largest = run.plan[0].used, run.plan[0], 0.0
     for i in range(n):
         scale = run.atol[i] + plan.rtol * abs(y[i])
+        moved = max(abs(run.stages[i]), abs(run.stages[n + i]), abs(run.stages[2 * n + i]))
+        if plan.follows and scale == 0.0:  # it was at rest: its move is all that there is
+            scale = plan.rtol * moved
         if not plan.adaptive:
-            moved = max(abs(run.stages[i]), abs(run.stages[n + i]), abs(run.stages[2 * n + i]))
             scale = abs(y[i]) + abs(h * slope_apart(run, y, i)) + moved
         for k in range(3):
             change = abs(run.defects[k * n + i])

@@ -1,0 +1,132 @@
+"""How fast the motion of a march is, at its start and at a few of its rows: once it is over, from its compiled forces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.march.engine import engine
+from xdynamics.march.run import CHANGING, PLAN
+from xdynamics.march.runner import March
+from xdynamics.units import TIME
+
+Floats = NDArray[np.float64]
+
+FEWEST, MOST = 3, 16  # rows that are looked at besides the start
+SHARE = 200  # evaluations of a march for each of them, which takes seven
+FEW = 12  # numbers of a state of which all eigenvalues are looked for
+SLOW = 1e-5  # of the fastest rate, below which differences tell none
+DIGITS = 3  # of eigenvalues that are no program's: a library's last bits are in no digest
+_STEP_SIZE = (PLAN.names or ()).index("step_size")
+_STANDING = (
+    "y",
+    "at",
+    "places",
+    "now",
+)  # what an evaluation elsewhere changes, where nothing is watched and nothing touches
+RULE = (
+    "omega: the fastest rate, estimated by six products of the Jacobian and a vector, contacts open; at the"
+    " start with the first step, and at {rows} rows spread over the run with the step that led to them"
+)
+
+
+@dataclass(frozen=True)
+class TimeScales:
+    """Rates of a motion, s-1, and steps times these.
+
+    Attributes
+    ----------
+    rate : float
+        The fastest at the start.
+    start : float
+        That times the first step.
+    largest : float
+        The largest such product.
+    rows : int
+        How many rows it was looked for at.
+    period : float
+        The slowest of oscillations about the start, s; nan where it was not looked for, inf where nothing oscillates.
+    """
+
+    rate: float
+    start: float
+    largest: float
+    rows: int
+    period: float
+
+
+def time_scales(march: March) -> TimeScales | None:
+    """Return how fast the motion is; None where forces cannot be evaluated at the start."""
+    witnesses, run, n = march.witnesses, march.run, len(march.layout.used)
+    if not witnesses.shape[1]:
+        return None
+    plan = run.plan.tolist()[0]
+    chosen = _chosen(march)
+    states = states_of(witnesses, chosen)
+    rates = np.zeros((1, len(chosen)))
+    whole = np.zeros((1 + n, n)) if n <= FEW else np.zeros((1, 1))
+    with put_aside(march):
+        engine().fastest_rates(run, states, rates)
+        if n <= FEW:
+            engine().fastest_rates(run, states_of(witnesses, [0]), whole)
+    if not 0.0 <= rates[0, 0] < np.inf:
+        return None
+    first = plan[_STEP_SIZE] or (run.steps[0] if len(run.steps) else march.now.first_step)
+    steps = witnesses[2, chosen]
+    steps[0] = first
+    products = rates[0] * steps
+    scale = march.settings.scales.of(TIME)
+    period = slowest_period(whole[1:]) * scale if n <= FEW else np.nan
+    return TimeScales(float(rates[0, 0]) / scale, float(products[0]), float(products.max()), len(chosen) - 1, period)
+
+
+def states_of(witnesses: Floats, chosen: list[int]) -> Floats:
+    """Return time and state of some rows."""
+    found = np.empty((len(witnesses) - 2, len(chosen)))
+    rows = witnesses[:, chosen]
+    found[0], found[1:] = rows[1], rows[3:]
+    return found
+
+
+def _chosen(march: March) -> list[int]:
+    """Return the start and some rows, the same however a march was cut into parts; of several regimes the start alone."""
+    rows = march.witnesses.shape[1]
+    if len(march.model.regimes) > 1:
+        return [0]
+    count = min(MOST, max(FEWEST, int(march.now.evaluations) // SHARE), rows - 1)
+    return [0, *(1 + (i * (rows - 1)) // count for i in range(count))] if count > 0 else [0]
+
+
+def slowest_period(matrix: Floats) -> float:
+    """Return the longest period of what oscillates by a matrix, to a few digits; inf of none."""
+    if not matrix.size or not np.isfinite(matrix).all():
+        return np.nan
+    if len(matrix) == 2:  # one coordinate: most models that are marched for a moment
+        (a, b), (c, d) = matrix.tolist()
+        half, square = (a + d) / 2.0, (a - d) * (a - d) / 4.0 + b * c
+        slowest = math.sqrt(-square) if -square > half * half else math.inf
+    else:
+        found = np.linalg.eigvals(matrix)
+        turning = np.abs(found.imag)
+        fast = (turning > SLOW * np.abs(found).max()) & (turning > np.abs(found.real))
+        slowest = float(turning[fast].min(initial=math.inf))
+    return float(f"{2.0 * math.pi / slowest:.{DIGITS}g}") if slowest < math.inf else math.inf
+
+
+@contextmanager
+def put_aside(march: March) -> Iterator[None]:
+    """Have a march stand afterwards where it stood."""
+    run = march.run
+    plain = not (len(run.detectors) or len(run.touches))
+    kept = {name: getattr(run, name).copy() for name in (_STANDING if plain else (*CHANGING, "p"))}
+    march.now.regime = run.plan[0].regime
+    try:
+        yield
+    finally:
+        for name, array in kept.items():
+            getattr(run, name)[...] = array

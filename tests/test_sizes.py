@@ -1,0 +1,274 @@
+"""Tolerances that follow the size of each variable: the same steps in all units, from rest and from zero, in lanes and again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from xdynamics.march.asking import settings_for
+from xdynamics.march.many import march_many
+from xdynamics.schema import ATOL_FOLLOWS
+from xdynamics.units import parse_unit
+
+UNITS = {
+    "m": ("m", "nm", "km", "astronomical_unit", "Gm", "um"),
+    "s": ("s", "ms", "us", "h", "d"),
+    "kg": ("kg", "g", "mg", "t"),
+}
+METHODS = ("dop853", "dormand_prince", "bogacki_shampine", "radau_iia", "rk4", "dprkn6")
+
+
+class Units:
+    """Quantities of a problem whose length, time and mass are so large, in units drawn for each."""
+
+    def __init__(self, rng: np.random.Generator | None) -> None:
+        self.rng = rng
+        self.large = {one: 10.0 ** rng.uniform(-9, 9) if rng else 1.0 for one in UNITS}
+
+    def unit(self, **powers: int) -> str:
+        """Draw a unit."""
+        chosen = {one: self.rng.choice(names) if self.rng else one for one, names in UNITS.items()}
+        return " ".join(f"{chosen[one]}{'' if power == 1 else power}" for one, power in powers.items() if power) or "1"
+
+    def __call__(self, value: float, **powers: int) -> str:
+        """Write a quantity."""
+        unit = self.unit(**powers)
+        factor = float(parse_unit(unit).factor)
+        for one, power in powers.items():
+            value *= self.large[one] ** power
+        return f"{float(value) / factor!r} {unit}"
+
+
+def oscillator(rng: np.random.Generator, of: Units) -> xd.Model:
+    """A damped oscillator with a cubic spring, from rest."""
+    k, c, b = rng.uniform(0.5, 4, 3)
+    return xd.Model(
+        name="oscillator", coordinates={"x": {"unit": of.unit(m=1)}}, mass={"x": "m"},
+        parameters={"m": of(1.0, kg=1), "k": of(k, kg=1, s=-2), "c": of(0.1 * c, kg=1, s=-1), "b": of(b, kg=1, m=-2, s=-2)},
+        forces={"all": {"x": "-k*x - c*v_x - b*x**3"}}, initial={"x": of(rng.uniform(0.3, 2), m=1), "v_x": of(0.0, m=1, s=-1)},
+    )  # fmt: skip
+
+
+def orbit(rng: np.random.Generator, of: Units) -> xd.Model:
+    """A body on an ellipse, from the end of an axis."""
+    return xd.Model(
+        name="orbit", coordinates={"x": {"unit": of.unit(m=1)}, "y": {"unit": of.unit(m=1)}}, mass={"x": "m", "y": "m"},
+        parameters={"m": of(1.0, kg=1), "mu": of(1.0, m=3, s=-2)},
+        forces={"gravity": {"potential": "-m*mu/sqrt(x**2 + y**2)"}},
+        initial={"x": of(1.0, m=1), "y": of(0.0, m=1), "v_x": of(0.0, m=1, s=-1), "v_y": of(rng.uniform(0.7, 1.2), m=1, s=-1)},
+    )  # fmt: skip
+
+
+def thrown(rng: np.random.Generator, of: Units) -> xd.Model:
+    """A ball thrown from zero, with drag."""
+    speed = of(rng.uniform(1, 5), m=1, s=-1)
+    return xd.Model(
+        name="ball", coordinates={"x": {"unit": of.unit(m=1)}, "y": {"unit": of.unit(m=1)}}, mass={"x": "m", "y": "m"},
+        parameters={"m": of(1.0, kg=1), "g": of(1.0, m=1, s=-2), "c": of(rng.uniform(0.01, 0.3), kg=1, m=-1)},
+        forces={"weight": {"y": "-m*g"}, "drag": {"x": "-c*v_x*hypot(v_x, v_y)", "y": "-c*v_y*hypot(v_x, v_y)"}},
+        initial={"x": of(0.0, m=1), "y": of(0.0, m=1), "v_x": speed, "v_y": of(3.0, m=1, s=-1)},
+    )  # fmt: skip
+
+
+def cart(rng: np.random.Generator, of: Units) -> xd.Model:
+    """A cart at zero that a pendulum drives, an angle beside a length, and what the motion heats."""
+    return xd.Model(
+        name="cart", coordinates={"x": {"unit": of.unit(m=1)}, "theta": {"unit": "rad"}}, mass={"x": "m", "theta": "m*l**2"},
+        parameters={"m": of(1.0, kg=1), "l": of(1.0, m=1), "k": of(rng.uniform(0.5, 3), kg=1, s=-2), "g": of(1.0, m=1, s=-2)},
+        forces={"spring": {"x": "-k*x"}, "weight": {"theta": "-m*g*l*sin(theta)"}, "drive": {"x": "0.3*k*l*sin(theta)"}},
+        initial={"x": of(0.0, m=1), "theta": "0.7 rad", "v_x": of(0.0, m=1, s=-1), "v_theta": of(0.0, s=-1)},
+    )  # fmt: skip
+
+
+def circuit(rng: np.random.Generator, of: Units) -> xd.Model:
+    """A tank that fills from zero, and a second one behind it: first-order states alone."""
+    return xd.Model(
+        name="tanks", parameters={"tau": of(1.0, s=1), "flow": of(rng.uniform(0.5, 2), kg=1, s=-1), "share": f"{rng.uniform(0.1, 0.9)} 1"},
+        states={"a": {"unit": of.unit(kg=1), "rate": "flow - a/tau"}, "b": {"unit": of.unit(kg=1), "rate": "a/tau - share*b/tau"}},
+        initial={"a": of(0.0, kg=1), "b": of(0.0, kg=1)},
+    )  # fmt: skip
+
+
+def chain(rng: np.random.Generator, of: Units) -> xd.Model:
+    """A row of masses, of which the first alone is away from its place."""
+    n = int(rng.integers(3, 9))
+    names = [f"u{i}" for i in range(n)]
+    pulls = {one: "-k*(2*" + one + "".join(f" - {names[j]}" for j in (i - 1, i + 1) if 0 <= j < n) + ")" for i, one in enumerate(names)}  # fmt: skip
+    starts = {one: of(1.0 if i == 0 else 0.0, m=1) for i, one in enumerate(names)} | {f"v_{one}": of(0.0, m=1, s=-1) for one in names}  # fmt: skip
+    return xd.Model(
+        name="chain", coordinates={one: {"unit": of.unit(m=1)} for one in names}, mass=dict.fromkeys(names, "m"),
+        parameters={"m": of(1.0, kg=1), "k": of(1.0, kg=1, s=-2)}, forces={"springs": pulls}, initial=starts,
+    )  # fmt: skip
+
+
+PROBLEMS = (oscillator, orbit, thrown, cart, circuit, chain)
+
+
+def problem(case: int) -> tuple[type, str, float]:
+    """Return a problem, a method that takes it, and a tolerance."""
+    rng = np.random.default_rng(case)
+    made = PROBLEMS[case % len(PROBLEMS)]
+    methods = [one for one in METHODS if not (one == "dprkn6" and made in (oscillator, thrown, circuit))]
+    return made, str(rng.choice(methods)), 10.0 ** rng.uniform(-8, -4)
+
+
+@pytest.mark.cases(600)
+def test_steps_are_the_same_in_all_units(case: int) -> None:
+    """Assert that a problem has the same steps, to rounding, however large it is and whatever its units."""
+    made, method, rtol = problem(case)
+    own = Units(np.random.default_rng(case + 10_000))
+    runs = [
+        xd.simulate(made(np.random.default_rng(case), of), method=method, rtol=rtol, until=of(5.0, s=1), force_samples="none")
+        for of in (Units(None), own)
+    ]  # fmt: skip
+    first, second = runs
+    assert {one.attrs["run_outcome"] for one in runs} == {"completed"}
+    chosen = [float(one.attrs["solver_first_step"]) for one in runs]
+    assert chosen[1] / own.large["s"] == pytest.approx(chosen[0], rel=1e-8)
+    if method == "radau_iia":  # whose iterations take one turn more or less where rounding decides
+        assert abs(first.sizes["step"] - second.sizes["step"]) <= 2
+        return
+    assert dict(first.sizes) == dict(second.sizes)
+    # an estimate of 1e-8 of a value has eight digits that are no rounding
+    np.testing.assert_allclose(second.time.values / own.large["s"], first.time.values, rtol=0, atol=5e-4)
+
+
+@pytest.mark.cases(200)
+def test_what_was_used_is_recorded(case: int) -> None:
+    """Assert that the last tolerance of every variable is the rule's, made again from the rows alone."""
+    made, method, rtol = problem(case)
+    of = Units(np.random.default_rng(case))
+    run = xd.simulate(made(np.random.default_rng(case), of), method=method, rtol=rtol, until=of(5.0, s=1), force_samples="none")  # fmt: skip
+    used, kinds = float(run.attrs["solver_rtol_used"]), {}
+    for name, one in run.data_vars.items():
+        if one.attrs.get("role") in ("coordinate", "velocity", "state"):
+            unit = parse_unit(one.attrs["units"])
+            largest = float(abs(one).max()) * float(unit.factor)
+            kinds.setdefault((one.attrs["role"], str(unit.dimension)), []).append((name, largest))
+    for found in kinds.values():
+        top = max(largest for _, largest in found)
+        for name, largest in found:
+            about = run[name].attrs
+            assert about["atol_rule"] == ATOL_FOLLOWS
+            assert about["atol"] * float(parse_unit(about["units"]).factor) == pytest.approx(about["atol_si"], rel=1e-12)  # fmt: skip
+            expected = max(used * largest, max(1e-6 * used, 10 * np.finfo(float).eps) * top)
+            assert about["atol_si"] == pytest.approx(expected, rel=1e-9)
+
+
+def spread_out(n: int, time: float) -> np.ndarray:
+    """Return where the masses of `chain` are, by their modes."""
+    squares, shapes = np.linalg.eigh(2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    return np.asarray(shapes @ (np.cos(np.sqrt(squares) * time) * shapes[0]))
+
+
+@pytest.mark.cases(100)
+@pytest.mark.filterwarnings("ignore::xdynamics.faults.AccuracyWarning")
+def test_defaults_are_as_accurate_in_every_unit(case: int) -> None:
+    """Assert that the error stays in proportion to the tolerance, of the closed form of a chain that starts at zero, in any unit."""
+    rng = np.random.default_rng(case)
+    of, rtol = Units(np.random.default_rng(case + 1)), 10.0 ** rng.uniform(-11, -4)
+    method = str(rng.choice(("dop853", "dormand_prince", "dprkn6", "radau_iia")))
+    model = chain(rng, of)
+    run = xd.simulate(model, method=method, rtol=rtol, until=of(10.0, s=1), force_samples="none")
+    exact = spread_out(len(model.coordinates), 10.0)
+    found = [float(run[name][-1]) * float(one.unit.factor) / of.large["m"] for name, one in model.coordinates.items()]
+    assert np.abs(found - exact).max() < 100 * rtol + 1e-13
+    # the last mass has moved a millionth of what the first one did, say, and is known to a part of that
+    assert abs(found[-1] - exact[-1]) < 1e3 * rtol * max(abs(exact[-1]), 1e-3) + 1e-13
+
+
+RESTING = {
+    "a pendulum upside down": ("-9.8*sin(x)*newton", np.pi, 0.0),
+    "a spring that is not stretched": ("-x*newton/metre", 0.0, 0.0),
+    "no force at all": ("0*newton", 0.0, 1.0),
+    "a body dropped at zero": ("-9.8*newton", 0.0, 0.0),
+    "drag from rest": ("9.8*newton - v_x**2*0.1*kilogram/metre", 0.0, 0.0),
+    "a force that begins": ("9.8*newton*max(0, t/second - 1)", 0.0, 0.0),
+    "a force that grows from an unstable place": ("x*newton/metre", 1e-300, 0.0),
+    "a root at its end": ("newton*sqrt(x/metre)", 0.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-12])
+@pytest.mark.parametrize("method", ["dop853", "heun", "radau_iia"])
+@pytest.mark.parametrize("name", RESTING)
+def test_starts_without_a_size(name: str, method: str, rtol: float) -> None:
+    """Assert that what starts at rest, at zero, or at what rounding leaves of zero comes to its end in few steps."""
+    text, x, v = RESTING[name]
+    if (method == "heun" and rtol < 1e-4) or (method == "radau_iia" and "sqrt" in text):
+        return  # its order is too low; it has no derivative there
+    angle = "sin" in text
+    model = xd.Model(
+        name=name, coordinates={"x": "rad" if angle else "m"}, parameters={"m": "1 kg m2" if angle else "1 kg"}, mass={"x": "m"},
+        forces={"all": {"x": text.replace("newton", "newton*metre") if angle else text}},
+        initial={"x": f"{x!r} {'rad' if angle else 'm'}", "v_x": f"{v!r} {'s-1' if angle else 'm s-1'}"},
+    )  # fmt: skip
+    run = xd.simulate(model, method=method, rtol=rtol, until="5 s", max_steps=40_000, force_samples="none")
+    assert run.attrs["run_outcome"] == "completed", run.attrs["run_outcome_text"]
+
+
+@pytest.mark.cases(60)
+def test_lanes_follow_as_single_runs_do(case: int) -> None:
+    """Assert that runs side by side, whose tolerances follow their variables, have the bits of runs alone."""
+    rng = np.random.default_rng(case)
+    made = (oscillator, orbit, thrown, cart, circuit, chain)[case % 6]
+    model, method = made(rng, Units(None)), ("dop853", "bogacki_shampine", "heun")[case % 3]
+    name = next(iter((*model.coordinates, *model.states)))
+    starts, rtols = rng.uniform(-1, 1, 24) * (rng.random(24) < 0.8) + 1e-3, 10.0 ** rng.uniform(-9, -4, 24)
+    settings = settings_for(model, method=method, rtol=1e-6, until="3 s", force_samples="none")
+    given = {"initial": {name: starts}, "rtols": rtols}
+    abreast = march_many(model, settings, **given, lanes=8)
+    single = march_many(model, settings, **given, lanes=1)
+    assert abreast.ends["rows"].tolist() == single.ends["rows"].tolist()
+    assert np.array_equal(abreast.state, single.state)
+    assert np.array_equal(abreast.largest, single.largest)
+    for i in (0, 23):
+        start = {name: f"{float(starts[i])!r} {'m' if model.coordinates else 'kg'}"}
+        run = xd.simulate(
+            model.replace(initial=start), method=method, rtol=float(rtols[i]), until="3 s", force_samples="none"
+        )
+        assert run.sizes["step"] == single.ends["rows"][i]
+        assert float(run[name][-1]) == single.state[i, single.layout.used.index(name)]
+
+
+def same(one: xr.Dataset, other: xr.Dataset) -> None:
+    """Hold two records to one digest."""
+    assert xd.content_digest(one) == xd.content_digest(other)
+
+
+@pytest.mark.parametrize("atol", [None, {"x": "1 nm"}, 1e-9])
+@pytest.mark.parametrize("method", ["dop853", "rk4", "radau_iia"])
+def test_archives_march_again_with_what_was_used(tmp_path: Path, method: str, atol: object) -> None:
+    """Assert that followed, mixed and given tolerances are reproduced, streamed, extended, replayed and tightened."""
+    model = orbit(np.random.default_rng(1), Units(None))
+    asked = {"method": method, "rtol": 1e-7, "atol": atol}
+    run = xd.simulate(model, **asked, until="4 s")
+    follows = [name for name in ("x", "y", "v_x", "v_y") if "atol_rule" in run[name].attrs]
+    assert follows == ([] if atol == 1e-9 else ["x", "y", "v_x", "v_y"][atol is not None :])
+    assert ("solver_atol_rule" in run.attrs) == bool(follows)
+    streamed = xd.simulate(model, **asked, until="4 s", path=tmp_path / "run.nc")
+    same(streamed, run)
+    assert xd.reproduce(tmp_path / "run.nc").attrs["identical"] == 1
+    same(xd.extend(run, until="6 s"), xd.simulate(model, **asked, until="6 s", nodes=["4 s"]))
+    part = run.drop_vars("x")
+    xd.save(part, tmp_path / "part.nc")
+    assert xd.reproduce(tmp_path / "part.nc").attrs["identical"] == 1
+    beside = xd.companion(run, ["4 s"])
+    assert 0.0 < abs(float(beside.global_error_x[0])) < 1e-3
+    if method != "radau_iia":
+        replayed = xd.simulate(model, **asked, step=run.step_size.values[1:], until="4 s")
+        assert np.array_equal(replayed.x, run.x)
+        assert np.array_equal(replayed.error_norm, run.error_norm, equal_nan=True)
+        assert replayed.y.attrs["atol_si"] == run.y.attrs["atol_si"]
+
+
+def test_errors_go_with_the_tolerances() -> None:
+    """Assert that a refinement over tolerances of a model in metres that moves by nanometres is in proportion."""
+    of = Units(None)
+    of.large["m"] = 1e-9
+    study = xd.refine(orbit(np.random.default_rng(2), of), method="dop853", rtols=[1e-5, 1e-6, 1e-7, 1e-8], until="5 s", at=["5 s"])  # fmt: skip
+    assert float(abs(study.difference_x[-2, 0])) < 1e-9 * 1e-5
