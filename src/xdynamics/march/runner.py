@@ -239,7 +239,7 @@ class March:
         if not count:
             return
         self.misplaced[log.events["detector"][:count][misplaced_events(self.run.detectors, log, count)]] = True
-        if self.layout.reactions:
+        if self.layout.reactions and log.impulses[-1, :count].min() < 0.0:  # of most runs no event has won energy
             impacts = impacts_of(self.layout, self.settings.scales, log, count)
             self.gains = with_more(self.gains, impacts, int(log.base[0]["events"]))
 

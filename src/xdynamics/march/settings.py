@@ -16,6 +16,7 @@ from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, ESTIMATORS, EXACT, J
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
+from xdynamics.model.parts import ENERGETIC
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import LOCATED, SWITCHES, sided
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, behind
@@ -232,6 +233,11 @@ class Settings:
             for one in self.nodes
             if not start < one < self.until
         ]
+        if self.method.stepping and any(one.law == ENERGETIC for one in model.contacts.values()):
+            faults.append(
+                f"method '{self.method.name}' has Newton's law of restitution over whole steps, and law = '{ENERGETIC}' is"
+                " for impacts that are located; take another method or law = 'newton'"
+            )
         if self.method.stepping and self.estimator != NO_ESTIMATE and reactions(model):
             faults.append(
                 f"method '{self.method.name}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"
