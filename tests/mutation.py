@@ -47,6 +47,10 @@ ARCHIVE = "opened_equals or damage or changed or unsealed or flipped or foreign 
 SEGMENTS = (
     "resumed_is or missing or without_room or follows or sealed or another_model or (damaged_segment and sample_)"
 )
+QUANTITIES = (
+    "test_budget_quantities.py -k keep_the_signs and 0.5 or totals or levels or location or declared or lines_say"
+)
+DRAWN = "test_budget_quantities.py -k draws_are"
 TOUCHED = {
     "model/drives.py": (
         "test_drives.py",
@@ -79,8 +83,44 @@ TOUCHED = {
         "test_refinement.py -k verdicts or near",
         "test_verdicts.py -k lucky",
     ),
-    "evidence/diagnosing/cycles.py": ("test_diagnosis.py -k verlet or references or beating",),
+    "evidence/diagnosing/cycles.py": (
+        "test_diagnosis.py -k verlet or references or beating",
+        "test_budget_quantities.py -k periods",
+    ),
     "evidence/validating/ledger.py": ("test_ledger.py -k not (planted or manufactured or limit)",),
+    "evidence/diagnosing/extremes.py": ("test_extremes.py -k not (budget or certified or named or sweep)",),
+    "budgeting/budget.py": (QUANTITIES, "test_budget.py -k cannot_be or declared or none_are or not_smooth or warned"),
+    "budgeting/certificate.py": (
+        "test_certificate.py -k all_that_defends or forgeries or changed or open or defended_fails or ledger",
+    ),
+    "budgeting/drawing.py": (DRAWN, "test_budget.py -k draws_go_on or what_the_linear"),
+    "budgeting/fitted.py": ("test_fitting.py -k told or warned_of",),
+    "budgeting/fitting.py": ("test_fitting.py -k straight or speak or order_of or named",),
+    "budgeting/montecarlo.py": ("test_budget.py -k intervals_and", "test_certificate.py -k settles_it", DRAWN),
+    "budgeting/numerical.py": (
+        "test_budget_bounds.py -k allowance or rounding_tell",
+        QUANTITIES,
+        "test_budget_bounds.py",
+    ),
+    "budgeting/physical.py": (
+        QUANTITIES,
+        "test_budget.py -k slope or undo or cancel",
+        "test_variational.py -k part or agree",
+    ),
+    "budgeting/residuals.py": ("test_fitting.py -k runs or order_of or speak",),
+    "budgeting/reversal.py": ("test_budget.py -k marching_back",),
+    "budgeting/rounding.py": ("test_budget_quantities.py -k rounded",),
+    "budgeting/searching.py": ("test_fitting.py -k straight or speak or astray",),
+    "budgeting/slopes.py": ("test_variational.py",),
+    "budgeting/tables.py": (QUANTITIES, "test_budget.py -k spelled or cancel or without_one"),
+    "budgeting/tabulated.py": ("test_tabulated.py -k not (columns or kept_in)",),
+    "budgeting/target.py": (
+        QUANTITIES,
+        "test_extremes.py -k budget or named",
+        "test_budget.py -k cannot_be or without_a_unit",
+    ),
+    "budgeting/term.py": (QUANTITIES, "test_budget.py -k declared"),
+    "budgeting/told.py": (QUANTITIES, "test_tabulated.py -k says_so", "test_certificate.py -k open"),
     "sweeping/axes.py": ("test_sweep.py -k wrong or drawn or tables or settings",),
     "sweeping/designs.py": ("test_sweep.py -k draws or drawn",),
     "sweeping/extrema.py": ("test_sweep.py -k alone and not file",),
