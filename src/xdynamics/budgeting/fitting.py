@@ -86,7 +86,10 @@ class Asked:
     def within(self, share: float) -> NDArray[np.bool_]:
         """Return which of all numbers were measured in the first part of the time, one quantity behind the other."""
         first, last = float(self.data.times.min()), float(self.data.times.max())
-        return np.tile(self.data.times <= first + share * (last - first), len(self.quantities))
+        part = (self.data.times <= first + share * (last - first)) | (
+            share == 1.0
+        )  # whatever rounding makes of the last
+        return np.tile(part, len(self.quantities))
 
     def computed(self, values: Floats, *, whole: bool = True) -> Floats:
         """Return what the model comes to, for rows of parameters in their own units, shape (n, all that was measured).
@@ -140,10 +143,10 @@ class Fitting:
         weights = asked.weights[part]
         return (values[part] - asked.measured[part]) * weights, slopes[part] * weights[:, None] * self.scales
 
-    def squares(self, scaled: Floats) -> Floats:
-        """Return the sums of squares of many starts; infinite where a run does not come to all times."""
-        rows = self.asked.computed(scaled * self.scales, whole=False)
-        found = np.sum(((rows - self.asked.measured) * self.asked.weights) ** 2, axis=1)
+    def squares(self, scaled: Floats, share: float) -> Floats:
+        """Return the sums of squares of many starts, of a share of the time; infinite where a run does not come to all."""
+        part, rows = self.asked.within(share), self.asked.computed(scaled * self.scales, whole=False)
+        found = np.sum((((rows - self.asked.measured) * self.asked.weights) ** 2)[:, part], axis=1)
         return np.where(np.isfinite(found), found, np.inf)
 
     def tested(self, search: Search) -> Tested:

@@ -64,9 +64,9 @@ def tested(square: float, freedom: int, rows: Sequence[Floats], measured: Sequen
     order = min(1.0, len(probabilities) * min(probabilities)) if probabilities else nan
     slight = square / freedom <= FAR_BELOW**2 if known else all(_is_slight(*each) for each in zip(rows, measured, strict=True))  # fmt: skip
     if size < UNLIKELY:
-        text = f"residuals are {sqrt(square / freedom):.3g} times as large as the uncertainties: the model, the uncertainties or the place that the search came to is not right"
+        text = f"residuals are {sqrt(square / freedom):.3g} times as large as the uncertainties: the model, the uncertainties or the minimum that the search came to is wrong"
     elif order < UNLIKELY and not slight:
-        text = f"residuals are not in a random order (fewer changes of sign have the probability {order:.1g}): the model or the place that the search came to is not right"
+        text = f"residuals are not in a random order (fewer changes of sign have the probability {order:.1g}): the model or the minimum that the search came to is wrong"
     else:
         said = "no matter beside the data" if slight else "no more than noise"
         return Tested(size, order, adequate=True, text=f"residuals are {said}")

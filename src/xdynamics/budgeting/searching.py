@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.arrays import power
 from xdynamics.faults import InputError
 
 Floats = NDArray[np.float64]
@@ -22,7 +23,8 @@ CLOSE = 1e-10  # relative, of parameters and of the sum of squares, when a searc
 MOST = 100  # evaluations
 SHARES = (0.06, 0.12, 0.25, 0.5)  # of the time of the data, one after the other
 LOOKED_AT = 96  # starts that are drawn, of which the best are searched from
-WIDTHS = (0.1, 0.3, 0.9)  # of the sizes of the numbers, about as many starts of each
+WIDTHS = (0.1, 0.5, 1.0)  # of the sizes of the numbers, as many starts of each; the last by factors
+FARTHEST = 8.0  # such a factor
 
 
 class Problem(Protocol):
@@ -31,8 +33,8 @@ class Problem(Protocol):
     def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
         """Return weighted residuals and their slopes, of the data up to a share of their time."""
 
-    def squares(self, scaled: Floats) -> Floats:
-        """Return the sums of squares of many starts; infinite where a run does not come to all times."""
+    def squares(self, scaled: Floats, share: float) -> Floats:
+        """Return the sums of squares of many starts, of a share of the time; infinite where a run does not come to all times."""
 
 
 @dataclass(frozen=True)
@@ -72,22 +74,37 @@ def searches(problem: Problem, start: Floats, low: Floats, high: Floats, most: i
     """
     yield _tried(problem, OWN, start, low, high)
     if most > 1:
-        grown, evaluations = start, 0
-        for share in SHARES:
-            part = _tried(problem, GROWING, grown, low, high, share)
-            grown, evaluations = part.end, evaluations + part.evaluations
-        last = _tried(problem, GROWING, grown, low, high)
-        yield replace(last, start=start, evaluations=evaluations + last.evaluations)
+        yield grown(problem, GROWING, start, low, high)
     if most > 2:
-        rng = np.random.default_rng(seed)
-        width = np.array(WIDTHS)[np.arange(LOOKED_AT) % len(WIDTHS), None]
-        about = start + width * rng.uniform(-1.0, 1.0, (LOOKED_AT, start.size))
-        bounded = np.isfinite(low) & np.isfinite(high)
-        least, widest = np.where(bounded, low, 0.0), np.where(bounded, high, 1.0)
-        within = least + (widest - least) * rng.random((LOOKED_AT, start.size))
-        drawn = np.clip(np.where(bounded & (width == WIDTHS[-1]), within, about), low, high)
-        for i in np.argsort(problem.squares(drawn), kind="stable")[: most - 2].tolist():
-            yield _tried(problem, DRAWN, drawn[i], low, high)
+        drawn = drawn_starts(np.random.default_rng(seed), start, low, high)
+        for i in np.argsort(problem.squares(drawn, SHARES[-2]), kind="stable")[: most - 2].tolist():
+            yield grown(problem, DRAWN, drawn[i], low, high)
+
+
+def drawn_starts(rng: np.random.Generator, start: Floats, low: Floats, high: Floats) -> Floats:
+    """Return starts about one, near and far: a third of them farther, by factors, or where there are bounds between them."""
+    shape = LOOKED_AT, start.size
+    width = np.array(WIDTHS)[np.arange(LOOKED_AT) % len(WIDTHS), None]
+    off = rng.uniform(-1.0, 1.0, shape)
+    far = np.where(start == 0.0, off, start * power(FARTHEST, off))
+    bounded = np.isfinite(low) & np.isfinite(high)
+    least, widest = np.where(bounded, low, 0.0), np.where(bounded, high, 1.0)
+    far = np.where(bounded, least + (widest - least) * rng.random(shape), far)
+    return np.clip(np.where(width == WIDTHS[-1], far, start + width * off), low, high)
+
+
+def grown(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats) -> Search:
+    """Search by parts of the time that grow, each from where the one before has ended.
+
+    Of a motion that turns many times the sum of squares over all of them has minima close to each other, over the first of
+    them wide ones.
+    """
+    end, evaluations = start, 0
+    for share in SHARES:
+        part = _tried(problem, rule, end, low, high, share)
+        end, evaluations = part.end, evaluations + part.evaluations
+    last = _tried(problem, rule, end, low, high)
+    return replace(last, start=start, evaluations=evaluations + last.evaluations)
 
 
 def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats, share: float = 1.0) -> Search:

@@ -29,7 +29,8 @@ def foot_of(found: xr.Dataset) -> str:
     """Say what was found."""
     parts = zip(found["parameter_name"].values, found["estimate"].values, found["standard_uncertainty"].values, found["parameter_units"].values, strict=True)  # fmt: skip
     said = ", ".join(f"{name} = {value:.6g} ± {doubt:.2g}{'' if unit == '1' else f' {unit}'}" for name, value, doubt, unit in parts)  # fmt: skip
-    return f"{said}, at one standard uncertainty; {found.attrs['data']}"
+    against = "" if int(found.attrs.get("adequate", 1)) else f"; not adequate: {found.attrs['adequate_text']}"
+    return f"{said}, at one standard uncertainty; {found.attrs['data']}{against}"
 
 
 def _values(found: xr.Dataset, name: str, axes: Axes) -> None:
