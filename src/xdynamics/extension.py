@@ -18,9 +18,21 @@ from xdynamics.march.gains import Gains, Impacts, with_more
 from xdynamics.march.memory import go_on
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
+from xdynamics.model.motion import REGIME_NUMBER, constants, decides, evaluated_many, tables_of
 from xdynamics.record.kinds import said_of
 from xdynamics.record.provenance import asked_of
-from xdynamics.schema import END_MEMORY, EVENT_AFTER, FAR, GIVEN_STEP, NODE, STEP, STEPS, velocity
+from xdynamics.schema import (
+    END_MEMORY,
+    EVENT_AFTER,
+    FAR,
+    FIRST_PASSED,
+    GIVEN_STEP,
+    NODE,
+    PASSED,
+    STEP,
+    STEPS,
+    velocity,
+)
 from xdynamics.units import TIME, behind, parse_unit, time_in
 
 if TYPE_CHECKING:
@@ -29,6 +41,7 @@ if TYPE_CHECKING:
     from xdynamics.march.runner import Progress
 
 Array = NDArray[Any]
+ROWS = 1 << 12  # that are looked at together
 
 
 def extend(
@@ -116,7 +129,9 @@ def _extended(
     needed = {one.variable.name: one.variable.dims for one in record.columns(march)}
     missing = [name for name, dims in needed.items() if places.get(name) != dims]
     if missing:
-        raise InputError(f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run")
+        raise InputError(
+            f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run, or march anew what an older version made"
+        )
     if path is not None:
         longer = archive.open_run(archive.stream(march, path, before=_rows(kept, march), resume=resume), check=False)
     elif resume:
@@ -173,6 +188,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
         labels = kept["event_detector"].attrs["flag_meanings"].split()
         far = {labels[i] for i in kept["event_detector"].values[kept["event_position"].values == FAR].tolist()}
         march.misplaced = np.array([one.name in far for one in march.layout.watched])
+    _recall_passed(kept, march)
     march.event_pairs = int((kept["row_kind"].values == EVENT_AFTER).sum())
     stride = march.stride(rows)
     found = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}
@@ -195,3 +211,26 @@ def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:
         )
         work += np.abs(kept[f"event_impulse_{name}"].values) * (speed[row] + speed[after]) * factor / 2.0
     return Impacts(kept["event_kind"].values, row, detector, kept["event_time"].values, kept["event_energy_lost"].values, work)  # fmt: skip
+
+
+def _recall_passed(kept: xr.Dataset, march: March) -> None:
+    """Have a march know what its run knew at its end of switches that are declared smooth: the side, how often, since when."""
+    smooth, model = march.layout.smooth, march.model
+    if not smooth:
+        return
+    known = march.run.w[march.run.w.size - 3 * len(smooth) :].reshape(-1, 3)
+    known[:, 1] = kept[PASSED.name].values
+    known[:, 2] = np.nan_to_num(kept[FIRST_PASSED.name].values) / march.settings.scales.of(TIME)
+    factors = {name: float(unit.factor) for name, unit in model.units.items()}
+    for first in range(kept.sizes[STEPS] - ROWS, -ROWS, -ROWS):  # from the end, to where each was last away from zero
+        rows = slice(max(first, 0), first + ROWS)
+        state = {name: kept[name].values[rows] * factors[name] for name in march.layout.used}
+        state |= {"t": kept["time"].values[rows], REGIME_NUMBER: kept["regime"].values[rows].astype(float)}
+        trees = [tree for one in smooth for tree in (one.function, decides(model, one))]
+        found = evaluated_many(model, trees, state, constants(model), tables_of(model))
+        for k in np.flatnonzero(known[:, 0] == 0.0).tolist():
+            value, holds = (np.broadcast_to(one, state["t"].shape) for one in found[2 * k : 2 * k + 2])
+            away = np.flatnonzero(value != 0.0)
+            known[k, 0] = np.sign(value[away[-1]]) if away.size and holds[away[-1] :].all() else 0.0
+        if known[:, 0].all():
+            return

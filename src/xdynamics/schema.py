@@ -24,6 +24,7 @@ DIMENSIONS = {
     BOUNDS: "left and right end of a bracket",
     "given": "steps of a given grid",
     "memory": "numbers that a march goes on from",
+    "smooth_switch": "switches in forces that are declared smooth",
 }
 
 ROW_KINDS = ("initial", "step", "node", "event_before", "event_after")
@@ -200,6 +201,11 @@ def friction_state(name: str) -> str:
     return f"friction_state_{name}"
 
 
+def side_of(name: str) -> str:
+    """Name on which side of a switch a state is; switches are named like ``drag:abs``."""
+    return f"side_{name.replace(':', '_')}"
+
+
 def sampled(name: str) -> str:
     """Name what a force evaluation used or gave."""
     return f"sample_{name}"
@@ -248,6 +254,14 @@ MEMORY = "memory"
 END_MEMORY = Variable(
     "end_memory", (MEMORY,), "f8", "1", "what the march goes on from behind its end, in its own units", "memory"
 )
+SMOOTH_SWITCH = "smooth_switch"
+PASSED = Variable(
+    "smooth_switches_passed", (SMOOTH_SWITCH,), "i8", "1", "how often a switch that was declared smooth was passed by a step, and not located", "switch"
+)  # fmt: skip
+FIRST_PASSED = Variable(
+    "smooth_switches_first_passed", (SMOOTH_SWITCH,), "f8", "s", "time of the first accepted state behind the switch; nan where it was not passed", "switch"
+)  # fmt: skip
+SIDES = {-1: "negative", 0: "elsewhere", 1: "positive"}
 ERROR_NORM = Variable(
     "error_norm",
     (STEPS,),
@@ -268,6 +282,8 @@ OTHER_NAMES = (
     "newton_iterations",
     "given_step_size",
     "end_memory",
+    PASSED.name,
+    FIRST_PASSED.name,
     *ENERGIES,
     *DIMENSIONS,
 )

@@ -87,7 +87,7 @@ class _Printer:
         model = self._layout.model
         lines = Assignments(self._found)
         watched = self._layout.watched
-        functions = [self._taken(lines, lines.value(one.function)) for one in watched]
+        functions = [self._taken(lines, lines.value(one.looked_at)) for one in watched]
         middle = len(self._rows)
         slopes = [self._taken(lines, lines.value(function_rate(model, one))) for one in watched]
         wide = len(self._rows)

@@ -82,7 +82,7 @@ class Law:
             quantities.event_rates(layout),
             quantities.resets(layout),
             quantities.touching(layout),
-            quantities.row(layout),
+            quantities.row(layout, self.steps.memory),
         )
         return (*own, stepping.inside(layout, self.scheme), *self.steps.programs)
 

@@ -10,8 +10,9 @@ from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.methods.scheme import DIFFERENCES, Scheme
 from xdynamics.model import Model, motion
-from xdynamics.model.detectors import Detector, detectors
+from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
 from xdynamics.model.reactions import NORMAL, reactions
+from xdynamics.model.switches import Switch, smooth_switches
 from xdynamics.units import Dimension
 
 
@@ -131,6 +132,24 @@ class Layout:
     def watched(self) -> tuple[Detector, ...]:
         """Everything whose zeros a march looks for."""
         return detectors(self.model)
+
+    @cached_property
+    def switches(self) -> tuple[Detector, ...]:
+        """Of those the switches hidden in forces."""
+        return tuple(one for one in self.watched if one.role in (SWITCH, KINK))
+
+    @cached_property
+    def flags(self) -> int:
+        """How many flags a row of the log has: kind, regime, what reactions do, on which side of each switch it is.
+
+        Of the points of a table that is the piece, in three of them.
+        """
+        return 2 + len(self.reactions) + sum(3 if one.drive else 1 for one in self.switches)
+
+    @property
+    def smooth(self) -> tuple[Switch, ...]:
+        """The switches that were declared smooth: each has its side, how often it was passed, and when first."""
+        return smooth_switches(self.model)
 
     @cached_property
     def resets(self) -> tuple[tuple[str, str], ...]:

@@ -12,7 +12,7 @@ from xdynamics.kernels.program import AT, Compute, Each, Instruction, Load, Oper
 from xdynamics.model import Function
 from xdynamics.model.detectors import followed, function_rate, python_values
 from xdynamics.model.mass import Assignment
-from xdynamics.model.motion import REGIME_NUMBER, constants, jacobian, motion, slope, slopes
+from xdynamics.model.motion import REGIME_NUMBER, constants, decides, jacobian, motion, slope, slopes
 from xdynamics.model.reactions import table
 from xdynamics.model.switches import watched_by
 
@@ -42,7 +42,7 @@ def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
 
 def events(layout: Layout) -> Program:
     """Write the event functions."""
-    trees = [one.function for one in layout.watched]
+    trees = [one.looked_at for one in layout.watched]
     return _returning("detect", "The function of every event.", layout, trees, python_values(layout.model))
 
 
@@ -70,13 +70,36 @@ def resets(layout: Layout) -> Program:
 
 
 def derived(layout: Layout) -> Program:
-    """Write energies, observables and gaps of a state."""
+    """Write energies, observables and gaps of a state, and of what was declared smooth the argument and whether it decides."""
     about = "Energies, observables and gaps of a state."
-    return _returning("derived", about, layout, layout.derived.values(), known=layout.record)
+    trees = [
+        *layout.derived.values(),
+        *(tree for one in layout.smooth for tree in (one.function, decides(layout.model, one))),
+    ]
+    return _returning("derived", about, layout, trees, known=layout.record)
 
 
-def row(layout: Layout) -> Program:
-    """Write a row of the log: the state with energies and observables, and of a step its error and its effort."""
+def _passed(lines: Assignments, layout: Layout, first: int, reached: Operand) -> None:
+    """Write down of what was declared smooth on which side a row is, how often it was passed, and when first."""
+    for i, one in enumerate(layout.smooth):
+        place = [Place("w", first + 3 * i + k) for k in range(3)]
+        side, count, time = (lines.load(each) for each in place)
+        value, matters = lines.value(one.function), lines.value(decides(layout.model, one))
+        below = lines.compute("less", lines.compute("multiply", side, value), 0.0)
+        passed = lines.compute("choose", reached, lines.compute("choose", below, matters, 0.0), 0.0)
+        new = lines.compute("less", lines.compute("subtract", count, passed), 0.0)
+        lines.store(place[1], lines.compute("add", count, passed))
+        lines.store(place[2], lines.compute("choose", new, lines.named("t"), time))
+        now = lines.compute("choose", lines.compute("less", value, 0.0), -1.0, side)
+        now = lines.compute("choose", lines.compute("more", value, 0.0), 1.0, now)
+        lines.store(place[0], lines.compute("multiply", now, matters))
+
+
+def row(layout: Layout, memory: int) -> Program:
+    """Write a row of the log: the state with energies and observables, and of a step its error and its effort.
+
+    `memory` is where `w` has what is known of switches that were declared smooth.
+    """
     lines = Assignments(_Names(layout, layout.record))
     first = len(("time", "step_size"))
     step = lines.load(Place("at", AT.index("h")))
@@ -101,6 +124,8 @@ def row(layout: Layout) -> Program:
         first += len(layout.errors)
     if layout.effort:
         lines.store(Place("z", first), lines.load(Place("at", AT.index("turns"))))
+    if layout.smooth:
+        _passed(lines, layout, memory, lines.compute("more", step, 0.0))
     body[0:0] = lines.lines
     return Program("row", "A row of the log.", tuple(body), sound=sound, spread=True)
 

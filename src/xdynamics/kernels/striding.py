@@ -31,7 +31,7 @@ from xdynamics.kernels.program import (
 # run goes on; `done` counts accepted and rejected trials, `most` is how many there may be; h and norm are those of the
 # last accepted step, tried is the norm of the last trial. Behind them stand absolute tolerances, largest values,
 # the error of that step; of each event function on which side of zero it is to stay (2: wherever, 0: it is not known),
-# and of a gap how large it was.
+# and of a gap how large it was; of each switch that was declared smooth its side, how often it was passed, and when first.
 LANE = (
     "t", "h", "norm", "tried", "step", "step_log", "rejected", "grid", "on_grid", "done", "accepted", "most", "lives",
     "node", "snap", "start", "step_size", "rtol", "floor", "rest", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
@@ -90,8 +90,22 @@ rejected = where(moves > 0, 0, where(turns_back > 0, 1, rejected))
 """
 
 
+_PASSED = """
+passed = moves*where(decides > 0, where(side*value < 0, 1, 0), 0)
+new_side = where(decides > 0, where(value > 0, 1, where(value < 0, -1, side)), 0)
+new_time = where(passed > 0, where(count > 0, time, reach), time)
+new_count = count + passed
+new_side = where(moves > 0, new_side, side)
+"""
+
+
 def lane_width(layout: Layout) -> int:
     """Return how many numbers a lane has in `w`."""
+    return _of_smooth(layout) + 3 * len(layout.smooth)
+
+
+def _of_smooth(layout: Layout) -> int:
+    """Return where a lane has what is known of switches that were declared smooth."""
     return len(LANE) + 3 * len(layout.used) + 2 * len(layout.watched)
 
 
@@ -106,7 +120,7 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
     write.store("at", {"t": "t", "t1": "reach", "h": "width"})
     write.body.append(Call("propose", "at", "y", "z"))
     write.load("finite_step", Place("at", UNSOUND))
-    if layout.derived:
+    if layout.derived or layout.smooth:
         write.store("at", {"t": "reach"})
         write.body.append(Call(DERIVED, "at", "z", "noted"))
     write.load("finite_row", Place("at", UNSOUND))
@@ -116,13 +130,14 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
         write.load("judged", Place("norm", same=True))
     write.watch()
     write.lines(_JUDGE if adaptive else "moves = ready*sound*silent\nturns_back = 0*ready")
+    write.smooth()
     write.move(adaptive=adaptive)
     write.lines(_MOVE + (_JUDGED if layout.estimates else "") + (_PACE if adaptive else ""), kept=True)
-    local = {"noted": max(1, len(layout.derived)), "norm": 1}
+    local = {"noted": max(1, len(layout.derived) + 2 * len(layout.smooth)), "norm": 1}
     if any(followers):
         local["tops"] = 1 + max(layout.kinds)
     own = Program(STRIDE, "One step in every lane.", tuple(write.body), {}, local)
-    return (*((quantities.derived(layout),) if layout.derived else ()), own)
+    return (*((quantities.derived(layout),) if layout.derived or layout.smooth else ()), own)
 
 
 class _Writing:
@@ -254,6 +269,20 @@ class _Writing:
             if watching.is_gap(self._layout)[i]:
                 self.load(f"gap{i}", Place("w", first + len(found) + i))
                 self.lines(f"gap{i}_now = max(gap{i}, under)")
+
+    def smooth(self) -> None:
+        """Count what was declared smooth and passed, as a row of the log does: `kernels.quantities.row`."""
+        noted, first = len(self._layout.derived), _of_smooth(self._layout)
+        for i in range(len(self._layout.smooth)):
+            for k, name in enumerate(("value", "decides")):
+                self.load(f"{name}{i}", Place("noted", noted + 2 * i + k))
+                self._known[name] = f"{name}{i}"
+            places = {name: Place("w", first + 3 * i + k) for k, name in enumerate(("side", "count", "time"))}
+            for name, place in places.items():
+                self.load(f"{name}_smooth{i}", place)
+                self._known[name] = f"{name}_smooth{i}"
+            self.lines(_PASSED)
+            self.body += [Store(place, self._known[f"new_{name}"]) for name, place in places.items()]
 
     def move(self, *, adaptive: bool) -> None:
         """Put the new state in the place of the old one, where the lane moves."""

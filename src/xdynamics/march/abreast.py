@@ -59,7 +59,7 @@ def march_abreast(model: Model, settings: Settings, law: Law, arrays: Arrays, la
     while not over:
         over = side_by_side()(
             twins.addresses, stride, table, *given, members, standing, *inputs,
-            part.ends, part.lasts, part.largest, met.events, met.rates, met.impulses, owners,
+            part.ends, part.lasts, part.largest, part.passed, met.events, met.rates, met.impulses, owners,
         )  # fmt: skip
         count, standing[EVENTS] = int(standing[EVENTS]), 0
         part.logs.append(_events(met, np.arange(count)))

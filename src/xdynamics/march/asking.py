@@ -18,7 +18,7 @@ from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.reading import RUN_KEYS
-from xdynamics.model.switches import LOCATED, STEPPED_OVER, watched_switches
+from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
 from xdynamics.model.words import near
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
 
@@ -203,7 +203,10 @@ def _time_tolerance(model: Model, chosen: Mapping[str, Any]) -> float:
 
 def _switches(model: Model, asked: str) -> str:
     """Return what is done about hidden switches; where there are none, nothing is said of them."""
-    return STEPPED_OVER if asked == LOCATED and not watched_switches(model) else asked
+    watched = watched_switches(model)
+    if asked == LOCATED_EVERYWHERE and not any(one.nested for one in watched):
+        asked = LOCATED
+    return STEPPED_OVER if asked == LOCATED and not watched else asked
 
 
 def _summation(method: Method) -> str:

@@ -8,7 +8,7 @@ from math import isfinite
 from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.disputes import dispute, inconsistency, painleve, undefined
-from xdynamics.march.doubts import advice_on_stiffness, doubts
+from xdynamics.march.doubts import advice_on_stiffness, doubts, of_smooth_switches
 from xdynamics.march.implicit.newton import MOST_ITERATIONS
 from xdynamics.march.implicit.radau import MOST_TURNS
 from xdynamics.march.outcomes import (
@@ -68,7 +68,7 @@ def ending(march: March) -> Ending:
     # a run that got on, or ran out of steps, has something to say about its steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
     march.doubts = doubts(march)
-    return Ending(failure.outcome, "; ".join(filter(None, (text, *march.doubts, advice))))
+    return Ending(failure.outcome, "; ".join(filter(None, (text, *march.doubts, of_smooth_switches(march), advice))))
 
 
 @dataclass(frozen=True)

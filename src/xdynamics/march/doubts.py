@@ -23,7 +23,7 @@ from xdynamics.model.linearisation import initial_state, mass_matrices
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import ENERGETIC, POISSON
 from xdynamics.model.reactions import TANGENT, reactions
-from xdynamics.model.switches import LOCATED, MOST_SWITCHES, switches
+from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, switches
 from xdynamics.stability import stiffness
 from xdynamics.units import TIME, behind, parse_unit, spell
 
@@ -153,12 +153,27 @@ def _of_mass(march: March) -> Iterator[str]:
 def _of_switches(march: March) -> Iterator[str]:
     """Say so where a model hides more switches than are located."""
     found = switches(march.model)
-    if len(found) > MOST_SWITCHES and march.settings.switches != LOCATED:
+    if len(found) > MOST_SWITCHES and march.settings.switches == STEPPED_OVER:
         owners = ", ".join(f"'{one}'" for one in dict.fromkeys(one.owner for one in found))
         yield (
             f"{len(found)} switches are hidden in {owners} (abs, sign, min, max, where, tables), and {MOST_SWITCHES} at most"
             " are located: all were stepped over, which costs the order; declare those smooth that need not be located"
         )
+
+
+def of_smooth_switches(march: March) -> str:
+    """Say which switches that were declared smooth were stepped over, and what that costs."""
+    counts, times = march.passed
+    if not counts.any():
+        return ""
+    unit = march.model.time_unit.text
+    passings = sorted((time, one, count) for time, one, count in zip(times.tolist(), (each.name for each in march.layout.smooth), counts.tolist(), strict=True) if count)  # fmt: skip
+    said = [
+        f"{name} {'once' if count == 1 else f'{count} times'}, first before t = {time * march.settings.scales.of(TIME):.6g}{'' if unit == '1' else f' {unit}'}"
+        for time, name, count in passings[:MOST_NAMED]
+    ]
+    rest = f" and {len(passings) - MOST_NAMED} more" if len(passings) > MOST_NAMED else ""
+    return f"switches in forces that are declared smooth were passed by a step: {', '.join(said)}{rest}; without smooth = true they are located"
 
 
 def _of_contacts(model: Model) -> Iterator[str]:

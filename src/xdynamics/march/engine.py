@@ -208,7 +208,7 @@ def _array(dtype: Any, dims: int) -> Any:
 
 
 _STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
-_MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), *[_array("f8", 2)] * 2, types.int64, types.boolean)
+_MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), *[_array("f8", 2)] * 3, types.int64, types.boolean)
 _SIGNATURES = (
     (types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 5, types.boolean),
     (types.int64, *[_array("f8", 2)] * 2), (types.int64, *[_array("f8", 2)] * 3),
@@ -218,7 +218,7 @@ _SIGNATURES = (
 _WHOLE, _BLOCK = _array("i8", 1), _array("f8", 2)
 _LANES = types.boolean(
     _WHOLE, types.int64, types.int64, _WHOLE, *[_BLOCK] * 3, _array("i8", 2), *[_BLOCK] * 2, _WHOLE, _WHOLE,
-    _array(PLAN, 1), *[_BLOCK] * 3, _array(NOW, 1), *[_BLOCK] * 2, _array(EVENT_ROW, 1), *[_BLOCK] * 2, _WHOLE,
+    _array(PLAN, 1), *[_BLOCK] * 3, _array(NOW, 1), *[_BLOCK] * 3, _array(EVENT_ROW, 1), *[_BLOCK] * 2, _WHOLE,
 )  # fmt: skip
 
 

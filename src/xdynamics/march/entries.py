@@ -29,7 +29,7 @@ _NO_TRIAL, _NO_PIECE, _NOT_KEPT = np.zeros(1, TRIAL), np.zeros(1, PIECE), np.zer
 _NO_WATCH, _NO_TOUCH = np.zeros(1, WATCH), np.zeros(1, TOUCH)
 
 
-def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, first: int, kept: bool) -> int:  # fmt: skip
+def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, passed: Floats, first: int, kept: bool) -> int:  # fmt: skip
     """March one run after the other through one `Run`, from its arrays of starts and parameters to the ends.
 
     Parameters
@@ -46,6 +46,8 @@ def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, para
         The last row of each run's log; filled.
     largest : ndarray, shape (n, …)
         What the largest absolute values were, where steps are chosen; filled.
+    passed : ndarray, shape (n, …)
+        Of each switch that was declared smooth its side at the end, how often it was passed, and when first; filled.
     first : int
         The run to begin with, or to go on with where it is already marching.
     kept : bool
@@ -71,6 +73,7 @@ def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, para
         ends[k] = run.now[0]
         for i in range(largest.shape[1]):
             largest[k, i] = run.largest[i]
+        keep_passed(run, passed, k)
     return int(starts.shape[0])
 
 
@@ -81,6 +84,14 @@ def keep_last(run: Run, lasts: Floats, k: int) -> None:
     if row >= 0:
         for i in range(lasts.shape[1]):
             lasts[k, i] = run.log_rows[i, row]
+
+
+@shared
+def keep_passed(run: Run, passed: Floats, k: int) -> None:
+    """Copy what is known of switches that were declared smooth: the end of the working memory."""
+    count = passed.shape[1]
+    for i in range(count):
+        passed[k, i] = run.w[run.w.shape[0] - count + i]
 
 
 @compiled
@@ -115,6 +126,8 @@ def forget(run: Run) -> None:
         run.touches[i] = _NO_TOUCH[0]
     for i in range(run.at.shape[0]):
         run.at[i] = 0.0
+    for i in range(run.w.shape[0]):  # what was passed, and what a method kept of its last step
+        run.w[i] = 0.0
     for i in range(run.e.shape[0]):  # errors of steps, by which event functions are uncertain
         run.e[i] = run.located_e[i] = run.full_e[i] = 0.0
 

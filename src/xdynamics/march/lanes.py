@@ -15,7 +15,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import REGIME
 from xdynamics.kernels.striding import LANE
 from xdynamics.march.contacts.holding import choose
-from xdynamics.march.entries import begin, keep_last
+from xdynamics.march.entries import begin, keep_last, keep_passed
 from xdynamics.march.handle import march_by, run_at, strode_by
 from xdynamics.march.log import has_room, note
 from xdynamics.march.outcomes import RUNNING
@@ -35,7 +35,7 @@ NONE = -1  # no run is in the lane
 LIVING, FOLLOWING, EVENTS = range(3)  # of `standing`: lanes with a run, the next run, events that were handed out
 
 
-def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, at: Floats, y: Floats, p: Floats, pieces: Whole, z: Floats, w: Floats, members: Whole, standing: Whole, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, met: Records, rates: Floats, impulses: Floats, owners: Whole) -> bool:  # fmt: skip
+def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, at: Floats, y: Floats, p: Floats, pieces: Whole, z: Floats, w: Floats, members: Whole, standing: Whole, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, passed: Floats, met: Records, rates: Floats, impulses: Floats, owners: Whole) -> bool:  # fmt: skip
     """March runs from their starts and parameters to their ends.
 
     Parameters
@@ -52,7 +52,7 @@ def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, a
         Which run is in which lane.
     standing : ndarray of int, shape (3,)
         `LIVING`, `FOLLOWING`, `EVENTS`.
-    plans, starts, parameters, atols, ends, lasts, largest
+    plans, starts, parameters, atols, ends, lasts, largest, passed
         Of the runs, as for `entries.march_many`.
     met, rates, impulses, owners
         Events as they come, and which run each is of.
@@ -76,7 +76,7 @@ def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, a
                 hand_out(run, members[lane], standing, met, rates, impulses, owners)
             while members[lane] == NONE or run.now[0].status != RUNNING:
                 if members[lane] != NONE:
-                    close(run, members[lane], ends, lasts, largest)
+                    close(run, members[lane], ends, lasts, largest, passed)
                 members[lane] = NONE
                 if standing[EVENTS] + run.log_events.shape[0] > met.shape[0]:
                     return False
@@ -172,6 +172,9 @@ def enter(run: Run, at: Floats, y: Floats, p: Floats, pieces: Whole, w: Floats, 
         w[first + i, lane], w[first + used + i, lane] = run.atol[i], run.largest[i]
         w[first + 2 * used + i, lane] = run.e[i]
     watch_sides(run, w, first + 3 * used, lane)
+    first += 3 * used + 2 * run.detectors.shape[0]
+    for i in range(w.shape[0] - first):  # of switches that were declared smooth
+        w[first + i, lane] = run.w[run.w.shape[0] - (w.shape[0] - first) + i]
 
 
 @shared
@@ -207,6 +210,9 @@ def leave(run: Run, y: Floats, w: Floats, lane: int) -> None:
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].role == GAP:
             run.touches[run.detectors[i].reaction].largest = w[first + i, lane]
+    first += run.detectors.shape[0]
+    for i in range(w.shape[0] - first):
+        run.w[run.w.shape[0] - (w.shape[0] - first) + i] = w[first + i, lane]
     if accepted == 0:
         rebase(run)
         return
@@ -219,9 +225,10 @@ def leave(run: Run, y: Floats, w: Floats, lane: int) -> None:
 
 
 @shared
-def close(run: Run, member: int, ends: Records, lasts: Floats, largest: Floats) -> None:
+def close(run: Run, member: int, ends: Records, lasts: Floats, largest: Floats, passed: Floats) -> None:
     """Keep what became of a run that is over."""
     keep_last(run, lasts, member)
     ends[member] = run.now[0]
     for i in range(largest.shape[1]):
         largest[member, i] = run.largest[i]
+    keep_passed(run, passed, member)

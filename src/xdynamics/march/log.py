@@ -19,6 +19,7 @@ _HUGE = 1 << 22  # bytes from which numpy asks for huge pages
 _WIDE = 100  # columns from which on huge pages pay: a row is then spread over more pages than a processor keeps in mind
 _SHORT = 1 << 16
 _POPULATE = 23  # MADV_POPULATE_WRITE of Linux 5.14
+PIECES = 128  # of a table that one flag tells apart
 MOST_SUBSTEPS = 200  # of one event's bracket, where halving alone needs 60, and of the search for events in a step
 
 
@@ -83,10 +84,29 @@ def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
     run.log_flags[0, row], run.log_flags[1, row] = kind, now.regime
     for k in range(run.touches.shape[0]):
         run.log_flags[2 + k, row] = run.touches[k].state
+    if run.plan[0].switches > 0:
+        note_sides(run, row)
     finite = at[UNSOUND] == 0.0
     if finite:
         now.rows += 1
     return finite
+
+
+@compiled
+def note_sides(run: Run, row: int) -> None:
+    """Write on which side of each switch hidden in forces a row is; of a table in which piece."""
+    place = 2 + run.touches.shape[0]
+    for i in range(run.detectors.shape[0] - run.plan[0].switches, run.detectors.shape[0]):
+        detector = run.detectors[i]
+        if detector.drive < 0:
+            run.log_flags[place, row] = np.int8(run.modes[detector.to])
+            place += 1
+        else:
+            piece = run.places[3 * detector.drive + 2]
+            for k in range(3):
+                run.log_flags[place + k, row] = piece % PIECES
+                piece //= PIECES
+            place += 3
 
 
 @compiled
@@ -159,7 +179,7 @@ def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
     return Log(
         np.zeros(1, BASE),
         _pages((len(layout.row), rows), np.float64),
-        _pages((2 + len(layout.reactions), rows), np.int8),
+        _pages((layout.flags, rows), np.int8),
         _pages((len(layout.sample), samples), np.float64),
         np.empty(trials, TRIAL_ROW),
         np.empty(most, EVENT_ROW),

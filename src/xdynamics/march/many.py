@@ -43,6 +43,8 @@ class Runs:
         Where each march stands at its end, in internal units.
     largest : ndarray, shape (n, m)
         The largest absolute value of each coordinate, velocity and state, in internal units, where steps are chosen.
+    passed : ndarray of int, shape (n, k)
+        How often each switch that was declared smooth was passed: `layout.smooth`.
     kept : Block
         Rows of the logs of all runs, one run behind the other: all, or the last of each alone. And every event.
     parameters : ndarray, shape (n, …)
@@ -55,6 +57,7 @@ class Runs:
     scales: Scales
     ends: NDArray[Any]
     largest: Floats
+    passed: NDArray[np.int64]
     kept: Block
     parameters: Floats
     first_event: NDArray[np.int64]
@@ -203,7 +206,7 @@ def _march(model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str
     part = Part.of(n, law, inputs[2])
     first = 0
     while True:
-        first = engine().march_many(run, *inputs, part.ends, part.lasts, part.largest, first, logs)
+        first = engine().march_many(run, *inputs, part.ends, part.lasts, part.largest, part.passed, first, logs)
         part.logs.append(_emptied(run, log, logs=logs))
         if first == n:
             return part
@@ -237,6 +240,7 @@ def _joined(law: Law, settings: Settings, parts: list[Part], *, logs: bool) -> R
         settings.scales,
         ends,
         np.concatenate([one.largest for one in parts]),
+        np.concatenate([one.passed for one in parts])[:, 1::3].astype(np.int64),
         Block(log, log.rows.shape[1], 0, len(log.events), 0),
         np.concatenate([one.parameters for one in parts]),
         np.concatenate([[0], np.cumsum(ends["events"])]),

@@ -29,14 +29,18 @@ class Part:
     ends: NDArray[Any]
     lasts: Floats
     largest: Floats
+    passed: (
+        Floats  # of each switch that was declared smooth its side at the end, how often it was passed, and when first
+    )
     parameters: Floats
     logs: list[Log]
 
     @classmethod
     def of(cls, runs: int, law: Law, parameters: Floats) -> Part:
         """Return room for so many runs."""
-        used, row = len(law.layout.used), len(law.layout.row)
-        return cls(np.zeros(runs, NOW), np.zeros((runs, row)), np.zeros((runs, used)), parameters, [])
+        used, row, smooth = len(law.layout.used), len(law.layout.row), len(law.layout.smooth)
+        lasts, largest, passed = (np.zeros((runs, width)) for width in (row, used, 3 * smooth))
+        return cls(np.zeros(runs, NOW), lasts, largest, passed, parameters, [])
 
 
 def inputs_of(

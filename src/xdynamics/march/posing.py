@@ -88,7 +88,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         grid=grid,
         steps=steps,
         **_watching(model, law, settings),
-        w=np.zeros(law.steps.memory),
+        w=np.zeros(law.steps.memory + 3 * len(law.layout.smooth)),
         kept=np.zeros(1, KEPT),
         **_solving(law),
         law=np.append(addresses, _solver(law)) if law.scheme.method.implicit else addresses,

@@ -142,6 +142,12 @@ class March:
         return max(0, int(self.now.rows) - 1 - self.event_pairs)
 
     @property
+    def passed(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """How often each switch that was declared smooth was passed, and the time of the first state behind it, else nan."""
+        known = self.run.w[self.run.w.size - 3 * len(self.layout.smooth) :].reshape(-1, 3)
+        return known[:, 1].astype(np.int64), np.where(known[:, 1] > 0.0, known[:, 2], np.nan)
+
+    @property
     def outcome(self) -> Outcome:
         """How the run ended, as the loop knows it; `diagnosis.ending` says what failed."""
         return OUTCOMES[INTERRUPTED if self.now.status == RUNNING else int(self.now.status)]

@@ -18,7 +18,7 @@ from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.parts import ENERGETIC
 from xdynamics.model.reactions import reactions
-from xdynamics.model.switches import LOCATED, SWITCHES, sided
+from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, sided
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, behind
 
 EPS = float(np.finfo(float).eps)
@@ -197,7 +197,7 @@ class Settings:
 
     def layout(self, model: Model) -> Layout:
         """Return where each number of the march stands."""
-        return layout_of(sided(model) if self.switches == LOCATED else model, self.scheme)
+        return layout_of(sided(model, self.switches), self.scheme)
 
     def check(self, model: Model) -> None:
         """Refuse what no march could use.
@@ -297,7 +297,11 @@ class Settings:
 
     def _switches_faults(self) -> list[str]:
         known = ", ".join(f"'{one}'" for one in SWITCHES)
-        return [] if self.switches in SWITCHES else [f"switches is {self.switches!r}; there are {known}"]
+        return (
+            []
+            if self.switches in (*SWITCHES, LOCATED_EVERYWHERE)
+            else [f"switches is {self.switches!r}; there are {known}"]
+        )
 
     def _estimator_faults(self) -> list[str]:
         if self.estimator not in ESTIMATORS:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 
 from xdynamics.expressions import Binary, Call, Name, Node, derivative, dimension_of
-from xdynamics.expressions.calculus import ZERO
+from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.model.mass import Assignment
 from xdynamics.model.model import Model
 from xdynamics.model.motion import motion
 from xdynamics.model.parts import Contact, Event, Friction, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
-from xdynamics.model.switches import watched_by
+from xdynamics.model.switches import SidedEverywhere, side, watched_by, where_it_decides
 from xdynamics.units import NONE, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, one that has settled; a slip
@@ -31,6 +31,8 @@ class Detector:
         The event, contact or friction element that it belongs to.
     function : Node
         Without definitions; it may name reactions.
+    watched : Node, optional
+        Of a switch that decides something in places alone: the function there, and elsewhere 1, which has no zero.
     role : int
     event : Event
         What the model says, of an occasion.
@@ -56,6 +58,12 @@ class Detector:
     sampled: bool = False
     drive: str = ""
     position_tolerance: Quantity | None = None
+    watched: Node | None = None
+
+    @property
+    def looked_at(self) -> Node:
+        """What is looked at for a zero."""
+        return self.function if self.watched is None else self.watched
 
 
 @lru_cache(maxsize=64)
@@ -80,10 +88,18 @@ def detectors(model: Model) -> tuple[Detector, ...]:
             Detector(one.owner, tree, role, part.time_tolerance, to, reaction=k, position_tolerance=_place(part, role))
             for role, tree, to in watched
         ]
+    return (*found, *_switching(model))
+
+
+def _switching(model: Model) -> Iterator[Detector]:
+    """Yield the switches in forces, each looked for where it decides something."""
+    sides = {(each.owner, each.function): side(i) for i, each in enumerate(watched_by(model))}
     for each in watched_by(model):
-        role = SWITCH if each.jumps else KINK
-        found.append(Detector(each.name, each.function, role, at_zero=each.at_zero, drive=each.drive))
-    return tuple(found)
+        role, watched = SWITCH if each.jumps else KINK, None
+        if each.nested and not isinstance(model, SidedEverywhere):
+            own = {function: name for (owner, function), name in sides.items() if owner == each.owner}
+            watched = where_it_decides(each, own, each.function, ONE)
+        yield Detector(each.name, each.function, role, at_zero=each.at_zero, drive=each.drive, watched=watched)
 
 
 def _place(part: Contact | Friction, role: int) -> Quantity | None:
@@ -140,7 +156,7 @@ def followed(model: Model) -> tuple[Assignment, ...]:
 def function_rate(model: Model, detector: Detector) -> Node:
     """Return the time derivative of a detector's function along the motion; see `followed`."""
     known = {one.name.removeprefix("_rate_of_"): Name(one.name) for one in followed(model) if one.name.startswith("_rate_of_")}  # fmt: skip
-    return derivative(detector.function, {**known, **model.rates})
+    return derivative(detector.looked_at, {**known, **model.rates})
 
 
 def function_bend(model: Model, detector: Detector) -> Node:

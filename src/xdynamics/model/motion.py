@@ -24,7 +24,7 @@ from xdynamics.model.mass import Assignment, factors, less, solved
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
 from xdynamics.model.reactions import free, modes, reacting, reactions
-from xdynamics.model.switches import told
+from xdynamics.model.switches import Switch, told, where_it_decides
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.units import CONSTANTS, UNSCALED, Scales, constant
 
@@ -91,6 +91,12 @@ def in_regimes(model: Model, term: str, tree: Node) -> Node:
             holds = Compare("==", Name(REGIME_NUMBER), Number(float(i)))
             found = Call("where", (holds, tree, found))
     return found
+
+
+def decides(model: Model, switch: Switch) -> Node:
+    """Return 1 where a switch decides something, else 0: elsewhere are other sides of a `where`, or other regimes."""
+    found = where_it_decides(switch, {}, ONE, ZERO)
+    return in_regimes(model, switch.owner, found) if switch.owner in model.forces else found
 
 
 @lru_cache(maxsize=64)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
-from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, chain, free_names
+from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, Number, chain, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import children
 from xdynamics.model.model import Model
@@ -20,10 +20,16 @@ from xdynamics.schema import velocity
 MOST_SWITCHES = 40  # that are watched for: a search for more costs more than it is worth
 LOCATED, STEPPED_OVER = "located", "stepped over"
 SWITCHES = (LOCATED, STEPPED_OVER)
+# As version 0.2 did: also inside a `where` whose side does not hold, where they decide nothing. Archives are marched so again.
+LOCATED_EVERYWHERE = "located everywhere"
 BENT = (
     "previous",
     "linear",
 )  # interpolations that jump or bend at every point; the others are smooth enough to step over
+
+
+# What has to hold for a switch to decide anything: comparisons of the `where`s around it, each with whether it is to be true.
+Path = tuple[tuple[Compare, bool], ...]
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,10 @@ class Switch:
         The side that zero belongs to.
     drive : str
         The table, where that is the switch: the function is positive between two of its points.
+    paths : tuple of Path
+        It decides something where one of these holds: the `where`s that it stands in; an empty one holds everywhere.
+    flatness : int
+        The first derivative of the force, by the function, that jumps at zero: 0 is the force itself.
     """
 
     owner: str
@@ -52,24 +62,83 @@ class Switch:
     jumps: bool
     at_zero: int = 1
     drive: str = ""
+    paths: tuple[Path, ...] = ((),)
+    flatness: int = 0
+
+    @property
+    def nested(self) -> bool:
+        """Whether it decides something in places alone."""
+        return () not in self.paths
 
 
 @lru_cache(maxsize=64)
 def switches(model: Model) -> tuple[Switch, ...]:
     """Return the hidden switches of forces and rates that are not declared smooth, in the order written."""
     found: list[Switch] = []
-    for owner, trees in _trees(model):
+    for owner, trees in _trees(model, smooth=False):
         told = {one.drive for one in found}
         found += [_between(model, owner, name) for name in _bent(model, trees) if name not in told]
-        known: dict[str, list[Node]] = {}
-        for tree in trees:
-            for name, function, jumps, at_zero in _kinks(tree):
-                met = known.setdefault(name, [])
-                if function not in met and _moves(model, function):
-                    met.append(function)
-                    number = f"_{len(met)}" if len(met) > 1 else ""
-                    found.append(Switch(owner, f"{owner}:{name}{number}", function, jumps, at_zero))
+        found += _of_trees(model, owner, trees)
     return tuple(found)
+
+
+@lru_cache(maxsize=64)
+def smooth_switches(model: Model) -> tuple[Switch, ...]:
+    """Return the hidden switches of forces and rates that are declared smooth: they are not located, but counted.
+
+    Points of tables are not among them; see `bent_and_smooth`.
+    """
+    return tuple(one for owner, trees in _trees(model, smooth=True) for one in _of_trees(model, owner, trees))
+
+
+def bent_and_smooth(model: Model) -> tuple[str, ...]:
+    """Return the forces and rates, declared smooth, that read a table which bends at points that the motion passes."""
+    return tuple(owner for owner, trees in _trees(model, smooth=True) if _bent(model, trees))
+
+
+def _of_trees(model: Model, owner: str, trees: list[Node]) -> list[Switch]:
+    """Return the switches of one force or rate; what is met again holds along its other paths too."""
+    found: dict[tuple[str, Node], Switch] = {}
+    counts: dict[str, int] = {}
+    for tree in trees:
+        for name, function, jumps, at_zero, path, flatness in _kinks(tree):
+            if not _moves(model, function):
+                continue
+            known = found.get((name, function))
+            if known is not None:
+                paths = known.paths if path in known.paths else (*known.paths, path)
+                found[name, function] = replace(known, paths=paths, flatness=min(known.flatness, flatness))
+                continue
+            counts[name] = counts.get(name, 0) + 1
+            number = f"_{counts[name]}" if counts[name] > 1 else ""
+            found[name, function] = Switch(
+                owner, f"{owner}:{name}{number}", function, jumps, at_zero, paths=(path,), flatness=flatness
+            )
+    return list(found.values())
+
+
+def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, outside: Node) -> Node:
+    """Return a tree that is one thing where a switch decides something, and another elsewhere.
+
+    Parameters
+    ----------
+    switch : Switch
+    sides : mapping of Node to str
+        The names of the sides of the conditions that are switches themselves, by their functions; others are compared.
+    inside, outside : Node
+    """
+    if not switch.nested:
+        return inside
+    found = outside
+    for path in reversed(switch.paths):
+        tree = inside
+        for condition, holds in reversed(path):
+            known = sides.get(Binary("-", condition.left, condition.right))
+            if known is not None:
+                condition = Compare(condition.operator[0], Name(known), ZERO)  # noqa: PLW2901
+            tree = Call("where", (condition, tree, found) if holds else (condition, found, tree))
+        found = tree
+    return found
 
 
 def _bent(model: Model, trees: list[Node]) -> list[str]:
@@ -109,7 +178,7 @@ class Sided(Model):
     @cached_property
     def digest(self) -> str:
         """That of the model, and that it is this."""
-        return f"{self.plain.digest} sided"
+        return f"{self.plain.digest} {type(self).__name__}"
 
     @cached_property
     def force_components(self) -> dict[str, dict[str, Node | Function]]:
@@ -125,13 +194,17 @@ class Sided(Model):
         return _told(self.plain.expanded(tree), sides) if sides else tree
 
 
+class SidedEverywhere(Sided):
+    """One whose switches are looked for where they decide nothing, too."""
+
+
 @lru_cache(maxsize=64)
-def sided(model: Model) -> Model:
-    """Return a model that is told its sides; itself, where there are none."""
+def sided(model: Model, asked: str = LOCATED) -> Model:
+    """Return a model that is told its sides; itself, where there are none, or they are stepped over."""
     found = watched_switches(model)
-    if not found or isinstance(model, Sided):
+    if not found or isinstance(model, Sided) or asked == STEPPED_OVER:
         return model
-    told = object.__new__(Sided)
+    told = object.__new__(SidedEverywhere if asked == LOCATED_EVERYWHERE else Sided)
     told.__dict__.update(
         {key: value for key, value in vars(model).items() if key not in ("digest", "force_components")}
     )
@@ -205,43 +278,93 @@ def _chosen(node: Call, inner: tuple[Node, ...], sides: Mapping[Node, str]) -> N
     return result
 
 
-def _trees(model: Model) -> Iterator[tuple[str, list[Node]]]:
+def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, list[Node]]]:
     for term, parts in model.force_components.items():
-        if not model.forces[term].smooth:
+        if model.forces[term].smooth == smooth:
             yield term, [model.expanded(one) for one in parts.values() if not isinstance(one, Function)]
     for name, state in model.states.items():
-        if not state.smooth:
+        if state.smooth == smooth:
             yield name, [model.expanded(state.rate)]
 
 
-def _kinks(node: Node) -> Iterator[tuple[str, Node, bool, int]]:
-    """Yield function, what passes through zero, whether there is a jump, and zero's side, of a tree from the inside out."""
+Kink = tuple[str, Node, bool, int, Path, int]
+
+
+def _kinks(node: Node, path: Path = (), factors: tuple[Node, ...] = ()) -> Iterator[Kink]:
+    """Yield the switches of a tree from the inside out.
+
+    Each is function, what passes through zero, whether there is a jump, zero's side, the `where`s around it, and the
+    derivative that jumps: ``v*abs(v)`` is flatter at zero than ``abs(v)``.
+
+    Parameters
+    ----------
+    node : Node
+    path : Path
+        The `where`s around the node.
+    factors : tuple of Node
+        What the node is multiplied by.
+    """
     if isinstance(node, Binary):
-        first, links = chain(node)
-        for part in (first, *(one.right for one in links)):
-            yield from _kinks(part)
+        yield from _kinks_of_chain(node, path, factors)
         return
-    for part in children(node):
-        yield from _kinks(part)
+    condition = node.arguments[0] if isinstance(node, Call) and node.function == "where" else None
+    if isinstance(condition, Compare):
+        branches = children(node)[1:]
+        yield from _kinks(condition, path)
+        bounded = condition.operator in ("==", "!=")  # of what moves, true or false at instants alone
+        for part, holds in zip(branches, (True, False), strict=True):
+            yield from _kinks(part, path if bounded else (*path, (condition, holds)), factors)
+    else:
+        for part in children(node):
+            yield from _kinks(part, path, factors if isinstance(node, Negative) else ())
     if not isinstance(node, Call):
         return
+    for function, jumps, at_zero in _own(node):
+        flatness = int(not jumps) + sum(one == function for one in factors)
+        yield node.function, function, jumps, at_zero, path, flatness
+
+
+def _kinks_of_chain(node: Binary, path: Path, factors: tuple[Node, ...]) -> Iterator[Kink]:
+    """Yield the switches of sums, and of products, whose factors make each other's flatter."""
+    first, links = chain(node)
+    behind = [factors]  # what the value up to each link is yet to be multiplied by, from the last link to the first
+    for link in reversed(links):
+        more = _powers(link.right) if link.operator == "*" else ()
+        behind.append(() if link.operator == "**" else (*behind[-1], *more))
+    yield from _kinks(first, path, behind.pop())
+    for link in links:
+        after = behind.pop()
+        others = (*after, *_powers(link.left)) if link.operator == "*" else after
+        yield from _kinks(link.right, path, others if link.operator in "+-*" else ())
+
+
+def _powers(node: Node) -> Iterator[Node]:
+    """Write a product as its factors, and whole powers as factors too; the product itself is among them."""
+    yield node
+    if isinstance(node, Negative):
+        yield from _powers(node.operand)
+    elif isinstance(node, Binary) and node.operator == "*":
+        yield from _powers(node.left)
+        yield from _powers(node.right)
+    elif isinstance(node, Binary) and node.operator == "/":
+        yield from _powers(node.left)
+    elif isinstance(node, Binary) and node.operator == "**" and isinstance(node.right, Number):
+        yield from [node.left] * int(node.right.value)
+
+
+def _own(node: Call) -> Iterator[tuple[Node, bool, int]]:
+    """Yield what passes through zero at the switches that a call itself is, whether there is a jump, and zero's side."""
     if node.function in ("abs", "sign"):
-        yield node.function, node.arguments[0], node.function == "sign", 1
+        yield node.arguments[0], node.function == "sign", 1
     elif node.function in ("min", "max"):
         *rest, last = node.arguments
         for i, one in enumerate(rest):
             others = (*rest[i + 1 :], last)
-            yield (
-                node.function,
-                Binary("-", one, others[0] if len(others) == 1 else Call(node.function, others)),
-                False,
-                1,
-            )
+            yield Binary("-", one, others[0] if len(others) == 1 else Call(node.function, others)), False, 1
     elif node.function == "where":
         condition = node.arguments[0]
         if isinstance(condition, Compare) and condition.operator not in ("==", "!="):
-            at_zero = 1 if condition.operator in ("<", ">=") else -1
-            yield "where", Binary("-", condition.left, condition.right), True, at_zero
+            yield Binary("-", condition.left, condition.right), True, 1 if condition.operator in ("<", ">=") else -1
 
 
 def _moves(model: Model, function: Node) -> bool:

@@ -20,6 +20,7 @@ from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.event_columns import event_columns
+from xdynamics.record.switches import passed, side_columns
 from xdynamics.schema import SAMPLES, STEPS, Variable
 from xdynamics.units import NUMBERS, SECONDS, Scales, Unit
 
@@ -63,6 +64,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
         found.append(
             (Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", more), one.quantity.value)
         )
+    found += passed(march)
     names, numbers = numbers_at_end(march.run)
     found.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
     functions = "".join(
@@ -121,6 +123,7 @@ def _steps(about: About) -> list[Column]:
     for k, one in enumerate(reactions(model)):
         add(one.name, _said_of(one), "reaction", units.known[one.name], _declared(model, one))
         found.append(Column(_state_of(one), _flag(2 + k)))
+    found += side_columns(about)
     if layout.estimates and about.tolerances is not None:
         found.append(Column(schema.ERROR_NORM, row_of(order["error_norm"], 1.0)))
     for name in layout.used if layout.estimates else ():

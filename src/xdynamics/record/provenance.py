@@ -25,13 +25,14 @@ from xdynamics.methods.method import HERMITE, printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, STEP_DOUBLING, Scheme
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
-from xdynamics.model.switches import STEPPED_OVER, watched_switches
+from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
 from xdynamics.record.kinds import left_out_atols
 from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, Quantity, Scales, Unit, behind, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
 
+EVERYWHERE = "everywhere"
 _SCALES = {"length": "m", "time": "s", "mass": "kg"}
 
 
@@ -112,7 +113,21 @@ def force_digest(march: March) -> str:
 
 def _switches(march: March) -> dict[str, str]:
     """Say what was done about switches hidden in forces, where there are any."""
-    return {"solver_switches": march.settings.switches} if watched_switches(march.model) else {}
+    asked, watched = march.settings.switches, watched_switches(march.model)
+    if not watched:
+        return {}
+    if asked == STEPPED_OVER or not any(one.nested for one in watched):
+        return {"solver_switches": asked}
+    where = EVERYWHERE if asked == LOCATED_EVERYWHERE else "where the side of the where around them holds"
+    return {"solver_switches": LOCATED, "solver_switches_watched": where}
+
+
+def _switches_asked(used: dict[str, Any]) -> str:
+    """Return what a record says was done about switches."""
+    asked = str(used.get("solver_switches", STEPPED_OVER))  # before there were any, they were stepped over
+    # nor did version 0.2 say where they were looked for: it was everywhere
+    everywhere = used.get("solver_switches_watched", EVERYWHERE) == EVERYWHERE
+    return LOCATED_EVERYWHERE if asked == LOCATED and everywhere else asked
 
 
 def _time_scales(march: March) -> dict[str, Any]:
@@ -168,7 +183,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "scales": scales or None,
         "jacobian": used.get("solver_jacobian"),
         "summation": used.get("solver_summation", PLAIN),  # version 0.1 had no other
-        "switches": used.get("solver_switches", STEPPED_OVER),  # before there were any, they were stepped over
+        "switches": _switches_asked(used),
         "time_tolerance": used.get("solver_time_tolerance"),
         "math_functions": kept_set(used.get("math_functions")),
         "nodes": np.atleast_1d(used["solver_nodes"]).tolist() if "solver_nodes" in used else None,

@@ -18,8 +18,9 @@ from xdynamics.march import March, Runs, march_many
 from xdynamics.march.diagnosis import ending
 from xdynamics.march.doubts import uncontrolled
 from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
+from xdynamics.model.switches import smooth_switches
 from xdynamics.record.provenance import xdynamics_version
-from xdynamics.schema import REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE
+from xdynamics.schema import PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE
 from xdynamics.sweeping.grid import Grid, Group
 from xdynamics.sweeping.harvest import Harvest
 from xdynamics.sweeping.keeping import COUNT, DIAGNOSTIC, Keeping, Kept
@@ -107,6 +108,22 @@ class Plan:
         return [
             *(files if whole else []),
             Kept(UNCONTROLLED, (), (), "1", said, DIAGNOSTIC, lambda runs: np.zeros(runs.size), dtype="i4"),
+            *(
+                [
+                    Kept(
+                        PASSED.name,
+                        (),
+                        (),
+                        "1",
+                        "how often switches that are declared smooth were passed by a step, and not located",
+                        DIAGNOSTIC,
+                        _passed,
+                        dtype="i8",
+                    )
+                ]
+                if smooth_switches(self.grid.model)
+                else []
+            ),
             Kept(OUTCOME, (), (), "1", "how the run ended", "outcome", _outcomes, dtype=f"U{LONGEST_WORD}"),
             *(
                 [
@@ -177,6 +194,12 @@ def _none(runs: Harvest) -> Values:
 def _outcomes(runs: Harvest) -> Values:
     words = np.array([OUTCOMES[one].word if one in OUTCOMES else "" for one in range(max(OUTCOMES) + 1)])
     return words[runs.runs.status]
+
+
+def _passed(runs: Harvest) -> Values:
+    """Count how often switches that are declared smooth were passed."""
+    found: Values = runs.runs.passed.sum(axis=1)
+    return found
 
 
 def _stopped_by(runs: Harvest) -> Values:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics.march.outcomes import GOOD
+from xdynamics.schema import PASSED
 from xdynamics.sweeping.collection import AXES, AXIS, KEEP, settings_said
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
 
@@ -32,6 +33,10 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
     if loose:
         lines.append(
             f"doubt     of {loose} members the tolerances did not control every variable; give smaller ones by atol"
+        )
+    if PASSED.name in sweep and (count := int(np.count_nonzero(sweep[PASSED.name].values))):
+        lines.append(
+            f"doubt     {count} members passed switches in forces that are declared smooth; leave smooth out to have them located"
         )
     return [*lines, *_kept(sweep)]
 

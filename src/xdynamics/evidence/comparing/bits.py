@@ -15,7 +15,8 @@ from xdynamics.schema import COUNTS, END_MEMORY, ORIGIN, ROOT_DIGEST, SELECTION_
 SLAB = 1_000_000
 STATES = ("coordinate", "velocity", "state")  # roles
 # the text of the law, which another version may write in other words, the set of elementary functions, the words of records
-LAW = ("force_source", "force_digest", "math_functions", "schema_version")
+# and the sentence of the outcome, in which later versions say more against a run
+LAW = ("force_source", "force_digest", "math_functions", "schema_version", "run_outcome_text")
 # what later versions define otherwise: of 0.1, the uncertainty of an event's location had no least value
 REDEFINED = ("event_time_uncertainty",)
 OFFSETS = "event_offset_"  # of 0.2, always 0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.exhibit import about
 from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
-from xdynamics.evidence.refining.levels import RTOLS, Levels
+from xdynamics.evidence.refining.levels import RTOLS, TIME_TOLERANCES, Levels
 from xdynamics.schema import LEVEL, flags
 
 Floats = NDArray[np.float64]
@@ -32,6 +32,8 @@ class Watched:
         What it came to, and how far interpolation or location may have that off.
     rounding, moved : ndarray, shape (places,)
         How far rounding, and what is not known of events before, may have the finest values off.
+    kinks : ndarray, shape (places,)
+        The order that switches leave which steps went over, inf where none did.
     scale : float
         What differences are measured by besides: a size of the quantity that is never zero.
     """
@@ -45,6 +47,7 @@ class Watched:
     rounding: Floats
     moved: Floats
     scale: float
+    kinks: Floats | None = None
 
     @property
     def changes(self) -> Floats:
@@ -54,8 +57,8 @@ class Watched:
         return found
 
 
-def family(one: Watched, levels: Levels) -> dict[str, Any]:
-    """Return every variable that is said of one number, ready for a Dataset."""
+def family(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
+    """Return every variable that is said of one number, ready for a Dataset; `accepted` are the finest level's steps."""
     name, units, changes = one.name, one.units, one.changes
     each = (LEVEL, *one.dims)
 
@@ -74,19 +77,29 @@ def family(one: Watched, levels: Levels) -> dict[str, Any]:
         f"interpolation_error_{name}": (each, along(one.errors), about(units, f"how far interpolation, or the location of an event, may have {name} off", ROLE)),
         f"gate_{name}": (each, along(gate), about("1", f"passed where interpolation_error_{name} is at most the difference to the next finer level", "flag") | flags(dict(enumerate(GATES)))),
     }  # fmt: skip
-    return found | (_judged(one, levels) if levels.ordered else {})
+    return found | (_judged(one, levels, accepted) if levels.ordered else {})
 
 
-def _judged(one: Watched, levels: Levels) -> dict[str, Any]:
+def _judged(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
     """Return what can be said where levels are numbers that errors shrink with."""
     name, units, steps = one.name, one.units, levels.values
     orders = observed_orders(one.values, steps).T if one.dims else observed_orders(one.values, steps)[0]
+    smooth = levels.varied is not RTOLS
+    kinks = np.full(len(one.values), np.inf) if one.kinks is None or levels.varied is TIME_TOLERANCES else one.kinks
     judged = [
         judge(
-            values, steps, levels.formal, rounding, float(errors[-2:].max()), moved, smooth=levels.varied is not RTOLS
+            values,
+            steps,
+            levels.formal,
+            rounding,
+            float(errors[-2:].max()),
+            moved,
+            smooth=smooth,
+            kink=kink,
+            accepted=accepted,
         )
-        for values, errors, rounding, moved in zip(
-            one.values, one.errors, one.rounding.tolist(), one.moved.tolist(), strict=True
+        for values, errors, rounding, moved, kink in zip(
+            one.values, one.errors, one.rounding.tolist(), one.moved.tolist(), kinks.tolist(), strict=True
         )
     ]
     rules = sorted({found.rule for found in judged}) or ["none"]

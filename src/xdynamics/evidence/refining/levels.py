@@ -17,6 +17,7 @@ from xdynamics.march.asking import settings_for
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
+from xdynamics.model.switches import smooth_switches
 from xdynamics.units import Quantity, Unit, time_in
 
 if TYPE_CHECKING:
@@ -152,6 +153,18 @@ class Levels:
             if tolerances:  # what follows its variable goes with rtol by itself
                 varied |= absolute_tolerances(self.model, coarsest, float(value) / float(self.values[0]))
         return {"force_samples": "none"} | self.asked | varied
+
+    def located(self) -> Levels | None:
+        """Return the levels with every switch located, those that are declared smooth too; none where that is not written."""
+        said = tomllib.loads(self.model.to_toml())
+        changed = {
+            part: {name: {**one, "smooth": False} for name, one in said.get(part, {}).items() if one.get("smooth")}
+            for part in ("forces", "states")
+        }
+        written = {name for names in changed.values() for name in names}
+        if not {one.owner for one in smooth_switches(self.model)} <= written:
+            return None
+        return replace(self, model=self.model.replace(**{part: one for part, one in changed.items() if one}), keep=None)
 
     def marched(self, k: int) -> xr.Dataset:
         """Return the run of a level."""

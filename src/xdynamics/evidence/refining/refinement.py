@@ -131,7 +131,7 @@ def _changing(study: Study, wanted: Mapping[str, float]) -> list[str]:
     """Name what changed by more than its tolerance from the last level but one to the last."""
     if len(study.runs) < FEWEST:
         return list(wanted)
-    last = {one.name: np.abs(one.changes[:, -2]) for one in study.watched() if one.name in wanted}
+    last = {one.name: np.abs(one.changes[:, -2]) for one in study.numbers() if one.name in wanted}
     return [name for name, tolerance in wanted.items() if not (last.get(name, np.array([np.nan])) <= tolerance).all()]
 
 
@@ -147,7 +147,7 @@ def _dataset(study: Study, told: Mapping[str, Any], *, defects: bool) -> xr.Data
         AT_TIME: ((AT,), study.times, about(levels.model.time_unit.text, "time of comparison", "time")),
     }
     for one in study.watched():
-        more = family(one, levels)
+        more = family(one, levels, int(runs[-1].attrs["run_accepted_steps"]))
         if taken := sorted({*more} & {*variables}):
             raise InputError(f"'{taken[0]}' is a name of the model, and of what is said of its numbers; leave it out of observables=[…]")  # fmt: skip
         variables |= more
@@ -191,7 +191,7 @@ def _tolerances(asked: Mapping[str, Any], study: Study) -> dict[str, float]:
     """Read until which change of each number levels are added, in its unit."""
     if asked and not study.levels.ordered:
         raise InputError("until_change goes on with finer levels, and rules have none")
-    units = {one.name: one.units for one in study.watched()} if asked else {}
+    units = {one.name: one.units for one in study.numbers()} if asked else {}
     found = {}
     for name, given in asked.items():
         if name not in units:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +16,8 @@ from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.evidence.refining.family import Watched
 from xdynamics.evidence.refining.levels import Levels
 from xdynamics.faults import InputError
-from xdynamics.schema import AT, OCCURRENCE, acceleration, rate, velocity
+from xdynamics.model.switches import bent_and_smooth, smooth_switches
+from xdynamics.schema import AT, FIRST_PASSED, OCCURRENCE, PASSED, acceleration, rate, velocity
 from xdynamics.units import behind, time_in
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 EPS = float(np.finfo(float).eps)
+FINEST = 2  # levels of which it is looked at what switches cost that steps went over
+STEPPED_OVER = 1.25  # of that, for what the located runs are off themselves
+SMOOTH_TABLE = 2  # order that is left by points of a table that steps went over
 ENERGY_RANGE, PERIOD, PHASE = "energy_range", "period_", "phase_"
 
 
@@ -59,6 +63,64 @@ class Study:
         return times
 
     def watched(self) -> Iterator[Watched]:
+        """Yield every number that is compared, with what switches cost that steps went over before it."""
+        numbers = list(self.numbers())
+        located = self._with_switches_located(numbers)
+        for one in numbers:
+            if located is None:
+                yield replace(one, kinks=np.array([self.kink_before(time) for time in self._when(one).tolist()]))
+                continue
+            # one of the two levels may have the switch by chance on an end of a step
+            cost = np.max(np.abs(located[one.name] - one.values[:, -FINEST:]), axis=-1) if located else 0.0
+            yield replace(one, moved=one.moved + STEPPED_OVER * np.nan_to_num(cost, nan=np.inf))
+
+    def _with_switches_located(self, numbers: list[Watched]) -> dict[str, Floats] | None:
+        """Return the numbers of the two finest levels with all switches located.
+
+        Nothing, where no step went over one that is declared smooth; None, where they cannot be located.
+        """
+        if self.kink_before(float(self.runs[-1]["time"][-1])) == np.inf:
+            return {}
+        levels = self.levels.located()
+        if levels is None or not self.levels.ordered:
+            return None
+        count = len(self.runs)
+        runs = [levels.marched(k) for k in range(max(0, count - FINEST), count)]
+        if any(float(run["time"][-1]) < self.times.max() for run in runs):
+            return None
+        finest = replace(levels, values=levels.values[-FINEST:])
+        found = {one.name: one.values for one in Study(finest, runs, self.names, self.times.tolist()).numbers()}
+        same = all(one.name in found and found[one.name].shape[0] == len(one.values) for one in numbers)
+        return found if same else None
+
+    def _when(self, one: Watched) -> Floats:
+        """Return the times of a number's places; of one of a whole run, its end."""
+        if one.dims == (AT,):
+            return self.times
+        return self._occurred(one) if one.dims else np.full(len(one.values), float(self.runs[-1]["time"][-1]))
+
+    def kink_before(self, time: float) -> float:
+        """Return the order that switches leave which steps went over before a time in any level, inf where none did."""
+        orders = [float(SMOOTH_TABLE)] if bent_and_smooth(self.levels.model) else []
+        switches = {one.name: one for one in smooth_switches(self.levels.model)}
+        for run in self.runs:
+            if PASSED.name not in run.variables:
+                continue
+            names = str(run[PASSED.name].attrs["names"]).split()
+            for name, first in zip(names, run[FIRST_PASSED.name].values.tolist(), strict=True):
+                row = int(np.searchsorted(run["time"].values, first)) if first == first else 0
+                if row and time > float(run["time"][row - 1]):  # somewhere in the step to the first row behind it
+                    orders.append(switches[name].flatness + 1.0)
+        return min(orders, default=np.inf)
+
+    def _occurred(self, one: Watched) -> Floats:
+        """Return when the occurrences of an event were met in the finest level, or else at all."""
+        rows = next(each for name, each in self.met().items() if one.name in (f"event_time_{name}", *(f"after_{name}_{own}" for own in self.names)))  # fmt: skip
+        times, last = np.full(len(one.values), np.inf), self.runs[-1]["event_time"].values[rows[-1]]
+        times[: len(last)] = last
+        return times
+
+    def numbers(self) -> Iterator[Watched]:
         """Yield every number that is compared."""
         times = self.times
         yield from self._at_times(times)

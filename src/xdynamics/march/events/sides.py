@@ -30,13 +30,17 @@ def take_sides(run: Run) -> None:
         if run.detectors[i].drive >= 0:
             enter_piece(run, i, find(run, i, run.y, 0.0))
     run.at[T] = run.now[0].t
-    called(run.law[DETECT], run, run.y, run.g, 0)
-    for i in range(run.detectors.shape[0]):
-        detector = run.detectors[i]
-        if detector.role in (SWITCH, KINK):
-            zero = zero or run.g[i] == 0.0
-            if detector.drive < 0:
-                choose_side(run, i, sign(run.g[i]) if run.g[i] != 0.0 else detector.at_zero)
+    for _ in range(run.detectors.shape[0]):  # a side may decide what else is looked at: inside a `where`
+        called(run.law[DETECT], run, run.y, run.g, 0)
+        zero, changed = False, False
+        for i in range(run.detectors.shape[0]):
+            detector = run.detectors[i]
+            if detector.role in (SWITCH, KINK):
+                zero = zero or run.g[i] == 0.0
+                if detector.drive < 0:
+                    changed = take_side(run, i, sign(run.g[i]) if run.g[i] != 0.0 else detector.at_zero) or changed
+        if not changed:
+            break
     if zero:
         leave_zeros(run)
     renew_constants(run)
@@ -50,14 +54,26 @@ def leave_zeros(run: Run) -> None:
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].drive >= 0 and run.g[i] == 0.0:
             enter_piece(run, i, find(run, i, run.y, moving(run, i, run.y)))
-    called(run.law[DETECT], run, run.y, run.g, 0)
-    for i in range(run.detectors.shape[0]):
-        detector = run.detectors[i]
-        if detector.role in (SWITCH, KINK) and detector.drive < 0:
-            if run.g[i] != 0.0:
-                choose_side(run, i, sign(run.g[i]))
-            elif run.slopes[i] != 0.0:
-                choose_side(run, i, sign(run.slopes[i]))
+    for _ in range(run.detectors.shape[0]):
+        called(run.law[DETECT], run, run.y, run.g, 0)
+        called(run.law[SLOPES], run, run.y, run.slopes, 0)
+        changed = False
+        for i in range(run.detectors.shape[0]):
+            detector = run.detectors[i]
+            if detector.role in (SWITCH, KINK) and detector.drive < 0:
+                now = sign(run.g[i]) if run.g[i] != 0.0 else sign(run.slopes[i])
+                changed = (now != 0 and take_side(run, i, now)) or changed
+        if not changed:
+            break
+
+
+@shared
+def take_side(run: Run, i: int, where: int) -> bool:
+    """Have forces be those of one side of a switch; whether they were those of another one."""
+    if run.modes[run.detectors[i].to] == float(where) and run.watches[i].guard == where:
+        return False
+    choose_side(run, i, where)
+    return True
 
 
 @shared
@@ -77,16 +93,22 @@ def keep_sides(run: Run, moved: bool) -> bool:
     changed = keep_pieces(run, moved)
     if changed:  # what is decided by a table's value is looked at with the piece behind the point
         called(run.law[DETECT], run, run.z, run.slopes, 0)
-    for i in range(run.detectors.shape[0]):
-        detector, watch = run.detectors[i], run.watches[i]
-        if detector.drive < 0 and detector.role in (SWITCH, KINK):
-            now = sign(run.slopes[i])
-            known = np.int64(run.modes[detector.to])
-            if watch.hit in (CROSSED, FORCED):
-                now = -watch.armed
-            if now != 0 and now != known:
-                choose_side(run, i, now)
-                changed = True
+    for _ in range(run.detectors.shape[0]):
+        other = False
+        for i in range(run.detectors.shape[0]):
+            detector, watch = run.detectors[i], run.watches[i]
+            if detector.drive < 0 and detector.role in (SWITCH, KINK):
+                now = sign(run.slopes[i])
+                known = np.int64(run.modes[detector.to])
+                if watch.hit in (CROSSED, FORCED):
+                    now = -watch.armed
+                if now != 0 and now != known:
+                    choose_side(run, i, now)
+                    other = True
+        if not other:
+            break
+        changed = True
+        called(run.law[DETECT], run, run.z, run.slopes, 0)  # what a `where` whose side holds now decides by
     if changed:
         renew_constants(run)
     return changed
