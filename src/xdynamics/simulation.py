@@ -20,6 +20,7 @@ from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.record.extent import check_room
 from xdynamics.record.kinds import is_run, said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
@@ -59,6 +60,7 @@ def simulate(
     time_tolerance: str | float | None = None,
     math_functions: str | None = None,
     times: Sequence[float | str] | str | float | None = None,
+    memory: str | float | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """March a model and return its run record.
@@ -118,6 +120,9 @@ def simulate(
         Return the states at these times, what `sample` gives of the run, along `at`, in the place of the record; those
         behind an early end are left out. Accepted states joined by straight lines may be far off. With `path` the file
         holds the whole record all the same.
+    memory : str or float, optional
+        The most that the log may take in memory: ``"2 GB"``, or bytes; by default four fifths of what is free. A fixed
+        grid that needs more is refused before it starts; with `path` rows are streamed, and the disk has to have room.
     progress : callable, optional
         Called now and then with the fraction done, the time in s and the rows so far.
 
@@ -175,6 +180,7 @@ def simulate(
         raise InputError(f"progress is {progress!r}, needs a function")
     _warn_of_instability(model, settings)
     march = March(model, settings, progress)
+    check_room(march, memory, path)
     if path is not None:
         if resume and _is_whole(march, Path(path)):
             return _at(archive.open_run(path, check=False), wanted, model)

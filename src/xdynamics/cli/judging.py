@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 @click.option("--observable", "observables", multiple=True, metavar="NAME", help="What to compare; by default every state. Also energy_range, period_x, phase_x.")  # fmt: skip
 @click.option("--until-change", "changes", multiple=True, metavar="NAME=SIZE", help="Go on with finer levels until NAME changes by less, like y='10 m'.")  # fmt: skip
 @click.option("--keep", metavar="FOLDER", help="Stream the run of each level to a file there.")
+@click.option("--most-rows", type=float, help="Rows that an added level may have at most.")
+@click.option("--memory", metavar="SIZE", help="The most that a level may take in memory, like '2 GB'.")
 @click.option("--defects", is_flag=True, help="Add the largest local error of a step in each level.")
 @click.option("--until", help="End of the runs.")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
@@ -44,6 +46,8 @@ def refine(
     observables: tuple[str, ...],
     changes: tuple[str, ...],
     keep: str | None,
+    most_rows: float | None,
+    memory: str | None,
     defects: bool,
     until: str | None,
     values: tuple[str, ...],
@@ -60,6 +64,8 @@ def refine(
         "until": until,
         "defects": defects,
         "keep": keep,
+        "most_rows": most_rows,
+        "memory": memory,
         "until_change": pairs(changes, "--until-change") or None,
     }
     asked |= _levels(model, step, rtol, time_tolerance, levels, ratio)

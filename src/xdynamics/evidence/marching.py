@@ -11,21 +11,25 @@ from xdynamics.march import March
 from xdynamics.march.asking import settings_for
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
+from xdynamics.record.extent import check_room
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-def march(model: Model, path: Path | None = None, **asked: Any) -> xr.Dataset:
+def march(model: Model, path: Path | None = None, memory: str | float | None = None, **asked: Any) -> xr.Dataset:
     """March a model as `simulate` does, in memory or into a file, and keep warnings back: outcomes stay in the record.
 
     Raises
     ------
+    InputError
+        If a setting is wrong, or there is no room for the log: `memory` is what it may take.
     KeyboardInterrupt
         If the march was interrupted: of one run that is an outcome, of evidence from several it is the end.
     """
     load_dask_whole()
     one = March(model, settings_for(model, **asked))
+    check_room(one, memory, path)
     if path is not None:
         found = archive.open_run(archive.stream(one, path), check=False)
     else:

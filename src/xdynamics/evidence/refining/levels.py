@@ -135,6 +135,11 @@ class Levels:
         """Return how states between accepted ones are found in a level."""
         return REINTEGRATE if self.ordered else str(self.values[k])
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings of the march that all levels share; how much memory one may take is none."""
+        return {key: one for key, one in self.asked.items() if key != "memory"}
+
     def model_of(self, value: Any) -> Model:
         """Return the model of a level: events are located as the level says, whatever they say themselves."""
         if self.varied is TIME_TOLERANCES:
@@ -148,11 +153,11 @@ class Levels:
         keys = {STEPS: "step", RTOLS: "rtol", TIME_TOLERANCES: "time_tolerance"}
         varied = {keys[self.varied]: float(value)} if self.ordered else {}
         if self.varied is RTOLS:
-            coarsest = self.asked | {"rtol": float(self.values[0])}
+            coarsest = self.settings | {"rtol": float(self.values[0])}
             tolerances = settings_for(self.model, **coarsest).tolerances
             if tolerances:  # what follows its variable goes with rtol by itself
                 varied |= absolute_tolerances(self.model, coarsest, float(value) / float(self.values[0]))
-        return {"force_samples": "none"} | self.asked | varied
+        return {"force_samples": "none"} | self.settings | varied
 
     def located(self) -> Levels | None:
         """Return the levels with every switch located, those that are declared smooth too; none where that is not written."""
@@ -169,7 +174,8 @@ class Levels:
     def marched(self, k: int) -> xr.Dataset:
         """Return the run of a level."""
         path = None if self.keep is None else self.keep / f"level_{k}.nc"
-        return march(self.model_of(self.values[k]), path, **self.asked_of(self.values[k]))
+        memory = self.asked.get("memory")
+        return march(self.model_of(self.values[k]), path, memory=memory, **self.asked_of(self.values[k]))
 
 
 def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0) -> dict[str, Any]:

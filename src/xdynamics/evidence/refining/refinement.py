@@ -15,12 +15,14 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.observing import observables_of
 from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import ROLE, family
+from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
 from xdynamics.evidence.refining.levels import FEWEST, Levels
 from xdynamics.evidence.refining.study import ENERGY_RANGE, PERIOD, PHASE, Study
 from xdynamics.faults import InputError
 from xdynamics.files import made_folder
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
+from xdynamics.record.extent import memory_asked
 from xdynamics.record.words import time_unit, words_of
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
 from xdynamics.units import Quantity, behind, parse_quantity, parse_unit
@@ -46,6 +48,8 @@ def refine(
     until_change: Mapping[str, str | float] | None = None,
     defects: bool = False,
     keep: str | Path | None = None,
+    most_rows: float | None = None,
+    memory: str | float | None = None,
     **asked: Any,
 ) -> xr.Dataset:
     """March a model with one step, tolerance or rule after the other, and compare at common physical times.
@@ -68,11 +72,17 @@ def refine(
         Also `energy_range`, and for a coordinate x `period_x`, the mean period between located crossings, and `phase_x`.
     until_change : mapping of str to quantity, optional
         Go on with finer levels, 24 at most, until no number of these changes by more than its tolerance from one level
-        to the next: ``{"y": "10 m", "event_time_apex": "1 ms"}``. One level to begin with is enough then.
+        to the next: ``{"y": "10 m", "event_time_apex": "1 ms"}``. One level to begin with is enough then. Where the next
+        level would not fit the bounds below, or by the observed order the needed one would not, none is added, and
+        `stopped` says what would be needed.
     defects : bool
         Whether to add the largest local error of a step beside the error that came together.
     keep : str or Path, optional
         A folder that the run of each level is streamed to, as `level_0.nc` and so on, in bounded memory.
+    most_rows : float, optional
+        Rows that a level may have at most that is added; ten millions where nothing is asked for.
+    memory : str or float, optional
+        The most that a level may take in memory: ``"2 GB"``, or bytes; by default what is free.
     **asked
         Further settings, as for `simulate`.
 
@@ -111,20 +121,33 @@ def refine(
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     given = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances, "rules": rules}
-    shared = asked | ({"method": method} if method else {})
+    shared = asked | ({"method": method} if method else {}) | ({"memory": memory} if memory is not None else {})
+    bounds = _bounds(most_rows, memory)
     folder = None if keep is None else made_folder(keep)
     levels = Levels.of(model, given, shared, fewest=1 if until_change else FEWEST, keep=folder)
     names = tuple(model.units) if observables is None else _known(model, observables)
     study = Study(levels, [levels.marched(k) for k in range(len(levels.values))], names, at)
     wanted = _tolerances(until_change or {}, study)
     changing, limit = list(wanted), ""
-    while wanted and (changing := _changing(study, wanted)) and not limit:
+    while wanted and (changing := _changing(study, wanted)) and not (limit := obstacle(study, wanted, bounds)):
         try:
-            study = study.finer()
+            further = study.finer()
+            further.check_reached(study.times)
         except (InputError, MemoryError, OSError) as error:  # what no march can use, or the machine has no room for
             limit = str(error) or "there is no memory for it"
+            break
+        study = further
+    if len(study.runs) < FEWEST:
+        raise InputError(f"a study needs {FEWEST} levels, and there is no second one: {limit}")
     told = {"stopped": _stopped(changing, len(study.runs), limit)} if wanted else {}
     return _dataset(study, told, defects=defects)
+
+
+def _bounds(most_rows: float | None, memory: str | float | None) -> Bounds:
+    """Read what a level may take."""
+    if most_rows is not None and not (isinstance(most_rows, int | float) and most_rows >= FEWEST):
+        raise InputError(f"most_rows is {most_rows!r}, needs a number of rows")
+    return Bounds(MOST_ROWS if most_rows is None else float(most_rows), memory_asked(memory))
 
 
 def _changing(study: Study, wanted: Mapping[str, float]) -> list[str]:

@@ -16,6 +16,7 @@ from xdynamics.evidence.observing import observables_of, observe
 from xdynamics.evidence.refining.family import Watched
 from xdynamics.evidence.refining.levels import Levels
 from xdynamics.faults import InputError
+from xdynamics.march.outcomes import GOOD
 from xdynamics.model.switches import bent_and_smooth, smooth_switches
 from xdynamics.schema import AT, FIRST_PASSED, OCCURRENCE, PASSED, acceleration, rate, velocity
 from xdynamics.units import behind, time_in
@@ -55,12 +56,30 @@ class Study:
             return np.array([end])
         given = [self.at] if isinstance(self.at, str | float | int) else list(self.at)
         times = np.array([time_in(unit, one, "at") for one in given])
+        self.check_reached(times)
         for one in times.tolist():
             if not begin <= one <= end:
                 raise InputError(
                     f"at has {one!r}{behind(unit)}, needs times in every run, from {begin!r}{behind(unit)} to {end!r}{behind(unit)}"
                 )
         return times
+
+    def check_reached(self, times: Floats) -> None:
+        """Refuse a level whose run ended badly before the times of comparison.
+
+        Raises
+        ------
+        InputError
+            Naming the level, its outcome and what helps.
+        """
+        for value, run in zip(self.levels.values.tolist(), self.runs, strict=True):
+            if str(run.attrs["run_outcome"]) in GOOD or float(run["time"][-1]) >= float(times.max()):
+                continue
+            unit = "" if self.levels.varied.units == "1" else f" {self.levels.varied.units}"
+            raise InputError(
+                f"the level with {self.levels.varied.name} = {value:.6g}{unit} ended before t = {float(times.max()):.9g} s, as"
+                f" '{run.attrs['run_outcome']}': {run.attrs['run_outcome_text']}; leave that level out, or change what ended it"
+            )
 
     def watched(self) -> Iterator[Watched]:
         """Yield every number that is compared, with what switches cost that steps went over before it."""

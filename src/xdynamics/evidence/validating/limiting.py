@@ -59,7 +59,8 @@ def limiting(
     -------
     xarray.Dataset
         Over `level`: `parameter_value`, `run_digest`, `run_outcome`. Over `level` and `at`, for each observable y: y, `distance_y` (y
-        less that of the limit), `order_y` (of the distance, in the distance of the parameter). Over `at`: `limit_y`,
+        less that of the limit), `order_y` (of the distance, in the distance of the parameter; in that of its inverse,
+        where the limit is so large that it stands for infinity: attribute `order_in`). Over `at`: `limit_y`,
         and `approached_y`, 1 where every distance is less than the one before.
 
     Raises
@@ -94,10 +95,17 @@ def limiting(
         "run_outcome": ((LEVEL,), np.array([str(run.attrs["run_outcome"]) for run in runs[:-1]]), about("1", "outcome of the level's run", "outcome")),
         AT_TIME: ((AT,), times, about(model.time_unit.text, "time of comparison", "time")),
     }  # fmt: skip
+    away, how = _distance(parameter, numbers, end)
     for name in names:
         every = np.stack([one[name][0] for one in found])
-        variables |= _approach(name, str(runs[0][name].attrs["units"]), every[:-1], every[-1], np.abs(numbers - end))
-    said = {"parameter": parameter, "limit": end, "limit_units": unit.text, "model_digest": model.digest}
+        variables |= _approach(name, str(runs[0][name].attrs["units"]), every[:-1], every[-1], away)
+    said = {
+        "order_in": how,
+        "parameter": parameter,
+        "limit": end,
+        "limit_units": unit.text,
+        "model_digest": model.digest,
+    }
     digests = [archive.digest_of_run(run) for run in runs]
     return exhibit("limiting case", f"{model.name}: {parameter} to {end!r} {unit.text}", digests, variables, said)
 
@@ -126,12 +134,21 @@ def _values(
     return unit, numbers, end
 
 
+def _distance(parameter: str, values: Floats, limit: float) -> tuple[Floats, str]:
+    """Return how far values are from their limit, in what the order is; from one that stands for infinity, by their inverses."""
+    away = np.abs(values - limit)
+    far = bool((log(away[:-1] / away[1:]) <= LEAST_NEARER).any())
+    if far and values.all() and abs(limit) > float(np.max(np.abs(values))):
+        return np.abs(1.0 / values - 1.0 / limit), f"1/{parameter}"
+    return away, parameter
+
+
 def _approach(name: str, units: str, values: Floats, limit: Floats, away: Floats) -> dict[str, Any]:
     """Say how one quantity comes to its limit; levels first."""
     distance = values - limit
     with np.errstate(divide="ignore", invalid="ignore"):
         nearer = log(away[:-1] / away[1:])
-        # values that are all as far from a limit, as from one that stands for infinity, have no order in it
+        # values that are all as far from a limit have no order in it
         nearer = np.where(nearer > LEAST_NEARER, nearer, np.nan)
         orders = log(np.abs(distance[:-1] / distance[1:])) / nearer[:, None]
     away_from = np.abs(distance)

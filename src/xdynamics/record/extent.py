@@ -1,0 +1,115 @@
+"""How large a run's record is going to be, and whether there is room for it."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+from xdynamics.faults import InputError
+from xdynamics.kernels import Layout
+from xdynamics.march import March
+
+UNITS = {"B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+ROOM = 0.8  # of the memory that is free, which one log may take
+
+
+def bytes_of_row(layout: Layout, samples: int) -> int:
+    """Return how many bytes a row of the log has, with its force samples."""
+    return 8 * len(layout.row) + layout.flags + samples * 8 * len(layout.sample)
+
+
+def bytes_of(march: March, rows: float) -> float:
+    """Return how many bytes so many rows of a march take."""
+    return rows * bytes_of_row(march.layout, int(march.run.plan[0].samples))
+
+
+def memory_asked(given: str | float | None) -> float | None:
+    """Read a size of memory: a number of bytes, or a text like ``"2 GB"``.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+
+    Examples
+    --------
+    >>> memory_asked("2 GB"), memory_asked(1e6), memory_asked(None)
+    (2000000000.0, 1000000.0, None)
+    """
+    if given is None:
+        return None
+    found = re.fullmatch(r"\s*([0-9.eE+]+)\s*([kMGT]?B)?\s*", str(given))
+    try:
+        size = float(found[1]) * UNITS[found[2] or "B"] if found and not isinstance(given, bool) else 0.0
+    except ValueError:
+        size = 0.0
+    if not 0.0 < size < float("inf"):
+        raise InputError(f"memory is {given!r}, needs a positive size like '2 GB', or a number of bytes")
+    return size
+
+
+def free_memory() -> float:
+    """Return how many bytes of memory this process can have: what the system says is available, or its own limit."""
+    found = float("inf")
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        found = next(1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    except (OSError, StopIteration, ValueError):  # no Linux: nothing is known
+        pass
+    try:
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        used = 4096.0 * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        found = min(found, limit - used) if limit != resource.RLIM_INFINITY else found
+    except (ImportError, OSError, ValueError):
+        pass
+    return max(found, 0.0)
+
+
+def said(size: float) -> str:
+    """Write a size in words.
+
+    Examples
+    --------
+    >>> said(1.5e9), said(3.2e15), said(12.0)
+    ('1.5 GB', '3.2e+03 TB', '12 B')
+    """
+    unit = next((name for name in reversed(UNITS) if size >= UNITS[name]), "B")
+    return f"{size / UNITS[unit]:.2g} {unit}"
+
+
+def check_room(march: March, memory: str | float | None = None, path: Any = None) -> None:
+    """Refuse a march whose log would not fit, before it starts; of chosen steps the rows are not known.
+
+    Parameters
+    ----------
+    march : March
+    memory : str or float, optional
+        The most that a log may take which is kept in memory; by default four fifths of what is free.
+    path : str or Path, optional
+        Where it is streamed to, in bounded memory.
+
+    Raises
+    ------
+    InputError
+        With the rows, what they take and what there is.
+    """
+    asked, rows = memory_asked(memory), march.expected_rows
+    if rows is None:
+        return
+    needed = bytes_of(march, rows)
+    what = f"the run makes {rows:.4g} rows, which take {said(needed)}"
+    if path is not None:
+        free = float(shutil.disk_usage(Path(path).absolute().parent).free)
+        if needed > free:
+            raise InputError(
+                f"{what}, and the disk of '{path}' has {said(free)} free; take a longer step or an earlier end"
+            )
+        return
+    room = ROOM * free_memory() if asked is None else asked
+    if needed > room:
+        there = f"{said(room)} of memory {'can be had' if asked is None else 'were allowed'}"
+        raise InputError(f"{what}, and {there}; give path=… to stream them to a file, a longer step or an earlier end")

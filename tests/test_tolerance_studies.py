@@ -1,0 +1,101 @@
+"""Studies over tolerances: errors as a power of the tolerance, and how sure numbers are, against closed forms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from xdynamics.evidence.refining.convergence import VERDICTS, judge
+
+TAU = 1e-3 / 10.0 ** np.arange(5)
+
+
+@pytest.mark.parametrize(
+    ("errors", "accepted", "said", "factor"),
+    [
+        (3 * TAU, 10_000, "asymptotic", 1.3),
+        (3 * TAU**1.1, 10_000, "asymptotic", 3.0),
+        (-3 * TAU, 10_000, "asymptotic", 1.3),
+        (3 * TAU, 9, "asymptotic", 3.5),  # few steps are an erratic choice
+        (TAU * [1, 1.2, 0.9, 3, 0.5], 10_000, "pre_asymptotic", 60.0),
+        (1e-3 * np.array([1, -1, 2, -2, 4]), 10_000, "not_converging", None),
+    ],
+)
+def test_verdicts_on_planted_powers(errors: Any, accepted: int, said: str, factor: float | None) -> None:
+    """Assert the verdict, that the limit is on the right side, and an uncertainty not far beyond the error."""
+    found = judge(1.0 + errors, TAU, 1.0, 1e-16, 0.0, 0.0, smooth=False, accepted=accepted)
+    assert VERDICTS[found.verdict] == said
+    if said == "asymptotic":
+        assert abs(found.limit - 1.0) < abs(errors[-1]) / 2
+    if factor is not None:
+        assert abs(errors[-1]) <= found.uncertainty <= factor * abs(errors[-1])
+        assert found.rule == "a power of the tolerance"
+
+
+def oscillator(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[float], float]]:
+    """A damped oscillator."""
+    w, z = 10 ** float(rng.uniform(-0.5, 1.0)), float(rng.uniform(0.0, 0.3))
+    x, v = rng.normal(size=2).tolist()
+    model = xd.Model(
+        name="oscillator", coordinates={"x": "m"}, parameters={"k": f"{w * w!r} N m-1", "c": f"{2 * z * w!r} kg s-1", "m": "1 kg"}, mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}}, initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"},
+    )  # fmt: skip
+    turn = w * math.sqrt(1 - z * z)
+    return model, rng.uniform(1, 30) / w, lambda t: math.exp(-z * w * t) * (x * math.cos(turn * t) + (v + z * w * x) / turn * math.sin(turn * t))  # fmt: skip
+
+
+def thrown(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[float], float]]:
+    """A ball with linear drag."""
+    c, v, g = float(rng.uniform(0.1, 3.0)), float(rng.uniform(5, 30)), 9.81
+    model = xd.Model(
+        name="ball", coordinates={"x": "m"}, parameters={"c": f"{c!r} kg s-1", "m": "1 kg", "g": "9.81 m s-2"}, mass={"x": "m"},
+        forces={"gravity": {"x": "-m*g"}, "drag": {"x": "-c*v_x"}}, initial={"x": "0 m", "v_x": f"{v!r} m s-1"},
+    )  # fmt: skip
+    return model, rng.uniform(0.5, 5.0), lambda t: -g / c * t + (v + g / c) / c * -math.expm1(-c * t)
+
+
+def orbit(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[float], float]]:
+    """A planet, from its perihelion."""
+    e = float(rng.uniform(0.0, 0.8))
+    model = xd.Model(
+        name="orbit", coordinates={"x": "m", "y": "m"}, parameters={"mu": "1 m3 s-2", "m": "1 kg"}, mass={"x": "m", "y": "m"},
+        forces={"gravity": {q: f"-m*mu*{q}/(x**2 + y**2)**1.5" for q in "xy"}},
+        initial={"x": f"{1 - e!r} m", "y": "0 m", "v_x": "0 m s-1", "v_y": f"{math.sqrt((1 + e) / (1 - e))!r} m s-1"},
+    )  # fmt: skip
+
+    def x(t: float) -> float:
+        anomaly = t
+        for _ in range(60):
+            anomaly -= (anomaly - e * math.sin(anomaly) - t) / (1 - e * math.cos(anomaly))
+        return math.cos(anomaly) - e
+
+    return model, rng.uniform(2, 15), x
+
+
+METHODS = ("dop853", "dormand_prince", "bogacki_shampine", "radau_iia", "rk4", "heun", "midpoint", "dop853")
+LOW = ("bogacki_shampine", "heun", "midpoint", "rk4")
+
+
+@pytest.mark.cases(20)
+def test_random_studies(case: int) -> None:
+    """Assert for 15 random studies that 85 in 100 numbers at least are held (97 of all of them), and the median is near the error."""
+    rng, factors = np.random.default_rng(case), []
+    for k in range(15):
+        model, end, true = (oscillator, thrown, orbit)[k % 3](rng)
+        method, ratio = METHODS[int(rng.integers(len(METHODS)))], float(rng.choice([4.0, 10.0, 10.0, 30.0]))
+        rtols = 10 ** -rng.uniform(2.5, 4.5) / ratio ** np.arange(int(rng.integers(3, 6)))
+        rtols = rtols[rtols >= (1e-7 if method in LOW else 1e-12)]
+        if rtols.size < 3:
+            continue
+        at = [0.4 * end, end]
+        study = xd.refine(model, method=method, rtols=rtols.tolist(), at=at, until=end, observables=["x"])
+        errors = np.abs(study.x[-1].values - [true(t) for t in at])
+        seen = errors > 1e-12 * np.abs(study.x.values).max()  # of what is not rounding
+        factors += (study.uncertainty_x.values / np.maximum(errors, 1e-300))[seen].tolist()
+    assert np.mean(np.array(factors) >= 1.0) >= 0.85
+    assert 1.0 <= np.median(factors) <= 3.0
