@@ -100,7 +100,10 @@ def test_diagnose_growth(swing: Path) -> None:
     every = call("diagnose", swing, "--no-companion", "--lyapunov").output
     line = next(one for one in every.splitlines() if one.startswith("lyapunov_exponents"))
     assert (line.count(" ± "), line[-4:]) == (2, " s-1")
-    assert "lyapunov_time = inf: the largest exponent is not above twice its uncertainty" in every
+    assert (
+        "lyapunov_time = inf: the largest exponent is not above twice its uncertainty, or the run is too short to tell"
+        in every
+    )
     assert "finite_time_growth = " in every
     one = call("diagnose", swing, "--no-companion", "--exponents", 1).output
     assert next(each for each in one.splitlines() if each.startswith("lyapunov_exponents")).count(" ± ") == 1

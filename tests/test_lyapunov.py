@@ -112,6 +112,14 @@ def test_saddle_at_rest_and_stiff_decay() -> None:
     assert float(found.lyapunov_exponents[0]) == pytest.approx(-1.0, abs=1e-6)
 
 
+def test_growth_by_a_power_of_time_has_no_time() -> None:
+    """Assert that no time follows from the shear of a pendulum's swings or a free flight, however short or long."""
+    pendulum = xd.Model.from_toml(MODELS / "pendulum.toml")
+    for until in (10.0, 30.0, 100.0):
+        assert math.isinf(exponents(marched(pendulum, until)).lyapunov_time)
+        assert math.isinf(exponents(marched(oscillator("-1", (0.0, 3.0)), until)).lyapunov_time)
+
+
 def test_units_of_a_model_with_seconds() -> None:
     """Assert s-1 and s, and the words of the lines."""
     model = xd.Model.from_toml(MODELS / "pendulum.toml")

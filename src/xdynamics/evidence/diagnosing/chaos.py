@@ -10,6 +10,7 @@ import numpy as np
 from xdynamics.dynamics import exponents as rules
 from xdynamics.dynamics.tangents import TOLERANCE, local_growth
 from xdynamics.dynamics.variational import NotVariedError
+from xdynamics.elementary.arrays import log
 from xdynamics.evidence.exhibit import about
 from xdynamics.faults import InputError
 from xdynamics.schema import EXPONENT, FINITE_TIME_GROWTH, LYAPUNOV, LYAPUNOV_TIME, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 ROLE = "diagnostic"
 CERTAIN = 2.0  # uncertainties that an exponent has to be above 0 for a time to follow from it
+GROWN = 1000.0  # times, by which it has to have grown too: less is not told from growth by a power of time
 IN_WORDS = (LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH)  # numbers that `exponents_in_words` says
 
 
@@ -42,6 +44,7 @@ def lyapunov(
             " diagnose it without them"
         ) from None
     largest, doubt = float(found.values[0]), float(found.uncertainties[0])
+    grown = largest * (float(run["time"][-1]) - found.begin) > float(log(GROWN))
     unit = str(run["time"].attrs["units"])
     per_time = "1" if unit == "1" else f"{unit}-1"
     rule = {"rule": rules.RULE, "ancillary_variables": LYAPUNOV_UNCERTAINTY, "piece_tolerance": TOLERANCE,
@@ -50,7 +53,7 @@ def lyapunov(
         LYAPUNOVS: "Lyapunov exponents of coordinates, velocities and states, the largest first",
         LYAPUNOV_UNCERTAINTY: f"standard uncertainty of each exponent: {rules.UNCERTAINTY_RULE}",
         LYAPUNOV: f"the largest of {LYAPUNOVS}",
-        LYAPUNOV_TIME: f"1/{LYAPUNOV}; inf where that is not above twice its uncertainty",
+        LYAPUNOV_TIME: f"1/{LYAPUNOV}; inf where that is not above twice its uncertainty, or has grown less than a thousandfold",
         FINITE_TIME_GROWTH: "logarithm of how much the change of the start that grows most has grown at the end of the run,"
         " each variable in units of its range, over the run's time; transients are in it",
     }
@@ -58,7 +61,7 @@ def lyapunov(
         LYAPUNOVS: found.values,
         LYAPUNOV_UNCERTAINTY: found.uncertainties,
         LYAPUNOV: largest,
-        LYAPUNOV_TIME: 1.0 / largest if largest > CERTAIN * doubt else np.inf,
+        LYAPUNOV_TIME: 1.0 / largest if grown and largest > CERTAIN * doubt else np.inf,
         FINITE_TIME_GROWTH: found.finite_time,
     }
     variables = {}
@@ -81,7 +84,7 @@ def exponents_in_words(found: xr.Dataset) -> Iterator[str]:
     if np.isfinite(time):
         yield f"{LYAPUNOV_TIME} = {time:.3g}{'' if unit_of_time == '1' else f' {unit_of_time}'}"
     else:
-        yield f"{LYAPUNOV_TIME} = inf: the largest exponent is not above twice its uncertainty"
+        yield f"{LYAPUNOV_TIME} = inf: the largest exponent is not above twice its uncertainty, or the run is too short to tell"
     yield f"{FINITE_TIME_GROWTH} = {float(found[FINITE_TIME_GROWTH]):.4g}{behind}, over the run's own time"
 
 

@@ -93,8 +93,8 @@ def diagnose(
         `maximum_y_uncertainty`, and so for `minimum_y`; with closed forms `largest_residual_y` and `rms_residual_y`;
         with a companion `believed_until`, the time up to which no coordinate, velocity or state is further from the solution
         than a tenth of its range; on request `lyapunov_exponent` (the largest), `lyapunov_time` (1 over it; inf where it
-        is not above twice its uncertainty) and `finite_time_growth`, of the start that grows most until the run's end, with
-        `lyapunov_exponents` and `lyapunov_uncertainty` along `exponent`: of coordinates, velocities and states, not of
+        is not above twice its uncertainty or has grown less than a thousandfold) and `finite_time_growth`, of the start
+        that grows most until the run's end, with `lyapunov_exponents` and `lyapunov_uncertainty` along `exponent`: of coordinates, velocities and states, not of
         time. Along `cycle`: `cycle_time`, `period`, `phase_offset` (behind the reference below 0),
         `amplitude`, `phase_space_area`. Along `turn`: `turning_time`, `turning_point`. Along `step`: `residual_y`.
 
