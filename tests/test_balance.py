@@ -98,3 +98,22 @@ print(run.attrs['run_outcome'], run.attrs['run_outcome_text'])
     found = subprocess.run([sys.executable, "-W", "ignore", "-c", script], cwd=ROOT, env=environment, capture_output=True, text=True, check=True)  # fmt: skip
     assert found.stdout.startswith("contact_inconsistent at t = "), found.stdout
     assert said in found.stdout
+
+
+def test_a_cradle_swings_on_for_a_minute() -> None:
+    """Assert twenty times the run that the model asks for: what rounding leaves of a gap is no penetration."""
+    model = xd.Model.from_toml(ROOT / "data" / "models" / "newtons_cradle_sequential.toml")
+    run = xd.simulate(model, until=60.0)
+    assert run.attrs["run_outcome"] == "completed"
+    assert np.abs(run.total_energy.values / float(run.total_energy[0]) - 1.0).max() < 1e-9
+    assert min(float(run[f"contact_gap_{name}"].min()) for name in model.contacts) > -1e-12
+
+
+@pytest.mark.parametrize("name", ["newtons_cradle_newton_dop853", "bouncing_ball_verlet", "rocking_block_dop853"])
+def test_contacts_of_version_0_2_are_extended(name: str) -> None:
+    """Assert that an archive whose memory lacks what was added since goes on."""
+    path = ROOT / "data" / "golden" / "0.2" / f"{name}.nc"
+    end = float(xd.open_run(path).attrs["solver_until"])
+    longer = xd.extend(path, until=1.5 * end)
+    assert longer.attrs["run_outcome"] == "completed"
+    assert float(longer.time[-1]) == 1.5 * end
