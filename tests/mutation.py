@@ -96,7 +96,12 @@ TOUCHED = {
     "budgeting/drawing.py": (DRAWN, "test_budget.py -k draws_go_on or what_the_linear"),
     "budgeting/fitted.py": ("test_fitting.py -k told or warned_of",),
     "budgeting/fitting.py": ("test_fitting.py -k straight or speak or order_of or named",),
-    "budgeting/montecarlo.py": ("test_budget.py -k intervals_and", "test_certificate.py -k settles_it", DRAWN),
+    "budgeting/montecarlo.py": (
+        "test_budget_quantities.py -k few_draws or settles",
+        "test_budget.py -k intervals_and",
+        "test_certificate.py -k settles_it",
+        DRAWN,
+    ),
     "budgeting/numerical.py": (
         "test_budget_bounds.py -k allowance or rounding_tell",
         QUANTITIES,
@@ -107,7 +112,7 @@ TOUCHED = {
         "test_budget.py -k slope or undo or cancel",
         "test_variational.py -k part or agree",
     ),
-    "budgeting/residuals.py": ("test_fitting.py -k runs or order_of or speak",),
+    "budgeting/residuals.py": ("test_budget_quantities.py -k residuals", "test_fitting.py -k runs"),
     "budgeting/reversal.py": ("test_budget.py -k marching_back",),
     "budgeting/rounding.py": ("test_budget_quantities.py -k rounded",),
     "budgeting/searching.py": ("test_fitting.py -k straight or speak or astray",),

@@ -11,6 +11,8 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
+from xdynamics.budgeting.montecarlo import Drawn, drawn, draws_needed
+from xdynamics.budgeting.residuals import tested
 from xdynamics.budgeting.rounding import rounded
 from xdynamics.evidence.diagnosing.cycles import cycles
 from xdynamics.summary import summary
@@ -186,3 +188,49 @@ def test_a_periods_uncertainty_is_that_of_both_crossings() -> None:
 def test_a_number_is_rounded_by_its_expanded_uncertainty(given: tuple[float, float, float, str], text: str) -> None:
     """Assert two digits of twice the standard uncertainty, the value to the same place, and powers of ten."""
     assert rounded(*given) == text
+
+
+def test_few_draws_are_refused_by_their_number() -> None:
+    """Assert the fewest that an interval is taken of, and both ends of the mean and the standard deviation of numbers in a row."""
+    found = drawn(np.arange(40.0), 0.9)
+    assert (found.mean, found.symmetric, found.shortest) == (19.5, (1.0, 37.0), (0.0, 36.0))
+    assert found.standard == pytest.approx(math.sqrt(40 * 41 / 12))
+    assert (found.ends_doubt, found.ends_reach) == (math.inf, math.inf)
+    with pytest.raises(xd.InputError, match="39 draws are too few for an interval of 0.9"):
+        drawn(np.arange(39.0), 0.9)
+    with pytest.raises(xd.InputError, match="too few for an interval of 0.99"):
+        drawn(np.arange(40.0), 0.99)
+
+
+@pytest.mark.parametrize(("standard", "apart", "count"), [(0.061, 0.002, 4000), (0.02, 0.0, 400), (0.9, 0.2, 1000)])
+def test_the_number_of_draws_that_settles_a_verdict(standard: float, apart: float, count: int) -> None:
+    """Assert four and a half standard uncertainties of an end between the tolerance and the distance without its chance."""
+    found = Drawn(0.0, standard, (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0)
+    single = standard * math.sqrt(0.025 * 0.975) / 0.0584451
+    tolerance = {0.061: 0.005, 0.02: 0.005, 0.9: 0.05}[standard]
+    away = math.sqrt(max(apart**2 - 2.0 * single**2 / count, 0.0))
+    left = max(min(abs(tolerance - away), tolerance), 0.2 * tolerance)
+    right = 1.05 * max((4.5 * single / left) ** 2, 2.0 * count)
+    assert draws_needed(apart, found, count, 0.95) == pytest.approx(right, rel=0.05)
+
+
+@pytest.mark.parametrize(("size", "adequate", "said"), [(0.099, True, "no matter beside"), (0.101, False, "random order"), (5.0, False, "5 times as large")])  # fmt: skip
+def test_residuals_far_below_their_uncertainties_are_no_matter(size: float, adequate: bool, said: str) -> None:
+    """Assert a tenth of the uncertainties as the border, under which the order of residuals does not count."""
+    row = size * np.repeat([1.0, -1.0], 20)
+    found = tested(float(row @ row), 40, [row], [np.arange(40.0)], known=True)
+    assert found.adequate is adequate
+    assert said in found.text
+    noise = np.tile([1.0, 1.0, -1.0, -1.0], 10) * 0.5
+    assert (
+        tested(float(noise @ noise), 40, [noise], [np.arange(40.0)], known=True).text
+        == "residuals are no more than noise"
+    )
+
+
+@pytest.mark.parametrize(("sizes", "adequate"), [((1e-4, 1e-4), True), ((1e-4, 1e-2), False), ((1e-2, 1e-2), False)])
+def test_without_uncertainties_all_residuals_have_to_be_slight(sizes: tuple[float, float], adequate: bool) -> None:
+    """Assert a thousandth of the deviation of the data as the border, for every quantity."""
+    rows = [size * np.repeat([1.0, -1.0], 20) for size in sizes]
+    measured = [np.tile([1.0, -1.0], 20)] * 2
+    assert tested(float(sum(row @ row for row in rows)), 80, rows, measured, known=False).adequate is adequate
