@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from xdynamics.digits import digits, known_part
+from xdynamics.dynamics.inside import model_of
 from xdynamics.faults import escaped
 from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, said_of
 from xdynamics.record.words import words_of
 from xdynamics.schema import AT_REST, CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, SWEEP, TRIALS
+from xdynamics.units import behind
 
 FEW_EVENTS = 4  # of one name, that are told one by one
 # kind of evidence -> the room that says what it tells
@@ -160,10 +163,38 @@ def _counts(run: xr.Dataset) -> str:
 
 
 def _end(run: xr.Dataset) -> Iterator[str]:
-    yield f"t = {float(run['time'][-1]):.12g}{_second(run)}"
+    last = run.sizes.get(EVENTS, 0) - 1
+    if last >= 0 and float(run["event_time"][last]) == float(run["time"][-1]):
+        yield f"t = {_event_time(run, last)}"
+    else:
+        yield f"t = {float(run['time'][-1]):.12g}{_second(run)}"
     for name, one in run.data_vars.items():
         if one.dims == (STEPS,) and one.attrs.get("role") in ("coordinate", "velocity", "state"):
-            yield f"{name} = {float(one[-1]):.9g} {one.attrs['units']}"
+            yield _value(run, str(name), -1)
+
+
+def _uncertain_part(run: xr.Dataset) -> float:
+    """Return which part of its numbers the tolerances and the uncertain inputs of a run leave uncertain."""
+    inputs = [(one.quantity.value, one.uncertainty) for one in model_of(run, None).uncertain.values()]
+    return known_part(float(run.attrs["solver_rtol"]) if "solver_rtol" in run.attrs else None, inputs)
+
+
+def _value(run: xr.Dataset, name: str, row: int) -> str:
+    """Say what a state is in a row, with the digits that its size throughout the run and what is known of it bear."""
+    values = run[name].values
+    value, largest = float(values[row]), float(np.nanmax(np.abs(values), initial=0.0))
+    shown = digits(value, uncertainty=_uncertain_part(run) * largest)
+    return f"{name} = {value:.{shown}g}{behind(str(run[name].attrs['units']))}"
+
+
+def _event_time(run: xr.Dataset, i: int) -> str:
+    """Say when an event was, with the digits that its location and the run bear, and that tell it from every other."""
+    times = run["event_time"].values
+    time, doubt = float(times[i]), float(run["event_time_uncertainty"][i])
+    off = np.abs(times - time)
+    apart = float(off[off > 0.0].min(initial=np.inf))
+    shown = digits(time, uncertainty=doubt, relative=_uncertain_part(run), apart=apart)
+    return f"{time:.{shown}g}{_second(run)}"
 
 
 def _events(run: xr.Dataset) -> Iterator[str]:
@@ -181,21 +212,17 @@ def _events(run: xr.Dataset) -> Iterator[str]:
 
 
 def _event(run: xr.Dataset, name: str, kind: str, i: int) -> str:
-    time, doubt, row = (
-        float(run["event_time"][i]),
-        float(run["event_time_uncertainty"][i]),
-        int(run["event_row_before"][i]),
-    )
-    state = ", ".join(f"{one} = {float(run[one][row]):.9g} {run[one].attrs['units']}" for one in _moving(run))
+    doubt, row = float(run["event_time_uncertainty"][i]), int(run["event_row_before"][i])
+    state = ", ".join(_value(run, one, row) for one in _moving(run))
     said = "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
-    return f"event     {name}{said} at t = {time:.15g}{_second(run)}, located within {doubt:.2g}{_second(run)}: {state}"
+    return f"event     {name}{said} at t = {_event_time(run, i)}, located within {doubt:.2g}{_second(run)}: {state}"
 
 
 def _series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str:
     times = run["event_time"].values[rows]
     apart, said = np.diff(times), "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
     return (
-        f"event     {name}{said}: {len(rows)} times, the last at t = {times[-1]:.15g}{_second(run)}; {apart.mean():.6g}{_second(run)} apart,"
+        f"event     {name}{said}: {len(rows)} times, the last at t = {_event_time(run, rows[-1])}; {apart.mean():.6g}{_second(run)} apart,"
         f" from {apart.min():.6g}{_second(run)} to {apart.max():.6g}{_second(run)}"
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
+from xdynamics.digits import digits
 from xdynamics.dynamics.inside import model_of, sampled, wanted_times
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.marching import march
@@ -197,6 +198,6 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
     yield f"beside a run with {found.attrs['companion']}"
     for name in [str(one) for one in found.data_vars if global_error(str(one)) in found]:
         value, off = float(found[name][-1]), float(found[global_error(name)][-1])
-        yield f"{name} = {value:.12g} {found[name].attrs['units']} at t = {float(found[AT_TIME][-1]):.9g}{second}, off by {off:.2g}"
+        yield f"{name} = {value:.{digits(value, uncertainty=off)}g}{behind(str(found[name].attrs['units']))} at t = {float(found[AT_TIME][-1]):.9g}{second}, off by {off:.2g}"
     for time, off in zip(found["event_time"].values, found["event_time_global_error"].values, strict=True):
-        yield f"event at t = {float(time):.12g}{second}, off by {float(off):.2g}{second}"
+        yield f"event at t = {float(time):.{digits(float(time), uncertainty=abs(float(off)))}g}{second}, off by {float(off):.2g}{second}"

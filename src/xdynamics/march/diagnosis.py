@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
+from xdynamics.digits import MOST, digits, known_part
 from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.disputes import dispute, inconsistency, painleve, undefined
@@ -47,6 +48,8 @@ from xdynamics.schema import (
 )
 from xdynamics.units import TIME, UNSCALED, behind
 
+FEWEST = 6  # digits of a time at which a run could not go on
+
 
 @dataclass(frozen=True)
 class Ending:
@@ -64,11 +67,25 @@ def ending(march: March) -> Ending:
         failure = diagnose(march)
     t, h = float(now.t) * scale, float(now.h) * scale
     second = behind(march.model.time_unit)
-    text = failure.outcome.sentence.format(t=f"{t:.15g}{second}", h=f"{h:.6g}{second}", cause=failure.cause)
+    text = failure.outcome.sentence.format(t=f"{t:.{_digits(march, t, h)}g}{second}", h=f"{h:.6g}{second}", cause=failure.cause)  # fmt: skip
     # a run that got on, or ran out of steps, has something to say about its steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
     march.doubts = doubts(march)
     return Ending(failure.outcome, "; ".join(filter(None, (text, *march.doubts, of_smooth_switches(march), advice))))
+
+
+def _digits(march: March, t: float, h: float) -> int:
+    """Return how many digits of the last time bear what is known: of an asked end all, of an event's what its location and the run leave."""
+    status, events = march.now.status, march.model.events
+    if status == COMPLETED:
+        return MOST
+    if status != STOPPED:
+        return max(FEWEST, digits(t, apart=h))
+    asked = [one.time_tolerance for name, one in events.items() if f"'{name}'" in march.stopping_event]
+    located = max((march.settings.located_within(one) for one in asked), default=0.0)
+    tolerances = march.settings.tolerances
+    known = ((one.quantity.value, one.uncertainty) for one in march.model.uncertain.values())
+    return digits(t, uncertainty=located, relative=known_part(tolerances.rtol if tolerances else None, known))
 
 
 @dataclass(frozen=True)

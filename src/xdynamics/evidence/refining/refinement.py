@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
+from xdynamics.digits import digits
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.observing import observables_of
 from xdynamics.evidence.refining.defects import step_defects
@@ -276,6 +277,6 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
         verdict = words_of(study[f"verdict_{name}"].isel(here))[0]
         uncertainty = float(study[f"uncertainty_{name}"].isel(here))
         shown = f", order {order:.3g}" if np.isfinite(order) else ""
-        yield f"{name}{where} = {value:.12g} ± {uncertainty:.2g}{units}{shown}, {verdict}"
+        yield f"{name}{where} = {value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{units}{shown}, {verdict}"
     if places == [OCCURRENCE] and count > MOST_SHOWN:
         yield f"{name}: {count - MOST_SHOWN} further occurrences are in the record"
