@@ -11,8 +11,8 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
+from xdynamics.budgeting import residuals
 from xdynamics.budgeting.montecarlo import Drawn, drawn, draws_needed
-from xdynamics.budgeting.residuals import tested
 from xdynamics.budgeting.rounding import rounded
 from xdynamics.evidence.diagnosing.cycles import cycles
 from xdynamics.summary import summary
@@ -218,12 +218,12 @@ def test_the_number_of_draws_that_settles_a_verdict(standard: float, apart: floa
 def test_residuals_far_below_their_uncertainties_are_no_matter(size: float, adequate: bool, said: str) -> None:
     """Assert a tenth of the uncertainties as the border, under which the order of residuals does not count."""
     row = size * np.repeat([1.0, -1.0], 20)
-    found = tested(float(row @ row), 40, [row], [np.arange(40.0)], known=True)
+    found = residuals.tested(float(row @ row), 40, [row], [np.arange(40.0)], known=True)
     assert found.adequate is adequate
     assert said in found.text
     noise = np.tile([1.0, 1.0, -1.0, -1.0], 10) * 0.5
     assert (
-        tested(float(noise @ noise), 40, [noise], [np.arange(40.0)], known=True).text
+        residuals.tested(float(noise @ noise), 40, [noise], [np.arange(40.0)], known=True).text
         == "residuals are no more than noise"
     )
 
@@ -233,4 +233,4 @@ def test_without_uncertainties_all_residuals_have_to_be_slight(sizes: tuple[floa
     """Assert a thousandth of the deviation of the data as the border, for every quantity."""
     rows = [size * np.repeat([1.0, -1.0], 20) for size in sizes]
     measured = [np.tile([1.0, -1.0], 20)] * 2
-    assert tested(float(sum(row @ row for row in rows)), 80, rows, measured, known=False).adequate is adequate
+    assert residuals.tested(float(sum(row @ row for row in rows)), 80, rows, measured, known=False).adequate is adequate
