@@ -14,6 +14,7 @@ from xdynamics.evidence.refining.convergence import STEADY
 from xdynamics.evidence.refining.levels import RTOLS, STEPS
 from xdynamics.evidence.refining.study import Study
 from xdynamics.record.extent import ROOM, free_memory, said
+from xdynamics.units import behind
 
 Floats = NDArray[np.float64]
 
@@ -81,7 +82,7 @@ def _needed(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> tuple[
             continue
         count = float(np.ceil(float(log(last / tolerance)) / (order * float(log(ratio)))))
         value, needed = float(levels.values[-1]) / float(power(ratio, count)), rows * float(power(growth, count))
-        unit = "" if levels.varied.units == "1" else f" {levels.varied.units}"
+        unit = behind(levels.varied.units or levels.model.time_unit.text)
         words.append(
             f"{one.name} would need a {levels.varied.name} of about {value:.2g}{unit}: {_extent(study, needed)}"
         )

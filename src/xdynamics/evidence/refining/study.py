@@ -75,7 +75,7 @@ class Study:
         for value, run in zip(self.levels.values.tolist(), self.runs, strict=True):
             if str(run.attrs["run_outcome"]) in GOOD or float(run["time"][-1]) >= float(times.max()):
                 continue
-            unit = "" if self.levels.varied.units == "1" else f" {self.levels.varied.units}"
+            unit = behind(self.levels.varied.units or self.levels.model.time_unit.text)
             raise InputError(
                 f"the level with {self.levels.varied.name} = {value:.6g}{unit} ended before t = {float(times.max()):.9g} s, as"
                 f" '{run.attrs['run_outcome']}': {run.attrs['run_outcome_text']}; leave that level out, or change what ended it"
