@@ -245,7 +245,8 @@ class March:
         if not count:
             return
         self.misplaced[log.events["detector"][:count][misplaced_events(self.run.detectors, log, count)]] = True
-        if self.layout.reactions and log.impulses[-1, :count].min() < 0.0:  # of most runs no event has won energy
+        # of most runs no event has won energy
+        if self.layout.reactions and log.impulses[len(self.layout.coordinates), :count].min() < 0.0:
             impacts = impacts_of(self.layout, self.settings.scales, log, count)
             self.gains = with_more(self.gains, impacts, int(log.base[0]["events"]))
 
