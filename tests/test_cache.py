@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import pickle
 import random
@@ -151,7 +152,7 @@ def test_a_cache_that_cannot_be_written(kept: tuple[Path, str], tmp_path: Path) 
     assert compiled > 0
     advice = (
         f"xdynamics: compiled code cannot be kept in '{tmp_path / 'cache'}' (File exists), so every process compiles it"
-        " again; set XDYNAMICS_CACHE to a folder that can be written and has room"
+        " again; set XDYNAMICS_CACHE to a folder of your own that nobody else can write to and that has room"
     )
     slow = "xdynamics: compiling the model and its method"  # said where that lasts longer than a second
     lines = [line for line in said.splitlines() if not line.startswith(slow)]
@@ -199,7 +200,8 @@ def test_a_user_without_a_home_has_one_temporary_folder(monkeypatch: pytest.Monk
     for name in ("law-x.o", "law-y.o"):
         cache.write(name, b"code")
         assert cache.read(name) == b"code"
-    assert [one.name for one in tmp_path.iterdir()] == [f"xdynamics-{os.getuid()}"]
+    names = [f"xdynamics-{os.getuid()}", f"xdynamics-{os.getuid()}.secret"]
+    assert sorted(one.name for one in tmp_path.iterdir()) == names
 
 
 def test_somebody_elses_temporary_folder_is_not_believed(
@@ -212,13 +214,99 @@ def test_somebody_elses_temporary_folder_is_not_believed(
     cache.folder().chmod(0o777)
     assert cache.read("law-x.o") is None
     cache.write("law-y.o", b"code")
-    assert "it is not this user's own folder" in cache.obstacle()
+    assert "others may write to the folder" in cache.obstacle()
     cache.folder().rename(tmp_path / "theirs")
     (tmp_path / "theirs").chmod(0o700)
     cache.folder().symlink_to(tmp_path / "theirs")
     assert cache.read("law-x.o") is None
     assert [one.name for one in (tmp_path / "theirs").iterdir()] == ["law-x.o"]
     assert len(caplog.records) == 1
+
+
+PLANTS = {
+    "a folder that others may write to": lambda folder, _file: folder.chmod(0o777),
+    "a folder that the group may write to": lambda folder, _file: folder.chmod(0o770),
+    "a file that others may write to": lambda _folder, file: file.chmod(0o666),
+    "a link in the place of the file": lambda folder, file: (file.rename(folder / "x"), file.symlink_to(folder / "x")),
+    "somebody else's folder": lambda folder, _file: os.chown(folder, 12345, -1),
+    "somebody else's file": lambda _folder, file: os.chown(file, 12345, -1),
+}
+
+
+@pytest.mark.parametrize("variable", ["XDYNAMICS_CACHE", "XDG_CACHE_HOME", "HOME"])
+@pytest.mark.parametrize("plant", PLANTS)
+def test_what_others_can_write_is_not_executed(
+    plant: str, variable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert that a file which others own or can change is not read, whichever variable names its folder."""
+    if plant.startswith("somebody") and os.getuid():
+        pytest.skip("only root gives files away")
+    for name in ("XDYNAMICS_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(variable, str(tmp_path))
+    cache.write("law-x.o", b"code")
+    assert cache.read("law-x.o") == b"code"
+    PLANTS[plant](cache.folder(), cache.folder() / "law-x.o")
+    assert cache.read("law-x.o") is None
+
+
+def test_a_file_from_an_open_folder_is_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that neither an unkeyed digest, nor another user's secret, nor another file's seal passes."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path / "cache"))
+    cache.write("law-x.o", b"code")
+    whole = (cache.folder() / "law-x.o").read_bytes()
+    (cache.folder() / "law-y.o").write_bytes(whole)
+    (cache.folder() / "law-z.o").write_bytes(hashlib.sha256(b"code").digest() + b"code")
+    assert (cache.read("law-x.o"), cache.read("law-y.o"), cache.read("law-z.o")) == (b"code", None, None)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another user's"))
+    cache.write("law-z.o", b"theirs")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert (cache.read("law-x.o"), cache.read("law-z.o")) == (b"code", None)
+
+
+def test_the_secret_is_the_users_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that it has mode 600, lies in no folder that XDYNAMICS_CACHE names, and that another one is refused by name."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path / "shared"))
+    monkeypatch.setattr(cache, "_ADVISED", [])
+    cache.write("law-x.o", b"code")
+    secret = tmp_path / "home" / "xdynamics.secret"
+    assert (secret.stat().st_mode & 0o777, secret.stat().st_size) == (0o600, 32)
+    assert [path.name for path in (tmp_path / "shared").iterdir()] == ["law-x.o"]
+    secret.chmod(0o640)
+    assert cache.read("law-x.o") is None
+    assert "others may read" in cache.obstacle()
+    secret.chmod(0o600)
+    secret.write_bytes(b"short")
+    assert "holds no secret" in cache.obstacle()
+    secret.unlink()
+    assert cache.read("law-x.o") is None
+    assert not secret.exists()
+
+
+def test_old_and_seldom_used_files_are_pruned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a write removes what is past its age, and the least used of what is beyond the limit."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", "0.003")
+    for days, name in enumerate(("new", "used", "older", "oldest")):
+        cache.write(f"law-{name}.o", bytes(950))
+        os.utime(tmp_path / f"law-{name}.o", (time.time() - 86400.0 * (1 + days),) * 2)
+    assert cache.read("law-used.o") == bytes(950)  # marks it as used
+    cache.write("law-last.o", bytes(950))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        f"law-{name}.o" for name in ("last", "new", "older", "used")
+    ]
+    monkeypatch.delenv("XDYNAMICS_CACHE_LIMIT")
+    os.utime(tmp_path / "law-new.o", (time.time() - 86400.0 * (cache.MOST_DAYS + 1),) * 2)
+    cache.write("law-last.o", bytes(950))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"law-{name}.o" for name in ("last", "older", "used")]
+
+
+@pytest.mark.parametrize(("text", "limit"), [("12", 12.0), ("-1", 256.0), ("much", 256.0), ("nan", 256.0)])
+def test_the_limit_of_the_cache(text: str, limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a limit that is no size is not followed."""
+    monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", text)
+    assert cache.most_megabytes() == limit
 
 
 def test_parts_of_dead_processes_are_removed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -235,10 +323,10 @@ def test_an_interrupted_write_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tm
     """Assert that Ctrl-C in the middle leaves no half a file."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
 
-    def interrupted(*_: object) -> None:
+    def interrupted(*_: object, **_named: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Path, "replace", interrupted)
+    monkeypatch.setattr(os, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
         cache.write("law-x.o", b"code")
     assert list(tmp_path.iterdir()) == []
