@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from xdynamics.entrance import entrance
 
@@ -76,7 +76,15 @@ __all__ = [
 # verbs that take records, with units as attributes or in their arrays
 _OF_RECORDS = ("animate", "check", "companion", "compare", "content_digest", "diagnose", "extend", "modes", "plot", "sample", "save", "contrast", "convergence", "influences", "precision", "sensitivities", "ragged")  # fmt: skip
 
-__getattr__ = entrance(__name__, _ROOMS, beside="accessor", through={"quantified.taking": _OF_RECORDS})
+_entered = entrance(__name__, _ROOMS, beside="accessor", through={"quantified.taking": _OF_RECORDS})
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":  # read when it is asked for: it takes longer than all else here
+        from importlib.metadata import version
+
+        return version("xdynamics")
+    return _entered(name)
 
 
 def __dir__() -> list[str]:

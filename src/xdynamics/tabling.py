@@ -66,12 +66,12 @@ def write(text: str, path: Path) -> str:
 
     Raises
     ------
-    InputError
+    ArchiveError
         If it cannot be written.
     """
     try:
         with taking_name(path) as new:
             new.part.write_text(text, encoding="utf-8")
     except ArchiveError as error:
-        raise InputError(f"table {error}") from None
+        raise ArchiveError(f"table {error}") from None
     return f"table     {path}: {text.count(chr(10)) - 1} rows"

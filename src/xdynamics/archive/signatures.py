@@ -126,7 +126,7 @@ def new_key(path: str | Path) -> Path:
             with os.fdopen(handle, "wb") as file:
                 file.write(text)
         except OSError as error:
-            raise InputError(f"the key '{name}' cannot be written: {error.strerror or error}") from None
+            raise ArchiveError(f"the key '{name}' cannot be written: {error.strerror or error}") from None
     return public
 
 

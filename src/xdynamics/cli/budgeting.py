@@ -124,9 +124,9 @@ def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], 
     if output:
         archive.check_target(Path(output))
     found = make(model, quantity, **asked)
-    say(summary(found))
     if output:
         archive.save(found, output)
+    say(summary(found))
     return found
 
 
@@ -190,12 +190,10 @@ def fit(
         seed=seed,
         **asked_of(settings, atols),
     )
-    say(summary(found))
+    if output:
+        archive.save(found, output)
     if fitted:
         with taking_name(Path(fitted)) as new:
             new.part.write_text(str(found["model_toml"].values))
-        say([f"model     {fitted}"])
-    if output:
-        archive.save(found, output)
-        say([f"fit       {output}"])
+    say([*summary(found), *[f"model     {fitted}"] * bool(fitted), *[f"fit       {output}"] * bool(output)])
     sys.exit(DONE if int(found.attrs["adequate"]) else BADLY)

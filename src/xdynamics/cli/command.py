@@ -1,4 +1,4 @@
-"""The command `xdynamics`: what becomes of errors, warnings and signals, and what all its verbs use."""
+"""The command `xdynamics`: what becomes of errors, warnings, signals and lost streams, and what all its verbs use."""
 
 from __future__ import annotations
 
@@ -13,24 +13,68 @@ from typing import Any
 
 import click
 
+from xdynamics.cli.streams import Stream, surviving_streams
 from xdynamics.faults import escaped
 
 DONE, BADLY, WRONG_INPUT = 0, 1, 2
-TERMINATED = 143  # as a shell reports a process that SIGTERM ended
+SIGNALLED = 128  # and the signal's number, as a shell reports a process that it ended: 143 for SIGTERM, 129 for SIGHUP
+LEAST_MEMORY = 700_000_000  # bytes of address space: Python with the libraries, the engine and a short run take 640 MB
+LIGHT = ("help", "methods", "new")  # verbs that load none of that
+QUIET = "xdynamics.quiet"
+
+
+class _Verb(click.Command):
+    """A verb; every one can be quiet."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self.params.append(
+            click.Option(
+                ["--quiet"], is_flag=True, expose_value=False, callback=_hush, help="Print nothing but errors."
+            )
+        )
+
+    @property
+    def writes(self) -> bool:
+        """Whether it makes a file, and its report is beside the point."""
+        return any(parameter.name == "output" for parameter in self.params)
+
+
+def _hush(ctx: click.Context, _option: click.Parameter, quiet: bool) -> None:
+    ctx.meta[QUIET] = quiet
 
 
 class _Command(click.Group):
-    """Turns wrong input into one line and exit code 2, damage found into exit code 1, SIGTERM into 143."""
+    """Turns wrong input into one line and exit code 2, damage found into exit code 1, SIGTERM into 143, SIGHUP into 129."""
+
+    command_class = _Verb
 
     def invoke(self, ctx: click.Context) -> Any:
-        with _terminable() as signals:
+        with surviving_streams() as streams, _terminable() as signals:
             try:
-                return self._invoked(ctx)
-            except (KeyboardInterrupt, SystemExit):
+                self._invoked(ctx)
+                code = DONE
+            except click.exceptions.Exit as leaving:
+                code = leaving.exit_code
+            except SystemExit as leaving:
+                code = int(leaving.code or DONE)
+            except KeyboardInterrupt:
                 if not signals:
                     raise
-        complain("terminated")
-        return ctx.exit(TERMINATED)
+            if signals:
+                complain("terminated")
+                code = SIGNALLED + signals[0]
+            code = self._code(ctx, streams.output, code)
+        return ctx.exit(code)
+
+    def _code(self, ctx: click.Context, output: Stream, code: int) -> int:
+        """Say that a report was lost; it ends a verb badly that makes nothing else."""
+        output.flush()
+        if not output.lost or output.cut_off:
+            return code
+        complain(f"the report could not be written to standard output ({output.lost})")
+        verb = self.commands.get(ctx.invoked_subcommand or "")
+        return code if isinstance(verb, _Verb) and verb.writes else code or BADLY
 
     def _invoked(self, ctx: click.Context) -> Any:
         import warnings
@@ -47,18 +91,47 @@ class _Command(click.Group):
                 warnings.showwarning = lambda message, *_rest: complain(f"warning: {message}")
                 return super().invoke(ctx)
         except click.UsageError as error:
-            raise click.UsageError(escaped(error.format_message()), error.ctx) from None
+            click.UsageError(escaped(error.format_message()), error.ctx).show()
+            ctx.exit(WRONG_INPUT)
         except ArchiveError as error:
             complain(error)
             ctx.exit(BADLY)
         except InputError as error:
             complain(error)
             ctx.exit(WRONG_INPUT)
+        except MemoryError:
+            complain(f"memory ran out; {_memory_words()}")
+            ctx.exit(BADLY)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Find the verb; refuse to begin where the libraries would not fit into memory, some of which then wait for ever."""
+        name, command, rest = super().resolve_command(ctx, args)
+        limit = _memory_limit()
+        if limit is not None and limit < LEAST_MEMORY and name not in LIGHT:
+            complain(_memory_words())
+            ctx.exit(BADLY)
+        return name, command, rest
+
+
+def _memory_limit() -> int | None:
+    """Return how much address space this process may have, in bytes; None where nothing limits it."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    limit: int = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
+
+
+def _memory_words() -> str:
+    needed = f"about {LEAST_MEMORY // 10**6} MB of address space are needed, and room for the record"
+    limit = _memory_limit()
+    return needed if limit is None else f"{needed}; the limit (ulimit -v) is {limit // 10**6} MB"
 
 
 @contextmanager
 def _terminable() -> Iterator[list[int]]:
-    """Let SIGTERM do what Ctrl-C does: end a march as an outcome, clear up, leave; gather the signals that came."""
+    """Let SIGTERM and SIGHUP do what Ctrl-C does: end a march as an outcome, clear up, leave; gather the signals that came."""
     came: list[int] = []
 
     def terminate(number: int, frame: FrameType | None) -> None:
@@ -71,11 +144,16 @@ def _terminable() -> Iterator[list[int]]:
     if threading.current_thread() is not threading.main_thread():
         yield came
         return
-    previous = signal.signal(signal.SIGTERM, terminate)
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    previous = {number: signal.getsignal(number) for number in numbers}
+    heard = [number for number in numbers if previous[number] is not signal.SIG_IGN]  # `nohup` means it
+    for number in heard:
+        signal.signal(number, terminate)
     try:
         yield came
     finally:
-        signal.signal(signal.SIGTERM, previous)
+        for number in heard:
+            signal.signal(number, previous[number])
 
 
 def complain(error: Exception | str) -> None:
@@ -84,9 +162,10 @@ def complain(error: Exception | str) -> None:
 
 
 def say(lines: Iterable[str]) -> None:
-    """Print lines, whatever the names and texts in them hold."""
-    for line in lines:
-        click.echo(escaped(line))
+    """Print lines, whatever the names and texts in them hold; none where the verb is to be quiet."""
+    if not click.get_current_context().meta.get(QUIET):
+        for line in lines:
+            click.echo(escaped(line))
 
 
 @click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"]})

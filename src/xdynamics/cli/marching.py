@@ -58,7 +58,6 @@ if TYPE_CHECKING:
     help="March with a length, time or mass scale, like length='0.4 m'.",
 )
 @click.option("--node", "nodes", multiple=True, metavar="TIME", help="A time to land on, like '1 s'.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 @click.option("--json", "as_json", is_flag=True, help="For scripts: print outcome, end and events as JSON.")
 @click.option("--times", metavar="TIMES", help="Write the states at these times too, like '0:20:201 s', into RUN.csv.")
 @click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
@@ -88,7 +87,6 @@ def run(
     force_samples: str | None,
     scales: tuple[str, ...],
     nodes: tuple[str, ...],
-    quiet: bool,
     as_json: bool,
     times: str | None,
     resume: bool,
@@ -118,9 +116,9 @@ def run(
         from xdynamics.tabling import tabled
 
         written = tabled(finished, wanted, table)
-        if not (quiet or as_json):
+        if not as_json:
             say([written])
-    _close(finished, output, quiet=quiet, as_json=as_json)
+    _close(finished, output, as_json=as_json)
 
 
 @main.command()
@@ -147,7 +145,7 @@ def extend(archive: str, until: str, output: str, resume: bool) -> None:
     _close(longer, output)
 
 
-def _close(finished: xr.Dataset, output: str, *, quiet: bool = False, as_json: bool = False) -> None:
+def _close(finished: xr.Dataset, output: str, *, as_json: bool = False) -> None:
     """Say what became of a run, and end with the exit code of its outcome."""
     from xdynamics.archive import has_segments
     from xdynamics.march.outcomes import GOOD
@@ -155,7 +153,7 @@ def _close(finished: xr.Dataset, output: str, *, quiet: bool = False, as_json: b
 
     if as_json:
         click.echo(json.dumps(as_data(finished) | {"archive": str(finished.encoding["source"])}))
-    elif not quiet:
+    else:
         say([*summary(finished), f"archive   {finished.encoding['source']}"])
     if has_segments(Path(output)) and not as_json:
         say([f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`"])

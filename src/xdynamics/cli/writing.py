@@ -25,7 +25,7 @@ def help_on(topic: str | None) -> None:
 def new(path: str) -> None:
     """Write a model to begin with: a driven pendulum, with a word on each section."""
     from xdynamics.documenting.guide import STARTER
-    from xdynamics.faults import InputError
+    from xdynamics.faults import ArchiveError, InputError
 
     target = Path(path)
     if target.suffix != ".toml":
@@ -36,7 +36,7 @@ def new(path: str) -> None:
     except FileExistsError:
         raise InputError(f"'{path}' is there already, and is not written over; give another name") from None
     except OSError as error:
-        raise InputError(f"'{path}' cannot be written: {error.strerror or error}") from None
+        raise ArchiveError(f"'{path}' cannot be written: {error.strerror or error}") from None
     say(_next(path))
 
 

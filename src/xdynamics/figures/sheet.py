@@ -86,7 +86,7 @@ def kept(what: str, path: Path) -> Iterator[Path]:
         with taking_name(path) as new:
             yield new.part
     except ArchiveError as error:
-        raise InputError(f"{what} {error}") from None
+        raise ArchiveError(f"{what} {error}") from None
 
 
 def check_path(path: Path, formats: Sequence[str] = FORMATS, what: str = "figure") -> None:
