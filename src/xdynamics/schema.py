@@ -176,6 +176,19 @@ def error(name: str) -> str:
     return f"error_{name}"
 
 
+SCALED_RESIDUAL, RESIDUAL_SCALE = "scaled_residual", "residual_scale"  # of a ledger, along `case`
+
+
+def scaled(name: str) -> str:
+    """Name a residual, or another difference, over its scale."""
+    return f"scaled_{name}"
+
+
+def scale(kind: str, name: str) -> str:
+    """Name the scale of a residual of a quantity."""
+    return f"{kind}_scale_{name}"
+
+
 def contact_force(name: str) -> str:
     """Name the normal force of a contact."""
     return f"contact_force_{name}"

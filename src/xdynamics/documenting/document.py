@@ -18,6 +18,7 @@ from xdynamics.documenting.equations import of_model
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.record.words import time_unit, words_of
+from xdynamics.schema import SCALED_RESIDUAL
 from xdynamics.units import behind
 
 if TYPE_CHECKING:
@@ -163,10 +164,13 @@ def _run(run: xr.Dataset, picture: bytes) -> Section:
 
 def _ledger(ledger: xr.Dataset) -> Section:
     verdicts, units = words_of(ledger["verdict"]), ledger["case_units"].values
-    rows = [[str(name), verdict, f"{_number(float(residual))} {unit}", f"{_number(float(bound))} {unit}", str(relation)] for name, verdict, residual, bound, unit, relation in zip(ledger["case_name"].values, verdicts, ledger["residual"].values, ledger["bound"].values, units, ledger["case_relation"].values, strict=True) if verdict != "refused"]  # fmt: skip
+    # ledgers of older versions have none
+    over_scale = ledger.get(SCALED_RESIDUAL, ledger["residual"] * np.nan).values
+    rows = [[str(name), verdict, f"{_number(float(residual))} {unit}", _number(float(scaled)), f"{_number(float(bound))} {unit}", str(relation)] for name, verdict, residual, scaled, bound, unit, relation in zip(ledger["case_name"].values, verdicts, ledger["residual"].values, over_scale, ledger["bound"].values, units, ledger["case_relation"].values, strict=True) if verdict != "refused"]  # fmt: skip
     said = f"The method beside closed forms: {verdicts.count('passed')} passed, {verdicts.count('failed')} failed, {verdicts.count('refused')} refused."
     return Section(
-        "The method's ledger", [Words(said), Table(["case", "verdict", "residual", "bound", "closed form"], rows)]
+        "The method's ledger",
+        [Words(said), Table(["case", "verdict", "residual", "scaled", "bound", "closed form"], rows)],
     )
 
 

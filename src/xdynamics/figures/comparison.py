@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from xdynamics import schema
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import thinned
 from xdynamics.figures.marks import COLOURS, timed, words
@@ -75,4 +76,6 @@ def _apart(found: xr.Dataset, name: str, axes: Axes) -> None:
     axes.plot(time[rows], values[rows], style, color=COLOURS[0], linewidth=1.0, markersize=4)
     axes.axhline(0.0, color="#777777", linewidth=0.8)
     axes.set(xlabel=timed(found[AT_TIME]), ylabel=words(f"difference ({found[f'difference_{name}'].attrs['units']})"))
-    axes.set_title(words(found[f"difference_{name}"].attrs["long_name"]), loc="left", fontsize=10)
+    scale = found.get(schema.scale("difference", name))
+    said = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
+    axes.set_title(words(f"{found[f'difference_{name}'].attrs['long_name']}{said}"), loc="left", fontsize=10)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from xdynamics import schema
 from xdynamics.evidence.diagnosing.chaos import exponents_with_uncertainty
 from xdynamics.evidence.diagnosing.diagnosis import cycles_said
 from xdynamics.faults import InputError
@@ -32,7 +33,7 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
         If there is neither a cycle nor an exponent.
     """
     names = [name for name in SHOWN if name in found and found.sizes.get(CYCLE, 0) and found[name].notnull().any()]
-    residuals = [str(name) for name in found.data_vars if str(name).startswith("residual_")]
+    residuals = [str(name) for name, one in found.data_vars.items() if str(name).startswith("residual_") and one.dims]
     if not names and LYAPUNOVS not in found:
         raise InputError(
             "there is nothing to draw: the diagnosis has no cycle; what it found is told by `xdynamics show`"
@@ -96,4 +97,6 @@ def _residual(found: xr.Dataset, name: str, axes: Axes) -> None:
     one = found[name]
     axes.plot(found["time"].values, one.values, color=COLOURS[1], linewidth=1.0)
     axes.set(xlabel=timed(found["time"]), ylabel=words(f"{name} ({one.attrs['units']})"))
-    axes.set_title(words(str(one.attrs["long_name"])), loc="left", fontsize=10)
+    scale = found.get(schema.scale(*name.split("_", 1)))
+    said = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
+    axes.set_title(words(f"{one.attrs['long_name']}{said}"), loc="left", fontsize=10)

@@ -19,6 +19,7 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.matching import Rows, matched, met
 from xdynamics.evidence.observing import comparable, observe
 from xdynamics.evidence.sampling import sample
+from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError, escaped
 from xdynamics.record import check
 from xdynamics.record.kinds import is_evidence, said_of
@@ -71,14 +72,15 @@ def compare(
     -------
     xarray.Dataset
         Along `at`, for every coordinate, velocity, state, energy and observable y of both: `difference_y` (second minus
-        first, in the units of the first) and `interpolation_error_y` (what both together may be off between their
-        accepted states). Along `occurrence`: `difference_event_time_<name>` of events that both met, with what their
+        first, in the units of the first), `scaled_difference_y` (over `difference_scale_y`, the largest y of the first
+        run at these times) and `interpolation_error_y` (what both together may be off between their accepted states). Along `occurrence`: `difference_event_time_<name>` of events that both met, with what their
         location is uncertain by. Along `variable`: `name`, `same`, `first_row`, bit for bit. Attributes name what
         differs: `parameters`, `initial`, `model`, `settings`, `events` (a line each), `parted` (from when on runs are
         further apart than interpolation can be), `cause`, `first_difference`, `identical`. On dask arrays the
         differences of states are lazy, and nothing else is there. With data: `measured_y`, y as computed,
-        `difference_y` (measured minus computed), `interpolation_error_y`, `measured_uncertainty_y`, and without a
-        dimension `rms_difference_y` and `reduced_chi_square_y`.
+        `difference_y` (measured minus computed), `scaled_difference_y` (over `difference_scale_y`, the largest measured y),
+        `interpolation_error_y`, `measured_uncertainty_y`, and without a dimension `rms_difference_y`,
+        `scaled_rms_difference_y` and `reduced_chi_square_y`.
 
     Raises
     ------
@@ -188,8 +190,10 @@ def _difference(name: str, one: xr.DataArray, other: xr.DataArray, here: Any, th
     units = [parse_unit(str(run.attrs["units"])) for run in (one, other)]
     factor = float(units[1].factor / units[0].factor)
     text = str(one.attrs["units"])
-    return {
-        f"difference_{name}": ((AT,), there[0] * factor - here[0], about(text, f"{name}, second run minus first", ROLE)),
+    apart = there[0] * factor - here[0]
+    said = f"largest size of {name} of the first run at the times compared; where that is 0, of the second"
+    return scaled("difference", name, apart, scale_of(here[0], there[0] * factor), (AT,), text, said) | {
+        f"difference_{name}": ((AT,), apart, about(text, f"{name}, second run minus first", ROLE)),
         f"interpolation_error_{name}": ((AT,), there[1] * factor + here[1], about(text, f"what {name} of both runs may be off between accepted states", "error")),
     }  # fmt: skip
 
@@ -210,6 +214,12 @@ def _events(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
             f"difference_event_time_{name}",
             ((OCCURRENCE,), apart, about(time_unit(first).text, f"time of {name}, second run minus first", ROLE)),
         )
+        start = float(first["time"][0])
+        elapsed = [run["event_time"].values[rows] - start for run, rows in ((first, here), (second, there))]
+        said = f"longest time from the start of the first run to its {name}; where that is 0, of the second"
+        yield from scaled(
+            "difference", f"event_time_{name}", apart, scale_of(*elapsed), (OCCURRENCE,), time_unit(first).text, said
+        ).items()
         yield f"interpolation_error_event_time_{name}", ((OCCURRENCE,), doubt, about(time_unit(first).text, f"what the location of {name} is uncertain by in both runs", "error"))  # fmt: skip
 
 
@@ -332,6 +342,18 @@ def _largest(table: xr.Dataset) -> Iterator[str]:
                 if one.dims == (AT,)
                 else f"occurrence {worst + 1}"
             )
-            yield f"largest   {name} = {float(one[worst]):.6g} {one.attrs['units']} {where}"
+            kind, _, of = str(name).partition("_")
+            yield f"largest   {name} = {float(one[worst]):.6g} {one.attrs['units']} {where}{_over_scale(table, kind, of, worst)}"
         elif one.attrs.get("role") == "residual" and not one.dims:
-            yield f"{name} = {float(one):.6g}{'' if one.attrs['units'] == '1' else ' ' + one.attrs['units']}"
+            scale = (
+                f", scaled {float(table[schema.scaled(str(name))]):.3g}" if schema.scaled(str(name)) in table else ""
+            )
+            yield f"{name} = {float(one):.6g}{'' if one.attrs['units'] == '1' else ' ' + one.attrs['units']}{scale}"
+
+
+def _over_scale(table: xr.Dataset, kind: str, name: str, place: int) -> str:
+    """Say what a difference is over its scale."""
+    scale = table[schema.scale(kind, name)]
+    units = "" if scale.attrs["units"] == "1" else f" {scale.attrs['units']}"
+    value = float(table[schema.scaled(f"{kind}_{name}")][place])
+    return f", scaled {value:.3g} by {float(scale):.3g}{units}"

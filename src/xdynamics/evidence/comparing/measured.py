@@ -16,6 +16,7 @@ from xdynamics import archive
 from xdynamics.dynamics.inside import model_of
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.drives import GAPS, REFUSE, SKIP
 from xdynamics.model.reach import ANYWHERE, Reach
@@ -145,12 +146,14 @@ def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Me
 
     values = converted(*data.values[name])
     apart = values - computed
+    said = f"largest size of {name} as measured; where that is 0, as computed"
     found: dict[str, Any] = {
         f"measured_{name}": ((AT,), values, about(units, f"{name} as measured", "measured")),
         name: ((AT,), computed, about(units, f"{name} as computed", "computed")),
         f"difference_{name}": ((AT,), apart, about(units, f"{name}, measured minus computed", "difference")),
         f"interpolation_error_{name}": ((AT,), errors, about(units, f"what {name} may be off between accepted states", "error")),
         f"rms_difference_{name}": ((), np.sqrt(np.mean(apart**2)), about(units, f"root of the mean square of difference_{name}", "residual")),
+        **scaled("difference", name, apart, scale_of(values, computed), (AT,), units, said, ("rms",)),
     }  # fmt: skip
     if name in data.uncertainties:
         doubt = converted(*data.uncertainties[name])

@@ -19,6 +19,7 @@ from xdynamics.evidence.diagnosing.extremes import extremes_of, sought
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.observing import comparable, evaluated_on, tree_of
+from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.expressions import Binary, Name, Node, dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger
 from xdynamics.methods.scheme import REINTEGRATE
@@ -90,13 +91,16 @@ def diagnose(
         cycle less that over the first; without cycles, at the end less at the start), `band_y` and `drift_y` of every
         declared observable y and, as `momentum_x`, of every generalised momentum; for every coordinate, velocity,
         state, energy, observable, force and contact force `maximum_y`, `maximum_y_time`, `maximum_y_rule` (a flag: sampled, interpolated, located by an event),
-        `maximum_y_uncertainty`, and so for `minimum_y`; with closed forms `largest_residual_y` and `rms_residual_y`;
+        `maximum_y_uncertainty`, and so for `minimum_y`; with closed forms `largest_residual_y` and `rms_residual_y`,
+        and both scaled, `scaled_largest_residual_y` and `scaled_rms_residual_y`, by `residual_scale_y`, the largest
+        expected size (one expected value may be 0);
         with a companion `believed_until`, the time up to which no coordinate, velocity or state is further from the solution
         than a tenth of its range; on request `lyapunov_exponent` (the largest), `lyapunov_time` (1 over it; inf where it
         is not above twice its uncertainty or has grown less than a thousandfold) and `finite_time_growth`, of the start
         that grows most until the run's end, with `lyapunov_exponents` and `lyapunov_uncertainty` along `exponent`: of coordinates, velocities and states, not of
         time. Along `cycle`: `cycle_time`, `period`, `phase_offset` (behind the reference below 0),
-        `amplitude`, `phase_space_area`. Along `turn`: `turning_time`, `turning_point`. Along `step`: `residual_y`.
+        `amplitude`, `phase_space_area`. Along `turn`: `turning_time`, `turning_point`. Along `step`: `residual_y` and
+        `scaled_residual_y`.
 
     Raises
     ------
@@ -327,7 +331,8 @@ def _residuals(run: xr.Dataset, model: Model, exact: Mapping[str, str]) -> Itera
     for name, text in exact.items():
         if name not in model.units or name not in run.variables:
             raise InputError(f"exact names '{name}'; there are {', '.join(model.units)}")
-        off = np.asarray(run[name]) - closed_form(run, model, name, text)
+        expected = closed_form(run, model, name, text)
+        off = np.asarray(run[name]) - expected
         units = str(run[name].attrs["units"])
         yield f"residual_{name}", ((STEPS,), off, about(units, f"{name} less {text}", "residual"))
         yield (
@@ -335,6 +340,9 @@ def _residuals(run: xr.Dataset, model: Model, exact: Mapping[str, str]) -> Itera
             ((), float(np.max(np.abs(off))), about(units, f"largest size of residual_{name}", "residual")),
         )
         yield f"rms_residual_{name}", ((), float(np.sqrt(np.mean(off**2))), about(units, f"root of the mean square of residual_{name}", "residual"))  # fmt: skip
+        said = f"largest size of {text} at the accepted times; where that is 0, of {name} as computed"
+        scale = scale_of(expected, np.asarray(run[name]))
+        yield from scaled("residual", name, off, scale, (STEPS,), units, said, ("largest", "rms")).items()
 
 
 def closed_form(run: xr.Dataset, model: Model, name: str, text: str) -> Floats:
@@ -392,6 +400,10 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
         if not one.dims and one.attrs["role"] in (ROLE, "residual") and name not in chaos.IN_WORDS:
             rule, units = f"{name}_rule", "" if one.attrs["units"] == "1" else f" {one.attrs['units']}"
             shown = f", {str(found[rule].attrs['flag_meanings']).split()[int(found[rule])]}" if rule in found else ""
+            over = schema.scaled(str(name))
+            shown += (
+                f", scaled {float(found[over]):.3g} by {_scale_in_words(found, str(name))}" if over in found else ""
+            )
             yield f"{name} = {float(one):.9g}{units}{shown}"
     yield from chaos.exponents_in_words(found)
     if "cycle_doubt" in found.attrs:
@@ -401,3 +413,9 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):
             one = found[name]
             yield f"{name} = {float(one[0]):.9g} in the first cycle, {float(one[-1]):.9g} in the last, {one.attrs['units']}"
+
+
+def _scale_in_words(found: xr.Dataset, norm: str) -> str:
+    """Say what the norm of a residual is scaled by."""
+    scale = found[schema.scale("residual", norm.partition("_residual_")[2])]
+    return f"{float(scale):.6g}{'' if scale.attrs['units'] == '1' else ' ' + scale.attrs['units']}"

@@ -16,6 +16,8 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.matching import met
 from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.evidence.scaling import ROLE as SCALED
+from xdynamics.evidence.scaling import over, scale_of
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
@@ -27,7 +29,7 @@ from xdynamics.model.motion import constants, evaluated_many
 from xdynamics.model.parts import Validation
 from xdynamics.model.validating import BAND, ORDER, UNSCALED, exact_from
 from xdynamics.record.words import time_unit, words_of
-from xdynamics.schema import CASE, STEPS, flags, velocity
+from xdynamics.schema import CASE, RESIDUAL_SCALE, SCALED_RESIDUAL, STEPS, flags, velocity
 from xdynamics.units import Quantity, behind, parse_unit, time_in
 
 if TYPE_CHECKING:
@@ -46,6 +48,10 @@ TENTH = 10  # a band is compared between the first and the last part of so many
 BAND_AT_MOST, ORDER_AT_MOST = 0.2, 0.5  # of the largest value, beyond which no bound is one
 WIDER = 1.5  # times its first part, the most that a band may be in its last one
 ROLE = "validation"
+SCALE_RULE = (
+    "largest size of the closed form where it is compared (of an event's time from the start), never its value at one"
+    " time, which may pass zero; where it is 0 throughout, largest size of what was computed"
+)
 
 
 def validate(methods: Sequence[str] | str | Model | None = None, model: Model | None = None) -> xr.Dataset:
@@ -65,6 +71,7 @@ def validate(methods: Sequence[str] | str | Model | None = None, model: Model | 
     xarray.Dataset
         Along `case`, stage by stage: `case_name`, `case_method`, `case_stage`, `case_relation` (the closed form),
         `case_observable`, `case_where` (times, or an event), `case_norm`, `residual` and `bound` (in `case_units`),
+        `scaled_residual` over `residual_scale` (the largest expected size, in `case_units`; one expected value may be 0),
         `case_bound_rule`, `verdict` (a flag: passed failed refused), `case_note`, `case_run` (content digest).
 
     Raises
@@ -131,6 +138,7 @@ class Row:
     norm: str = "largest absolute difference"
     residual: float = np.nan
     bound: float = np.nan
+    scale: float = np.nan
     note: str = ""
     run: str = ""
 
@@ -237,12 +245,12 @@ class Marched:
                 where=f"{'the last tenth of ' * (case.bound == BAND)}accepted states up to {end:.9g}{behind(time_unit(run))}",
             )
         try:
-            residual = self.residual(run, case)
+            residual, expected = self.residual(run, case), self.expected(run, case)
             if case.bound == BAND:
                 part = max(1, len(residual) // TENTH)
                 most = BAND_AT_MOST * float(np.max(np.abs(run[case.quantity])))
                 bound = min(WIDER * float(np.max(residual[:part])), most) + self.rounding(case)
-                residual = residual[-part:]
+                residual, expected = residual[-part:], expected[-part:]
             else:
                 bound = self.bound(case)
         except LookupError as error:
@@ -251,8 +259,9 @@ class Marched:
             here, there = (np.asarray(one[case.quantity]) for one in (run, self.unscaled))
             if here.shape != there.shape:
                 return replace(row, residual=np.inf, bound=bound, note=f"{len(here)} rows, unscaled {len(there)}")
-            residual = np.abs(here - there)
-        return replace(row, residual=float(np.max(residual)), bound=bound)
+            residual, expected = np.abs(here - there), there
+        scale = float(scale_of(expected, residual))  # of what is to be 0 the residual is what was computed
+        return replace(row, residual=float(np.max(residual)), bound=bound, scale=scale)
 
     def check_dimension(self, case: Validation, units: str) -> None:
         """Refuse a closed form in another unit than what it is held against.
@@ -304,22 +313,30 @@ class Marched:
         LookupError
             If the event was not met so often.
         """
-        name, factor = case.quantity, float(parse_unit(_units(run, case)).factor)
+        name, times = case.quantity, self._times(run, case)
         if case.event:
-            k, row = _met(run, case)
-            times = run["event_time"].values[k : k + 1]
-            values = times if name == "t" else run[name].values[row : row + 1]
+            values = times if name == "t" else run[name].values[_met(run, case)[1] :][:1]
         elif case.times:
-            times = np.array(case.times)
             values = self._at(run, name, times)
         else:
-            times, values = run["time"].values, run[name].values
-        return np.abs(values - self._exact(case, times) / factor)
+            values = run[name].values
+        return np.abs(values - self._exact(case, times) / float(parse_unit(_units(run, case)).factor))
+
+    def _times(self, run: xr.Dataset, case: Validation) -> Floats:
+        """Return when a closed form is compared."""
+        if case.event:
+            return np.asarray(run["event_time"].values[_met(run, case)[0] :][:1])
+        return np.array(case.times) if case.times else np.asarray(run["time"].values)
 
     def true(self, run: xr.Dataset, case: Validation) -> Floats:
-        """Return the closed form where it is compared, in the record's unit."""
+        """Return the closed form at the times of a case, or all along the run, in the record's unit."""
         times = np.array(case.times) if case.times else run["time"].values
         return self._exact(case, times) / float(parse_unit(_units(run, case)).factor)
+
+    def expected(self, run: xr.Dataset, case: Validation) -> Floats:
+        """Return the closed form where it is compared, in the record's unit; of a time, from the start."""
+        origin = float(run["time"][0]) if case.quantity == "t" else 0.0
+        return self._exact(case, self._times(run, case)) / float(parse_unit(_units(run, case)).factor) - origin
 
     def _exact(self, case: Validation, times: Floats) -> Floats:
         tree = self.model.expanded(case.expression)
@@ -375,6 +392,8 @@ def _dataset(rows: Sequence[Row], title: str) -> xr.Dataset:
         "case_stage": ((CASE,), np.array([row.stage for row in rows]), about("1", "stage of the ledger; 0 of a model's own closed forms", ROLE)),
         "residual": ((CASE,), np.array([row.residual for row in rows]), numbers | {"long_name": "largest difference from the closed form"}),
         "bound": ((CASE,), np.array([row.bound for row in rows]), numbers | {"long_name": "the most that it may be"}),
+        RESIDUAL_SCALE: ((CASE,), np.array([row.scale for row in rows]), numbers | {"long_name": SCALE_RULE}),
+        SCALED_RESIDUAL: ((CASE,), over(*np.array([(row.residual, row.scale) for row in rows]).reshape(-1, 2).T), about("1", "residual over residual_scale", SCALED) | {"scale_rule": SCALE_RULE}),
         "verdict": ((CASE,), np.array([row.verdict for row in rows], np.int8), about("1", "what became of the case", "flag") | flags(dict(enumerate(VERDICTS)))),
     }  # fmt: skip
     runs = [one for one in dict.fromkeys(row.run for row in rows) if one]
@@ -387,7 +406,9 @@ def lines_of(ledger: xr.Dataset) -> Iterator[str]:
     for k, word in enumerate(words):
         one = {name: str(ledger[f"case_{name}"][k].item()) for name in ("name", "method", "observable", "where", "units", "note")}  # fmt: skip
         if word == "failed":
-            found = f"residual {float(ledger['residual'][k]):.3g} {one['units']}, bound {float(ledger['bound'][k]):.3g} {one['units']}"
+            residual, bound, scale, over_scale = (float(ledger[name][k]) for name in ("residual", "bound", RESIDUAL_SCALE, SCALED_RESIDUAL))  # fmt: skip
+            found = f"residual {residual:.3g} {one['units']}, bound {bound:.3g} {one['units']}"
+            found += f", scaled {over_scale:.3g} by {scale:.3g} {one['units']}" if np.isfinite(scale) else ""
             yield f"failed    {one['name']} by {one['method']}: {one['observable']}, {one['where']}: {found}{'; ' if one['note'] else ''}{one['note']}"
         elif word == "refused" and not int(ledger["case_stage"][k]):
             yield f"refused   {one['name']} by {one['method']}: {one['note']}"

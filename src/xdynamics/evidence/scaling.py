@@ -1,0 +1,66 @@
+"""Residuals over a scale: one for all that is compared, never the expected value at one time, which may pass zero."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from xdynamics import schema
+from xdynamics.evidence.exhibit import about
+
+ROLE = "scaled"
+
+
+def scale_of(expected: Any, computed: Any) -> Any:
+    """Return the largest size of what is expected; where that is 0 throughout, of what was computed.
+
+    Examples
+    --------
+    >>> float(scale_of(np.array([0.0, -2.0]), np.array([0.1, -2.2]))), float(scale_of(np.zeros(2), np.array([0.0, 1e-3])))
+    (2.0, 0.001)
+    """
+    largest = np.abs(expected).max()
+    return np.where(largest > 0.0, largest, np.abs(computed).max())
+
+
+def over(residual: Any, scale: Any) -> Any:
+    """Return residuals over their scale; 0 where both are 0."""
+    return np.where(scale > 0.0, residual / np.where(scale > 0.0, scale, 1.0), residual)
+
+
+def scaled(
+    kind: str, name: str, residual: Any, scale: Any, dims: Sequence[str], units: str, said: str, norms: Sequence[str] = ()
+) -> dict[str, Any]:  # fmt: skip
+    """Return a residual over its scale, and the scale, ready for a Dataset.
+
+    Parameters
+    ----------
+    kind : str
+        What the residual is called: `residual`, `difference`.
+    name : str
+        Of the quantity.
+    residual : array
+    scale : number
+        What `scale_of` returned.
+    dims : sequence of str
+        Of the residual.
+    units : str
+        Of the scale.
+    said : str
+        What the largest size of is the scale, in words.
+    norms : sequence of str
+        Norms of the residual that are there without a dimension: `rms`, `largest`.
+    """
+    of = f"{kind}_{name}"
+    rule = {"scale_rule": f"{said}; never its value at one time, which may pass zero"}
+    found = {
+        schema.scaled(of): (tuple(dims), over(residual, scale), about("1", f"{of} over {schema.scale(kind, name)}", ROLE) | rule),
+        schema.scale(kind, name): ((), scale, about(units, f"scale of {of}: {said}", "scale") | rule),
+    }  # fmt: skip
+    sizes = {"rms": lambda off: np.sqrt(np.mean(off**2)), "largest": lambda off: np.max(np.abs(off))}
+    return found | {
+        schema.scaled(f"{norm}_{of}"): ((), over(sizes[norm](residual), scale), about("1", f"{norm}_{of} over {schema.scale(kind, name)}", ROLE) | rule)
+        for norm in norms
+    }  # fmt: skip
