@@ -51,7 +51,9 @@ QUANTITIES = (
     "test_budget_quantities.py -k keep_the_signs and 0.5 or totals or levels or location or declared or lines_say"
 )
 DRAWN = "test_budget_quantities.py -k draws_are"
+COMPARED_RUNS = "difference or later or locations or interpolation or energy_of or bits"
 TOUCHED = {
+    "units.py": ("test_units.py",),
     "model/drives.py": (
         "test_drives.py",
         "test_splines.py",
@@ -83,9 +85,43 @@ TOUCHED = {
         "test_refinement.py -k verdicts or near",
         "test_verdicts.py -k lucky",
     ),
+    "evidence/comparing/bits.py": ("test_comparison.py -k same_runs or rerun or named or schema or parameter",),
+    "evidence/comparing/comparison.py": (
+        f"test_signs.py -k {COMPARED_RUNS}",
+        "test_scaling.py -k units or times_of or lines",
+        "test_comparison.py",
+    ),
+    "evidence/comparing/measured.py": (
+        "test_signs.py -k measured",
+        "test_scaling.py -k measured",
+        "test_comparison.py -k measured or wrong_data or columns or datasets",
+    ),
+    "evidence/companion.py": (
+        "test_signs.py -k global or comes_late",
+        "test_diagnosis.py -k companions or global or tighter or only_one or edited",
+    ),
     "evidence/diagnosing/cycles.py": (
+        "test_signs.py -k cycle or crossing or period",
         "test_diagnosis.py -k verlet or references or beating",
         "test_budget_quantities.py -k periods",
+    ),
+    "evidence/diagnosing/diagnosis.py": (
+        "test_signs.py -k drift or band or amplitude or turns or behind or ahead or residual",
+        "test_diagnosis.py -k verlet or lazy or wrong or references or residuals or observables or ellipse or saved",
+    ),
+    "evidence/modes.py": ("test_signs.py -k decay or radians", "test_modes.py -k not compiled_forces"),
+    "evidence/refining/family.py": (
+        "test_signs.py -k coarser or euler_is or true_fall",
+        "test_refinement.py -k energies",
+    ),
+    "evidence/scaling.py": ("test_scaling.py -k expected or nothing or divides or norm or measured or units",),
+    "evidence/validating/limiting.py": (
+        "test_signs.py -k distances",
+        "test_ledger.py -k goes or vanishes or limits",
+    ),
+    "evidence/validating/manufacturing.py": (
+        "test_signs.py -k manufactured",
+        "test_ledger.py -k trajectories or full_masses",
     ),
     "evidence/validating/ledger.py": ("test_ledger.py -k not (planted or manufactured or limit)",),
     "evidence/diagnosing/extremes.py": ("test_extremes.py -k not (budget or certified or named or sweep)",),

@@ -14,7 +14,7 @@ import xdynamics as xd
 from xdynamics.cli import main
 from xdynamics.evidence.comparing.comparison import lines_of
 from xdynamics.evidence.diagnosing.diagnosis import lines_of as lines_of_diagnosis
-from xdynamics.evidence.scaling import over, scale_of
+from xdynamics.evidence.scaling import over, scale_of, scaled
 from xdynamics.evidence.validating.ledger import lines_of as lines_of_ledger
 
 
@@ -59,6 +59,21 @@ def test_nothing_over_nothing_is_nothing() -> None:
     """Assert that a residual of 0 of what is 0 throughout is 0 of its scale, and that what is missing stays missing."""
     assert over(np.array([0.0, 0.0]), np.float64(0.0)).tolist() == [0.0, 0.0]
     assert np.isnan(over(np.array([np.nan]), np.float64(2.0))).all()
+
+
+@pytest.mark.parametrize("scale", [5e-324, 1e-300, 0.25, 4.0, 1e300])
+def test_every_scale_divides(scale: float) -> None:
+    """Assert that a residual as large as its scale is 1 of it, however small the scale is."""
+    assert over(np.array([scale, -scale]), np.float64(scale)).tolist() == [1.0, -1.0]
+
+
+def test_the_largest_norm_is_the_largest_size() -> None:
+    """Assert that of residuals of both signs and sizes the norm is the size of the largest, over the scale."""
+    found = scaled(
+        "residual", "y", np.array([0.1, -0.3, 0.2]), np.float64(2.0), ("step",), "m", "y", ("largest", "rms")
+    )
+    assert float(found["scaled_largest_residual_y"][1]) == 0.15
+    assert float(found["scaled_rms_residual_y"][1]) == pytest.approx(np.sqrt(0.14 / 3) / 2, rel=1e-15)
 
 
 def test_runs_in_two_units() -> None:

@@ -1,0 +1,351 @@
+"""What a stage of evidence returns has the right sign and factor, and is of the right one of two runs: each by a closed form."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from xdynamics.evidence.diagnosing.cycles import cycles
+
+G = 10.0  # m s-2
+T = 2.0  # s
+LOSS = 0.2  # s-1, of a speed
+
+
+@cache
+def fall(step: float = 0.1, height: float = 0.0, speed: float = 0.0, method: str = "forward_euler") -> xr.Dataset:
+    """A body that falls, by Euler's y = y0 + v0 t - g t (t - h)/2 unless another method is named."""
+    model = falling().replace(initial={"y": f"{height!r} m", "v_y": f"{speed!r} m s-1"})
+    return xd.simulate(model, method=method, step=step, until=T)
+
+
+@cache
+def passing(step: float = 0.1, height: float = 0.0, method: str = "velocity_verlet") -> xr.Dataset:
+    """The same from rest, with an event 5 m below 0."""
+    text = falling().to_toml() + '[events.level]\nfunction = "y + 5*metre"\n'
+    return xd.simulate(
+        xd.Model.from_text(text).replace(initial={"y": f"{height!r} m"}), method=method, step=step, until=T
+    )
+
+
+def falling() -> xd.Model:
+    """A body of 2 kg under gravity, downward negative."""
+    return xd.Model(
+        name="fall", coordinates={"y": "m"}, parameters={"m": "2 kg", "g": f"{G!r} m s-2"}, mass={"y": "m"},
+        forces={"gravity": {"potential": "m*g*y"}}, initial={"y": "0 m", "v_y": "0 m s-1"},
+    )  # fmt: skip
+
+
+@cache
+def slide() -> xr.Dataset:
+    """A body of 2 kg that drag slows down: v = 3 exp(-t/5) m s-1; its only energy is kinetic."""
+    model = xd.Model(
+        name="slide", coordinates={"x": "m"}, parameters={"m": "2 kg", "c": f"{2 * LOSS!r} N s m-1"}, mass={"x": "m"},
+        forces={"drag": {"x": "-c*v_x"}, "none": {"potential": "0*joule + 0*c*x*metre/second"}}, initial={"x": "0 m", "v_x": "3 m s-1"},
+    )  # fmt: skip
+    return xd.simulate(model, method="dop853", rtol=1e-12, until=T)
+
+
+@cache
+def swing(stiffness: float = 4.0, loss: float = 0.0, method: str = "dop853", **asked: Any) -> xr.Dataset:
+    """An oscillator of 1 kg that starts at rest, 1 m from its middle; with a loss it is damped by exp(-loss t)."""
+    model = xd.Model(
+        name="swing", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": f"{stiffness!r} N m-1", "c": f"{2 * loss!r} N s m-1"},
+        mass={"x": "m"}, forces={"spring": {"potential": "k*x**2/2"}} | ({"drag": {"x": "-c*v_x"}} if loss else {}), initial={"x": "1 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    return xd.simulate(model, method=method, until=20.0, **(asked or {"rtol": 1e-11}))
+
+
+@cache
+def diagnosed(name: str) -> xr.Dataset:
+    """Diagnoses that several tests look at."""
+    runs = {"fall": fall, "slide": slide, "damped": lambda: swing(loss=0.05)}
+    return xd.diagnose(runs[name](), companion=False)
+
+
+# ------------------------------------------------------------------------------------------------------------ diagnose
+
+
+def test_energy_that_is_lost_drifts_downward() -> None:
+    """Assert that without cycles the drift is the end less the start: m v0**2/2 (exp(-2 c t) - 1), below 0."""
+    lost = 9.0 * (np.exp(-2.0 * LOSS * T) - 1.0)
+    assert float(diagnosed("slide").energy_drift) == pytest.approx(lost, rel=1e-9)
+
+
+def test_energy_that_is_gained_drifts_upward() -> None:
+    """Assert that Euler's energy of a falling body grows by m g**2 h t/2."""
+    assert float(diagnosed("fall").energy_drift) == pytest.approx(2.0 * G**2 * 0.1 * T / 2, rel=1e-12)
+
+
+def test_the_energy_band_is_the_largest_less_the_least() -> None:
+    """Assert that of a quantity that only falls the band is its loss, above 0."""
+    assert float(diagnosed("slide").energy_band) == pytest.approx(9.0 * (1.0 - np.exp(-2.0 * LOSS * T)), rel=1e-9)
+
+
+def test_energy_lost_from_cycle_to_cycle_drifts_downward() -> None:
+    """Assert that with cycles the drift is the mean over the last less that over the first, by the closed form."""
+    w = np.sqrt(4.0 - 0.05**2)
+    crossings = cycles(swing(loss=0.05), "x").times
+
+    def mean(begin: float, end: float) -> float:
+        t = np.linspace(begin, end, 20_001)
+        x = np.exp(-0.05 * t) * (np.cos(w * t) + 0.05 / w * np.sin(w * t))
+        v = -np.exp(-0.05 * t) * (4.0 / w) * np.sin(w * t)
+        return float(np.trapezoid(v**2 / 2 + 2.0 * x**2, t) / (end - begin))
+
+    expected = mean(*crossings[-2:]) - mean(*crossings[:2])
+    assert expected < -0.5
+    assert float(diagnosed("damped").energy_drift) == pytest.approx(expected, rel=2e-2)  # straight lines between steps
+
+
+def test_momentum_drifts_by_the_impulse() -> None:
+    """Assert that a falling body's momentum drifts by -m g t, and its band is that much."""
+    found = diagnosed("fall")
+    assert float(found.drift_momentum_y) == pytest.approx(-2.0 * G * T, rel=1e-12)
+    assert float(found.band_momentum_y) == pytest.approx(2.0 * G * T, rel=1e-12)
+    assert found.drift_momentum_y.attrs["units"] == "kg m s-1"
+
+
+def test_periods_are_those_of_the_damped_oscillator() -> None:
+    """Assert that every period is 2 pi/sqrt(k/m - loss**2), and the ends of cycles are that far apart from 3/4 of one on."""
+    found, period = diagnosed("damped"), 2.0 * np.pi / np.sqrt(4.0 - 0.05**2)
+    assert found.period.values == pytest.approx(period, rel=1e-9)
+    assert np.diff(found.cycle_time.values) == pytest.approx(period, rel=1e-9)
+    assert found.cycle_time.values - found.period.values == pytest.approx(cycles(swing(loss=0.05), "x").times[:-1], rel=1e-12)  # fmt: skip
+
+
+def test_the_uncertainty_of_a_period_is_that_of_both_crossings() -> None:
+    """Assert that each period is uncertain by the sum of what its two crossings are, which are not alike."""
+    located = cycles(swing(loss=0.05, method="rk4", step=0.1), "x")
+    found = xd.diagnose(swing(loss=0.05, method="rk4", step=0.1), companion=False)
+    first, second = located.uncertainties[:-1], located.uncertainties[1:]
+    assert (np.abs(first - second) > 1e-3 * first).any()
+    assert found.period_uncertainty.values == pytest.approx(first + second, rel=1e-12)
+
+
+def test_a_crossing_is_uncertain_by_the_error_of_the_place_over_the_speed() -> None:
+    """Assert that a crossing's uncertainty is what x may be off there, over the speed, and rounding of its time."""
+    run = swing(method="rk4", step=0.1)
+    located = cycles(run, "x")
+    at = xd.sample(run, located.times, side="before")
+    expected = (np.abs(at.error_x) + np.abs(at.x)) / np.abs(at.v_x)
+    assert located.uncertainties == pytest.approx(expected.values + np.finfo(float).eps * located.times, rel=1e-12)
+
+
+def test_a_run_that_is_late_is_behind() -> None:
+    """Assert that a run 1 % slower than its reference falls behind it by 2 pi (T/T0 - 1) rad a cycle from the start on."""
+    run = swing(4.0 / 1.01**2)
+    found = xd.diagnose(run, reference=swing(4.0))
+    ends = (
+        np.arange(found.sizes["cycle"]) + 1.75
+    ) * 1.01  # in periods of the reference, which ends at whole ones less 1/4
+    expected = 2.0 * np.pi * (np.arange(found.sizes["cycle"]) + 1.75 - ends)
+    assert (expected < 0.0).all()
+    assert found.phase_offset.values == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_run_that_is_early_is_ahead() -> None:
+    """Assert that beside a period that is longer than its own a run comes ahead by 2 pi (1 - T/T0) a cycle."""
+    run = swing()
+    found = xd.diagnose(run, reference=f"{np.pi * 1.02!r} s")
+    number = np.arange(1, found.sizes["cycle"] + 1)
+    assert found.phase_offset.values == pytest.approx(2.0 * np.pi * number * (1.0 - 1.0 / 1.02), rel=1e-6)
+
+
+def test_the_amplitude_is_half_of_what_is_gone_through() -> None:
+    """Assert that an undamped swing of 1 m has the amplitude 1 m, and the area pi w A**2."""
+    found = xd.diagnose(swing(), companion=False)
+    assert found.amplitude.values == pytest.approx(1.0, rel=1e-8)
+    assert found.phase_space_area.values == pytest.approx(2.0 * np.pi, rel=1e-8)
+
+
+def test_turns_are_where_the_speed_is_0() -> None:
+    """Assert that an oscillator turns after each half period, at -1 m and 1 m in turn."""
+    found = xd.diagnose(swing(), companion=False)
+    n = found.sizes["turn"]
+    assert found.turning_time.values == pytest.approx(np.arange(1, n + 1) * np.pi / 2, rel=1e-8)
+    assert found.turning_point.values == pytest.approx((-1.0) ** np.arange(1, n + 1), rel=1e-8)
+
+
+def test_the_maximum_is_the_apex_and_the_minimum_the_end() -> None:
+    """Assert height, time and rule of both extremes of a throw, and that nothing but the one between states is uncertain."""
+    found = xd.diagnose(fall(0.3, 0.0, 5.0, "velocity_verlet"), companion=False)
+    assert (float(found.maximum_y), float(found.maximum_y_time)) == pytest.approx((1.25, 0.5), rel=1e-6)
+    assert (float(found.minimum_y), float(found.minimum_y_time)) == pytest.approx((-10.0, 2.0), rel=1e-12)
+    assert (int(found.maximum_y_rule), int(found.minimum_y_rule)) == (1, 0)
+    assert float(found.minimum_y_uncertainty) == 0.0
+    assert float(found.maximum_v_y) == 5.0
+
+
+def test_a_residual_is_what_was_computed_less_what_is_true() -> None:
+    """Assert that Euler's fall is above the true one by g h t/2."""
+    found = xd.diagnose(fall(), companion=False, exact={"y": "-g*t**2/2"})
+    assert found.residual_y.values == pytest.approx(G * 0.1 * found.time.values / 2, abs=1e-13)
+    assert float(found.largest_residual_y) == pytest.approx(G * 0.1 * T / 2)
+    assert float(found.rms_residual_y) == pytest.approx(np.sqrt(np.mean((G * 0.05 * found.time.values) ** 2)))
+
+
+# ------------------------------------------------------------------------------------------------------------- compare
+
+
+def test_a_difference_is_the_second_run_less_the_first() -> None:
+    """Assert that a start 3 m higher is a difference of +3 m, the other way round of -3 m."""
+    assert xd.compare(fall(), fall(height=3.0)).difference_y.values == pytest.approx(3.0)
+    assert xd.compare(fall(height=3.0), fall()).difference_y.values == pytest.approx(-3.0)
+
+
+def test_the_energy_of_the_higher_run_is_more() -> None:
+    """Assert that 3 m more height are m g 3 m more potential energy."""
+    assert xd.compare(fall(), fall(height=3.0)).difference_potential_energy.values == pytest.approx(2.0 * G * 3.0)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_interpolation_errors_of_both_runs_are_added(order: int) -> None:
+    """Assert that what interpolation may be off is of both runs together, whichever is the coarse one."""
+    runs, times = [swing(method="rk4", step=0.1), swing(method="rk4", step=0.07)][::order], [1.234, 2.345]
+    errors = [np.abs(xd.sample(run, times).error_x.values) for run in runs]
+    assert (np.abs(errors[0] - errors[1]) > 0.1 * errors[0]).all()
+    assert xd.compare(*runs, times).interpolation_error_x.values == pytest.approx(errors[0] + errors[1], rel=1e-12)
+
+
+def test_what_comes_later_in_the_second_run_is_above_0() -> None:
+    """Assert that a fall from 3 m higher passes the level sqrt(2*8/g) - sqrt(2*5/g) later, and the sign of the reverse."""
+    runs = [passing(height=height) for height in (0.0, 3.0)]
+    later = np.sqrt(1.6) - 1.0
+    assert xd.compare(*runs).difference_event_time_level.values == pytest.approx([later], rel=1e-9)
+    assert xd.compare(*runs[::-1]).difference_event_time_level.values == pytest.approx([-later], rel=1e-9)
+
+
+def test_locations_in_both_runs_are_added() -> None:
+    """Assert that the difference of event times is uncertain by both locations."""
+    runs = [passing(height=height) for height in (0.0, 3.0)]
+    both = [float(run.event_time_uncertainty[0]) for run in runs]
+    assert both[0] != both[1]
+    assert xd.compare(*runs).interpolation_error_event_time_level.values == pytest.approx([sum(both)], rel=1e-12)
+
+
+def test_what_was_measured_less_what_was_computed() -> None:
+    """Assert sign and size of residuals of data, their root mean square, and chi-square over the square of u."""
+    run = fall()
+    off = np.where(np.arange(run.sizes["step"]) % 2, 0.02, 0.04)
+    data = pd.DataFrame({"time [s]": run.time.values, "y [mm]": 1000 * (run.y.values + off), "u(y) [mm]": np.full(off.size, 10.0)})  # fmt: skip
+    found = xd.compare(run, data)
+    assert found.difference_y.values == pytest.approx(off, abs=1e-12)
+    assert float(found.rms_difference_y) == pytest.approx(np.sqrt(np.mean(off**2)))
+    assert float(found.reduced_chi_square_y) == pytest.approx(np.mean((off / 0.01) ** 2))
+
+
+def test_bits_are_those_of_the_first_and_of_the_second() -> None:
+    """Assert that a difference names the value of the first run first."""
+    found = xd.compare(fall(), fall(height=3.0))
+    assert found.attrs["initial"] == "y: 0.0 m | 3.0 m"
+    assert found.attrs["first_difference"].startswith("variable 'y', row 0: 0.0 | 3.0")
+
+
+# -------------------------------------------------------------------------------------------------------------- refine
+
+
+@cache
+def study() -> xr.Dataset:
+    """Euler's fall with steps of 0.2, 0.1, 0.05 and 0.025 s."""
+    return xd.refine(falling(), method="forward_euler", steps=[0.2, 0.1, 0.05, 0.025], until=T, at=[T], observables=["y"])  # fmt: skip
+
+
+def test_differences_are_the_finer_level_less_the_coarser() -> None:
+    """Assert that halving h lowers Euler's fall by g t h/4."""
+    steps = np.array([0.2, 0.1, 0.05])
+    assert study().difference_y.values[:3, 0] == pytest.approx(-G * T * steps / 4, rel=1e-9)
+
+
+def test_the_order_of_euler_is_1() -> None:
+    """Assert that observed orders are +1."""
+    assert study().order_y.values[1:3, 0] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_the_limit_is_the_true_fall() -> None:
+    """Assert that the extrapolated value is -g t**2/2, and the finest is off by no more than its uncertainty."""
+    found = study()
+    assert float(found.limit_y[0]) == pytest.approx(-G * T**2 / 2, rel=1e-9)
+    off = abs(float(found.y[-1, 0]) - float(found.limit_y[0]))
+    assert off == pytest.approx(G * T * 0.025 / 2, rel=1e-9)
+    assert off <= float(found.uncertainty_y[0]) <= 4.0 * off
+
+
+# ----------------------------------------------------------------------------------------------------------- companion
+
+
+def test_a_global_error_is_the_value_less_that_of_the_solution() -> None:
+    """Assert that Euler's fall is told to be g h t/2 too high, by Richardson's factor of order 1."""
+    found = xd.sample(fall(), [1.0, T], companion=True)
+    assert found.global_error_y.values == pytest.approx(G * 0.1 * np.array([1.0, T]) / 2, rel=1e-9)
+
+
+def test_an_event_that_comes_late_is_off_by_more_than_0() -> None:
+    """Assert that Euler's fall, which lags, passes a level late: t (t - h) = 1 s2 against t**2 = 1 s2."""
+    from xdynamics.evidence.companion import companion
+
+    run = passing(0.01, method="forward_euler")
+    late = float(companion(run).event_time_global_error[0])
+    assert late == pytest.approx(float(run.event_time[0]) - 1.0, rel=0.02)
+    assert late > 0.0
+
+
+# --------------------------------------------------------------------------------------------------------------- modes
+
+
+def test_decay_is_below_0_and_growth_above() -> None:
+    """Assert that eigenvalues of a damped oscillator are -loss and +-w, of one that is driven by its speed +loss."""
+    for loss in (0.05, -0.05):
+        model = xd.Model.from_text(str(swing(loss=abs(loss)).model_toml.values)).replace(parameters={"c": f"{2 * loss!r} N s m-1"})  # fmt: skip
+        found = xd.modes(model)
+        assert found.eigenvalue_real.values == pytest.approx([-loss, -loss], rel=1e-9)
+        assert np.sort(found.eigenvalue_imag.values) == pytest.approx(
+            np.array([-1, 1]) * np.sqrt(4.0 - loss**2), rel=1e-9
+        )
+
+
+def test_frequencies_are_in_radians() -> None:
+    """Assert the frequency sqrt(k/m), the period 2 pi over it, and the stable step 2/w of Verlet's method."""
+    found = xd.modes(xd.Model.from_text(str(swing().model_toml.values)))
+    assert (float(found.frequency[0]), float(found.period[0])) == pytest.approx((2.0, np.pi), rel=1e-12)
+    row = found.method_name.attrs["flag_meanings"].split().index("velocity_verlet")
+    where = int(np.flatnonzero(found.method_name.values == found.method_name.attrs["flag_values"][row])[0])
+    assert float(found.largest_stable_step[where]) == pytest.approx(1.0, rel=1e-9)
+
+
+# ------------------------------------------------------------------------------------- limiting, manufactured, validate
+
+
+def test_distances_are_values_less_the_limit() -> None:
+    """Assert that with less gravity a body falls less: distances -(g - g0) t**2/2, below 0 where g is above its limit."""
+    from xdynamics.evidence.validating.limiting import limiting
+
+    found = limiting(falling(), "g", [12.0, 11.0, 10.5], 10.0, at=[1.0], method="velocity_verlet", step=0.1, until=1.0)
+    assert found.distance_y.values[:, 0] == pytest.approx([-1.0, -0.5, -0.25], rel=1e-9)
+    assert found.order_y.values[1:, 0] == pytest.approx(1.0, abs=1e-9)
+    assert float(found.limit_y[0]) == pytest.approx(-5.0)
+
+
+def test_the_manufactured_force_is_what_is_missing() -> None:
+    """Assert that for y = A sin(t) the force added is m a less all others: -m A sin(t) + m g."""
+    from xdynamics.evidence.validating.manufacturing import manufactured
+
+    model = manufactured(falling(), {"y": "3*metre*sin(t/second)"})
+    run = xd.simulate(model, method="dop853", rtol=1e-10, until=T)
+    t = run.time.values
+    assert run.force_manufactured_y.values == pytest.approx(-2.0 * 3.0 * np.sin(t) + 2.0 * G, rel=1e-9)
+    assert run.y.values == pytest.approx(3.0 * np.sin(t), abs=1e-8)
+
+
+def test_a_ledger_has_the_largest_size_of_a_residual() -> None:
+    """Assert that of a run that is too low everywhere the residual is above 0: g h t/2 of Euler at its end."""
+    text = falling().to_toml() + '\n[run]\nmethod = "forward_euler"\nstep = "0.1 s"\nuntil = "2 s"\n[validation.y]\nexpression = "-g*t**2/2 + 4*metre"\nbound = "10 m"\n'  # fmt: skip
+    found = xd.validate(xd.Model.from_text(text))
+    assert float(found.residual[0]) == pytest.approx(4.0, rel=1e-12)
+    assert float(found.bound[0]) == 10.0
