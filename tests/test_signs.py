@@ -126,7 +126,7 @@ def test_the_uncertainty_of_a_period_is_that_of_both_crossings() -> None:
     found = xd.diagnose(swing(loss=0.05, method="rk4", step=0.1), companion=False)
     first, second = located.uncertainties[:-1], located.uncertainties[1:]
     assert (np.abs(first - second) > 1e-3 * first).any()
-    assert found.period_uncertainty.values == pytest.approx(first + second, rel=1e-12)
+    assert found.period_uncertainty.values == pytest.approx(first + second, rel=1e-12, abs=0.0)
 
 
 def test_a_crossing_is_uncertain_by_the_error_of_the_place_over_the_speed() -> None:
@@ -135,7 +135,58 @@ def test_a_crossing_is_uncertain_by_the_error_of_the_place_over_the_speed() -> N
     located = cycles(run, "x")
     at = xd.sample(run, located.times, side="before")
     expected = (np.abs(at.error_x) + np.abs(at.x)) / np.abs(at.v_x)
-    assert located.uncertainties == pytest.approx(expected.values + np.finfo(float).eps * located.times, rel=1e-12)
+    assert located.uncertainties == pytest.approx(
+        expected.values + np.finfo(float).eps * located.times, rel=1e-9, abs=0.0
+    )
+
+
+def about(middle: float, speed: float = 0.0, start: float = 1.0) -> xr.Dataset:
+    """An oscillator of the frequency 2 rad s-1 about a point."""
+    model = xd.Model(
+        name="about", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1", "c": f"{middle!r} m"}, mass={"x": "m"},
+        forces={"spring": {"potential": "k*(x - c)**2/2"}}, initial={"x": f"{middle + start!r} m", "v_x": f"{speed!r} m s-1"},
+    )  # fmt: skip
+    return xd.simulate(model, method="dop853", rtol=1e-11, until=7.0)
+
+
+def test_a_level_that_is_not_passed_is_the_middle_of_the_range() -> None:
+    """Assert that an oscillation from 4 m to 6 m has its cycles from 5 m on, at 3/4 of a period and each period behind."""
+    found = cycles(about(5.0), "x")
+    assert found.level == pytest.approx(5.0, abs=1e-2)  # of accepted states
+    assert cycles(about(5.0), "x", level=5.0).times == pytest.approx(np.pi * (0.75 + np.arange(2)), rel=1e-8)
+
+
+def test_a_level_that_is_passed_once_is_none() -> None:
+    """Assert that where 0 is risen through once alone the middle of the range is the level."""
+    run = about(0.5, start=-1.0)
+    one_rise = run.isel(step=slice(0, int(np.searchsorted(run.time.values, 2.0))))
+    values = one_rise.x.values
+    assert cycles(one_rise, "x").level == (values.min() + values.max()) / 2
+
+
+def test_a_start_on_the_level_is_no_crossing() -> None:
+    """Assert that a motion that begins on its level has its first crossing a period later."""
+    assert cycles(about(0.0, speed=2.0, start=0.0), "x").times == pytest.approx(np.pi * np.arange(1, 3), rel=1e-8)
+
+
+def test_what_only_falls_has_no_cycle() -> None:
+    """Assert that of a body that falls there are no crossings, and no uncertainties of any."""
+    found = cycles(fall(), "y")
+    assert (found.times.shape, found.uncertainties.shape, found.periods.shape) == ((0,), (0,), (0,))
+
+
+def test_phases_are_whole_turns_at_crossings() -> None:
+    """Assert that the phase is 2 pi a cycle, in proportion between crossings and not known outside."""
+    found = cycles(about(0.0), "x")
+    first, second = found.times[:2]
+    assert found.phase(np.array([first, (first + second) / 2, second])) == pytest.approx([0.0, np.pi, 2 * np.pi])
+    assert np.isnan(found.phase(np.array([first - 1e-3, found.times[-1] + 1e-3]))).all()
+
+
+def test_coordinates_are_named() -> None:
+    """Assert that where a name is no coordinate those that are stand in the message, and velocities do not."""
+    with pytest.raises(xd.InputError, match=r"'v_y' is no coordinate of the run; there are y$"):
+        cycles(fall(), "v_y")
 
 
 def test_a_run_that_is_late_is_behind() -> None:
@@ -211,7 +262,9 @@ def test_interpolation_errors_of_both_runs_are_added(order: int) -> None:
     runs, times = [swing(method="rk4", step=0.1), swing(method="rk4", step=0.07)][::order], [1.234, 2.345]
     errors = [np.abs(xd.sample(run, times).error_x.values) for run in runs]
     assert (np.abs(errors[0] - errors[1]) > 0.1 * errors[0]).all()
-    assert xd.compare(*runs, times).interpolation_error_x.values == pytest.approx(errors[0] + errors[1], rel=1e-12)
+    assert xd.compare(*runs, times).interpolation_error_x.values == pytest.approx(
+        errors[0] + errors[1], rel=1e-9, abs=0.0
+    )
 
 
 def test_what_comes_later_in_the_second_run_is_above_0() -> None:
@@ -227,7 +280,9 @@ def test_locations_in_both_runs_are_added() -> None:
     runs = [passing(height=height) for height in (0.0, 3.0)]
     both = [float(run.event_time_uncertainty[0]) for run in runs]
     assert both[0] != both[1]
-    assert xd.compare(*runs).interpolation_error_event_time_level.values == pytest.approx([sum(both)], rel=1e-12)
+    assert xd.compare(*runs).interpolation_error_event_time_level.values == pytest.approx(
+        [sum(both)], rel=1e-12, abs=0.0
+    )
 
 
 def test_what_was_measured_less_what_was_computed() -> None:

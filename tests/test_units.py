@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import numpy as np
 import pint
 import pytest
 from hypothesis import given
@@ -11,10 +12,13 @@ from hypothesis import strategies as st
 
 from xdynamics.faults import InputError
 from xdynamics.units import (
+    BASE,
     CONSTANTS,
     ENERGY,
     NONE,
+    Dimension,
     Scales,
+    coherent,
     constant,
     parse_quantity,
     parse_time,
@@ -132,3 +136,36 @@ def test_time_needs_seconds() -> None:
     assert parse_time(2, "until") == 2.0
     with pytest.raises(InputError, match="step '1 m' has units 'm', needs 's'"):
         parse_time("1 m", "step")
+
+
+PINTS = {"m": "[length]", "kg": "[mass]", "s": "[time]", "A": "[current]", "K": "[temperature]", "mol": "[substance]", "cd": "[luminosity]"}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "text", ["N", "J", "W", "Pa", "Hz", "C", "V", "ohm", "F", "T", "rad", "N2 s-3", "V A-1", "km h-2"]
+)
+def test_dimensions_are_those_of_pint(text: str) -> None:
+    """Assert the power of every base unit in named and composed units, by another library."""
+    expected = pint.UnitRegistry().parse_units(" * ".join(f"{one.rstrip('-0123456789')}**{one[len(one.rstrip('-0123456789')):] or 1}" for one in text.split())).dimensionality  # fmt: skip
+    assert [float(one) for one in parse_unit(text).dimension.powers] == [float(expected.get(PINTS[base], 0)) for base in BASE]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", range(20))
+def test_dimensions_are_multiplied_and_divided_by_their_powers(case: int) -> None:
+    """Assert that powers are added, subtracted and multiplied, zeros among them."""
+    draw = np.random.default_rng(case)
+    one, other = (Dimension(tuple(Fraction(int(k)) for k in draw.integers(-2, 3, len(BASE)))) for _ in range(2))
+    pairs = list(zip(one.powers, other.powers, strict=True))
+    assert (one * other).powers == tuple(a + b for a, b in pairs)
+    assert (one / other).powers == tuple(a - b for a, b in pairs)
+    assert (one**3).powers == tuple(3 * a for a in one.powers)
+
+
+@pytest.mark.parametrize(
+    "text", ["km2 h-1", "g cm-3", "degree s-2", "mN s2 m-1", "minute-2", "day", "kV2", "au2 day-3"]
+)
+def test_a_coherent_unit_has_the_same_dimension_and_no_factor(text: str) -> None:
+    """Assert that the SI unit of a unit, powers among them, has its dimension and the factor 1."""
+    unit = parse_unit(text)
+    found = coherent(unit)
+    assert (found.dimension, found.factor) == (unit.dimension, 1)
