@@ -190,6 +190,7 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
 
     detectors = np.zeros(1, DETECTOR)
     detectors[0].direction, detectors[0].tolerance, detectors[0].action = -1, tolerance, stops
+    detectors["position"] = np.inf  # no place is asked for, only a time
     arrays = dict.fromkeys(("g", "g1", "located_g", "slopes"))
     watches = np.zeros(1, WATCH)
     watches["armed"] = watches["ever"] = watches["alive"] = 1
@@ -339,7 +340,7 @@ def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
     """Assert the bracket of an event that has crossed where an other one ends the step, and not at its end."""
     run = dropped()
     detectors = np.zeros(2, DETECTOR)
-    detectors["tolerance"] = 1e-9
+    detectors["tolerance"], detectors["position"] = 1e-9, np.inf
 
     def both(*arrays: NDArray[np.float64]) -> None:
         h = math.sqrt(max(0.0, 1 - arrays[1][0]))

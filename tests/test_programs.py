@@ -77,7 +77,8 @@ class Bench:
             np.zeros((len(layout.record) + len(layout.row) + 500, lanes)),
             np.zeros((len(layout.used), lanes)),
         )
-        self.samples, self.w = np.zeros((2000, lanes)), np.zeros((1, lanes))
+        self.samples = np.zeros((2000, lanes))
+        self.w = np.zeros((max(1, one.steps.memory + 3 * len(layout.smooth)), lanes))
         assert len(TABLE) == len(self.arrays()) + 1
         assert WORDS == 3
         self.table = np.array([(one.ctypes.data, one.shape[0], 1) for one in (*self.arrays(), self.z)], np.int64)
