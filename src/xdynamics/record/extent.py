@@ -103,7 +103,10 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
     needed = bytes_of(march, rows)
     what = f"the run makes {rows:.4g} rows, which take {said(needed)}"
     if path is not None:
-        free = float(shutil.disk_usage(Path(path).absolute().parent).free)
+        try:
+            free = float(shutil.disk_usage(Path(path).absolute().parent).free)
+        except (OSError, ValueError):  # no folder: refused by its name before anything is marched into it
+            return
         if needed > free:
             raise InputError(
                 f"{what}, and the disk of '{path}' has {said(free)} free; take a longer step or an earlier end"
