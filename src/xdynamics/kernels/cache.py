@@ -251,8 +251,13 @@ def _user() -> int:
 def _prune(place: int, written: str) -> None:
     """Remove what is old, the least used beyond the limit, and the parts of processes that died while they wrote."""
     now, kept = time.time(), []
-    for entry in os.scandir(place if _POSIX else folder()):
-        about = entry.stat(follow_symlinks=False)
+    with os.scandir(place if _POSIX else folder()) as entries:
+        found = list(entries)
+    for entry in found:
+        try:
+            about = entry.stat(follow_symlinks=False)
+        except FileNotFoundError:  # another process has removed it since
+            continue
         age = now - about.st_mtime
         if entry.name.endswith(_PART) and age > ABANDONED:
             _remove(place, entry)
