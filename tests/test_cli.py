@@ -35,7 +35,7 @@ def test_run_says_what_a_person_wants_first(tmp_path: Path) -> None:
     done = call("run", BALL, "-o", tmp_path / "ball.nc", "--step", "5 ms")
     assert done.exit_code == 0
     words = [line.split()[0] for line in done.output.splitlines()]
-    assert words == ["Ball", "outcome", "method", "log", "end", "energy", "event", "event", "archive"]
+    assert words == ["Ball", "outcome", "method", "log", "end", "energy", "h*omega", "event", "event", "archive"]
     assert "stopped_by_event: event 'ground'" in done.output
 
 

@@ -115,7 +115,7 @@ def test_diagnose_and_compare(swing: Path, tmp_path: Path) -> None:
     done = call("diagnose", swing, "--exact", "x=cos(2*t/second)*metre", "-o", tmp_path / "d.nc")
     assert done.exit_code == 0, done.output
     assert "energy_band = " in done.output
-    assert "cycles of x: 5, phases beside dop853" in done.output
+    assert "to the next: 5, phases beside dop853" in done.output
     other = tmp_path / "other.nc"
     call("run", SWING, "-o", other, "--step", "10 ms")
     compared = call("compare", swing, other, "--at", "1 s", "-o", tmp_path / "c.nc")
@@ -134,7 +134,7 @@ def test_validate_ends_by_its_verdict(tmp_path: Path) -> None:
     done = call("validate", "--method", "rk4", "-o", tmp_path / "l.nc")
     assert (done.exit_code, done.output.splitlines()[-2]) == (
         0,
-        "ledger    34 cases of 1 methods: 33 passed, 0 failed, 1 refused",
+        "ledger    39 cases of 1 methods: 38 passed, 0 failed, 1 refused",
     )
     assert call("plot", tmp_path / "l.nc", "-o", tmp_path / "l.svg").exit_code == 0
     wrong = tmp_path / "wrong.toml"

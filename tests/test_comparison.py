@@ -219,7 +219,7 @@ def test_a_run_beside_measured_data(tmp_path: Path) -> None:
     [
         ({"t": [0.1], "x [m]": [1]}, "column 't': it has no unit; write it like"),
         ({"x [m]": [1]}, "has no column of times, like 'time .s.'; there are x"),
-        ({"time [m]": [0.1], "x [m]": [1]}, "column 'time' is in 'm', needs a time"),
+        ({"time [m]": [0.1], "x [m]": [1]}, "the column of times is in 'm', needs a time"),
         ({"time [s]": [0.1, np.nan], "x [m]": [1, 2]}, "row 2 is nan, needs a number; leave out rows with gaps"),
         ({"time [s]": [0.1], "x [m]": ["high"]}, "row 1 is 'high', needs a number"),
         ({"time [s]": [0.1], "x [kg]": [1]}, "column 'x' is in 'kg', needs 'm' or a unit like it"),

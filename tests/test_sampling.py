@@ -279,9 +279,9 @@ def test_a_thinned_or_converted_record_is_refused() -> None:
     [
         ([1.0, 5.5], r"times\[1\] = 5.5 s is outside the run, from 0.0 s to 5.0 s"),
         ([-1e-9], r"times\[0\] = -1e-09 s is outside the run"),
-        ([float("nan")], r"times\[0\] is nan, needs a time in s"),
-        ([1.0, float("nan"), 2.0], r"times\[1\] is nan, needs a time in s"),
-        ([True], r"times are \[True\], need numbers in s"),
+        ([float("nan")], r"times\[0\] is nan, needs a time in 's'"),
+        ([1.0, float("nan"), 2.0], r"times\[1\] is nan, needs a time in 's'"),
+        ([True], r"times are \[True\], need numbers in 's'"),
         ([], r"times have the shape \(0,\)"),
         ([[1.0]], r"times have the shape \(1, 1\)"),
         (["soon"], "times: quantity 'soon' does not start with a finite number"),

@@ -13,13 +13,13 @@ REACHED = 0.1  # of the relative uncertainty of an input: what is taken to reach
 def digits(value: float, *, uncertainty: float = 0.0, relative: float = 0.0, apart: float = inf) -> int:
     """Return how many significant digits of a number to write.
 
-    Down to the first digit that its uncertainty reaches, the larger of `uncertainty` and `relative` times its size; never
+    So many that rounding to them moves it by less than half its uncertainty, the larger of `uncertainty` and `relative` times its size; never
     fewer than tell it from another number that is `apart` away.
 
     Examples
     --------
     >>> digits(3.71119918, uncertainty=0.002), digits(3.71119918, relative=1e-6), digits(3.71119918, apart=1e-7)
-    (4, 7, 9)
+    (5, 7, 9)
     """
     size, doubt = abs(value), max(uncertainty, relative * abs(value))
     if not isfinite(value) or size == 0.0:

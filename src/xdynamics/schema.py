@@ -61,7 +61,9 @@ ENERGIES = {
 # facts about when and where a run was made: in the archive, out of every digest but the one of their own
 VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba_version", "llvmlite_version",
             "xarray_version", "cpu_name", "cpu_features", "wall_time", "xdynamics_version", "archive_seal",
-            "volatile_digest")  # fmt: skip
+            "volatile_digest",
+            # by a library's eigenvalues, whose last bits may carry over into the digits that are kept
+            "run_slowest_period", "run_slowest_periods")  # fmt: skip
 COUNTS = ("run_force_evaluations", "run_jacobian_evaluations", "run_factorisations", "run_accepted_steps",
           "run_rejected_trials")  # fmt: skip
 REQUIRED_ATTRIBUTES = (

@@ -35,6 +35,8 @@ def new(path: str) -> None:
             file.write(STARTER)
     except FileExistsError:
         raise InputError(f"'{path}' is there already, and is not written over; give another name") from None
+    except FileNotFoundError:
+        raise InputError(f"'{path}' cannot be written: No such file or directory '{target.parent}'") from None
     except OSError as error:
         raise ArchiveError(f"'{path}' cannot be written: {error.strerror or error}") from None
     say(_next(path))

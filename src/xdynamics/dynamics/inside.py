@@ -156,7 +156,7 @@ class Inside:
 
         Of `where` the rows are wanted time, start and end, of `columns` step, regime, the state at its start and perhaps at its end.
         """
-        _check_whole(where, columns[0], slack(self.run))
+        _check_whole(where, columns[0], slack(self.run), behind(str(self.run["time"].attrs["units"])))
         again = self.rule == REINTEGRATE
         return states_within(self.model, self.settings, self.law, where, columns, self._factors, reintegrated=again)
 
@@ -205,7 +205,7 @@ def slack(run: xr.Dataset) -> float:
     return EPS * max(8, 4 * run.sizes.get(schema.GIVEN, 0))
 
 
-def _check_whole(where: Floats, steps: Floats, near: float) -> None:
+def _check_whole(where: Floats, steps: Floats, near: float, second: str) -> None:
     """Refuse a record with rows left out: its steps would not reach from one row to the next."""
     times, starts, ends = where
     gaps = np.abs(ends - starts - steps)
@@ -213,8 +213,8 @@ def _check_whole(where: Floats, steps: Floats, near: float) -> None:
     if torn.size:
         i = int(torn[0])
         raise InputError(
-            f"rows are missing between t = {starts[i]:.15g} and {ends[i]:.15g}: the step to the later one is"
-            f" {steps[i]:.15g}; sample the whole record, and choose among its rows afterwards"
+            f"rows are missing between t = {starts[i]:.15g}{second} and {ends[i]:.15g}{second}: the step to the later one is"
+            f" {steps[i]:.15g}{second}; sample the whole record, and choose among its rows afterwards"
         )
 
 

@@ -219,7 +219,10 @@ def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:
     model, about = _model(run), run[name].attrs
     if model is None or about.get("role") not in EVALUATED or not {*model.units} <= {*inner.states}:
         return None
-    tree, units = tree_of(model, name), float(parse_unit(str(about["units"])).factor)
+    try:
+        tree, units = tree_of(model, name), float(parse_unit(str(about["units"])).factor)
+    except InputError:  # a unit that nobody can read is drawn as it is written
+        return None
     met = np.unique(inner.rows)
     recorded, states = run[name].values[met], {one: run[one].values[met] for one in model.units}
     try:

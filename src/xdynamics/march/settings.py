@@ -113,8 +113,8 @@ class Pacing:
     max_step: float = float("inf")
     max_steps: int = MOST_STEPS
 
-    def faults(self) -> list[str]:
-        """List what cannot be used."""
+    def faults(self, second: str) -> list[str]:
+        """List what cannot be used; `second` is what stands behind a time."""
         found = []
         least, greatest = self.growth_limits
         if not 0 < self.safety < 1:
@@ -122,11 +122,13 @@ class Pacing:
         if not (0 < least < 1 < greatest and isfinite(greatest)):
             found.append(f"growth_limits are {self.growth_limits!r}, need 0 < least < 1 < greatest")
         if not (isfinite(self.min_step) and self.min_step >= 0):
-            found.append(f"min_step is {self.min_step!r}, needs a non-negative time")
+            found.append(f"min_step is {self.min_step!r}{second}, needs a non-negative time")
         if not self.max_step > 0:
-            found.append(f"max_step is {self.max_step!r}, needs a positive time")
+            found.append(f"max_step is {self.max_step!r}{second}, needs a positive time")
         elif self.min_step > self.max_step:
-            found.append(f"min_step is {self.min_step!r}, needs to be at most max_step = {self.max_step!r}")
+            found.append(
+                f"min_step is {self.min_step!r}{second}, needs to be at most max_step = {self.max_step!r}{second}"
+            )
         if self.max_steps < 1:
             found.append(f"max_steps is {self.max_steps!r}, needs a positive number")
         return found
@@ -214,7 +216,7 @@ class Settings:
             *self._jacobian_faults(),
             *self._summation_faults(),
             *self._switches_faults(),
-            *self.pacing.faults(),
+            *self.pacing.faults(second),
         ]
         if self.tolerances is not None:
             faults += self.tolerances.faults(model) or self._inner_faults(self.tolerances.rtol)

@@ -20,8 +20,11 @@ LAW = ("force_source", "force_digest", "math_functions", "schema_version", "run_
 # what later versions define otherwise: of 0.1, the uncertainty of an event's location had no least value
 REDEFINED = ("event_time_uncertainty",)
 OFFSETS = "event_offset_"  # of 0.2, always 0
-# what `sample` makes of method and estimator in the version that wrote them: no part of the march
-FOLLOWING = ("solver_interpolation", "solver_interpolation_order")
+# what follows of a march and is no setting of it: how `sample` interpolates, in the version that wrote it, and its rates
+FOLLOWING = (
+    "solver_interpolation", "solver_interpolation_order", "run_fastest_rate", "run_h_omega_start", "run_h_omega_largest",
+    "run_h_omega_rule",
+)  # fmt: skip
 
 
 def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
