@@ -288,7 +288,10 @@ def test_drag_that_vanishes() -> None:
     assert float(found.limit_y[0]) == pytest.approx(20 - 9.80665 / 2, rel=1e-10)
     away = np.abs(found.distance_y.values[:, 0])
     assert away[:-1] / away[1:] == pytest.approx(100.0, rel=0.01)
-    assert np.isnan(found.order_y).all()  # a limit that stands for infinity is as far from all
+    # drag goes with 1/vt**2, and the distance from what stands for infinity is that of the inverse
+    assert found.attrs["order_in"] == "1/vt"
+    assert np.isnan(found.order_y.values[0]).all()
+    assert found.order_y.values[1:, 0] == pytest.approx(2.0, abs=0.002)
     with pytest.raises(xd.InputError, match="a limiting case has no figure"):
         xd.plot(found)
 

@@ -27,7 +27,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "mass_calibration": {"draws": 2000},
     "method_comparison": {"methods": ["velocity_verlet", "dop853"], "steps": "160, 80, 40 ms"},
     "pendulum_period": {
-        "parameters": ["length", "theta"],
+        "parameters": ["length", "damping", "theta"],
         "number": {"quantity": "t", "event": "middle", "draws": 200},
     },
     "pendulum_basins": {"x": "-2:2:12 m", "y": "-2:2:12 m", "close": {"x": "1.2:1.4:4 m", "y": "0.4:0.6:4 m"}},

@@ -39,17 +39,17 @@ def marched(model: xd.Model, **asked: Any) -> xr.Dataset:
 
 
 def test_what_tolerances_do_not_control_is_said() -> None:
-    """Assert that an oscillation of 1 nm within 1e-6 m is called what it is, with both numbers, and one variable at rest is not."""
+    """Assert that an oscillation of 1 nm within a given 1e-6 m is called what it is, with both numbers; none at rest, none by defaults."""
     model = spring("m", x="1 nm")
     said = r"did not control x \(largest value .*e-0[789] m, atol 1e-06 m\), v_x \(.* m s-1, atol 1e-06 m s-1\)"
     with pytest.warns(xd.AccuracyWarning, match=said):
-        run = marched(model)
+        run = marched(model, atol=1e-6)
     assert run.attrs["run_outcome"] == "completed"
     assert "; the tolerances did not control x (" in run.attrs["run_outcome_text"]
     with pytest.warns(xd.AccuracyWarning, match=r"control q \(largest value .* C, atol 1e-06 C\)"):
-        marched(charge())
-    still = marched(spring("m", x="0 m"))
-    assert still.attrs["run_outcome_text"] == "reached t = 20 s"
+        marched(charge(), atol=1e-6)
+    for controlled in (marched(spring("m", x="0 m"), atol=1e-6), marched(model), marched(charge())):
+        assert controlled.attrs["run_outcome_text"] == "reached t = 20 s"
 
 
 def test_the_command_says_it_once(tmp_path: Path) -> None:
@@ -57,7 +57,8 @@ def test_the_command_says_it_once(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(spring("m", x="1 nm").to_toml())
     archive = str(tmp_path / "small.nc")
     done = CliRunner().invoke(
-        main, ["run", str(tmp_path / "small.toml"), "-o", archive, "--method", "dop853", "--until", "9 s"]
+        main,
+        ["run", str(tmp_path / "small.toml"), "-o", archive, "--method", "dop853", "--until", "9 s", "--atol", "1e-6"],
     )
     shown = CliRunner().invoke(main, ["show", archive])
     assert done.output.count("did not control") == shown.output.count("did not control") == 1
@@ -73,12 +74,16 @@ def test_loose_tolerances_are_meant_so() -> None:
 def test_bare_tolerances_are_in_declared_units(unit: str, factor: float) -> None:
     """Assert that a run of one unit of length is the same in every unit but for rounding, by default and by a bare number."""
     metres = marched(spring("m"))
+    given = marched(spring("m"), rtol=1e-6, atol=1e-6)
     for asked in ({}, {"rtol": 1e-6, "atol": 1e-6}, {"rtol": 1e-6, "atol": {"x": "1e-6", "v_x": f"1e-6 {unit} s-1"}}):
-        run = marched(spring(unit), **asked)
-        assert (run.x.attrs["atol"], run.v_x.attrs["atol"]) == (1e-6, 1e-6)
+        run, same = marched(spring(unit), **asked), given if asked else metres
+        # by default it is the relative one times the size, which is the largest value of all rows
+        sizes = [1.0, 1.0] if asked else [float(np.abs(run[name]).max()) for name in ("x", "v_x")]
+        used = [run[name].attrs["atol"] for name in ("x", "v_x")]
+        assert used == pytest.approx([1e-6 * size for size in sizes], rel=4 * EPS)
         assert run.x.attrs["atol_si"] == pytest.approx(1e-6 * factor, rel=EPS)
-        assert run.sizes["step"] == metres.sizes["step"]
-        assert float(run.x[-1]) == pytest.approx(float(metres.x[-1]), abs=1e-11)
+        assert run.sizes["step"] == same.sizes["step"]
+        assert float(run.x[-1]) == pytest.approx(float(same.x[-1]), abs=1e-11)
 
 
 def test_bare_tolerances_are_in_the_scales_of_a_march(tmp_path: Path) -> None:
