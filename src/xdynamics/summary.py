@@ -67,7 +67,7 @@ def _at_rest(used: Mapping[Any, Any]) -> Iterator[str]:
 
 def _pace(used: Mapping[Any, Any]) -> Iterator[str]:
     """Say how steps compare with the fastest time scale, and a span that is short beside the slowest one."""
-    if "run_h_omega_largest" in used:
+    if used.get("run_h_omega_largest"):  # none where nothing pulls back, as in free flight
         yield f"h*omega   {used['run_h_omega_start']:.3g} at the start, {used['run_h_omega_largest']:.3g} at most, of the fastest rate"
     if float(used.get("run_slowest_periods", 1.0)) < SHORT:
         second = "" if used["run_slowest_period_units"] == "1" else f" {used['run_slowest_period_units']}"
