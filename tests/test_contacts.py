@@ -146,7 +146,7 @@ def test_rest_is_as_certain_as_it_says() -> None:
 
 def test_bounces_that_nobody_sees_are_in_the_uncertainty() -> None:
     """Assert that a rest at an impact itself is uncertain by all the flights that are left, a geometric series of them."""
-    run = xd.simulate(shaken("2 mm", y=(0.2, 0.4)), method="dop853", rtol=1e-9, until=4.0)
+    run = xd.simulate(shaken("2 mm", y=(0.2, 0.4)), method="dop853", rtol=1e-9, atol=1e-9, until=4.0)
     kinds, times = [kind for _, kind in words(run)], run.event_time.values
     unseen = [i for i, kind in enumerate(kinds) if kind == "rest" and i and times[i - 1] == times[i]]
     assert len(unseen) > 5
