@@ -158,8 +158,18 @@ def find(run: Run, i: int, state: State, rate: float) -> int:
     piece = find_piece(x, run.tables, first, count)
     if x == run.tables[first + count - 1] and rate != 0.0 and speed > 0.0:
         return count - 1
+    if piece == count - 2 and rate != 0.0 and speed > 0.0 and alone(run, i) and not isnan(run.tables[first + 5 * count - 1]):
+        return count - 1
     back = rate < 0.0 if piece > 1 else rate != 0.0 and speed < 0.0
     return piece - 1 if back and piece > 0 and x == run.tables[first + piece] else piece
+
+
+@shared
+def alone(run: Run, i: int) -> bool:
+    """Whether the last piece of a table is as wide as rounding: a last value that holds at a point alone."""
+    first, count = run.places[3 * run.detectors[i].drive], run.places[3 * run.detectors[i].drive + 1]
+    last = run.tables[first + count - 1]
+    return bool(last - run.tables[first + count - 2] <= 4.0 * EPS * max(abs(last), last - run.tables[first]))
 
 
 @shared
@@ -195,8 +205,7 @@ def enter_piece(run: Run, i: int, piece: int) -> None:
     left = piece > 0 and not isnan(run.tables[constant - 1])
     right = piece < count - 1 and not isnan(run.tables[constant + 1])
     if piece == count - 3 and isnan(run.tables[first + 5 * count - 1]):  # a last value that holds at a point alone
-        last = run.tables[first + count - 1]
-        right = last - run.tables[first + count - 2] > 4.0 * EPS * max(abs(last), last - run.tables[first])
+        right = not alone(run, i)
     run.modes[place] = inverse if left else 0.0
     run.modes[place + 1] = -(inverse * low) if left else 1.0
     run.modes[place + 2] = inverse if right else 0.0
