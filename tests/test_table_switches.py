@@ -127,6 +127,19 @@ def test_it_comes_in_from_outside(tmp_path: Path) -> None:
     assert float(run.x[int(run.event_row_before[0])]) == pytest.approx(2.0, abs=1e-12)
 
 
+@pytest.mark.parametrize("outside", ["hold", "zero"])
+def test_a_value_at_a_point_alone_is_one_event(outside: str, tmp_path: Path) -> None:
+    """Assert one switch out of a table of steps and one into it, however near to the last point the motion is located."""
+    table = {"interpolation": "previous", "outside": outside}
+    for k in range(8):
+        out = measured(tmp_path, x="0 m", v=f"{2.6 + 0.37 * k!r} m s-1", **table)
+        run = xd.simulate(out, method="dop853", rtol=1e-9, until=0.9)
+        assert words(run) == [("spring:force", "regime_switch")] * 2
+        into = measured(tmp_path, x="2.2 m", v=f"{-1.1 - 0.37 * k!r} m s-1", **table)
+        run = xd.simulate(into, method="dop853", rtol=1e-9, until=0.2)
+        assert words(run) == [("spring:force", "regime_switch")]
+
+
 def test_the_state_between_steps_is_that_of_its_piece(tmp_path: Path) -> None:
     """Assert that a sample is as exact as the steps, right up to a point on either side of it."""
     run = xd.simulate(measured(tmp_path), method="rk4", step=0.02, until=4.0)

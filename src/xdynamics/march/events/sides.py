@@ -158,7 +158,13 @@ def find(run: Run, i: int, state: State, rate: float) -> int:
     piece = find_piece(x, run.tables, first, count)
     if x == run.tables[first + count - 1] and rate != 0.0 and speed > 0.0:
         return count - 1
-    if piece == count - 2 and rate != 0.0 and speed > 0.0 and alone(run, i) and not isnan(run.tables[first + 5 * count - 1]):
+    if (
+        piece == count - 2
+        and rate != 0.0
+        and speed > 0.0
+        and alone(run, i)
+        and not isnan(run.tables[first + 5 * count - 1])
+    ):
         return count - 1
     back = rate < 0.0 if piece > 1 else rate != 0.0 and speed < 0.0
     return piece - 1 if back and piece > 0 and x == run.tables[first + piece] else piece
@@ -200,6 +206,8 @@ def enter_piece(run: Run, i: int, piece: int) -> None:
     run.places[3 * drive + 2] = piece
     run.watches[i].guard = 1
     low, high = run.tables[first + piece], run.tables[first + min(piece + 1, count - 1)]
+    if piece == count - 1 and alone(run, i):  # from beyond, too, such a value is passed with the piece before it
+        low = high = run.tables[first + count - 2]
     inverse = 1.0 / (high - low) if high > low else 1.0 / (run.tables[first + count - 1] - run.tables[first])
     constant = first + 4 * count + piece  # where the value of a piece stands, at its beginning
     left = piece > 0 and not isnan(run.tables[constant - 1])
