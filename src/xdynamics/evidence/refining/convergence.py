@@ -310,19 +310,22 @@ def _in_tolerances(
     """Judge values whose errors are in proportion to a tolerance, up to a factor that the choice of steps moves.
 
     What an observed exponent is away from 1 is what that factor does from level to level, so it bounds what is not seen
-    of it, too. Of 1,400 studies of oscillators, falls with drag and orbits by ten methods 97 % are held so.
+    of it, too. One exponent alone may be 1 by chance: it is steady beside nothing, and at least the factor of caution is
+    taken. Of 1,400 studies of oscillators, falls with drag and orbits by ten methods 97 % are held so;
+    of dop853 on eccentric orbits, with tolerances from 1e-4 to 1e-7 and tens of steps, only 60 to 90 %.
     """
     changes, last = np.abs(np.diff(values)), float(abs(values[-1] - values[-2]))
     ratio, known = float(tolerances[-2] / tolerances[-1]), orders[1:-1][-2:]
     known = known[np.isfinite(known)]
-    seen = float(np.max(np.abs(known - 1.0))) * float(log(ratio)) if known.size else float(log(CAUTION))
-    erratic = max(seen, ERRATIC / float(np.sqrt(max(accepted, 1))))
+    seen = float(np.max(np.abs(known - 1.0))) * float(log(ratio)) if known.size else 0.0
+    alone = known.size < 2
+    erratic = max(seen, ERRATIC / float(np.sqrt(max(accepted, 1))), float(log(CAUTION)) if alone else 0.0)
     factor = SAFETY * min(MOST_ERRATIC, 1.0 + float(expm1(erratic)))
     uncertainty = factor * _left(values[-LOOKED_AT:], tolerances[-LOOKED_AT:], 1.0) + left
     if kinked:
         return Judged(EVENT_LIMITED, np.nan, CAUTION * uncertainty, STEPPED_OVER)
     rule = "a power of the tolerance"
-    steady = known.size and np.ptp(known) <= STEADY and np.max(np.abs(known - 1.0)) <= STEADY
+    steady = not alone and np.ptp(known) <= STEADY and np.max(np.abs(known - 1.0)) <= STEADY
     if steady:
         limit = float(extrapolated(values[-2], values[-1], ratio, float(known[-1])))
         return Judged(ASYMPTOTIC, limit, uncertainty, rule)
