@@ -8,28 +8,19 @@ from __future__ import annotations
 from xdynamics.elementary.functions import (
     ARCTANGENT,
     COSINE,
-    HALF_PI,
-    HALF_PI_TAIL,
-    INF,
-    NAN,
-    PI,
-    PI_TAIL,
     SINE,
+    angle_by,
     divided,
     polynomial,
     reduced,
 )
 from xdynamics.elementary.numbers import (
     Number,
-    absolute,
-    bits,
     choose,
     entry,
     exact_product,
-    exact_sum,
     ordered_sum,
     rounded,
-    signed,
 )
 
 
@@ -66,17 +57,4 @@ def arc(above: Number, below: Number) -> tuple[Number, Number]:
 
 def atan2(y: Number, x: Number) -> Number:
     """Angle of the point (x, y), in radians from -pi to pi."""
-    up, right = absolute(y), absolute(x)
-    steep = up > right
-    above, below = choose(steep, right, up), choose(steep, up, right)
-    endless = below == INF
-    above, below = choose(endless, choose(above == INF, 1.0, 0.0), above), choose(endless | (below == 0.0), 1.0, below)
-    high, low = arc(above, below)
-    base, base_tail = choose(steep, HALF_PI, 0.0), choose(steep, HALF_PI_TAIL, 0.0)
-    high, low = choose(steep, -high, high), choose(steep, -low, low)
-    behind = bits(x) < 0
-    base, base_tail = choose(behind, PI - base, base), choose(behind, PI_TAIL - base_tail, base_tail)
-    high, low = choose(behind, -high, high), choose(behind, -low, low)
-    total, lost = exact_sum(base, high)
-    angle = total + (lost + (low + base_tail))
-    return choose((x == x) & (y == y), signed(angle, y), NAN)
+    return angle_by(arc, y, x)

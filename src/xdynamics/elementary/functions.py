@@ -250,8 +250,8 @@ def exponent_of(x: Number) -> Whole:
     return choose(found < 1022, choose(found < -1022, -1022, found), 1021)
 
 
-def atan2(y: Number, x: Number) -> Number:
-    """Angle of the point (x, y), in radians from -pi to pi."""
+def angle_by(arc: Callable[[Number, Number], tuple[Number, Number]], y: Number, x: Number) -> Number:
+    """Angle of the point (x, y) by the arc tangent of a quotient from 0 to 1, in two parts."""
     up, right = absolute(y), absolute(x)
     steep = up > right
     above, below = choose(steep, right, up), choose(steep, up, right)
@@ -266,6 +266,11 @@ def atan2(y: Number, x: Number) -> Number:
     total, lost = exact_sum(base, high)
     angle = total + (lost + (low + base_tail))
     return choose((x == x) & (y == y), signed(angle, y), NAN)
+
+
+def atan2(y: Number, x: Number) -> Number:
+    """Angle of the point (x, y), in radians from -pi to pi."""
+    return angle_by(arc, y, x)
 
 
 def atan(x: Number) -> Number:
