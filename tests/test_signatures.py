@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import os
 import shutil
 import stat
@@ -80,6 +81,24 @@ def test_verify_says_what_it_checked(signed: Path) -> None:
     assert call("verify", signed).output == start + "(sealed; not signed)\n"
 
 
+def test_signatures_of_0_2_are_of_what_they_covered(made: Path, signed: Path) -> None:
+    """Assert that a signature of content and circumstances alone is verified as such, which is said in words."""
+    key = serialization.load_pem_private_key((made / "key.pem").read_bytes(), None)
+    lines = signature_of(signed).read_text().splitlines()
+    message = "\n".join(["xdynamics signature 1", *lines[1:3]]) + "\n"
+    seen = base64.b64encode(key.sign(message.encode())).decode()
+    signature_of(signed).write_text(f"{message}{lines[4]}\nsignature {seen}\n")
+    with pytest.warns(
+        xd.SignatureWarning, match="run.nc.sig' is a signature of version 0.2: .* not of the file's bytes"
+    ):
+        assert xd.verify_signature(signed, made / "key.public.pem") == xd.verify(signed)
+    done = call("verify", "--key", made / "key.public.pem", signed)
+    said = "a signature of version 0.2: of numbers, attributes and date, not of the file's bytes; sign anew"
+    assert done.output.endswith(f"(signed, by '{made / 'key.public.pem'}'; {said})\n")
+    resealed(signed)
+    assert call("verify", "--key", made / "key.public.pem", signed).exit_code == 1
+
+
 def test_keys_of_openssl_sign(made: Path, signed: Path) -> None:
     """Assert that a PEM file of openssl's is a key."""
     private = serialization.load_pem_private_key(OPENSSL.encode(), None)
@@ -126,15 +145,17 @@ def test_where_no_key_can_be(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "other"),
     [
-        (0, "xdynamics signature 2"),
+        (0, "xdynamics signature 3"),
+        (0, "xdynamics signature 1"),
         (1, "contents 1"),
         (2, None),
-        (4, "signature !!"),
-        (4, "signature abc"),
-        (5, "more 1"),
+        (3, None),
+        (5, "signature !!"),
+        (5, "signature abc"),
+        (6, "more 1"),
     ],
 )
-def test_a_signature_has_five_lines(made: Path, signed: Path, line: int, other: str | None) -> None:
+def test_a_signature_has_six_lines(made: Path, signed: Path, line: int, other: str | None) -> None:
     """Assert that what has others, more or fewer, or no base64 in its last, is none."""
     place = signature_of(signed)
     lines = place.read_text().splitlines()

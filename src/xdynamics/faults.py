@@ -73,6 +73,10 @@ class KindWarning(UserWarning):
     """An archive is whole, and is no run but a selection of one or derived data."""
 
 
+class SignatureWarning(UserWarning):
+    """A signature holds, and is of less than the whole file."""
+
+
 class PartialRunWarning(UserWarning):
     """A run that ended badly was written beside the archive of a complete one, which stays."""
 

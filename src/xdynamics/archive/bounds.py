@@ -41,12 +41,9 @@ def oversize(path: Path, file: netCDF4.Dataset) -> list[str]:
 
 @alone
 def foreign(file: netCDF4.Dataset) -> list[str]:
-    """Name what no archive has: groups, types, dimensions that no variable has."""
-    faults = [f"group '{name}' is none of a run" for name in file.groups]
-    for types in (file.cmptypes, file.vltypes, file.enumtypes):
-        faults += [f"type '{name}' is none of a run" for name in types]
+    """Name the dimensions that no variable has, which no archive has; other objects are those of the inventory."""
     used = {dim for one in file.variables.values() for dim in one.dimensions}
-    return faults + [f"dimension '{name}' is none of a run" for name in file.dimensions if name not in used]
+    return [f"dimension '{name}' is none of a run" for name in file.dimensions if name not in used]
 
 
 def _bytes_of(variable: Any) -> tuple[int, int]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.archive.bounds import foreign, oversize
+from xdynamics.archive.inventory import Inventory, inventory
 from xdynamics.archive.library import DAMAGE, alone, opened, read, words_of
 from xdynamics.archive.library import attributes as attributes_of
 from xdynamics.archive.seals import Tail, letters_of, root_digest, stored_digest, volatile_digest
@@ -50,17 +51,22 @@ def examine(path: Path, tail: Tail) -> Examination:
     """
     faults = [tail.fault] if tail.fault else []
     try:
+        objects = inventory(path)
+        if objects.faults:  # nothing of it is opened: the netCDF library follows what it finds
+            return Examination((*faults, *objects.faults))
         with opened(path) as file:
-            return _examined(path, file, tail, faults)
+            return _examined(path, file, tail, faults, objects)
     except DAMAGE as error:
         return Examination((*faults, f"it cannot be read: {words_of(error)}"))
 
 
-def _examined(path: Path, file: Any, tail: Tail, faults: list[str]) -> Examination:
+def _examined(path: Path, file: Any, tail: Tail, faults: list[str], objects: Inventory) -> Examination:
     if bounds := oversize(path, file):
         return Examination((*faults, *bounds))
     faults += foreign(file)
     attributes = attributes_of(file)
+    shown = {name: {*attributes_of(variable)} for name, variable in alone(lambda: dict(file.variables))().items()}
+    faults += objects.hidden(shown | {"": {*attributes}}, {*file.dimensions})
     if ORIGIN in attributes:
         faults.append(f"attribute '{ORIGIN}' is none of an archive")
     if SEALED in attributes and tail == Tail():

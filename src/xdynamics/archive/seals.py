@@ -69,6 +69,11 @@ def seal_file(path: Path) -> str:
     return digest
 
 
+def bytes_digest(path: Path) -> str:
+    """Return the digest of every byte of a file, its seal among them."""
+    return _file_digest(path, path.stat().st_size)
+
+
 @dataclass(frozen=True)
 class Tail:
     """What stands at the end of a file.

@@ -1,4 +1,4 @@
-"""Signatures of archives: Ed25519 over the digests of content and circumstances, in a file beside the archive.
+"""Signatures of archives: Ed25519 over the digests of content, circumstances and bytes, in a file beside the archive.
 
 A seal tells damage; whoever edits a file on purpose can make a new one. A signature needs the private key.
 """
@@ -9,18 +9,27 @@ import base64
 import hashlib
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.archive.lending import identity_of
 from xdynamics.archive.reading import open_run, verify
+from xdynamics.archive.seals import bytes_digest
 from xdynamics.archive.target import taking_name
-from xdynamics.faults import ArchiveError, InputError
+from xdynamics.faults import ArchiveError, InputError, SignatureWarning, warn
 from xdynamics.schema import VOLATILE_DIGEST
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
-KIND = "xdynamics signature 1"
+KIND, KIND_OF_0_2 = "xdynamics signature 2", "xdynamics signature 1"
+# what a signature says of an archive, a line each, and what the digest is of
+COVERED = {
+    KIND: {"content": "content digest", "circumstances": "digest of date, versions and machine", "bytes": "digest of the file's bytes"},
+    KIND_OF_0_2: {"content": "content digest", "circumstances": "digest of date, versions and machine"},
+}  # fmt: skip
+NARROW = "a signature of version 0.2: of numbers, attributes and date, not of the file's bytes; sign anew"
 _LONGEST = 65_536  # bytes of a key or a signature
 _WAY_TO_PUBLIC = "openssl pkey -in KEY.pem -pubout -out PUBLIC.pem"
 
@@ -28,7 +37,7 @@ Asking = Callable[[], str]  # for the passphrase of a key
 
 
 def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None = None) -> Path:
-    """Sign an archive: its content digest together with the digest of date, versions and machine.
+    """Sign an archive: its content digest, the digest of date, versions and machine, and that of every byte of the file.
 
     Parameters
     ----------
@@ -52,12 +61,12 @@ def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None =
         If the archive is damaged, or there is no place for the signature.
     """
     own = _private(Path(key), passphrase)
-    digests = _digests(Path(path))
-    seen = base64.b64encode(own.sign(_message(*digests))).decode()
-    lines = (KIND, f"content {digests[0]}", f"circumstances {digests[1]}", f"key {_fingerprint(own.public_key())}", f"signature {seen}")  # fmt: skip
+    message = _message(KIND, _digests(Path(path)))
+    seen = base64.b64encode(own.sign(message)).decode()
     target = signature_of(Path(path))
     with taking_name(target) as new:
-        new.part.write_text("\n".join(lines) + "\n", encoding="ascii")
+        lines = f"key {_fingerprint(own.public_key())}\nsignature {seen}\n"
+        new.part.write_text(message.decode() + lines, encoding="ascii")
     return target
 
 
@@ -81,18 +90,34 @@ def verify_signature(path: str | Path, key: str | Path) -> str:
         If the key is none, or of another kind.
     ArchiveError
         If the archive is damaged, bears no signature, was signed by another key, or is not what was signed.
+
+    Warns
+    -----
+    SignatureWarning
+        If the signature is one of version 0.2, which is of less than the whole file.
     """
     public, path = _public(Path(key)), Path(path)
     digests = _digests(path)
-    content, circumstances, signer, signature = _read(path)
-    if signer != _fingerprint(public):
-        raise ArchiveError(f"'{path}' was signed by another key, {signer}, and not by '{key}', {_fingerprint(public)}")
-    if not _holds(public, signature, _message(content, circumstances)):
+    signed = _read(path)
+    if signed.signer != _fingerprint(public):
+        raise ArchiveError(
+            f"'{path}' was signed by another key, {signed.signer}, and not by '{key}', {_fingerprint(public)}"
+        )
+    if not _holds(public, signed.signature, _message(signed.kind, signed.digests)):
         raise ArchiveError(f"the signature '{signature_of(path)}' is not of '{key}': it was altered, or is a forgery")
-    for was, found, what in zip((content, circumstances), digests, ("content digest", "digest of date, versions and machine"), strict=True):  # fmt: skip
-        if was != found:
-            raise ArchiveError(f"'{path}' is not what was signed: its {what} is {found}, and {was} was signed")
-    return digests[0]
+    for name, what in COVERED[signed.kind].items():
+        if signed.digests[name] != digests[name]:
+            raise ArchiveError(
+                f"'{path}' is not what was signed: its {what} is {digests[name]}, and {signed.digests[name]} was signed"
+            )
+    if signed.kind != KIND:
+        warn(f"'{signature_of(path)}' is {NARROW}", SignatureWarning)
+    return digests["content"]
+
+
+def covered(path: Path) -> str:
+    """Say what a signature that was verified is of, where that is less than the whole file."""
+    return f"; {NARROW}" if _read(path).kind != KIND else ""
 
 
 def new_key(path: str | Path) -> Path:
@@ -142,32 +167,45 @@ def protection(path: Path) -> str:
     return "sealed; not signed"
 
 
-def _digests(path: Path) -> tuple[str, str]:
-    """Verify an archive; return its digests of content and circumstances."""
+def _digests(path: Path) -> dict[str, str]:
+    """Verify an archive; return its digests of content, circumstances and bytes."""
+    before = identity_of(path) if path.is_file() else None
     content = verify(path)
     with open_run(path, check=False) as run:
-        return content, str(run.attrs[VOLATILE_DIGEST])
+        digests = {"content": content, "circumstances": str(run.attrs[VOLATILE_DIGEST]), "bytes": bytes_digest(path)}
+    if identity_of(path) != before:
+        raise ArchiveError(f"'{path}' was written to while it was verified; try again")
+    return digests
 
 
-def _message(content: str, circumstances: str) -> bytes:
-    return f"{KIND}\ncontent {content}\ncircumstances {circumstances}\n".encode()
+def _message(kind: str, digests: dict[str, str]) -> bytes:
+    return "".join([f"{kind}\n", *(f"{name} {digests[name]}\n" for name in COVERED[kind])]).encode()
 
 
-def _read(path: Path) -> tuple[str, str, str, bytes]:
-    """Return what a signature says: two digests, whose key, the signature itself."""
+@dataclass(frozen=True)
+class _Signed:
+    """What a signature says: digests by their names, whose key, the signature itself."""
+
+    kind: str
+    digests: dict[str, str]
+    signer: str
+    signature: bytes
+
+
+def _read(path: Path) -> _Signed:
+    """Read the signature beside an archive."""
     place = signature_of(path)
     if not place.exists():
         raise ArchiveError(
             f"'{path}' bears no signature: there is no '{place}'; copy it with the archive, or sign anew"
         )
-    lines = _text(place, "signature").decode("ascii", "replace").splitlines()
-    words = [line.partition(" ")[::2] for line in lines[1:]]
-    names = ["content", "circumstances", "key", "signature"]
-    if lines[:1] != [KIND] or [name for name, _ in words] != names:
+    kind, *lines = _text(place, "signature").decode("ascii", "replace").splitlines() or [""]
+    words = [line.partition(" ")[::2] for line in lines]
+    if kind not in COVERED or [name for name, _ in words] != [*COVERED[kind], "key", "signature"]:
         raise ArchiveError(f"'{place}' is no signature of an archive")
-    content, circumstances, signer, signature = (value for _, value in words)
+    *digests, (_, signer), (_, signature) = words
     try:
-        return content, circumstances, signer, base64.b64decode(signature, validate=True)
+        return _Signed(kind, dict(digests), signer, base64.b64decode(signature, validate=True))
     except ValueError:
         raise ArchiveError(f"'{place}' is no signature of an archive") from None
 

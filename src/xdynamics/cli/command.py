@@ -79,7 +79,7 @@ class _Command(click.Group):
     def _invoked(self, ctx: click.Context) -> Any:
         import warnings
 
-        from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, KindWarning
+        from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, KindWarning, SignatureWarning
 
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):  # a terminal without a sign for it shows it written out
@@ -88,6 +88,7 @@ class _Command(click.Group):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)  # the outcome, which is printed, says the same
                 warnings.simplefilter("ignore", KindWarning)  # `verify` says it where others are verified
+                warnings.simplefilter("ignore", SignatureWarning)  # and of signatures in the same line
                 warnings.showwarning = lambda message, *_rest: complain(f"warning: {message}")
                 return super().invoke(ctx)
         except click.UsageError as error:

@@ -28,7 +28,11 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
                 say(_verified_sweep(archive))
                 continue
             digest = signatures.verify_signature(archive, key) if key else digest_of(archive)
-            shown = f"signed, by '{key}'" if key else signatures.protection(Path(archive))
+            shown = (
+                f"signed, by '{key}'{signatures.covered(Path(archive))}"
+                if key
+                else signatures.protection(Path(archive))
+            )
             with open_run(archive, check=False) as run:
                 kind = said_of(run.attrs)
                 edited = is_derived(run.attrs) or is_selection(run.attrs)

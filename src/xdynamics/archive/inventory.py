@@ -1,0 +1,228 @@
+"""What objects an HDF5 file has, listed without following any: netCDF follows them, and does not show them all.
+
+The functions are those of the HDF5 library that the netCDF4 package has loaded, so that no second library, nor a second
+reading of the format, can see another file than it does.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from ctypes import POINTER, c_char_p, c_int, c_int64, c_uint, c_uint64, c_void_p
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from xdynamics.archive.library import alone
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+# attributes by which netCDF keeps dimensions, and which it does not show
+INTERNAL = frozenset(
+    {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "_Netcdf4Coordinates", "_Netcdf4Dimid", "_NCProperties"}
+)
+FOLLOWED = "DIMENSION_LIST"  # of the internal ones the one that is followed where a file is opened
+NON_COORDINATE = "_nc4_non_coord_"  # before the name of a variable that is called as a dimension, and is not along it
+LINKS = {1: "a soft link", 64: "an external link, which leads out of the file"}  # H5L_type_t; 0 is an object's own name
+GROUP, TYPE, DATASET = 2, 3, 5  # H5I_type_t
+ROWS = 9  # H5T_class_t, as these but for whole numbers, floats and letters:
+CLASSES = {
+    4: "bits",
+    5: "opaque bytes",
+    6: "compounds",
+    7: "references to objects",
+    8: "words of a list",
+    ROWS: "rows of any length",
+    10: "arrays",
+}
+VIRTUAL = 3  # H5D_layout_t
+_Link = ctypes.CFUNCTYPE(c_int, c_int64, c_char_p, POINTER(c_int), c_void_p)
+_Attribute = ctypes.CFUNCTYPE(c_int, c_int64, c_char_p, c_void_p, c_void_p)
+_Id = c_int64
+_FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
+    "H5Eset_auto2": (c_int, [_Id, c_void_p, c_void_p]),
+    "H5Fopen": (_Id, [c_char_p, c_uint, _Id]),
+    "H5Fclose": (c_int, [_Id]),
+    "H5Literate": (c_int, [_Id, c_int, c_int, c_void_p, _Link, c_void_p]),
+    "H5Literate2": (c_int, [_Id, c_int, c_int, c_void_p, _Link, c_void_p]),
+    "H5Oopen": (_Id, [_Id, c_char_p, _Id]),
+    "H5Oclose": (c_int, [_Id]),
+    "H5Iget_type": (c_int, [_Id]),
+    "H5Dget_create_plist": (_Id, [_Id]),
+    "H5Dget_type": (_Id, [_Id]),
+    "H5Dget_storage_size": (c_uint64, [_Id]),
+    "H5Pget_layout": (c_int, [_Id]),
+    "H5Pget_external_count": (c_int, [_Id]),
+    "H5Pclose": (c_int, [_Id]),
+    "H5Aiterate2": (c_int, [_Id, c_int, c_int, c_void_p, _Attribute, c_void_p]),
+    "H5Aopen": (_Id, [_Id, c_char_p, _Id]),
+    "H5Aget_type": (_Id, [_Id]),
+    "H5Aclose": (c_int, [_Id]),
+    "H5Tget_class": (c_int, [_Id]),
+    "H5Tget_super": (_Id, [_Id]),
+    "H5Tequal": (c_int, [_Id, _Id]),
+    "H5Tclose": (c_int, [_Id]),
+}
+
+
+@dataclass
+class Inventory:
+    """The objects of a file.
+
+    Attributes
+    ----------
+    attributes : dict of str to set of str
+        Names of the attributes of every dataset, and of the file itself under the empty name.
+    filled : set of str
+        Datasets that hold values.
+    faults : list of str
+        What no archive has, and nothing may follow: links, values in other files, references, groups, types.
+    """
+
+    attributes: dict[str, set[str]] = field(default_factory=dict)
+    filled: set[str] = field(default_factory=set)
+    faults: list[str] = field(default_factory=list)
+
+    def hidden(self, shown: dict[str, set[str]], dimensions: set[str]) -> list[str]:
+        """Name what netCDF does not show.
+
+        Parameters
+        ----------
+        shown : dict of str to set of str
+            Names of the attributes of every variable that netCDF shows, and of the file itself under the empty name.
+        dimensions : set of str
+            Names of dimensions, of which each may have a dataset without values.
+        """
+        faults = []
+        for stored, names in self.attributes.items():
+            name = stored.removeprefix(NON_COORDINATE)
+            if name not in shown and (stored not in dimensions or stored in self.filled):
+                faults.append(f"object '{stored}' is none that netCDF shows")
+                continue
+            of = f" of '{name}'" if name else ""
+            more = sorted(names - INTERNAL - shown.get(name, set()))
+            faults += [f"attribute '{one}'{of} is none that netCDF shows" for one in more]
+        return faults
+
+
+@alone
+def inventory(path: Path) -> Inventory:
+    """List the objects of a file; of values none is read, and no other file is opened.
+
+    Raises
+    ------
+    OSError
+        If it is no HDF5 file, or one whose objects cannot be listed.
+    """
+    with path.open("rb") as file:
+        if file.read(len(SIGNATURE)) != SIGNATURE:
+            raise OSError("it does not begin as an HDF5 file does")
+    found = Inventory()
+    with _held("H5Fopen", os.fsencode(path.absolute()), 0, 0, close="H5Fclose") as root:
+        found.attributes[""] = _attributes(root, "", found.faults)
+        for name, kind in _links(root):
+            if kind:
+                found.faults.append(f"'{name}' is {LINKS.get(kind, 'a link of a foreign kind')}; no archive has links")
+                continue
+            with _held("H5Oopen", root, name.encode("utf-8", "surrogateescape"), 0, close="H5Oclose") as one:
+                _note(found, name, one)
+    return found
+
+
+def _note(found: Inventory, name: str, one: int) -> None:
+    """Note an object under its name: a dataset, or what is none of a run."""
+    kind = _library().H5Iget_type(one)
+    if kind != DATASET:
+        what = {GROUP: "group", TYPE: "type"}.get(kind, "object")
+        found.faults.append(f"{what} '{name}' is none of a run")
+        return
+    with _held("H5Dget_create_plist", one, close="H5Pclose") as built:
+        if _library().H5Pget_layout(built) == VIRTUAL:
+            found.faults.append(f"variable '{name}' is a virtual dataset, whose values stand elsewhere")
+            return
+        if count := _library().H5Pget_external_count(built):
+            found.faults.append(f"variable '{name}' has its values in {count} other file{'s' if count > 1 else ''}")
+            return
+    with _held("H5Dget_type", one, close="H5Tclose") as values:
+        if held := CLASSES.get(_library().H5Tget_class(values)):
+            found.faults.append(f"variable '{name}' holds {held}, which no variable of an archive does")
+    if _library().H5Dget_storage_size(one):
+        found.filled.add(name)
+    found.attributes[name] = _attributes(one, name, found.faults)
+
+
+def _links(root: int) -> list[tuple[str, int]]:
+    """Return the names in the root group, and of what kind the links are that bear them."""
+    found: list[tuple[str, int]] = []
+
+    def noted(_group: int, name: bytes, about: Any, _data: int) -> int:
+        found.append((name.decode("utf-8", "surrogateescape"), about[0]))  # its type is the first thing said of a link
+        return 0
+
+    _called("H5Literate2" if hasattr(_library(), "H5Literate2") else "H5Literate", root, 0, 2, None, _Link(noted), None)
+    return found
+
+
+def _attributes(of: int, name: str, faults: list[str]) -> set[str]:
+    """Return the names of an object's attributes; those by which netCDF finds dimensions lead nowhere else."""
+    found: set[str] = set()
+
+    def noted(_object: int, attribute: bytes, _about: int, _data: int) -> int:
+        found.add(attribute.decode("utf-8", "surrogateescape"))
+        return 0
+
+    _called("H5Aiterate2", of, 0, 2, None, _Attribute(noted), None)
+    if FOLLOWED in found and not _is_within(of):
+        faults.append(f"attribute '{FOLLOWED}' of '{name}' is none of netCDF's: it may lead out of the file")
+    return found
+
+
+def _is_within(of: int) -> bool:
+    """Tell whether the references to an object's dimensions are rows of addresses in the file itself."""
+    library = _library()
+    with (
+        _held("H5Aopen", of, FOLLOWED.encode(), 0, close="H5Aclose") as one,
+        _held("H5Aget_type", one, close="H5Tclose") as rows,
+    ):
+        if library.H5Tget_class(rows) != ROWS:
+            return False
+        with _held("H5Tget_super", rows, close="H5Tclose") as held:
+            return bool(library.H5Tequal(held, c_int64.in_dll(library, "H5T_STD_REF_OBJ_g")) > 0)
+
+
+class _held:  # noqa: N801 - used as a statement, some hundred times a file
+    """Lends what a function of the library opens."""
+
+    __slots__ = ("close", "handle")
+
+    def __init__(self, name: str, *arguments: Any, close: str) -> None:
+        self.handle, self.close = _called(name, *arguments), close
+
+    def __enter__(self) -> int:
+        return self.handle
+
+    def __exit__(self, *_: object) -> None:
+        getattr(_library(), self.close)(self.handle)
+
+
+def _called(name: str, *arguments: Any) -> int:
+    """Call a function of the library, which says by a negative number that it could not."""
+    answer = int(getattr(_library(), name)(*arguments))
+    if answer < 0:
+        raise OSError(f"its objects cannot be listed ({name} of HDF5 says no more)")
+    return answer
+
+
+@lru_cache
+def _library() -> ctypes.CDLL:
+    """Return the library: what an extension has not itself is looked for in the libraries that it was linked with."""
+    from netCDF4 import _netCDF4
+
+    library = ctypes.CDLL(_netCDF4.__file__)
+    for name, (result, arguments) in _FUNCTIONS.items():
+        if hasattr(library, name):
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+    library.H5open()
+    library.H5Eset_auto2(0, None, None)  # it would print its errors
+    return library
