@@ -64,6 +64,7 @@ VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba
             "volatile_digest",
             # by a library's eigenvalues, whose last bits may carry over into the digits that are kept
             "run_slowest_period", "run_slowest_periods")  # fmt: skip
+RUN_SEAL, CIRCUMSTANCE = "run_seal", "circumstance"  # a variable that is one, the digest of a file's bytes; its role
 COUNTS = ("run_force_evaluations", "run_jacobian_evaluations", "run_factorisations", "run_accepted_steps",
           "run_rejected_trials")  # fmt: skip
 REQUIRED_ATTRIBUTES = (

@@ -82,7 +82,7 @@ def _examined(path: Path, file: Any, tail: Tail, faults: list[str], objects: Inv
     faults += missing + differing
     if not missing and not differing and attributes[ROOT_DIGEST] != root_digest(digests, own, attributes):
         faults.append("the attributes differ from the content digest")
-    if not missing and attributes[VOLATILE_DIGEST] != volatile_digest(attributes):
+    if not missing and attributes[VOLATILE_DIGEST] != volatile_digest(digests, own, attributes):
         faults.append("the attributes on date, versions and machine differ from their digest")
     return Examination(tuple(faults), str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")))
 

@@ -19,9 +19,11 @@ from xdynamics.archive.library import alone, read
 from xdynamics.attributes import own_attributes, plain
 from xdynamics.schema import (
     BOUNDS,
+    CIRCUMSTANCE,
     EVENTS,
     ORIGIN,
     ROOT_DIGEST,
+    RUN_SEAL,
     SAMPLES,
     STEPS,
     TRIALS,
@@ -218,16 +220,30 @@ def _about(variable: Any) -> tuple[str, tuple[str, ...], tuple[int, ...], Any]:
 
 
 def root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]) -> str:
-    """Return the content digest, from the variables' digests and every attribute that is no circumstance."""
+    """Return the content digest, from variables' digests and attributes; what is a circumstance is left out."""
     outside = {*VOLATILE, ROOT_DIGEST, ORIGIN}
     content = {
-        "variables": {name: [digests[name], plain(attributes[name])] for name in digests},
+        "variables": {
+            name: [digests[name], plain(about)]
+            for name, about in attributes.items()
+            if not _is_circumstance(name, about)
+        },
         "attributes": plain({key: value for key, value in run.items() if key not in outside}),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def volatile_digest(run: Mapping[Any, Any]) -> str:
-    """Return the digest of the circumstances: date, versions, machine."""
+def volatile_digest(
+    digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]
+) -> str:
+    """Return the digest of the circumstances: date, versions, machine, and variables that hang on them."""
     content = plain({key: value for key, value in run.items() if key in VOLATILE and key != VOLATILE_DIGEST})
+    for name, about in attributes.items():
+        if _is_circumstance(name, about):
+            content[f"variable {name}"] = [digests[name], plain(about)]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _is_circumstance(name: str, about: Mapping[str, Any]) -> bool:
+    """Tell whether a variable hangs on circumstances; catalogues of 0.2 had theirs in the content digest."""
+    return name == RUN_SEAL and about.get("role") == CIRCUMSTANCE

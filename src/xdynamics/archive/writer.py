@@ -163,4 +163,4 @@ class Writer:
         self._file.setncatts(kept)
         self.digest = root_digest(digests, self._attributes, kept)
         self._file.setncattr(ROOT_DIGEST, self.digest)
-        self._file.setncattr(VOLATILE_DIGEST, volatile_digest(kept))
+        self._file.setncattr(VOLATILE_DIGEST, volatile_digest(digests, self._attributes, kept))

@@ -20,7 +20,7 @@ from xdynamics.march.doubts import uncontrolled
 from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
 from xdynamics.model.switches import smooth_switches
 from xdynamics.record.provenance import xdynamics_version
-from xdynamics.schema import PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE
+from xdynamics.schema import CIRCUMSTANCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
 from xdynamics.sweeping.grid import Grid, Group
 from xdynamics.sweeping.harvest import Harvest
 from xdynamics.sweeping.keeping import COUNT, DIAGNOSTIC, Keeping, Kept
@@ -38,7 +38,7 @@ LONGEST_WORD = max(map(len, WORDS))
 _GOLDEN = 0x9E3779B97F4A7C15
 
 OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY = "run_outcome", "run_digest", "run_uncontrolled", "run_stopped_by"
-FILE, SEAL, CONTENT_DIGEST = "run_file", "run_seal", "content digest of the run's archive"
+FILE, SEAL, CONTENT_DIGEST = "run_file", RUN_SEAL, "content digest of the run's archive"
 DIGITS = 32  # of a digest of an end: enough to tell a million runs apart, and half the memory
 DIGEST_OF = "first 32 digits of a sha256 of time and state at the run's end, its counts, the time of every event"
 COUNTS: dict[str, Callable[[Harvest], Values]] = {
@@ -103,7 +103,7 @@ class Plan:
         stops = [name for name, one in self.grid.model.events.items() if one.action == "stop"]
         files = [
             Kept(FILE, (), (), "1", "archive of the run, named by a digest of all that it is marched from", "file", _none, dtype="U72"),
-            Kept(SEAL, (), (), "1", "sha256 of the archive's bytes, that it ends with", "digest", _none, dtype="U64"),
+            Kept(SEAL, (), (), "1", "sha256 of the archive's bytes, that it ends with", CIRCUMSTANCE, _none, dtype="U64"),
         ]  # fmt: skip
         return [
             *(files if whole else []),
