@@ -47,7 +47,7 @@ def test_a_name_beside_is_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_what_reads_otherwise_takes_no_name(run: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a new file is compared with what was written before it takes its name."""
-    monkeypatch.setattr(writing, "examine", lambda *_: Examination(("a is other", "b is other")))
+    monkeypatch.setattr(writing, "compare", lambda *_: Examination(("a is other", "b is other")))
     with pytest.raises(xd.ArchiveError, match="what was written reads otherwise: a is other; b is other"):
         xd.save(run, tmp_path / "run.nc")
     assert list(tmp_path.iterdir()) == []
@@ -55,8 +55,8 @@ def test_what_reads_otherwise_takes_no_name(run: xr.Dataset, tmp_path: Path, mon
 
 def test_a_large_file_is_opened_only(run: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a file over the limit is not read again, a smaller one is, and that both are known from then on."""
-    examine, read = writing.examine, []
-    monkeypatch.setattr(writing, "examine", lambda *given: read.append(given) or examine(*given))
+    compare, read = writing.compare, []
+    monkeypatch.setattr(writing, "compare", lambda *given: read.append(given) or compare(*given))
     small = xd.save(run, tmp_path / "small.nc")
     size = small.stat().st_size
     for limit, looks in ((size, 2), (size - 1, 2)):

@@ -41,7 +41,7 @@ class Examination:
 
 
 def examine(path: Path, tail: Tail) -> Examination:
-    """Compare an archive with everything that it says of itself, in this process.
+    """Compare an archive with everything that it says of itself, in this process; see first what is in it.
 
     Parameters
     ----------
@@ -52,21 +52,39 @@ def examine(path: Path, tail: Tail) -> Examination:
     faults = [tail.fault] if tail.fault else []
     try:
         objects = inventory(path)
-        if objects.faults:  # nothing of it is opened: the netCDF library follows what it finds
-            return Examination((*faults, *objects.faults))
+    except DAMAGE as error:
+        return Examination((*faults, f"it cannot be read: {words_of(error)}"))
+    if objects.faults:  # nothing of it is opened: the netCDF library follows what it finds
+        return Examination((*faults, *objects.faults))
+    return compare(path, tail, objects)
+
+
+def compare(path: Path, tail: Tail, objects: Inventory | None = None) -> Examination:
+    """Compare an archive, all of whose bytes are known here, with everything that it says of itself.
+
+    Parameters
+    ----------
+    path : Path
+    tail : Tail
+    objects : Inventory, optional
+        What is in it, where others wrote it.
+    """
+    faults = [tail.fault] if tail.fault else []
+    try:
         with opened(path) as file:
             return _examined(path, file, tail, faults, objects)
     except DAMAGE as error:
         return Examination((*faults, f"it cannot be read: {words_of(error)}"))
 
 
-def _examined(path: Path, file: Any, tail: Tail, faults: list[str], objects: Inventory) -> Examination:
+def _examined(path: Path, file: Any, tail: Tail, faults: list[str], objects: Inventory | None) -> Examination:
     if bounds := oversize(path, file):
         return Examination((*faults, *bounds))
     faults += foreign(file)
     attributes = attributes_of(file)
-    shown = {name: {*attributes_of(variable)} for name, variable in alone(lambda: dict(file.variables))().items()}
-    faults += objects.hidden(shown | {"": {*attributes}}, {*file.dimensions})
+    if objects is not None:
+        shown = {name: {*attributes_of(variable)} for name, variable in file.variables.items()}
+        faults += objects.hidden(shown | {"": {*attributes}}, {*file.dimensions})
     if ORIGIN in attributes:
         faults.append(f"attribute '{ORIGIN}' is none of an archive")
     if SEALED in attributes and tail == Tail():

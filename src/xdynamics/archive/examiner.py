@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from xdynamics.archive.examination import Examination, examine
+from xdynamics.archive.examination import Examination, compare, examine
 from xdynamics.archive.examining import READY
 from xdynamics.archive.seals import Tail
 
@@ -41,7 +41,7 @@ def is_known(tail: Tail) -> bool:
 def examined(path: Path, tail: Tail) -> Examination:
     """Compare an archive with everything that it says of itself, where it can do no harm."""
     if is_known(tail):
-        return examine(path, tail)
+        return compare(path, tail)
     found = _EXAMINER.examine(path, tail)
     if tail.digest and not found.faults:
         _known.add(tail.digest)

@@ -36,15 +36,14 @@ CLASSES = {
     10: "arrays",
 }
 VIRTUAL = 3  # H5D_layout_t
-_Link = ctypes.CFUNCTYPE(c_int, c_int64, c_char_p, POINTER(c_int), c_void_p)
-_Attribute = ctypes.CFUNCTYPE(c_int, c_int64, c_char_p, c_void_p, c_void_p)
 _Id = c_int64
+_Noted = ctypes.CFUNCTYPE(c_int, c_int64, c_char_p, POINTER(c_int), c_void_p)
 _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "H5Eset_auto2": (c_int, [_Id, c_void_p, c_void_p]),
     "H5Fopen": (_Id, [c_char_p, c_uint, _Id]),
     "H5Fclose": (c_int, [_Id]),
-    "H5Literate": (c_int, [_Id, c_int, c_int, c_void_p, _Link, c_void_p]),
-    "H5Literate2": (c_int, [_Id, c_int, c_int, c_void_p, _Link, c_void_p]),
+    "H5Literate": (c_int, [_Id, c_int, c_int, c_void_p, _Noted, c_void_p]),
+    "H5Literate2": (c_int, [_Id, c_int, c_int, c_void_p, _Noted, c_void_p]),  # its name since HDF5 1.12
     "H5Oopen": (_Id, [_Id, c_char_p, _Id]),
     "H5Oclose": (c_int, [_Id]),
     "H5Iget_type": (c_int, [_Id]),
@@ -54,7 +53,7 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "H5Pget_layout": (c_int, [_Id]),
     "H5Pget_external_count": (c_int, [_Id]),
     "H5Pclose": (c_int, [_Id]),
-    "H5Aiterate2": (c_int, [_Id, c_int, c_int, c_void_p, _Attribute, c_void_p]),
+    "H5Aiterate2": (c_int, [_Id, c_int, c_int, c_void_p, _Noted, c_void_p]),
     "H5Aopen": (_Id, [_Id, c_char_p, _Id]),
     "H5Aget_type": (_Id, [_Id]),
     "H5Aclose": (c_int, [_Id]),
@@ -120,7 +119,8 @@ def inventory(path: Path) -> Inventory:
     found = Inventory()
     with _held("H5Fopen", os.fsencode(path.absolute()), 0, 0, close="H5Fclose") as root:
         found.attributes[""] = _attributes(root, "", found.faults)
-        for name, kind in _links(root):
+        links = "H5Literate2" if hasattr(_library(), "H5Literate2") else "H5Literate"
+        for name, kind in _listed(links, root):  # the kind is the first that is said of a link
             if kind:
                 found.faults.append(f"'{name}' is {LINKS.get(kind, 'a link of a foreign kind')}; no archive has links")
                 continue
@@ -151,27 +151,31 @@ def _note(found: Inventory, name: str, one: int) -> None:
     found.attributes[name] = _attributes(one, name, found.faults)
 
 
-def _links(root: int) -> list[tuple[str, int]]:
-    """Return the names in the root group, and of what kind the links are that bear them."""
+def _listed(function: str, of: int) -> list[tuple[str, int]]:
+    """Return the names that a function of the library tells in turn, and the first number that is said of each."""
     found: list[tuple[str, int]] = []
+    broken: list[BaseException] = []
 
-    def noted(_group: int, name: bytes, about: Any, _data: int) -> int:
-        found.append((name.decode("utf-8", "surrogateescape"), about[0]))  # its type is the first thing said of a link
+    def noted(_of: int, name: bytes, about: Any, _data: int) -> int:
+        try:
+            found.append((name.decode("utf-8", "surrogateescape"), about[0]))
+        except BaseException as error:  # noqa: BLE001 - Ctrl-C, too, would be lost in a function that C calls
+            broken.append(error)
+            return -1
         return 0
 
-    _called("H5Literate2" if hasattr(_library(), "H5Literate2") else "H5Literate", root, 0, 2, None, _Link(noted), None)
+    try:
+        _called(function, of, 0, 2, None, _Noted(noted), None)
+    except OSError:
+        if broken:
+            raise broken[0] from None
+        raise
     return found
 
 
 def _attributes(of: int, name: str, faults: list[str]) -> set[str]:
     """Return the names of an object's attributes; those by which netCDF finds dimensions lead nowhere else."""
-    found: set[str] = set()
-
-    def noted(_object: int, attribute: bytes, _about: int, _data: int) -> int:
-        found.add(attribute.decode("utf-8", "surrogateescape"))
-        return 0
-
-    _called("H5Aiterate2", of, 0, 2, None, _Attribute(noted), None)
+    found = {attribute for attribute, _ in _listed("H5Aiterate2", of)}
     if FOLLOWED in found and not _is_within(of):
         faults.append(f"attribute '{FOLLOWED}' of '{name}' is none of netCDF's: it may lead out of the file")
     return found

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.archive.examination import examine
+from xdynamics.archive.examination import compare
 from xdynamics.archive.examiner import examined, know
 from xdynamics.archive.leftovers import LONGEST
 from xdynamics.archive.library import alone, opened
@@ -156,7 +156,7 @@ def _finish(part: Path) -> str:
     """Seal a new file, read it back, and return the seal."""
     digest = seal_file(part)
     if part.stat().st_size <= READ_BACK:
-        if faults := examine(part, Tail(digest)).faults:
+        if faults := compare(part, Tail(digest)).faults:
             raise RuntimeError(f"what was written reads otherwise: {'; '.join(faults)}")
     else:
         with opened(part):
