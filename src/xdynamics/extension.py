@@ -30,7 +30,9 @@ from xdynamics.schema import (
     NODE,
     PASSED,
     STEP,
+    STEP_NUMBER,
     STEPS,
+    WITNESSES,
     velocity,
 )
 from xdynamics.units import TIME, behind, parse_unit, time_in
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from xdynamics.march.runner import Progress
 
 Array = NDArray[Any]
+Floats = NDArray[np.float64]
 ROWS = 1 << 12  # that are looked at together
 
 
@@ -175,9 +178,13 @@ def _rows(kept: xr.Dataset, march: March) -> Iterator[tuple[str, Array]]:
 
 def _stand_behind(kept: xr.Dataset, march: March) -> None:
     """Set a march where a run ended."""
-    memory = kept[END_MEMORY.name]
-    go_on(march.run, str(memory.attrs["names"]), np.asarray(memory.values))
-    now, rows = march.now, kept.sizes[STEPS]
+    memory, numbers = str(kept[END_MEMORY.name].attrs["names"]), np.asarray(kept[END_MEMORY.name].values)
+    rows = kept.sizes[STEPS] if march.thinning is None else int(kept[STEP_NUMBER.name][-1]) + 1
+    if march.thinning:
+        march.thinning.stand_behind(kept.sizes[STEPS])
+        memory, numbers, march.witnesses = _witnesses(march, memory, numbers, rows)
+    go_on(march.run, memory, numbers)
+    now = march.now
     if int(now.rows) != rows or float(now.t) * march.settings.scales.of(TIME) != float(kept["time"][-1]):
         raise InputError(
             f"the run has {rows} rows and its memory is of {int(now.rows)}: it was cut; extend the whole run"
@@ -190,11 +197,23 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
         march.misplaced = np.array([one.name in far for one in march.layout.watched])
     _recall_passed(kept, march)
     march.event_pairs = int((kept["row_kind"].values == EVENT_AFTER).sum())
+    if march.thinning:
+        return
     stride = march.stride(rows)
     found = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}
     scale = march.settings.scales.of(TIME)
     factors = {"time": scale, "step_size": scale} | record.factors(march.model, march.settings.scales)
     march.witnesses = np.array([np.arange(0.0, rows, stride), *(one / factors[name] for name, one in found.items())])
+
+
+def _witnesses(march: March, memory: str, numbers: Floats, rows: int) -> tuple[str, Floats, Floats]:
+    """Take the rows of the whole march, which a record without all rows keeps behind its memory, off that."""
+    stride = march.stride(rows)
+    shape = (3 + len(march.layout.used), len(range(0, rows, stride)))
+    if not memory.endswith(f" {WITNESSES}") or numbers.size < shape[0] * shape[1]:
+        raise InputError(f"the run cannot be extended, its '{END_MEMORY.name}' has no {WITNESSES}: march it anew, up to the new end")  # fmt: skip
+    border = numbers.size - shape[0] * shape[1]
+    return memory.removesuffix(f" {WITNESSES}"), numbers[:border], numbers[border:].reshape(shape).copy()
 
 
 def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:

@@ -81,10 +81,11 @@ BY_STEP_CONTROL = {
     "adaptive": ("solver_rtol", "solver_first_step", "solver_first_step_choice", "solver_safety", "solver_growth_limits",
                  "solver_min_step", "solver_max_step", "solver_max_steps"),
 }  # fmt: skip
+KEEP_EVERY = "solver_keep_every"  # of a record whose rows are not all that were marched
 NUMBERS = (
     "solver_order", "solver_until", "solver_step", "solver_rtol", "solver_first_step", "solver_safety",
     "solver_min_step", "solver_max_step", "solver_max_steps", "solver_length_scale", "solver_time_scale",
-    "solver_mass_scale", "solver_interpolation_order", "solver_time_tolerance", *COUNTS,
+    "solver_mass_scale", "solver_interpolation_order", "solver_time_tolerance", KEEP_EVERY, *COUNTS,
 )  # fmt: skip
 PAIRS = ("solver_growth_limits",)
 DIGEST, ROOT_DIGEST, VOLATILE_DIGEST = "sha256", "content_digest", "volatile_digest"
@@ -234,6 +235,14 @@ FIXED_STEPS = (
     Variable("step_size", (STEPS,), "f8", "s", "step used to reach the state; 0 for the initial one and after an event", "step_size"),
     Variable("row_kind", (STEPS,), "i1", "1", "how the state was reached", "flag", flags(dict(enumerate(ROW_KINDS)))),
 )  # fmt: skip
+STEP_NUMBER = Variable(
+    "step_number",
+    (STEPS,),
+    "i8",
+    "1",
+    "row of the march that this one is, from 0; the others were left out, see solver_keep_every",
+    "index",
+)
 FIXED_TRIALS = (
     Variable("trial_time", (TRIALS,), "f8", "s", "time that the rejected trial started from", "trial"),
     Variable("trial_step", (TRIALS,), "i8", "1", "row of `step` that the rejected trial started from", "trial"),
@@ -270,6 +279,7 @@ MEMORY = "memory"
 END_MEMORY = Variable(
     "end_memory", (MEMORY,), "f8", "1", "what the march goes on from behind its end, in its own units", "memory"
 )
+WITNESSES = "witnesses"  # the last of these in a record without all rows: some of the whole march, column by column
 SMOOTH_SWITCH = "smooth_switch"
 PASSED = Variable(
     "smooth_switches_passed", (SMOOTH_SWITCH,), "i8", "1", "how often a switch that was declared smooth was passed by a step, and not located", "switch"
@@ -298,6 +308,7 @@ OTHER_NAMES = (
     "newton_iterations",
     "given_step_size",
     "end_memory",
+    STEP_NUMBER.name,
     PASSED.name,
     FIRST_PASSED.name,
     *ENERGIES,

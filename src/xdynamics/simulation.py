@@ -59,6 +59,7 @@ def simulate(
     nodes: Sequence[str | float] | None = None,
     time_tolerance: str | float | None = None,
     math_functions: str | None = None,
+    keep_every: int | None = None,
     times: Sequence[float | str] | str | float | None = None,
     memory: str | float | None = None,
     progress: Progress | None = None,
@@ -116,6 +117,11 @@ def simulate(
         Times to land on, besides the breakpoints of measured drives: ``["1 s", "2.5 s"]``.
     math_functions : {"xdynamics 2", "xdynamics 1"}
         The set of elementary functions; an older one is for the bits of an older archive, which carries its name.
+    keep_every : int
+        Record every n-th row of the grid alone (of chosen and given steps, every n-th row of the march), beside those of
+        events, of `nodes` and of both ends; `step_number` says which row of the march each is. The march is the same, and
+        what is kept of it has the same bits. `reproduce`, `extend` and `resume` take such a record; what needs every row,
+        like states between, says so.
     times : array_like of float, s; or text like ``"0:20:201 s"``
         Return the states at these times, what `sample` gives of the run, along `at`, in the place of the record; those
         behind an early end are left out. Accepted states joined by straight lines may be far off. With `path` the file
@@ -168,7 +174,7 @@ def simulate(
         "safety": safety, "growth_limits": growth_limits, "min_step": min_step, "max_step": max_step,
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
         "jacobian": jacobian, "summation": summation, "nodes": nodes, "switches": switches,
-        "time_tolerance": time_tolerance, "math_functions": math_functions,
+        "time_tolerance": time_tolerance, "math_functions": math_functions, "keep_every": keep_every,
     }  # fmt: skip
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):

@@ -12,7 +12,7 @@ import xarray as xr
 from xdynamics.digits import digits, known_part
 from xdynamics.dynamics.inside import model_of
 from xdynamics.faults import escaped
-from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, said_of
+from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, rows_apart, said_of
 from xdynamics.record.words import words_of
 from xdynamics.schema import AT_REST, CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, SWEEP, TRIALS
 from xdynamics.units import behind
@@ -50,10 +50,11 @@ def summary(run: xr.Dataset) -> list[str]:
         f"end       {', '.join(_end(run))}",
     ]
     if "total_energy" in run:
+        among = " of the kept rows" if rows_apart(used) > 1 else ""
         energy, units = run["total_energy"].values, run["total_energy"].attrs["units"]
         band, change = energy.max() - energy.min(), energy[-1] - energy[0]
         lines.append(
-            f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}, end minus start {change:.3g} {units}"
+            f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}{among}, end minus start {change:.3g} {units}"
         )
     return [escaped(line) for line in (*lines, *_pace(used), *_events(run))]
 
@@ -159,6 +160,8 @@ def _counts(run: xr.Dataset) -> str:
     shortened = words_of(run["trial_reason"]).count("event_substep") if counts["rejected trials"] else 0
     counts["rejected trials"] -= shortened
     said = ", ".join(f"{count} {word}" for word, count in counts.items())
+    if (every := rows_apart(run.attrs)) > 1:
+        said += f"; one in {every} of {int(run.attrs['run_rows'])} rows of the march"
     return f"{said}; {shortened} steps shortened to find events" if shortened else said
 
 

@@ -86,7 +86,7 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
     with ThreadPoolExecutor(1) as pool:
         for block in march.blocks(_rows(march), segments.patience):
             if not writer.filled:
-                _define(writer, spec, _sizes(block) if march.is_over else {})
+                _define(writer, spec, _sizes(block) if march.is_over and not march.waits else {})
             parts = [(column.variable.name, column.take(block)) for column in spec]
             _settle(pending)
             pending = [pool.submit(writer.write, parts)]
@@ -96,6 +96,9 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
         _settle(pending)
     if march.unfinished:
         segments.keep(writer, march.memory(), writer.digests())
+    if (rest := march.rest()) is not None:  # the end of an interrupted march, and none of one that goes on
+        for column in spec:
+            writer.append(column.variable.name, column.take(rest))
 
 
 def _define(writer: Writer, spec: Iterable[record.Column], sizes: Mapping[str, int]) -> None:

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     help="March with a length, time or mass scale, like length='0.4 m'.",
 )
 @click.option("--node", "nodes", multiple=True, metavar="TIME", help="A time to land on, like '1 s'.")
+@click.option("--keep-every", metavar="N", help="Record every N-th row of the grid, beside events and ends.")
 @click.option("--json", "as_json", is_flag=True, help="For scripts: print outcome, end and events as JSON.")
 @click.option("--times", metavar="TIMES", help="Write the states at these times too, like '0:20:201 s', into RUN.csv.")
 @click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
@@ -87,6 +88,7 @@ def run(
     force_samples: str | None,
     scales: tuple[str, ...],
     nodes: tuple[str, ...],
+    keep_every: str | None,
     as_json: bool,
     times: str | None,
     resume: bool,
@@ -102,7 +104,13 @@ def run(
     from xdynamics.simulation import simulate
 
     asked |= {"scales": pairs(scales, "--scale") or None, "nodes": list(nodes) or None}
-    asked |= {"summation": summation, "jacobian": jacobian, "switches": switches, "time_tolerance": time_tolerance}
+    asked |= {
+        "summation": summation,
+        "jacobian": jacobian,
+        "switches": switches,
+        "time_tolerance": time_tolerance,
+        "keep_every": keep_every,
+    }
     if times is not None:
         from xdynamics.march.asking import settings_for
         from xdynamics.simulation import times_within

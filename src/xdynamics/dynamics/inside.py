@@ -24,6 +24,7 @@ from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.columns import state_name
+from xdynamics.record.kinds import RARE, rows_apart
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import AT, AT_TIME, STEPS
 from xdynamics.units import SECONDS, Range, Unit, behind, is_range, time_in
@@ -156,7 +157,8 @@ class Inside:
 
         Of `where` the rows are wanted time, start and end, of `columns` step, regime, the state at its start and perhaps at its end.
         """
-        _check_whole(where, columns[0], slack(self.run), behind(str(self.run["time"].attrs["units"])))
+        every, second = rows_apart(self.run.attrs), behind(str(self.run["time"].attrs["units"]))
+        _check_whole(where, columns[0], slack(self.run), second, every)
         again = self.rule == REINTEGRATE
         return states_within(self.model, self.settings, self.law, where, columns, self._factors, reintegrated=again)
 
@@ -205,13 +207,18 @@ def slack(run: xr.Dataset) -> float:
     return EPS * max(8, 4 * run.sizes.get(schema.GIVEN, 0))
 
 
-def _check_whole(where: Floats, steps: Floats, near: float, second: str) -> None:
+def _check_whole(where: Floats, steps: Floats, near: float, second: str, every: int) -> None:
     """Refuse a record with rows left out: its steps would not reach from one row to the next."""
     times, starts, ends = where
     gaps = np.abs(ends - starts - steps)
     torn = np.flatnonzero((times > starts) & (gaps > near * np.maximum(np.abs(starts), np.abs(ends))))
     if torn.size:
         i = int(torn[0])
+        if every > 1:
+            raise InputError(
+                f"t = {times[i]:.15g}{second} is between rows of the march that were left out, from {starts[i]:.15g}{second} to"
+                f" {ends[i]:.15g}{second}: of those this record has {RARE.format(every)}, or ask for times of kept rows"
+            )
         raise InputError(
             f"rows are missing between t = {starts[i]:.15g}{second} and {ends[i]:.15g}{second}: the step to the later one is"
             f" {steps[i]:.15g}{second}; sample the whole record, and choose among its rows afterwards"

@@ -16,6 +16,7 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.matching import matched, met
 from xdynamics.faults import InputError
+from xdynamics.march.asking import THINNING
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record import check_kind
@@ -169,7 +170,9 @@ def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Compani
     check_kind(run)
     check_whole(run)
     model = model_of(run, functions)
-    asked = {name: value for name, value in asked_of(run).items() if value is not None} | {"force_samples": "none"}
+    asked = {name: value for name, value in asked_of(run).items() if value is not None and name not in THINNING} | {
+        "force_samples": "none"
+    }
     control = str(run.attrs["solver_step_control"])
     try:
         if control == "adaptive":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from xdynamics import archive, record
 from xdynamics.entrance import load_dask_whole
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.asking import unthinned_settings_for
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
 from xdynamics.record.extent import check_room
@@ -28,7 +28,7 @@ def march(model: Model, path: Path | None = None, memory: str | float | None = N
         If the march was interrupted: of one run that is an outcome, of evidence from several it is the end.
     """
     load_dask_whole()
-    one = March(model, settings_for(model, **asked))
+    one = March(model, unthinned_settings_for(model, **asked))
     check_room(one, memory, path)
     if path is not None:
         found = archive.open_run(archive.stream(one, path), check=False)

@@ -14,7 +14,7 @@ from xdynamics.figures import control, energy, lines, plane
 from xdynamics.figures.beside import beside_of
 from xdynamics.figures.sheet import Panel
 from xdynamics.record import check
-from xdynamics.record.kinds import is_whole
+from xdynamics.record.kinds import is_whole, rows_apart
 from xdynamics.schema import STEPS, velocity
 
 FEWEST_LOCATED = 3  # events, from which on a panel tells more than their list
@@ -87,7 +87,9 @@ def _check_wanted(run: xr.Dataset, wanted: Sequence[str]) -> None:
 
 def foot_of(run: xr.Dataset) -> str:
     """Say how a run ended."""
-    return f"{run.attrs.get('run_outcome', '')}: {run.attrs.get('run_outcome_text', '')}"
+    every = rows_apart(run.attrs)
+    kept = f"; one in {every} of its rows" if every > 1 else ""
+    return f"{run.attrs.get('run_outcome', '')}: {run.attrs.get('run_outcome_text', '')}{kept}"
 
 
 def _panels(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | None = None) -> Iterator[Keyed]:

@@ -1,9 +1,9 @@
 """The march: aim, propose, judge, reject or locate and accept, note; in compiled blocks."""
 
-from xdynamics.march.log import Log
+from xdynamics.march.log import Block, Log
 from xdynamics.march.many import Runs, march_many
 from xdynamics.march.outcomes import OUTCOMES, Outcome
-from xdynamics.march.runner import Block, March
+from xdynamics.march.runner import March
 from xdynamics.march.settings import Pacing, Settings, Tolerances
 
 __all__ = ["OUTCOMES", "Block", "Log", "March", "Outcome", "Pacing", "Runs", "Settings", "Tolerances", "march_many"]

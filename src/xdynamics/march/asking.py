@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from fractions import Fraction
 from math import isfinite
 from typing import Any
@@ -25,6 +26,7 @@ from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, ti
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
 KNOWN = (*RUN_KEYS, "nodes", "math_functions")  # settings, of which a model file has all but these two
+THINNING = ("keep_every",)  # settings that leave something out of a record
 PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 
 
@@ -72,9 +74,23 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         _switches(model, str(chosen.get("switches") or LOCATED)),
         _time_tolerance(model, chosen),
         str(chosen.get("math_functions") or NAME),
+        _whole(chosen.get("keep_every", 1), "keep_every"),
     )
     settings.check(model)
     return settings
+
+
+def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
+    """Return the settings of a march of which everything is looked at; what a model file leaves out of records is kept.
+
+    Raises
+    ------
+    InputError
+        If something is asked to be left out, or something else is wrong.
+    """
+    if left := [name for name in THINNING if asked.get(name) is not None]:
+        raise InputError(f"{' and '.join(left)} {'is' if len(left) == 1 else 'are'} of `simulate` and `xdynamics run`: here every row of a march is needed")  # fmt: skip
+    return replace(settings_for(model, **asked), keep_every=1)
 
 
 def _joined(defaults: Mapping[str, Any], asked: dict[str, Any]) -> dict[str, Any]:
@@ -168,6 +184,13 @@ def _number(value: Any, name: str) -> float:
         raise InputError(f"{name} is {value!r}, needs a number{remedy}") from None
 
 
+def _whole(value: Any, name: str) -> int:
+    number = _number(value, name)
+    if not number.is_integer():
+        raise InputError(f"{name} is {value!r}, needs a whole number")
+    return int(number)
+
+
 def _pacing(model: Model, chosen: Mapping[str, Any]) -> Pacing:
     given: dict[str, Any] = {}
     if "safety" in chosen:
@@ -179,10 +202,7 @@ def _pacing(model: Model, chosen: Mapping[str, Any]) -> Pacing:
         given["growth_limits"] = tuple(_number(one, "growth_limits") for one in limits)
     given |= {key: time_in(model.time_unit, chosen[key], key) for key in ("min_step", "max_step") if key in chosen}
     if "max_steps" in chosen:
-        most = _number(chosen["max_steps"], "max_steps")
-        if not most.is_integer():
-            raise InputError(f"max_steps is {chosen['max_steps']!r}, needs a whole number")
-        given["max_steps"] = int(most)
+        given["max_steps"] = _whole(chosen["max_steps"], "max_steps")
     return Pacing(**given)
 
 

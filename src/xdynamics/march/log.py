@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mmap
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,6 +54,18 @@ class Log(NamedTuple):
                     memory.madvise(_POPULATE, begin, size)
                 except (OSError, ValueError):  # a system that does not know how provides it when it is written
                     return
+
+
+@dataclass(frozen=True)
+class Block:
+    """A filled part of the log; `rows`, `trials`, `events`, `samples` are how much of it, `numbers` which rows of the march, where some are left out."""
+
+    log: Log
+    rows: int
+    trials: int
+    events: int
+    samples: int
+    numbers: NDArray[np.int64] | None = None
 
 
 @compiled

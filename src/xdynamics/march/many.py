@@ -15,12 +15,11 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.abreast import lanes_for, march_abreast
 from xdynamics.march.engine import engine
-from xdynamics.march.log import Log, allocate
+from xdynamics.march.log import Block, Log, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.parts import Part, inputs_of
 from xdynamics.march.posing import addresses_of, posed
 from xdynamics.march.run import Run
-from xdynamics.march.runner import Block
 from xdynamics.march.settings import LEAST_RTOL, Settings
 from xdynamics.model import Model
 from xdynamics.units import TIME, Scales

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 from math import inf, isfinite
 from operator import itemgetter
@@ -21,12 +20,13 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine
 from xdynamics.march.gains import Gains, impacts_of, with_more
-from xdynamics.march.log import Log, allocate, misplaced_events, most_recycled
+from xdynamics.march.log import Block, Log, allocate, misplaced_events, most_recycled
 from xdynamics.march.memory import arrays_of, put_back
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STOPPED, Outcome
 from xdynamics.march.posing import addresses_of, posed
 from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
+from xdynamics.march.thinning import Thinning
 from xdynamics.model import Model
 from xdynamics.schema import EVENT_AFTER
 from xdynamics.units import TIME
@@ -38,19 +38,9 @@ MOST_WITNESSES = 50
 SHORTEST_PART = 1 << 12
 FIRST_PART = 1 << 6  # rows, where the clock matters and nobody knows how long one takes
 FIRST_BLOCK = 1 << 9  # rows, where nobody knows how many there will be
+THINNED_BLOCK = 1 << 14  # rows, of which some are kept: as many as a processor's cache holds
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
-
-
-@dataclass(frozen=True)
-class Block:
-    """A filled part of the log; `rows`, `trials`, `events`, `samples` are how much of it."""
-
-    log: Log
-    rows: int
-    trials: int
-    events: int
-    samples: int
 
 
 class March:
@@ -93,6 +83,12 @@ class March:
         """All that the march knows; its log is lent to it block by block."""
         return posed(self.model, self.settings, self.law, allocate(self.layout, 1, sampled=0), self._addresses())
 
+    @cached_property
+    def thinning(self) -> Thinning | None:
+        """What leaves rows out; none where all are kept."""
+        nodes = np.array(self.settings.nodes) / self.settings.scales.of(TIME)
+        return Thinning(self.settings.keep_every, nodes) if self.settings.keep_every > 1 else None
+
     @property
     def now(self) -> Any:
         """Where the march stands, with a field for each number."""
@@ -114,10 +110,13 @@ class March:
         ----------
         rows : int, optional
             Rows a block holds. Two logs are filled in turn, so a block may be used until the next but one is asked
-            for. Without it every block is new, and one holds the run if it can.
+            for. Without it every block is new, and one holds the run if it can; where rows are left out, every block is
+            new and holds what is kept of some.
         patience : float, s
             After about this time a block is handed over as it is.
         """
+        thinning = self.thinning
+        rows = rows or (THINNED_BLOCK if thinning else None)
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():
@@ -133,8 +132,17 @@ class March:
                 self._look_at_the_end(block)
                 self._judge_events(block)
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
-                yield block
+                yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
                 size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
+
+    def rest(self) -> Block | None:
+        """Return the last row of a march that was interrupted, where it is one that is left out of a march that goes on."""
+        return self.thinning.rest(self.run) if self.thinning else None
+
+    @property
+    def waits(self) -> bool:
+        """Whether there is such a row."""
+        return self.thinning is not None and self.thinning.waiting is not None
 
     @property
     def accepted(self) -> int:
@@ -170,7 +178,7 @@ class March:
             "gains": np.array(self.gains),
             "misplaced": self.misplaced,
         }
-        return arrays_of(self.run) | kept
+        return arrays_of(self.run) | kept | (self.thinning.memory() if self.thinning else {})
 
     def go_on_from(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Go on where a march of the same model and settings stood.
@@ -185,6 +193,8 @@ class March:
         if "gains" in memory:  # version 0.2 kept none; what is empty is not kept
             self.gains = Gains(*memory["gains"].tolist())
         self.misplaced = memory.get("misplaced", self.misplaced).copy()
+        if self.thinning:
+            self.thinning.go_on_from(memory)
 
     def _filled(self, log: Log, patience: float) -> Block:
         """Fill one log, looking up now and then."""
@@ -206,7 +216,8 @@ class March:
                 done = float((now.t - plan.start) / (plan.end - plan.start))
                 self.progress(done, float(now.t * self.settings.scales.of(TIME)), int(now.rows))
             in_time = looked - started < patience
-        return Block(log, *(after - before for after, before in zip(counts, first, strict=True)))
+        rows, trials, events, samples = (after - before for after, before in zip(counts, first, strict=True))
+        return Block(log, rows, trials, events, samples)
 
     def _remember(self, block: Block) -> None:
         """Keep some rows of the whole run, the same whatever its blocks: those whose number a power of two divides."""

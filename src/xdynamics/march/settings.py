@@ -24,6 +24,7 @@ from xdynamics.units import UNSCALED, Quantity, Scales, Unit, behind
 EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
 TIME_TOLERANCE = 1e-12  # s
+MOST_APART = 2**53  # rows, from one that is kept to the next
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
 
 
@@ -166,6 +167,8 @@ class Settings:
         How well events, impacts and switches are located that do not say so themselves, s.
     math_functions : str
         The set of elementary functions.
+    keep_every : int
+        Rows of the grid from one that is recorded to the next.
     """
 
     method: Method
@@ -182,6 +185,7 @@ class Settings:
     switches: str = LOCATED
     time_tolerance: float = TIME_TOLERANCE
     math_functions: str = NAME
+    keep_every: int = 1
 
     def located_within(self, asked: Quantity | None) -> float:
         """Return how well a time is located, s: as well as is asked for, or as well as all others."""
@@ -222,6 +226,8 @@ class Settings:
             faults += self.tolerances.faults(model) or self._inner_faults(self.tolerances.rtol)
         if self.math_functions not in SETS:
             faults.append(f"math_functions is {self.math_functions!r}; there are {', '.join(map(repr, SETS))}")
+        if not 1 <= self.keep_every <= MOST_APART:
+            faults.append(f"keep_every is {self.keep_every!r}, needs a whole number from 1, every row, to 2**53")
         if not (isfinite(self.time_tolerance) and self.time_tolerance > 0):
             faults.append(f"time_tolerance is {self.time_tolerance!r}{second}, needs a positive time")
         if self.pacing.min_step > self.until - start > 0:

@@ -318,6 +318,9 @@ def _run(given: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, Any]
         for key in ("method", "estimator", "force_samples", "jacobian", "summation", "switches"):
             if not isinstance(given.get(key, ""), str):
                 raise InputError(f"{key} is {given[key]!r}, needs a word")
+        every = given.get("keep_every", 1)
+        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
+            raise InputError(f"keep_every is {every!r}, needs a whole number from 1, every row")
     return dict(given)
 
 

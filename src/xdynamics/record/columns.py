@@ -29,7 +29,9 @@ Array = NDArray[Any]
 
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
-    return _columns(About(march.layout, march.settings.scales, march.settings.tolerances, march.settings.samples))
+    settings = march.settings
+    found = _columns(About(march.layout, settings.scales, settings.tolerances, settings.samples))
+    return found if settings.keep_every == 1 else [*found, Column(schema.STEP_NUMBER, _numbers)]
 
 
 def columns_of(layout: Layout, settings: Settings) -> list[Column]:
@@ -66,6 +68,8 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
         )
     found += passed(march)
     names, numbers = numbers_at_end(march.run)
+    if march.thinning:  # rows that a march is judged by, and that its record may have left out
+        names, numbers = f"{names} {schema.WITNESSES}", np.append(numbers, march.witnesses)
     found.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
     functions = "".join(
         f"\n\n# Python function {one.name}, sha256 {one.digest}\n{one.source}" for one in march.model.python_functions
@@ -187,6 +191,11 @@ def _between(model: Model, name: str) -> dict[str, str]:
     if drive is None:
         return {}
     return {"interpolation": drive.interpolation, "outside": drive.outside, "argument": drive.argument}
+
+
+def _numbers(block: Block) -> Array:
+    """Say which rows of the march those of a block are."""
+    return np.arange(block.rows) if block.numbers is None else block.numbers
 
 
 def _flag(index: int) -> Callable[[Block], Array]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from itertools import chain
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -40,16 +41,22 @@ def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, A
     parts: dict[str, list[Array]] = {column.variable.name: [] for column in spec}
     for name, values in before:
         parts[name].append(values)
-    for block in blocks:
+    for block in chain(blocks, _rest(march)):
         for column in spec:
             parts[column.variable.name].append(column.take(block))
     more = followed_tolerances(march)
-    filled = [(_described(column.variable, more), _joined(parts[column.variable.name])) for column in spec]
+    filled = [(_described(column.variable, more), _joined(parts.pop(column.variable.name))) for column in spec]
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     # fastpath: xarray would import dask to find out that a numpy array is none of its own
     variables = {one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True) for one, data in filled}
     time = variables.pop("time")
     return xr.Dataset(variables, {"time": time}, provenance.attributes(march))
+
+
+def _rest(march: March) -> Iterator[Block]:
+    """Yield the last row of an interrupted march, where it is behind those that are kept."""
+    if (rest := march.rest()) is not None:
+        yield rest
 
 
 def _described(variable: Variable, more: Mapping[str, Mapping[str, Any]]) -> Variable:

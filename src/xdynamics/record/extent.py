@@ -100,8 +100,11 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
     asked, rows = memory_asked(memory), march.expected_rows
     if rows is None:
         return
-    needed = bytes_of(march, rows)
+    kept = rows / march.settings.keep_every
+    needed = bytes_of(march, kept)
     what = f"the run makes {rows:.4g} rows, which take {said(needed)}"
+    if march.settings.keep_every > 1:
+        what = f"the run makes {rows:.4g} rows and keeps {kept:.4g} of them, which take {said(needed)}"
     if path is not None:
         try:
             free = float(shutil.disk_usage(Path(path).absolute().parent).free)
@@ -115,4 +118,6 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
     room = ROOM * free_memory() if asked is None else asked
     if needed > room:
         there = f"{said(room)} of memory {'can be had' if asked is None else 'were allowed'}"
-        raise InputError(f"{what}, and {there}; give path=… to stream them to a file, a longer step or an earlier end")
+        raise InputError(
+            f"{what}, and {there}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer step or an earlier end"
+        )

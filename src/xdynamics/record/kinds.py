@@ -7,7 +7,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.schema import DERIVED, DERIVED_FROM, EVIDENCE, LEFT_OUT_ATOL, RUNS, SELECTION, SELECTION_OF
+from xdynamics.schema import (
+    DERIVED,
+    DERIVED_FROM,
+    EVIDENCE,
+    KEEP_EVERY,
+    LEFT_OUT_ATOL,
+    RUNS,
+    SELECTION,
+    SELECTION_OF,
+)
+
+RARE = "one in {0} (keep_every = {0}): march it again with keep_every = 1"
 
 
 def is_derived(attributes: Mapping[Any, Any]) -> bool:
@@ -33,6 +44,23 @@ def is_run(attributes: Mapping[Any, Any]) -> bool:
 def is_whole(attributes: Mapping[Any, Any]) -> bool:
     """Tell whether a record is to have all that a run has."""
     return is_run(attributes) and not is_selection(attributes)
+
+
+def rows_apart(attributes: Mapping[Any, Any]) -> int:
+    """Return how far apart the kept rows of a run's grid are: 1 where all are kept."""
+    return int(attributes.get(KEEP_EVERY, 1))
+
+
+def check_every_row(attributes: Mapping[Any, Any], what: str) -> None:
+    """Refuse a record without all rows for what is made of all.
+
+    Raises
+    ------
+    InputError
+        Naming what needs them, and the remedy.
+    """
+    if (every := rows_apart(attributes)) > 1:
+        raise InputError(f"{what} needs every row of the march, and this record has {RARE.format(every)}")
 
 
 def said_of(attributes: Mapping[Any, Any]) -> str:

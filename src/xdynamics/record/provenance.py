@@ -33,6 +33,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 EVERYWHERE = "everywhere"
+KEPT_ROWS = (
+    "rows of the grid whose number this divides (of chosen and given steps, rows of the march), those of events and of"
+    " solver_nodes, the first and the last; with them the force evaluations that led there and the trials rejected there"
+)
 _SCALES = {"length": "m", "time": "s", "mass": "kg"}
 
 
@@ -74,6 +78,12 @@ def attributes(march: March) -> dict[str, Any]:
         "model_digest": model.digest,
         "force_digest": force_digest(march),
     }
+    if settings.keep_every > 1:
+        used |= {
+            schema.KEEP_EVERY: settings.keep_every,
+            f"{schema.KEEP_EVERY}_rule": KEPT_ROWS,
+            "run_rows": int(march.now.rows),
+        }
     if settings.nodes:
         used |= {"solver_nodes": np.array(settings.nodes), "solver_nodes_units": "s"}
     if settings.scales != UNSCALED:
@@ -187,6 +197,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "time_tolerance": used.get("solver_time_tolerance"),
         "math_functions": kept_set(used.get("math_functions")),
         "nodes": np.atleast_1d(used["solver_nodes"]).tolist() if "solver_nodes" in used else None,
+        "keep_every": int(used[schema.KEEP_EVERY]) if schema.KEEP_EVERY in used else None,
     }
     if schema.GIVEN_STEP.name in run:
         asked["step"] = np.asarray(run[schema.GIVEN_STEP.name])

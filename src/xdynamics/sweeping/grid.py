@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.march import Settings
-from xdynamics.march.asking import settings_for
+from xdynamics.march.asking import unthinned_settings_for
 from xdynamics.model import Model
 from xdynamics.sweeping.axes import INITIAL, NUMBERS, OF_MODEL, PARAMETER, RTOL, START, STEP, TABLE, Axis, Column
 
@@ -128,7 +128,7 @@ class Grid:
 
     def settings_of(self, at: At) -> Settings:
         """Return a member's settings."""
-        return settings_for(self._common(at), **self.asked_of(at))
+        return unthinned_settings_for(self._common(at), **self.asked_of(at))
 
     @property
     def math_functions(self) -> str:

@@ -22,7 +22,7 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError, escaped
 from xdynamics.record import check
-from xdynamics.record.kinds import is_evidence, said_of
+from xdynamics.record.kinds import is_evidence, rows_apart, said_of
 from xdynamics.record.words import time_unit
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
 from xdynamics.units import behind, parse_unit
@@ -61,7 +61,8 @@ def compare(
         ``y [mm]`` and, where it is known, the standard uncertainty ``u(y) [mm]``; or a Dataset along one dimension, with
         a variable `time`, units as attributes, and uncertainties as `u_y`.
     times : array_like of float, shape (n,), s, optional
-        Where to compare; by default at every accepted time of either run that both reach. Data have their own.
+        Where to compare; by default at every accepted time of either run that both reach
+        (of a run that was marched with `keep_every` its kept times alone). Data have their own.
     gaps : {"refuse", "skip"}
         Of measured data: whether rows in which a number is missing are refused or left out. Columns of what the run does
         not have are left out (`data_left_out`).
@@ -152,7 +153,12 @@ def _times(first: xr.Dataset, other: xr.Dataset) -> Floats:
         spans = [f"{float(one[0])!r}{second} to {float(one[-1])!r}{second}" for one in each]
         raise InputError(f"the runs have no time in common: one goes from {spans[0]}, the other from {spans[1]}")
     found: Floats = np.union1d(*each)
+    for run, one in zip((first, other), each, strict=True):
+        if rows_apart(run.attrs) > 1:  # between the rows that were kept nothing is known
+            found = found[np.isin(found, one)]
     inside: Floats = found[(found >= begin) & (found <= end)]
+    if not inside.size:
+        raise InputError("the runs have no row of one time in common: keep_every left the others out; march one of them again with keep_every = 1")  # fmt: skip
     return inside
 
 

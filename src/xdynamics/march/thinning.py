@@ -1,0 +1,146 @@
+"""Which rows of a march are kept: every n-th of its grid, those of events and of wanted nodes, and both ends.
+
+The march fills every row of its blocks, and rows are left out before they become a record: those that are kept have the
+bits of the whole march.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.march.log import Block, Log
+from xdynamics.march.run import BASE, Run
+from xdynamics.schema import EVENT_BEFORE
+
+Array = NDArray[Any]
+
+NOWHERE = -1  # the place of a row that is left out
+
+
+@dataclass(frozen=True)
+class Part:
+    """Rows of a log with what belongs to them: force evaluations that led to them, trials that started from them."""
+
+    rows: Array
+    flags: Array
+    samples: Array
+    trials: Array
+
+    def chosen(self, rows: Array, samples: Array, trials: Array) -> Part:
+        """Copy what is chosen: the log's memory is filled again."""
+        return Part(self.rows[:, rows], self.flags[:, rows], self.samples[:, samples], self.trials[trials])
+
+    def of_rows(self, wanted: Array, places: Array, begin: int) -> Part:
+        """Return the rows that are wanted, and with their places in the record what belongs to those; `places` begins before row `begin`."""
+        sampled = places[self.samples[1].astype(np.int64) - begin + 1]
+        tried = places[self.trials["step"] - begin + 1]
+        found = self.chosen(np.flatnonzero(wanted), np.flatnonzero(sampled >= 0), np.flatnonzero(tried >= 0))
+        found.samples[1], found.trials["step"] = sampled[sampled >= 0], tried[tried >= 0]
+        return found
+
+    def last(self, number: int) -> Part:
+        """Return the last row, if there is one, and what belongs to the row with a number."""
+        here = np.flatnonzero(self.samples[1] == number), np.flatnonzero(self.trials["step"] == number)
+        return self.chosen(np.arange(self.rows.shape[1])[-1:], *here)
+
+
+class Thinning:
+    """What is kept of a march so far; the newest row waits until it is known whether it is the last.
+
+    Parameters
+    ----------
+    every : int
+        Rows of the grid from one that is kept to the next.
+    nodes : ndarray, in the march's own time
+        Times at which a row was asked for.
+    """
+
+    def __init__(self, every: int, nodes: NDArray[np.float64]) -> None:
+        self.every, self.nodes = every, nodes
+        self.kept = 0  # rows that were handed over
+        self.waiting: Part | None = None
+
+    def memory(self) -> dict[str, Array]:
+        """Return all that it takes to go on from here, by name."""
+        waiting = {} if self.waiting is None else vars(self.waiting)
+        return {"kept_rows": np.array([self.kept])} | {f"waiting_{name}": one for name, one in waiting.items()}
+
+    def go_on_from(self, memory: Mapping[str, Array]) -> None:
+        """Go on where the thinning of the same march stood."""
+        self.kept = int(memory["kept_rows"][0])
+        names = ("rows", "flags", "samples", "trials")
+        there = "waiting_rows" in memory
+        self.waiting = Part(*(memory[f"waiting_{name}"].copy() for name in names)) if there else None
+
+    def stand_behind(self, kept: int) -> None:
+        """Go on behind a record of so many rows, of which the last one is an end and kept."""
+        self.kept, self.waiting = kept, None
+
+    def thinned(self, run: Run, block: Block, *, last: bool) -> Block:
+        """Return what is kept of a block, in memory of its own; `last` says that the march is over, and its last row an end."""
+        log, first = block.log, int(block.log.base[0]["rows"])
+        new = Part(log.rows[:, : block.rows], log.flags[:, : block.rows], log.samples[:, : block.samples], log.trials[: block.trials])  # fmt: skip
+        parts = [new] if self.waiting is None else [self.waiting, new]
+        begin = first - (len(parts) - 1)
+        events = log.events[: block.events].copy()
+        ends = {name: events[name] - begin for name in ("row_before", "row_after")}
+        wanted = np.zeros(first + block.rows - begin, bool)
+        self._want(wanted[first - begin :], run, new, first)
+        for rows in ends.values():
+            wanted[rows[rows >= 0]] = True
+        wanted[-1:] |= last
+        # of every row from the one before, which is kept if it does not wait
+        places = np.concatenate([[self.kept - 1], np.where(wanted, self.kept + np.cumsum(wanted) - 1, NOWHERE)])
+        for name, rows in ends.items():
+            events[name] = places[rows + 1]
+        halves = np.split(wanted, [first - begin])[-len(parts) :]
+        found = _joined([one.of_rows(half, places, begin) for one, half in zip(parts, halves, strict=True)])
+        base = np.zeros(1, BASE)
+        base["rows"], base["events"] = self.kept, log.base["events"]
+        numbers = begin + np.flatnonzero(wanted)
+        self.kept += numbers.size
+        newest = begin + wanted.size - 1
+        self.waiting = None if not wanted.size or wanted[-1] else _joined([one.last(newest) for one in parts], rows=1)
+        kept = Log(base, found.rows, found.flags, found.samples, found.trials, events,
+                   log.rates[:, : block.events].copy(), log.impulses[:, : block.events].copy())  # fmt: skip
+        return Block(kept, numbers.size, len(found.trials), block.events, found.samples.shape[1], numbers)
+
+    def rest(self, run: Run) -> Block | None:
+        """Return the row that still waits, where a march was interrupted behind it."""
+        if (one := self.waiting) is None:
+            return None
+        base = np.zeros(1, BASE)
+        base["rows"], base["events"] = run.now["rows"], run.now["events"]
+        none = Log(base, one.rows[:, :0], one.flags[:, :0], one.samples[:, :0], one.trials[:0],
+                   run.log_events[:0], run.log_rates[:, :0], run.log_impulses[:, :0])  # fmt: skip
+        return self.thinned(run, Block(none, 0, 0, 0, 0), last=True)
+
+    def _want(self, wanted: Array, run: Run, part: Part, first: int) -> None:
+        """Mark the rows of the grid that are kept, of events, of nodes that were asked for, and the first."""
+        plan, now, t = run.plan[0], run.now[0], part.rows[0]
+        if plan.step_size > 0.0 and now.grid < now.rows - 1:  # there are rows besides those of the grid
+            numbers = np.rint((t - plan.start) / (self.every * plan.step_size)) * self.every
+            size = np.maximum(abs(plan.start), np.abs(t))
+            wanted |= np.abs(plan.start + numbers * plan.step_size - t) <= plan.snap * size
+        else:
+            wanted[-first % self.every :: self.every] = True
+        if first == 0:
+            wanted[:1] = True
+        if now.events:
+            wanted |= part.flags[0] >= EVENT_BEFORE
+        if self.nodes.size:
+            wanted |= np.isin(t, self.nodes)
+
+
+def _joined(parts: list[Part], rows: int | None = None) -> Part:
+    """Return parts behind each other, of their rows the last ones."""
+    if len(parts) == 1:
+        return parts[0]
+    wide = {name: np.hstack([getattr(one, name) for one in parts]) for name in ("rows", "flags", "samples")}
+    found = Part(**wide, trials=np.concatenate([one.trials for one in parts]))
+    return found if rows is None else replace(found, rows=found.rows[:, -rows:], flags=found.flags[:, -rows:])
