@@ -1,16 +1,20 @@
 """States between steps: time an instant, and the error there over that at accepted states; SciPy's dense output beside.
 
+At the end a long run is evaluated from its file and from memory.
+
 python tests/benchmarks/sampling_speed.py [instants]
 """
 
 from __future__ import annotations
 
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 from scipy.integrate import solve_ivp
 
 import xdynamics as xd
@@ -42,6 +46,34 @@ def main(instants: int) -> None:
     start = [0.5, 0.0, 0.0, 3**0.5]
     solved = solve_ivp(attracted, (0.0, UNTIL), start, "DOP853", rtol=1e-9, atol=1e-9, dense_output=True)
     line("SciPy's DOP853", "its own", solved.sol, times, (solved.t[1:], solved.y[:, 1:]))
+    from_file(model, instants)
+
+
+def from_file(model: xd.Model, instants: int) -> None:
+    """Print what states between and a diagnosis of a long run cost from its file, over the same in memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "orbit.nc"
+        run = xd.simulate(model, method="yoshida8", step=0.01, until=0.01 * instants, force_samples="none", path=path)
+        times = np.random.default_rng(2).uniform(0.0, float(run.time[-1]), instants)
+        stages = {"sample": lambda one: xd.sample(one, times), "diagnose": xd.diagnose}
+        for name, stage in stages.items():
+            rounds = range(2 if name == "diagnose" else ROUNDS)
+            loaded, opened = (min(column) for column in zip(*(evaluated(path, stage) for _ in rounds), strict=True))
+            print(
+                f"{name:9} of {run.sizes['step']} rows: {opened:.3g} s from a file, {opened / loaded:.2f} times as in memory"
+            )
+
+
+def evaluated(path: Path, stage: Callable[[xr.Dataset], object]) -> list[float]:
+    """Return the seconds that a stage takes with a run in memory and from its file."""
+    seconds = []
+    for load in (True, False):
+        with xd.open_run(path) as opened:
+            run = opened.load() if load else opened
+            before = time.perf_counter()
+            stage(run)
+            seconds.append(time.perf_counter() - before)
+    return seconds
 
 
 def line(method: str, rule: str, between: Callable[[States], States], times: States, accepted: tuple[States, States]) -> None:  # fmt: skip

@@ -9,6 +9,7 @@ from xarray.backends import BackendArray, NetCDF4DataStore
 from xarray.core import indexing
 
 from xdynamics.archive.library import alone
+from xdynamics.archive.stretches import chosen
 from xdynamics.faults import ArchiveError
 
 
@@ -39,7 +40,7 @@ class Values(BackendArray):
         variable.set_auto_maskandscale(False)
         variable.set_auto_chartostring(False)
         try:
-            values = variable[key]
+            values = chosen(variable, key)
         except (OSError, RuntimeError) as error:  # a damaged file that was opened unchecked, or a disk that went
             raise ArchiveError(f"variable '{self.name}' of '{self.lent.path}' cannot be read: {error}") from None
         finally:
