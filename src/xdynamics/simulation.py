@@ -18,6 +18,7 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning, warn
 from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
+from xdynamics.methods import Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.record.extent import check_room
@@ -250,7 +251,7 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
             return
         if surely_stable(jacobian, method, len(model.coordinates), step):
             return
-    limit, second = stable_step_of(jacobian, method, model), behind(model.time_unit)
+    limit, second = _longest_stable_step(model, method), behind(model.time_unit)
     if limit > 0.0 and step > limit:
         warn(
             f"step {step:.6g}{second} is beyond the stability limit {limit:.6g}{second} of '{method.name}' for '{model.name}' at its"
@@ -258,7 +259,7 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
             " methods bear",
             StabilityWarning,
         )
-    elif limit == 0.0 and step > (longest := stable_step_of(jacobian, method, model, growth=1.0 / span)):
+    elif limit == 0.0 and step > (longest := _longest_stable_step(model, method, growth=1.0 / span)):
         warn(
             f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is 0{second}): errors"
             f" grow from step to step, with {step:.6g}{second} more than e times within this run of {span:.6g}{second}, up to"
@@ -274,6 +275,14 @@ def _jacobian(model: Model) -> Floats | None:
         return linearise(model, initial_state(model)).jacobian
     except InputError:
         return None  # the march will say what is wrong with the forces at the start
+
+
+@lru_cache(maxsize=256)
+def _longest_stable_step(model: Model, method: Method, *, growth: float = 0.0) -> float:
+    """Return the largest step that a method bears at a model's start, found once: by trying some hundred."""
+    jacobian = _jacobian(model)
+    assert jacobian is not None  # noqa: S101 - who asks has seen it
+    return stable_step_of(jacobian, method, model, growth=growth)
 
 
 def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:

@@ -114,7 +114,9 @@ _KEPT: dict[Any, Any] = {}
 
 
 def _object(text: str) -> bytes:
-    module = llvm.parse_assembly(text)
+    # a context of its own: constants and types stay in theirs for ever, 0.1 MB a text in the one of the process
+    context = llvm.create_context()
+    module = llvm.parse_assembly(text, context)
     module.triple = llvm.get_process_triple()
     module.verify()
     # of its own, like that of every engine: an engine frees the one it was given

@@ -18,6 +18,7 @@ from xdynamics.elementary import NAME
 from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, derivatives, free_names
 from xdynamics.expressions.calculus import ONE, ZERO, add
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
+from xdynamics.expressions.tape import Tape
 from xdynamics.faults import InputError, ModelError
 from xdynamics.model.drives import coefficients, looked_up
 from xdynamics.model.mass import Assignment, factors, less, solved
@@ -297,9 +298,19 @@ def evaluated(
     for (name, drive), table in zip(model.drives.items(), tables, strict=True):
         found = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
         values[name], values[slope(name)] = map(float, found)
-    for one in (*motion(model), *(slopes(model) if sloped else ())):
+    if sloped:
+        return values | _tape(model).evaluated(values)
+    for one in motion(model):
         values[one.name] = _number(model, one.value, values)
     return values
+
+
+@lru_cache(maxsize=16)
+def _tape(model: Model) -> Tape:
+    """Return the operations of the motion and its derivatives, of which there may be many thousand."""
+    return Tape(
+        (one.name, one.value) for one in (*motion(model), *slopes(model)) if not isinstance(one.value, Function)
+    )
 
 
 def evaluated_many(

@@ -1,0 +1,165 @@
+"""Expressions as a list of operations in the order in which trees are evaluated, what stands twice computed once.
+
+For whoever evaluates the same long expressions again and again without compiling them: derivatives of forces by many
+coordinates share most of their parts. Every number has the bits that `evaluate` gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+from xdynamics.expressions.evaluation import FLOATS, power
+from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, exponent_of
+from xdynamics.faults import InputError
+
+Operation = Callable[..., Any]
+
+
+class Tape:
+    """The operations of some expressions, each of which may use the names of those before it.
+
+    Parameters
+    ----------
+    expressions : iterable of (str, Node)
+        Names and what they stand for, without definitions left in it.
+
+    Examples
+    --------
+    >>> from xdynamics.expressions import parse
+    >>> tape = Tape([("r", parse("sqrt(x**2 + y**2)")), ("f", parse("x/r**3"))])
+    >>> tape.evaluated({"x": 3.0, "y": 4.0})
+    {'r': 5.0, 'f': 0.024}
+    """
+
+    def __init__(self, expressions: Iterable[tuple[str, Node]]) -> None:
+        self._given: dict[str, int] = {}  # names that have to be known, and their places
+        self._numbers: dict[int, float] = {}
+        self._steps: list[tuple[Operation, int, tuple[int, ...]]] = []
+        self._size = 0
+        self._known: dict[Any, int] = {}  # places of equal operations
+        self._seen: dict[int, tuple[int, Node]] = {}  # places of nodes, which live as long as this
+        self._named: dict[str, int] = {}
+        for name, tree in expressions:
+            place = self._place(tree)
+            if name in self._given or name in self._named:
+                self._seen.clear()  # from here on the name means something else
+            self._named[name] = place
+        self._seen.clear()
+        self._known.clear()
+
+    def evaluated(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the number of each expression by its name.
+
+        Raises
+        ------
+        InputError
+            If a name has no value.
+        """
+        if missing := [name for name in self._given if name not in values]:
+            raise InputError(f"name '{missing[0]}' has no value; there are {', '.join(values) or 'none'}")
+        found: list[Any] = [0.0] * self._size
+        for place, number in self._numbers.items():
+            found[place] = number
+        for name, place in self._given.items():
+            found[place] = values[name]
+        for operation, place, operands in self._steps:
+            found[place] = operation(*[found[one] for one in operands])
+        return {name: found[place] for name, place in self._named.items()}
+
+    def _place(self, node: Node) -> int:
+        """Return where the value of a node stands, behind what it takes to compute it."""
+        links = []
+        while isinstance(node, Binary) and id(node) not in self._seen:  # a sum may have any length
+            links.append(node)
+            node = node.left
+        place = self._seen[id(node)][0] if id(node) in self._seen else self._first(node)
+        for one in reversed(links):
+            place = self._joined(one, place)
+            self._seen[id(one)] = place, one
+        return place
+
+    def _first(self, node: Node) -> int:
+        """Return the same of what is no binary node."""
+        place = self._of(node)
+        self._seen[id(node)] = place, node
+        return place
+
+    def _of(self, node: Node) -> int:
+        match node:
+            case Number():
+                return self._number(node.value)
+            case Name():
+                return self._named[node.name] if node.name in self._named else self._name(node.name)
+            case Negative():
+                return self._step("negative", _negative, self._place(node.operand))
+            case Compare():
+                operation = FLOATS.operators[node.operator]
+                return self._step(node.operator, operation, self._place(node.left), self._place(node.right))
+            case Call(function="where"):
+                return self._step("where", _chosen, *map(self._place, node.arguments))
+            case Call(function="min" | "max"):
+                first, *others = map(self._place, node.arguments)
+                for one in others:
+                    first = self._step(node.function, FLOATS.choices[node.function], first, one)
+                return first
+            case Call():
+                return self._step(node.function, FLOATS.functions[node.function], *map(self._place, node.arguments))
+        raise InputError(f"'{node}' is no expression")
+
+    def _joined(self, node: Binary, left: int) -> int:
+        if node.operator == "**":
+            exponent = exponent_of(node.right) or Fraction(0)
+            return self._step(exponent, _raised(exponent), left)
+        return self._step(node.operator, FLOATS.operators[node.operator], left, self._place(node.right))
+
+    def _step(self, key: object, operation: Operation, *operands: int) -> int:
+        known = (key, *operands)
+        if known not in self._known:
+            self._known[known] = self._new()
+            self._steps.append((operation, self._known[known], operands))
+        return self._known[known]
+
+    def _number(self, value: float) -> int:
+        known = ("number", repr(value))  # 0.0 and -0.0 are equal
+        if known not in self._known:
+            self._known[known] = self._new()
+            self._numbers[self._known[known]] = value
+        return self._known[known]
+
+    def _name(self, name: str) -> int:
+        if name not in self._given:
+            self._given[name] = self._new()
+        return self._given[name]
+
+    def _new(self) -> int:
+        self._size += 1
+        return self._size - 1
+
+
+def _negative(value: float) -> float:
+    return -value
+
+
+def _chosen(truth: bool, yes: float, no: float) -> float:  # noqa: FBT001 - an operand like the others
+    return yes if truth else no
+
+
+@lru_cache(maxsize=256)
+def _raised(exponent: Fraction) -> Operation:
+    """Return what raises to a power, for the exponents of nearly all forces without a fraction's arithmetic."""
+    if exponent < 0:
+        above, quotient = _raised(-exponent), FLOATS.operators["/"]
+        return lambda base: quotient(1.0, above(base))
+    if exponent == 2:
+        return lambda base: base * base
+    if exponent == 3:
+        return lambda base: base * base * base
+    if exponent == Fraction(3, 2):
+        root = FLOATS.functions["sqrt"]
+        return lambda base: base * root(base)
+    if exponent == Fraction(1, 2):
+        return FLOATS.functions["sqrt"]
+    return lambda base: power(base, exponent, FLOATS)
