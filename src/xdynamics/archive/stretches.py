@@ -21,7 +21,7 @@ LARGEST = 1 << 25  # bytes of a stretch
 UNCHUNKED = 1 << 16  # elements that are taken for a chunk where a variable has none
 
 
-def chosen(variable: netCDF4.Variable, key: tuple[Any, ...]) -> Any:
+def chosen(variable: netCDF4.Variable[Any], key: tuple[Any, ...]) -> Any:
     """Return what ``variable[key]`` is, where each list in the key chooses along its own dimension."""
     axis = next((axis for axis, one in enumerate(key) if isinstance(one, np.ndarray)), None)
     if axis is None:
@@ -34,7 +34,7 @@ def chosen(variable: netCDF4.Variable, key: tuple[Any, ...]) -> Any:
     if not rows.size:
         return stretch(0, 0)
     # a number in the place of a list or slice takes its dimension away
-    before = (slice(None),) * (axis - sum(isinstance(one, int | np.integer) for one in key[:axis]))
+    before: tuple[Any, ...] = (slice(None),) * (axis - sum(isinstance(one, int | np.integer) for one in key[:axis]))
     found = None
     for which in _together(rows, *_sizes(variable, axis)):
         here = rows[which]
@@ -56,7 +56,7 @@ def _counted_from_the_start(rows: Array, length: int) -> NDArray[np.int64]:
     return found
 
 
-def _sizes(variable: netCDF4.Variable, axis: int) -> tuple[int, int]:
+def _sizes(variable: netCDF4.Variable[Any], axis: int) -> tuple[int, int]:
     """Return how many elements along a dimension are stored together, and how many of such parts make a stretch."""
     chunks = variable.chunking()
     part = int(chunks[axis]) if isinstance(chunks, list | tuple) else UNCHUNKED
