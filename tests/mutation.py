@@ -6,7 +6,8 @@
 
 A mutant is compiled in memory and takes the place of its module in a forked process: no file is ever changed, and the
 libraries are imported once. Tests that start processes of their own do not see it. What is compiled by numba runs as
-plain Python here. A mutant that makes the tests hang is found.
+plain Python here. A mutant that makes the tests hang is found. A file's own doctests are tried before its tests. What
+only guards (`strict` of a zip whose parts are equally long) or is only shown (`repr` of a field) is left as it is.
 """
 
 from __future__ import annotations
@@ -106,11 +107,12 @@ TOUCHED = {
         "test_budget_quantities.py -k periods",
     ),
     "evidence/diagnosing/diagnosis.py": (
-        "test_signs.py -k drift or band or amplitude or turns or behind or ahead or residual",
+        "test_signs.py -k drift or band or amplitude or turns or behind or ahead or residual or uncertainty_of",
         "test_diagnosis.py -k verlet or lazy or wrong or references or residuals or observables or ellipse or saved",
     ),
     "evidence/modes.py": ("test_signs.py -k decay or radians", "test_modes.py -k not compiled_forces"),
     "evidence/refining/family.py": (
+        "test_signs_of_studies.py -k gates or errors_of or orders_have",
         "test_signs.py -k coarser or euler_is or true_fall",
         "test_refinement.py -k energies",
     ),
@@ -133,12 +135,14 @@ TOUCHED = {
     "budgeting/fitted.py": ("test_fitting.py -k told or warned_of",),
     "budgeting/fitting.py": ("test_fitting.py -k straight or speak or order_of or named",),
     "budgeting/montecarlo.py": (
+        "test_budget_parts.py -k interval or ends",
         "test_budget_quantities.py -k few_draws or settles",
         "test_budget.py -k intervals_and",
         "test_certificate.py -k settles_it",
         DRAWN,
     ),
     "budgeting/numerical.py": (
+        "test_budget_parts.py -k rounding or tolerances or extreme",
         "test_budget_bounds.py -k allowance or rounding_tell",
         QUANTITIES,
         "test_budget_bounds.py",
@@ -146,22 +150,33 @@ TOUCHED = {
     "budgeting/physical.py": (
         QUANTITIES,
         "test_budget.py -k slope or undo or cancel",
-        "test_variational.py -k part or agree",
+        "test_variational.py -k not_small or rule_says",
     ),
     "budgeting/residuals.py": ("test_budget_quantities.py -k residuals", "test_fitting.py -k runs"),
     "budgeting/reversal.py": ("test_budget.py -k marching_back",),
     "budgeting/rounding.py": ("test_budget_quantities.py -k rounded",),
-    "budgeting/searching.py": ("test_fitting.py -k straight or speak or astray",),
+    "budgeting/searching.py": (
+        "test_budget_parts.py -k search or starts",
+        "test_fitting.py -k straight or speak or astray",
+    ),
     "budgeting/slopes.py": ("test_variational.py",),
     "budgeting/tables.py": (QUANTITIES, "test_budget.py -k spelled or cancel or without_one"),
-    "budgeting/tabulated.py": ("test_tabulated.py -k not (columns or kept_in)",),
+    "budgeting/tabulated.py": (
+        "test_budget_parts.py -k rows",
+        "test_tabulated.py -k not (columns or kept_in)",
+    ),
     "budgeting/target.py": (
         QUANTITIES,
         "test_extremes.py -k budget or named",
         "test_budget.py -k cannot_be or without_a_unit",
     ),
     "budgeting/term.py": (QUANTITIES, "test_budget.py -k declared"),
-    "budgeting/told.py": (QUANTITIES, "test_tabulated.py -k says_so", "test_certificate.py -k open"),
+    "budgeting/told.py": (
+        "test_budget_parts.py -k words",
+        QUANTITIES,
+        "test_tabulated.py -k says_so",
+        "test_certificate.py -k open",
+    ),
     "sweeping/axes.py": ("test_sweep.py -k wrong or drawn or tables or settings",),
     "sweeping/designs.py": ("test_sweep.py -k draws or drawn",),
     "sweeping/extrema.py": ("test_sweep.py -k alone and not file",),
@@ -277,6 +292,7 @@ REACHED |= {ast.FloorDiv: ast.Div, ast.Mod: ast.Mult, ast.BitOr: ast.BitAnd, ast
 NAMES = {"min": "max", "minimum": "maximum", "any": "all", "sorted": "list", "left": "right"}
 NAMES |= {other: name for name, other in NAMES.items() if name != "sorted"}
 UNTOUCHED = ("annotation", "returns", "decorator_list", "type_params", "keywords_only")
+GUARDS = ("strict", "repr")  # keywords that no value which comes out depends on
 
 
 @dataclass(frozen=True)
@@ -306,6 +322,8 @@ def places(parent: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, Any]]:
             continue
         for index, node in enumerate(value) if isinstance(value, list) else [(None, value)]:
             if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+                continue
+            if isinstance(node, ast.keyword) and node.arg in GUARDS:
                 continue
             if isinstance(node, ast.AST):
                 yield parent, field, index, node
@@ -414,7 +432,7 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
                 "-p",
                 "no:cacheprovider",
                 AGAIN,
-                f"--basetemp={folder}/{name}",
+                f"--basetemp={folder}/{Path(name).name}",
             ]
             if ended := int(pytest.main(asked)):
                 return ended
@@ -423,7 +441,9 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
 
 def survey(name: str, most: int, seed: int, lines: list[int]) -> None:
     """Try a sample of a file's mutants, and tell what became of each."""
-    module, tests = f"xdynamics.{name[:-3].replace('/', '.')}", TOUCHED[name]
+    module = f"xdynamics.{name[:-3].replace('/', '.')}"
+    examples = (f"{SOURCE / name} --assert=plain",) if ">>>" in (SOURCE / name).read_text(encoding="utf-8") else ()
+    tests = (*examples, *TOUCHED[name])
     before = time.monotonic()
     if not passed(module, None, tests, 600.0):
         raise SystemExit(f"{name}: its tests fail without a mutant: {', '.join(tests)}")

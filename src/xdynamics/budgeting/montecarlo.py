@@ -69,7 +69,7 @@ def drawn(values: Floats, coverage: float) -> Drawn:
         raise InputError(f"{count} draws are too few for an interval of {coverage:.4g}; take {max(10_000, 2 * PARTS)}")
     ordered = np.sort(values)
     widths = ordered[held:] - ordered[: count - held]
-    k, tail = int(np.argmin(widths)), max((count - held) // 2 - 1, 0)
+    k, tail = int(np.argmin(widths)), (count - held + 1) // 2 - 1
     deviations = np.array([one.std(ddof=1) for one in np.array_split(values, PARTS)])
     return Drawn(
         float(values.mean()),
@@ -89,13 +89,11 @@ def _reach(ordered: Floats, coverage: float, sure: float) -> float:
     distribution is (David and Nagaraja, Order Statistics, 2003, section 7.1).
     """
     count, p = len(ordered), (1.0 - coverage) / 2.0
-    off, found = sure * float(np.sqrt(count * p * (1.0 - p))), 0.0
-    for centre in (count * p, count * (1.0 - p)):
-        low, high = floor(centre - off), ceil(centre + off)
-        if low < 0 or high > count - 1:
-            return inf
-        found = max(found, float(ordered[high] - ordered[low]))
-    return found / 2.0
+    off = sure * float(np.sqrt(count * p * (1.0 - p)))
+    ends = [(floor(centre - off), ceil(centre + off)) for centre in (count * p, count * (1.0 - p))]
+    if ends[-1][1] >= count:  # then the lower end may lie under all draws too
+        return inf
+    return max(float(ordered[high] - ordered[low]) for low, high in ends) / 2.0
 
 
 def tolerance_of(standard: float, digits: int = 1) -> float:

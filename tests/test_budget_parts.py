@@ -1,0 +1,354 @@
+"""The parts of a budget by themselves, on numbers and functions made for them, against closed forms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.stats import norm
+
+import xdynamics as xd
+from xdynamics.budgeting import tabulated
+from xdynamics.budgeting.montecarlo import ADEQUATE, NOT_ADEQUATE, NOT_CHECKED, Drawn, drawn, judged
+from xdynamics.budgeting.searching import drawn_starts, grown, search, searches
+from xdynamics.budgeting.told import lines_of
+from xdynamics.units import parse_unit
+
+EPS = float(np.finfo(float).eps)
+
+# ---------------------------------------------------------------------------------------------------------------- draws
+
+
+@pytest.mark.cases(240)
+def test_intervals_are_windows_of_ordered_draws(case: int) -> None:
+    """Assert the narrowest of all windows, the middle one by JCGM 101:2008, 7.7.2, and moments of random draws."""
+    rng = np.random.default_rng(case)
+    count, coverage = int(rng.integers(40, 90)), float(rng.uniform(0.3, 0.95))
+    values = rng.standard_gamma(2.0, count)
+    found, ordered, held = drawn(values, coverage), np.sort(values).tolist(), round(coverage * count)
+    windows = list(zip(ordered, ordered[held:], strict=False))
+    assert found.shortest == min(windows, key=lambda one: one[1] - one[0])
+    assert found.symmetric == windows[math.ceil((count - held) / 2) - 1]
+    assert found.mean == pytest.approx(sum(ordered) / count)
+    assert found.standard == pytest.approx(math.sqrt(sum((one - found.mean) ** 2 for one in ordered) / (count - 1)))
+    parts = [np.std(one, ddof=1) for one in np.array_split(values, 20)]
+    assert found.standard_doubt == pytest.approx(np.std(parts, ddof=1) / math.sqrt(20))
+
+
+def test_an_interval_holds_one_draw_at_least_and_leaves_one_out() -> None:
+    """Assert the least and the most that an interval may hold of 40 draws."""
+    row = np.arange(40.0)
+    assert (drawn(row, 0.02).shortest, drawn(row, 0.02).symmetric) == ((0.0, 1.0), (19.0, 20.0))
+    assert (drawn(row, 0.98).shortest, drawn(row, 0.98).symmetric) == ((0.0, 39.0), (0.0, 39.0))
+    for coverage in (0.01, 0.99):
+        with pytest.raises(xd.InputError, match="too few"):
+            drawn(row, coverage)
+
+
+def test_ends_of_intervals_are_as_sure_as_order_statistics() -> None:
+    """Assert half of what lies between the draws a binomial deviation, and two of them, about each end; infinite beyond all."""
+    even = drawn(np.arange(10_000.0), 0.5)  # 2,500 and 7,500, each give or take sqrt(10,000/4*3/4) = 43.3
+    assert (even.ends_doubt, even.ends_reach) == (44.0, 87.0)
+    steep = drawn(np.concatenate([np.arange(5000.0), 5000.0 + 3.0 * np.arange(5000.0)]), 0.5)  # the upper end is worse
+    assert steep.ends_doubt == 3 * 44.0
+    assert drawn(np.arange(100.0), 0.88).ends_reach == 5.0  # from the 89th to the 99th
+    assert (drawn(np.arange(100.0), 0.9).ends_doubt, drawn(np.arange(100.0), 0.9).ends_reach) == (3.0, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "reach", "verdict", "apart"),
+    [
+        (-0.25, 0.25, 0.25, ADEQUATE, 0.25),  # 0.5 is the tolerance of a standard uncertainty of 5.5
+        (-0.25, 0.25, 0.26, NOT_CHECKED, 0.25),
+        (-0.1, 1.25, 0.5, NOT_CHECKED, 1.25),
+        (-1.26, 0.1, 0.5, NOT_ADEQUATE, 1.26),
+        (0.0, 0.6, 0.0, NOT_ADEQUATE, 0.6),
+        (-0.2, 0.1, math.inf, NOT_CHECKED, 0.2),
+    ],
+)
+def test_a_linear_interval_is_held_against_both_ends(
+    low: float, high: float, reach: float, verdict: int, apart: float
+) -> None:
+    """Assert the larger distance, and what it is beside the tolerance and one and a half times the reach of chance."""
+    assert judged(0.0, 0.0, Drawn(0.0, 5.5, (0.0, 0.0), (low, high), 0.0, 0.0, reach), 0.95) == (verdict, apart)
+
+
+def test_a_linear_interval_has_the_quantile_of_its_coverage() -> None:
+    """Assert value plus and minus 1.645 standard uncertainties at 90 %, and that what is certain is adequate."""
+    found = Drawn(0.0, 2.0, (0.0, 0.0), (7.0 - 2 * 1.6448536, 7.0 + 2 * 1.6448536 + 0.25), 0.0, 0.0, 0.0)
+    assert judged(7.0, 2.0, found, 0.9) == (ADEQUATE, pytest.approx(0.25, abs=1e-6))
+    assert judged(7.0, 2.0, found, 0.95)[1] == pytest.approx(2 * (1.9599640 - 1.6448536), abs=1e-6)
+    still = Drawn(7.0, 0.0, (7.0, 7.0), (7.0, 7.0), 0.0, 0.0, 0.0)
+    assert judged(7.0, 0.0, still, 0.95) == (ADEQUATE, 0.0)
+    assert judged(7.5, 0.0, still, 0.95)[0] == NOT_CHECKED
+
+
+# --------------------------------------------------------------------------------------------------------------- tables
+
+
+def copies(number: Callable[[np.ndarray], float], unit: str = "mN") -> Any:
+    """Copies of a run whose number is a function of the change of its table."""
+    table = SimpleNamespace(value_unit=parse_unit(unit))
+    return SimpleNamespace(name="f", table=table, number=number, odd=lambda one: (number(one) - number(-one)) / 2.0)
+
+
+@pytest.mark.parametrize(("bend", "doubtful"), [(0.0, False), (0.01, False), (0.05, True)])
+def test_independent_rows_add_their_squares(bend: float, doubtful: bool) -> None:
+    """Assert size, bound and doubt of rows with slopes of their own, of which drawn tables are a little off by a square."""
+    weights, sizes = np.array([1.0, -2.0, 0.5, 4.0]), np.array([0.1, 0.3, 0.0, 0.2])
+
+    def number(change: np.ndarray) -> float:
+        return 5.0 + float(weights @ change) + bend * float(weights @ change) ** 2
+
+    found = tabulated.independent(copies(number), sizes, 3)
+    assert found.standard == pytest.approx(math.sqrt(0.01 + 0.36 + 0.64))
+    assert found.bound == pytest.approx(2.0 * found.standard)
+    points = norm.ppf(np.random.default_rng(3).random((32, 4)))[:4] * sizes @ weights
+    off = bend * math.sqrt(np.mean(points**4))
+    assert found.standard_doubt == pytest.approx(off if doubtful else 0.0, abs=1e-9)
+    assert "slopes by all 3; 8 tables with every row drawn" in found.rule
+
+
+def test_rows_that_are_not_in_proportion_are_drawn() -> None:
+    """Assert the root of the mean square of 64 tables, and an eighth of it as its doubt; more than 256 rows are drawn too."""
+    sizes, slope = np.full(3, 0.5), np.array([1.0, 1.0, 2.0])
+    points = norm.ppf(np.random.default_rng(3).random((32, 3))) * sizes
+
+    def number(change: np.ndarray) -> float:
+        return float(slope @ change) ** 2 - 3.0
+
+    found = tabulated.independent(copies(number), sizes, 3)
+    assert found.standard == pytest.approx(math.sqrt(np.mean((points @ slope) ** 4)))
+    assert found.standard_doubt == pytest.approx(found.standard / 8.0)
+    assert found.bound == pytest.approx(2.0 * found.standard)
+    for rows, said in ((256, "slopes by all 256"), (257, "64 tables with every row drawn")):
+        linear = tabulated.independent(copies(lambda change: float(change.sum())), np.full(rows, 0.1), 3)
+        assert said in linear.rule
+        assert abs(linear.standard - 0.1 * math.sqrt(rows)) <= 3.0 * linear.standard_doubt + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("sizes", "size", "unit"), [([0.02, 0.02], 0.02, "N"), ([0.02, 0.03], 1.0, "1"), ([0.03, 0.02], 1.0, "1")]
+)
+def test_what_rows_have_together_is_one_input(sizes: list[float], size: float, unit: str) -> None:
+    """Assert slope, size and doubt of a number that goes as -a p + b p**3 with the whole table's shift."""
+    given = np.array(sizes)
+    found = tabulated.common(copies(lambda change: 2.0 - 0.7 * (change[0] / given[0]) + 0.1 * (change[0] / given[0]) ** 3), given)  # fmt: skip
+    assert found.standard == pytest.approx(0.7)
+    assert found.bound == pytest.approx(2.0 * (0.7 + 0.1))
+    assert (found.sensitivity, found.sensitivity_doubt) == pytest.approx((-0.7 / size, 0.1 / size))
+    assert (found.input_uncertainty, found.input_unit and found.input_unit.text) == (size, unit)
+    assert "over all of it 0.1 of the slope more or less" in found.rule
+
+
+# ------------------------------------------------------------------------------------------------------------- searches
+
+
+@dataclass
+class Line:
+    """A straight line through measured points, as a fit is to a search; what was asked for is kept."""
+
+    times: np.ndarray = field(default_factory=lambda: np.linspace(0.0, 1.0, 50))
+    fails: bool = False
+    shares: list[float] = field(default_factory=list)
+
+    def looked(self, scaled: np.ndarray, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals and slopes of a + b t against 2 + 3 t, with a residue of 0.1 that no line takes away."""
+        if self.fails:
+            raise xd.InputError("no run comes to its end")
+        if not self.shares or self.shares[-1] != share:
+            self.shares.append(share)
+        t = self.times[self.times <= share]
+        design = np.stack([np.ones(len(t)), t], axis=1)
+        return design @ (scaled - [2.0, 3.0]) + 0.1 * (-1.0) ** np.arange(len(t)), design
+
+    def squares(self, scaled: np.ndarray, share: float) -> np.ndarray:
+        """Sums of squares of many starts."""
+        assert share == 0.25
+        return np.array([float(np.sum((one - [2.0, 3.0]) ** 2)) for one in scaled])
+
+
+FREE = (np.full(2, -np.inf), np.full(2, np.inf))
+
+
+def test_a_search_ends_in_the_least_sum_of_squares() -> None:
+    """Assert estimates, the sum of squares and why it ended, free and between bounds."""
+    line = Line()
+    found = search(line, "own", np.array([0.5, 0.5]), *FREE)
+    best, squares, *_ = np.linalg.lstsq(np.stack([np.ones(50), line.times], axis=1), 2 + 3 * line.times - 0.1 * (-1.0) ** np.arange(50), rcond=None)  # fmt: skip
+    assert found.end == pytest.approx(best, rel=1e-9)
+    assert found.square == pytest.approx(float(squares[0]), rel=1e-9)
+    assert found.square == pytest.approx(float(found.residual @ found.residual))
+    assert (found.converged, found.rule, found.slopes.shape) == (True, "own", (50, 2))
+    assert found.evaluations >= 2
+    bound = search(line, "own", np.array([9.0, 0.5]), np.array([0.0, 0.0]), np.array([1.0, 5.0]))
+    assert bound.end[0] == pytest.approx(1.0, abs=1e-6)
+    assert bound.square > 2 * found.square
+
+
+def test_a_growing_search_goes_from_part_to_part() -> None:
+    """Assert that each part of the time is searched once, from short to all, and evaluations are counted together."""
+    line = Line()
+    found = grown(line, "growing", np.array([9.0, -4.0]), *FREE)
+    assert line.shares == [0.06, 0.12, 0.25, 0.5, 1.0]
+    assert found.start.tolist() == [9.0, -4.0]
+    assert found.end == pytest.approx(search(Line(), "own", np.array([0.5, 0.5]), *FREE).end, rel=1e-9)
+    alone = search(Line(), "own", found.end, *FREE).evaluations
+    assert found.evaluations >= 4 * alone > 0
+
+
+@pytest.mark.parametrize("most", [1, 2, 3, 5])
+def test_as_many_searches_as_are_asked_for(most: int) -> None:
+    """Assert the model's own start first, then growing parts, then the best of the starts that are drawn, the best first."""
+    start = np.array([1.0, 2.0])
+    found = list(searches(Line(), start, *FREE, most, 7))
+    assert [one.rule.split()[0] for one in found] == ["the", "fits", "drawn", "drawn", "drawn"][:most]
+    assert all(one.start.tolist() == start.tolist() for one in found[:2])
+    tried = drawn_starts(np.random.default_rng(7), start, *FREE)
+    order = np.argsort(np.sum((tried - [2.0, 3.0]) ** 2, axis=1))
+    assert [one.start.tolist() for one in found[2:]] == tried[order[: max(most - 2, 0)]].tolist()
+
+
+def test_a_search_that_meets_no_end_stays_where_it_was() -> None:
+    """Assert an infinite sum of squares, no evaluation, and the message of what stopped it."""
+    (found,) = searches(Line(fails=True), np.array([1.0, 2.0]), *FREE, 1, 0)
+    assert (found.square, found.evaluations, found.converged) == (math.inf, 0, False)
+    assert (found.stopped, found.end.tolist()) == ("no run comes to its end", [1.0, 2.0])
+
+
+def test_drawn_starts_are_near_and_far() -> None:
+    """Assert a tenth, a half, and factors up to eight, in turn; from 0 within one; between bounds all of them."""
+    start = np.array([-3.0, 0.0, 5.0])
+    low, high = np.array([-np.inf, -np.inf, 4.0]), np.array([np.inf, np.inf, 9.0])
+    found = drawn_starts(np.random.default_rng(1), start, low, high)
+    assert found.shape == (96, 3)
+    near, wide, far = (found[k::3] for k in range(3))
+    for rows, width in ((near, 0.1), (wide, 0.5)):
+        off = np.abs(rows[:, :2] - start[:2])
+        assert 0.8 * width < off.max() <= width
+    factors = far[:, 0] / start[0]
+    assert 1 / 8 <= factors.min() < 0.25 < 4.0 < factors.max() <= 8.0
+    assert 0.8 < np.abs(far[:, 1]).max() <= 1.0
+    assert 4.0 <= far[:, 2].min() < 4.5 < 8.5 < far[:, 2].max() <= 9.0
+    assert found[:, 2].min() >= 4.0
+
+
+# ------------------------------------------------------------------------------------------------------- the march's own
+
+
+def standing(**more: Any) -> xd.Model:
+    """A state that stays where it is: its number is off by rounding alone."""
+    return xd.Model(name="standing", states={"s": {"unit": "g", "rate": "0*gram/second"}}, initial={"s": "1 g"}, **more)
+
+
+def row(budget: xr.Dataset, name: str) -> xr.Dataset:
+    """A term of a budget."""
+    return budget.isel(term=budget.term_name.values.tolist().index(name))
+
+
+def test_rounding_is_told_by_copies() -> None:
+    """Assert that of whole roundings the bound is twice the largest, the size their mean square, each with half a spacing."""
+    found = row(xd.error_budget(standing(), "s", at="1 s", method="rk4", step="0.5 s", until="1 s"), "roundoff")
+    off = (float(found.bound) / EPS - 0.5) / 2.0
+    assert off in (0.5, 1.0, 1.5, 2.0)
+    squares = 8.0 * ((float(found.standard_uncertainty) / EPS) ** 2 - 0.25 / 3.0)
+    assert squares * 4.0 == pytest.approx(round(squares * 4.0), abs=1e-6)
+    assert off**2 - 1e-6 <= squares <= 8.0 * off**2 + 1e-6
+    assert float(found.standard_uncertainty_doubt) == pytest.approx(float(found.standard_uncertainty) / 4.0)
+
+
+@pytest.mark.parametrize(("rtol", "ratio"), [(1e-6, 10.0), (1e-11, 10.0), (2e-13, None)])
+def test_tolerances_of_finer_runs(rtol: float, ratio: float | None) -> None:
+    """Assert three finer tolerances, each a tenth, or by as much as takes the last to twice the least that steps keep to."""
+    budget = xd.error_budget(standing(), "s", at="1 s", method="dormand_prince", rtol=rtol, until="1 s")
+    least = 2.0 * (10.0 * EPS)  # of a method whose estimate has its own order
+    found = budget.rtol.values
+    assert found[0] == rtol
+    assert found[:-1] / found[1:] == pytest.approx(ratio or (rtol / found[-1]) ** (1 / 3))
+    assert ratio or found[-1] == pytest.approx(least, rel=0.2)
+
+
+def test_tolerances_that_leave_no_room_for_finer_runs_are_refused() -> None:
+    """Assert that three halvings have to be left down to the least tolerance, 20 spacings of 1."""
+    asked: dict[str, Any] = {"at": "1 s", "method": "dormand_prince", "until": "1 s"}
+    assert xd.error_budget(standing(), "s", rtol=8.1 * 20.0 * EPS, **asked).sizes["level"] == 4
+    with pytest.raises(xd.InputError, match="needs three tolerances under it that differ"):
+        xd.error_budget(standing(), "s", rtol=7.9 * 20.0 * EPS, **asked)
+
+
+def test_an_extreme_says_how_it_was_found() -> None:
+    """Assert rule, place and what interpolation does of an apex between states, of a start, and of a landing."""
+    model = xd.Model(
+        name="thrown", coordinates={"y": "m"}, parameters={"g": "10 m s-2"}, mass={"y": "1*kilogram"}, forces={"weight": {"y": "-g*1*kilogram"}},
+        initial={"y": "1 m", "v_y": "5 m s-1"}, events={"ground": {"function": "y", "direction": "falling", "action": "stop"}},
+    )  # fmt: skip
+    for quantity, where, rule, value in (
+        ("maximum_y", "interpolated between accepted states, at t = 0.5", "interpolated between accepted states: a shortened step", 2.25),
+        ("maximum_v_y", "sampled at an accepted state, at t = 0", "sampled at an accepted state; none between", 5.0),
+        ("minimum_y", "located by an event, at t = 1.17", "located by an event; none between", 0.0),
+    ):  # fmt: skip
+        budget = xd.error_budget(model, quantity, method="rk4", step="0.3 s", until="3 s")
+        assert str(row(budget, "interpolation").term_rule.values).startswith(rule)
+        assert next(line for line in lines_of(budget) if line.startswith("found")).startswith(f"found     {where}")
+        assert float(budget.value) == pytest.approx(value, abs=1e-6)
+        assert (float(row(budget, "interpolation").bound) > 0.0) is (quantity == "maximum_y")
+    number = row(xd.error_budget(model, "y", at="0.4 s", method="rk4", step="0.3 s", until="3 s"), "interpolation")
+    assert str(number.term_rule.values).startswith("a shortened step against two")
+
+
+# ---------------------------------------------------------------------------------------------------------------- words
+
+
+def budget_in_words(**more: Any) -> xr.Dataset:
+    """A budget made by hand: three terms, of which the second has the largest share and the third was drawn."""
+    terms = {
+        "term_name": ["truncation", "g", "f"], "term_kind": [0, 1, 1], "share": [0.1, -0.7, 0.2],
+        "standard_uncertainty": [0.0123456, 0.02, 0.5], "standard_uncertainty_doubt": [0.0, 0.0, 0.0625],
+        "sensitivity": [math.nan, -2.5, 3.0], "sensitivity_units": ["", "m-1 s2", "1"], "input_uncertainty": [math.nan, 0.008, 1.0],
+        "input_units": ["", "m s-2", "1"],
+    }  # fmt: skip
+    found = xr.Dataset({name: ("term", np.array(one)) for name, one in terms.items()})
+    found["term_kind"].attrs = {"flag_values": np.array([0, 1]), "flag_meanings": "numerical physical"}
+    totals = {"numerical_rss": 0.0123456, "numerical_bound": 0.03, "physical_rss": 0.51, "total_rss": 0.52}
+    found = found.assign({name: ((), one) for name, one in totals.items()})
+    found["value"] = ((), 3.0, {"units": "s"})
+    return found.assign_attrs({"of": "time of apex", "result": "3 s", **more})
+
+
+def test_a_budget_in_words_begins_with_the_largest_share() -> None:
+    """Assert order, numbers, signs and units of every line of a budget that was not drawn."""
+    assert list(lines_of(budget_in_words())) == [
+        "result    time of apex = 3 s",
+        "physical  g           0.02 s, -70.0% of the variance, -2.5 m-1 s2 times 0.008 m s-2",
+        "physical  f           0.5 (± 0.06) s, 20.0% of the variance, 3 times 1",
+        "numerical truncation  0.0123 s, 10.0% of the variance",
+        "totals    numerical 0.0123 s, at most 0.03 s; physical 0.51 s; together 0.52 s",
+        "linear    not checked: draw, with --draws 10000",
+    ]
+
+
+def test_a_drawn_budget_in_words_says_both_intervals() -> None:
+    """Assert intervals with the digits that their ends bear, the verdict, what settles it, and where an extreme is."""
+    found = budget_in_words(coverage=0.95, draws=4000, linear_apart=0.004, draws_needed=23000.0, extreme_rule="located", extreme_time=1.5)  # fmt: skip
+    drawn_too = {"shortest": [2.0111, 3.9], "symmetric": [2.0333, 3.955]}
+    found = found.assign({f"monte_carlo_{name}": ("bound", np.array(one)) for name, one in drawn_too.items()})
+    found["monte_carlo_end_doubt"], found["monte_carlo_standard_uncertainty"] = 0.012, 0.49876
+    found["monte_carlo_standard_uncertainty_doubt"] = 0.006
+    found["linear_verdict"] = ((), 2, {"flag_values": np.array([0, 1, 2]), "flag_meanings": "adequate not_adequate not_checked"})  # fmt: skip
+    lines = list(lines_of(found))
+    assert lines[1] == "found     located by an event, at t = 1.5 s"
+    assert lines[6:] == [
+        "drawn     shortest 95% interval 2.01 to 3.90 s, its ends ± 0.01 s",
+        "drawn     symmetric 95% interval 2.03 to 3.96 s, its ends ± 0.01 s",
+        "drawn     standard uncertainty 0.499 (± 0.006) s, of 4000 draws",
+        "linear    not checked: its interval ends 0.004 s from that of the draws; 4000 draws leave it open, about 23000 settle it",
+    ]  # fmt: skip
+    settled = found.drop_attrs(deep=False).assign_attrs({key: one for key, one in found.attrs.items() if key != "draws_needed"})  # fmt: skip
+    assert list(lines_of(settled))[-1].endswith("0.004 s from that of the draws")
+    assert next(line for line in lines_of(found.assign_attrs(time_units="1")) if line.startswith("found")).endswith("t = 1.5")  # fmt: skip
