@@ -431,6 +431,8 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
                 "-q",
                 "-p",
                 "no:cacheprovider",
+                "-p",
+                "no:unraisableexception",  # which collects garbage, at every end
                 AGAIN,
                 f"--basetemp={folder}/{Path(name).name}",
             ]
@@ -470,8 +472,10 @@ def main() -> None:
     sys.path.insert(0, str(SOURCE.parent))
     for name in IMPORTED:
         import_module(name)
-    for name in given.files:
-        survey(name, given.most, given.seed, given.lines)
+    with tempfile.TemporaryDirectory() as folder:  # what forked processes compile, one for the next
+        sys.dont_write_bytecode, sys.pycache_prefix = False, folder
+        for name in given.files:
+            survey(name, given.most, given.seed, given.lines)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,379 @@
+"""The parts of refinements, forecasts and comparisons by themselves, on numbers made for them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from problems import MODELS
+from xdynamics.evidence.exhibit import exhibit
+from xdynamics.evidence.matching import matched, met
+from xdynamics.evidence.observing import comparable, modes_behind, observe
+from xdynamics.evidence.refining.convergence import judge, observed_orders
+from xdynamics.evidence.refining.family import Watched, family
+from xdynamics.evidence.refining.forecast import Bounds, obstacle
+from xdynamics.evidence.refining.levels import CHOICES, RTOLS, STEPS, TIME_TOLERANCES, Levels, Varied
+from xdynamics.evidence.refining.study import Study
+
+OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t
+BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
+
+# --------------------------------------------------------------------------------------------------------------- family
+
+
+def planted(case: int) -> tuple[Watched, int]:
+    """Return numbers of four levels at three places, with errors, rounding and switches drawn at random."""
+    rng = np.random.default_rng(case)
+    order = rng.choice([1.0, 2.0, 2.3], 3)
+    values = 1.0 + rng.normal(0.0, 1.0, 3)[:, None] * (0.5 ** np.arange(4)) ** order[:, None]
+    sizes = np.abs(np.diff(values)).min(axis=1)
+    errors = sizes[:, None] * 10.0 ** rng.uniform(-4, 0.5, (3, 4))
+    rounding, moved = sizes * 10.0 ** rng.uniform(-6, 0.3, 3), sizes * 10.0 ** rng.uniform(-6, 0.0, 3)
+    kinks = rng.choice([1.0, np.inf], 3)
+    return Watched("x", "m", "place", ("at",), values, errors, rounding, moved, 2.5, kinks), int(rng.integers(10, 900))
+
+
+@pytest.mark.cases(80)
+@pytest.mark.parametrize("varied", [STEPS, RTOLS, TIME_TOLERANCES], ids=lambda one: one.name)
+def test_a_family_judges_every_place_by_its_own_numbers(case: int, varied: Varied) -> None:
+    """Assert verdict, limit, uncertainty and rule of each place by its own finest errors, rounding, events and switches."""
+    one, accepted = planted(case)
+    levels = Levels(OSCILLATOR, varied, 0.1 / 2.0 ** np.arange(4), 2.0)
+    found = family(one, levels, accepted)
+    assert one.kinks is not None
+    expected = [
+        judge(
+            one.values[k], levels.values, 2.0, float(one.rounding[k]), max(one.errors[k, 2:].tolist()), float(one.moved[k]),
+            smooth=varied is not RTOLS, kink=math.inf if varied is TIME_TOLERANCES else float(one.kinks[k]), accepted=accepted,
+        )
+        for k in range(3)
+    ]  # fmt: skip
+    assert found["verdict_x"][1].tolist() == [each.verdict for each in expected]
+    assert found["limit_x"][1] == pytest.approx([each.limit for each in expected], nan_ok=True)
+    assert found["uncertainty_x"][1] == pytest.approx([each.uncertainty for each in expected])
+    words = found["uncertainty_rule_x"][2]["flag_meanings"].split()
+    assert words == sorted(words)
+    assert [words[k] for k in found["uncertainty_rule_x"][1].tolist()] == [each.rule.replace(" ", "_").replace(":", "") for each in expected]  # fmt: skip
+    assert pytest.approx(observed_orders(one.values, levels.values), nan_ok=True) == found["order_x"][1].T
+    changes = np.full((4, 3), np.nan)
+    changes[:3] = one.values[:, 1:].T - one.values[:, :3].T
+    assert found["difference_x"][1] == pytest.approx(changes, nan_ok=True)
+    assert found["scaled_difference_x"][1] == pytest.approx(changes / 2.5, nan_ok=True)
+    assert found["x"][1].tolist() == one.values.T.tolist()
+    gates = np.abs(changes[[0, 1, 2, 2]]) < one.errors.T
+    assert found["gate_x"][1].tolist() == gates.astype(int).tolist()
+
+
+def test_a_number_of_a_whole_run_has_levels_alone() -> None:
+    """Assert that without places there is one verdict, and that an error as large as the difference still passes."""
+    values, errors = np.array([[1.0, 1.25, 1.3125]]), np.array([[0.25, 0.0625, 0.0625]])
+    one = Watched("energy_range", "J", "range", (), values, errors, np.zeros(1), np.zeros(1), 1.0)
+    levels = Levels(OSCILLATOR, STEPS, np.array([0.4, 0.2, 0.1]), 2.0)
+    found = family(one, levels, 100)
+    assert found["energy_range"][0] == ("level",)
+    assert found["gate_energy_range"][1].tolist() == [0, 0, 0]
+    assert found["order_energy_range"][1].tolist()[1] == pytest.approx(2.0)
+    exact = family(Watched("e", "J", "range", (), values, 0.0 * errors, np.zeros(1), np.zeros(1), 1.0), levels, 100)
+    assert (exact["limit_e"][0], float(exact["limit_e"][1])) == ((), pytest.approx(4.0 / 3.0))
+    rules = Levels(OSCILLATOR, CHOICES, np.array(["interpolant", "reintegrate"]), math.nan)
+    assert not {"order_energy_range", "verdict_energy_range"} & {*family(one, rules, 100)}
+
+
+# --------------------------------------------------------------------------------------------------------------- levels
+
+
+def levels_of(**given: Any) -> Levels:
+    """Levels of the oscillator, from what `refine` is given."""
+    return Levels.of(OSCILLATOR, {"steps": None, "rtols": None, "time_tolerances": None, "rules": None} | given, {"method": "dop853"}, fewest=2)  # fmt: skip
+
+
+def test_levels_know_what_is_varied_and_its_order() -> None:
+    """Assert values in seconds, the method's order in steps, 1 in tolerances, none of rules, and settings of each level."""
+    steps, rtols = levels_of(steps=["20 ms", "5 ms"]), levels_of(rtols=[1e-4, 1e-6])
+    times, rules = levels_of(time_tolerances=["1 ms", "1 us"]), levels_of(rules=["interpolant", "reintegrate"])
+    assert (steps.values.tolist(), steps.formal, steps.varied) == ([0.02, 0.005], 8.0, STEPS)
+    assert (rtols.formal, times.formal, math.isnan(rules.formal)) == (1.0, 1.0, True)
+    assert [one.ordered for one in (steps, rtols, times, rules)] == [True, True, True, False]
+    assert [rules.rule(0), rules.rule(1), steps.rule(0)] == ["interpolant", "reintegrate", "reintegrate"]
+    assert steps.asked_of(0.005) == {"force_samples": "none", "method": "dop853", "step": 0.005}
+    assert rtols.asked_of(1e-6) == {"force_samples": "none", "method": "dop853", "rtol": 1e-6}
+    assert times.asked_of(1e-6)["time_tolerance"] == 1e-6
+    assert "rtol" not in rules.asked_of("interpolant")
+
+
+def test_a_finer_level_goes_on_as_the_last_one_went() -> None:
+    """Assert the ratio of the last two, a half or a tenth behind a single one, and 24 levels at most."""
+    assert levels_of(steps=[0.4, 0.1]).finer().values.tolist() == pytest.approx([0.4, 0.1, 0.025])
+    asked = {"steps": None, "rtols": None, "time_tolerances": None, "rules": None}
+    for given, ratio in (({"steps": [0.4]}, 2.0), ({"rtols": [1e-3]}, 10.0), ({"time_tolerances": [1e-3]}, 10.0)):
+        one = Levels.of(OSCILLATOR, asked | given, {"method": "dop853"}, fewest=1).finer()
+        assert one.values[0] / one.values[1] == pytest.approx(ratio)
+    many = levels_of(steps=(0.4 / 1.1 ** np.arange(23)).tolist()).finer()
+    assert many.values.size == 24
+    with pytest.raises(xd.InputError, match="24 at most"):
+        many.finer()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"steps": [0.1, 0.1]}, "need 2 or more that get smaller"), ({"steps": [0.1]}, "need 2 or more"), ({"steps": [0.1, 0.0]}, "all positive"),
+        ({"steps": [0.1, 0.2]}, "get smaller"), ({"steps": 0.1}, "needs a row of them"), ({"rules": ["interpolant"]}, "need both"),
+        ({"rules": ["interpolant", "interpolant"]}, "need both"), ({"rules": ["interpolant", "other"]}, "need both"), ({}, "one of them"),
+        ({"steps": [0.1, 0.05], "rtols": [1e-3, 1e-4]}, "one of them"), ({"rtols": [1e-3, "x"]}, "needs numbers"),
+    ],
+)  # fmt: skip
+def test_levels_that_do_not_get_finer_are_refused(given: dict[str, Any], said: str) -> None:
+    """Assert one clear error for each."""
+    with pytest.raises(xd.InputError, match=said):
+        levels_of(**given)
+
+
+def test_levels_of_location_change_every_event() -> None:
+    """Assert that tolerances of a level stand in its model, in the place of its own, and rules of location too."""
+    asked: dict[str, Any] = {"steps": None, "rtols": None, "time_tolerances": None, "rules": None}
+    bouncing = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
+    for model, kind, name in ((BALL, "events", "ground"), (bouncing, "contacts", "floor")):
+        levels = Levels.of(model, asked | {"time_tolerances": ["1 ms", "2 us"]}, {}, fewest=2)
+        located = levels.model_of(levels.values[1])
+        assert getattr(located, kind)[name].time_tolerance.si == 2e-6
+    rules = Levels.of(BALL, asked | {"rules": ["interpolant", "reintegrate"]}, {}, fewest=2)
+    assert rules.model_of("interpolant").events["ground"].root_state == "interpolant"
+    assert Levels.of(BALL, asked | {"steps": [0.1, 0.05]}, {}, fewest=2).model_of(0.1) is BALL
+
+
+# ------------------------------------------------------------------------------------------------------------- forecast
+
+
+def forecast(values: list[float], rows: list[int], varied: Varied = STEPS, **more: Any) -> Any:
+    """A study of one number, of which nothing was marched: levels of 0.4, 0.2, … and runs of so many rows of 16 bytes."""
+    runs = [xr.Dataset({"time": ("step", np.zeros(n)), "x": ("step", np.zeros(n)), "g": ((), 9.81), "f": ("at", np.zeros(5))}) for n in rows]  # fmt: skip
+    one = Watched("x", "m", "x", (), np.array([values]), np.zeros((1, len(values))), np.full(1, more.pop("rounding", 0.0)), np.zeros(1), 1.0)  # fmt: skip
+    levels = SimpleNamespace(keep=more.pop("keep", None), varied=varied, values=0.4 / 2.0 ** np.arange(len(rows)), formal=2.0, model=OSCILLATOR)  # fmt: skip
+    return SimpleNamespace(runs=runs, levels=levels, numbers=lambda: [one])
+
+
+def test_the_next_level_is_held_against_rows_and_memory() -> None:
+    """Assert that the rows of the next level are those of the last times the ratio, and bytes those of rows."""
+    study = forecast([0.0, 0.75, 0.9375], [101, 201, 401])
+    assert obstacle(study, {"x": 1e-2}, Bounds(rows=7000.0)) == ""
+    said = obstacle(study, {"x": 1e-2}, Bounds(rows=801.0))
+    assert said.startswith("the next one would have 8e+02 rows (13 kB), more than most_rows = 801; ")
+    assert obstacle(study, {"x": 1e-2}, Bounds(rows=1e9, memory=802 * 16.0 * 8)) == ""
+    assert "of memory were allowed" in obstacle(study, {"x": 1e-2}, Bounds(rows=1e9, memory=802 * 16.0 - 1.0))
+
+
+@pytest.mark.parametrize(("tolerance", "levels"), [(0.047, 1), (1e-3, 4), (1e-6, 9)])
+def test_the_level_that_is_needed_follows_from_the_order(tolerance: float, levels: int) -> None:
+    """Assert step and rows of the level whose change is small enough: changes fall by four from level to level."""
+    study = forecast([0.0, 0.75, 0.9375], [101, 201, 401])
+    assert 0.1875 / 4.0**levels <= tolerance < 0.1875 / 4.0 ** (levels - 1)
+    rows = 401 * 2.0**levels
+    assert obstacle(study, {"x": tolerance}, Bounds(rows=rows * 1.001)) == ""
+    said = obstacle(study, {"x": tolerance}, Bounds(rows=max(rows * 0.999, 803.0)))
+    if levels > 1:
+        assert said.startswith(f"x would need a step_size of about {0.1 / 2.0**levels:.2g} s: {rows:.2g} rows (")
+        assert "more than most_rows" in said
+    assert obstacle(study, {"x": 0.2}, Bounds(rows=803.0)) == ""  # changes are small enough
+    assert obstacle(study, {"y": 1e-9}, Bounds(rows=803.0)) == ""
+
+
+def test_what_no_level_can_come_to_is_said() -> None:
+    """Assert that rounding ends it where changes are at it, that changes which do not fall and a single one prove nothing."""
+    noisy = forecast([0.0, 0.75, 0.9375], [101, 201, 401], rounding=0.5)
+    assert obstacle(noisy, {"x": 0.1}, Bounds()) == "rounding alone moves x by 0.5 m: no step_size would do"
+    quiet = forecast([0.0, 0.75, 0.9375], [101, 201, 401], rounding=0.15)
+    assert obstacle(quiet, {"x": 0.1}, Bounds()) == ""  # the last change is above it
+    growing = forecast([0.0, 0.1, 0.3], [101, 201, 401])
+    assert obstacle(growing, {"x": 1e-9}, Bounds(rows=1000.0)) == ""
+    assert "changes of x do not fall" in obstacle(growing, {"x": 1e-9}, Bounds(rows=800.0))
+    two = forecast([0.0, 0.75], [101, 201])
+    assert obstacle(two, {"x": 1e-9}, Bounds(rows=500.0)) == ""
+    said = obstacle(two, {"x": 1e-9}, Bounds(rows=400.0))
+    assert f"x would need a step_size of about {0.2 / 2.0**15:.2g} s" in said  # by the method's own order
+    unsteady = forecast([0.0, 0.75, 0.75 + 0.75 / 2**2.3], [101, 201, 401])
+    assert obstacle(unsteady, {"x": 1e-9}, Bounds(rows=1000.0)) == ""
+
+
+def test_rows_of_tolerances_grow_as_they_did(tmp_path: Path) -> None:
+    """Assert the ratio of the last two runs in relative tolerances, none in those of location, and a folder's free disk."""
+    study = forecast([0.0, 0.5, 0.75], [100, 110, 143], RTOLS)
+    assert "would have 1.9e+02 rows" in obstacle(study, {"x": 1e-3}, Bounds(rows=150.0))
+    fewer = forecast([0.0, 0.5, 0.75], [100, 110, 90], RTOLS)
+    assert obstacle(fewer, {"x": 1e-3}, Bounds(rows=91.0)) == ""
+    located = forecast([0.0, 0.5, 0.75], [100, 100, 100], TIME_TOLERANCES)
+    assert obstacle(located, {"x": 1e-3}, Bounds(rows=101.0)) == ""
+    kept = forecast([0.0, 0.75, 0.9375], [101, 201, 401], keep=tmp_path)
+    assert obstacle(kept, {"x": 1e-3}, Bounds(rows=1e9, memory=1.0)) == ""  # nothing stays in memory
+    assert f"and the disk of '{tmp_path}' has" in obstacle(kept, {"x": 1e-60}, Bounds(rows=math.inf))
+
+
+# ------------------------------------------------------------------------------------------------------------ comparing
+
+
+@pytest.mark.cases(400)
+def test_events_are_matched_where_both_are_closest(case: int) -> None:
+    """Assert the window of the longer row with the least mean distance, in either order, by trying all."""
+    rng = np.random.default_rng(case)
+    long = np.sort(rng.uniform(0.0, 10.0, int(rng.integers(1, 9))))
+    n = int(rng.integers(1, long.size + 1))
+    short = np.sort(long[int(rng.integers(0, long.size - n + 1)) :][:n] + rng.normal(0.0, 0.2, n))
+    away = [float(np.abs(long[k : k + n] - short).sum()) for k in range(long.size - n + 1)]
+    rows = (np.arange(n) + int(np.argmin(away))).tolist()
+    assert [one.tolist() for one in matched(long, short)] == [rows, list(range(n))]
+    if n < long.size:
+        assert [one.tolist() for one in matched(short, long)] == [list(range(n)), rows]
+    assert [one.tolist() for one in matched(long, np.zeros(0))] == [[], []]
+
+
+def test_events_that_are_not_known_are_none() -> None:
+    """Assert that a record without event times has no events to match, and one of these alone has them by name."""
+    detector = ("event", np.array([1, 0, 1]), {"flag_values": np.array([0, 1]), "flag_meanings": "ground apex"})
+    times = ("event", np.array([0.1, 0.2, 0.3]))
+    whole = xr.Dataset({"event_detector": detector, "event_time": times, "event_time_uncertainty": times})
+    assert {name: rows.tolist() for name, rows in met(whole).items()} == {"apex": [0, 2], "ground": [1]}
+    assert met(whole.drop_vars("event_time")) == {}
+    assert met(xr.Dataset()) == {}
+
+
+def test_an_exhibit_says_what_it_is_and_of_which_runs() -> None:
+    """Assert digests of runs, title, kind and further attributes, coordinates, and every variable as it was given."""
+    variables = {"at_time": (("at",), np.array([1.0]), {"units": "s"}), "x": (("at",), np.array([2.0]), {"units": "m"})}
+    found = exhibit("study", "a title", ["abc", "def"], variables, {"more": 3})
+    assert [found.attrs[name] for name in ("title", "source", "evidence", "runs", "more")] == ["a title", "study by xdynamics", "study", "abc def", 3]  # fmt: skip
+    assert list(found.coords) == ["at_time"]
+    assert found.x.attrs["units"] == "m"
+
+
+# ------------------------------------------------------------------------------------------------------------ observing
+
+
+def observed() -> xd.Model:
+    """A mass on a spring, in kilojoule and centimetre, with an observable that is a product."""
+    return xd.Model(
+        name="observed", coordinates={"x": "cm"}, parameters={"m": "2 kg", "k": "8 N m-1"}, mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "100 cm", "v_x": "0 cm s-1", "q": "0 m"}, observables={"power": "k*x*v_x", "pull": "m*a_x"},
+        states={"q": {"unit": "m", "rate": "v_x"}},
+    )  # fmt: skip
+
+
+def test_derived_quantities_have_the_errors_of_all_they_read() -> None:
+    """Assert energies and observables by their formulas on sampled states, and the sum of what each state's error moves."""
+    model = observed()
+    run, times = xd.simulate(model, method="rk4", step=0.2, until=2.0), np.array([0.13, 0.77, 1.5])
+    at = xd.sample(run, times)
+    x, v, dx, dv = (one.values / 100.0 for one in (at.x, at.v_x, at.error_x, at.error_v_x))
+    assert (dx > 0.0).all()
+    assert (dv > 0.0).all()
+    found = observe(run, model, ["x", "kinetic_energy", "power"], times)
+    assert found["x"][0].tolist() == at.x.values.tolist()
+    assert found["x"][1].tolist() == at.error_x.values.tolist()
+    assert found["kinetic_energy"][0] == pytest.approx(v**2)
+    assert found["kinetic_energy"][1] == pytest.approx(np.abs((v + dv) ** 2 - v**2), rel=1e-6)
+    assert run.power.attrs["units"] == "W"
+    assert found["power"][0] == pytest.approx(8.0 * x * v)
+    assert found["power"][1] == pytest.approx(np.abs(8.0 * dx * v) + np.abs(8.0 * x * dv), rel=1e-6)
+    with pytest.raises(xd.InputError, match="observable 'heat' is none of the model's; there are x, v_x"):
+        observe(run, model, ["heat"], times)
+    assert "pull" in comparable(model)
+    held = xd.Model.from_text(model.to_toml() + '\n[contacts.wall]\ngap = "x + 2*metre"\nrestitution = 0.5\n')
+    assert "pull" not in comparable(held)
+    assert {"x", "v_x", "q", "kinetic_energy", "power"} <= {*comparable(held)}
+
+
+def test_what_contacts_do_behind_a_row_is_that_of_the_step_from_it() -> None:
+    """Assert that an open contact holds nothing, a closed one does, and of a corner's two the one without force does not."""
+    model = xd.Model(
+        name="block", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, forces={"weight": {"y": "-10*newton"}}, initial={"y": "0 m", "v_y": "0 m s-1"},
+        contacts={"floor": {"gap": "y", "restitution": 0.0}},
+    )  # fmt: skip
+    run = xd.simulate(model, method="rk4", step=0.5, until=1.0)
+    columns = {name: run[name].values.copy() for name in ("contact_state_floor", "contact_force_floor")}
+    rows = np.array([0, 1])
+    (holds, turned) = modes_behind(model, columns, rows, rows + 1).values()
+    assert (holds.tolist(), turned.tolist()) == ([1.0, 1.0], [0.0, 0.0])
+    columns["contact_force_floor"][:] = [0.0, 10.0, 0.0]
+    assert next(iter(modes_behind(model, columns, rows, rows + 1).values())).tolist() == [1.0, 1.0]
+    columns["contact_force_floor"][:] = [0.0, 0.0, 10.0]
+    assert next(iter(modes_behind(model, columns, rows, rows + 1).values())).tolist() == [0.0, 1.0]
+    columns["contact_state_floor"][0] = 0
+    columns["contact_force_floor"][:] = 10.0
+    assert next(iter(modes_behind(model, columns, rows, rows + 1).values())).tolist() == [0.0, 1.0]
+
+
+# ---------------------------------------------------------------------------------------------------------------- study
+
+
+def studied(model: xd.Model, steps: list[float], until: float, names: tuple[str, ...], at: Any = None) -> Study:
+    """A study by rk4 over steps."""
+    levels = Levels(model, STEPS, np.array(steps), 4.0, {"method": "rk4", "until": until})
+    return Study(levels, [levels.marched(k) for k in range(len(steps))], names, at)
+
+
+def test_a_study_has_the_energy_range_and_the_mean_period_of_each_level() -> None:
+    """Assert largest less least energy, mean periods between located crossings and their errors, and phases in turns."""
+    study = studied(OSCILLATOR, [0.2, 0.1], 12.0, ("energy_range", "period_x", "phase_x"), [4.0, 7.0])
+    energy, period, phase = study.numbers()
+    for k, run in enumerate(study.runs):
+        total = run.total_energy.values
+        assert float(energy.values[0, k]) == float(total.max() - total.min()) > 0.0
+        counted = xd.diagnose(run, companion=False)
+        assert float(period.values[0, k]) == pytest.approx(float(counted.period.mean()))
+        ends = np.array([float(counted.cycle_time[0] - counted.period[0]), *counted.cycle_time.values.tolist()])
+        assert phase.values[:, k] == pytest.approx(np.interp([4.0, 7.0], ends, 2 * np.pi * np.arange(ends.size)))
+        assert 0.0 < float(period.errors[0, k]) <= 2.0 * float(counted.period_uncertainty.max()) / counted.sizes["cycle"]  # fmt: skip
+        speed = 2 * np.pi / float(counted.period.mean())
+        assert phase.errors[:, k] == pytest.approx(float(period.errors[0, k]) / 2 * counted.sizes["cycle"] * speed)
+    assert (energy.errors == 0.0).all()
+    assert energy.scale == float(study.runs[-1].total_energy.max())
+    assert (energy.dims, period.dims, phase.dims, period.units, phase.units) == ((), (), ("at",), "s", "rad")
+
+
+def test_a_study_compares_at_the_earliest_end_unless_it_is_asked() -> None:
+    """Assert the end of the run that is the shortest, times in the order given, and what is outside."""
+    study = studied(OSCILLATOR, [0.3, 0.1], 1.0, ("x",))
+    assert study.times.tolist() == [min(float(run.time[-1]) for run in study.runs)]
+    assert studied(OSCILLATOR, [0.3, 0.1], 1.0, ("x",), "200 ms").times.tolist() == [0.2]
+    assert studied(OSCILLATOR, [0.3, 0.1], 1.0, ("x",), [0.0, 1.0]).times.tolist() == [0.0, 1.0]
+    for at in (-0.1, 1.1):
+        with pytest.raises(xd.InputError, match=f"at has {at} s, needs times in every run, from 0.0 s to 1.0 s"):
+            _ = studied(OSCILLATOR, [0.3, 0.1], 1.0, ("x",), at).times
+
+
+def test_events_before_a_time_move_what_is_compared_there() -> None:
+    """Assert the rates before each event times the uncertainty of its time; without bound where events differ in number."""
+    text = BALL.to_toml().replace("1e-12 s", "1e-5 s")
+    study = studied(xd.Model.from_text(text), [0.1, 0.05], 5.0, ("v_y",), [1.0, 3.0])
+    (speed, *_) = study.numbers()
+    run = study.runs[-1]
+    row = int(run.event_row_before[0])
+    rate = abs(float(run.v_y[row] - run.v_y[row - 1]) / float(run.time[row] - run.time[row - 1]))
+    assert float(run.event_time[0]) < 3.0
+    assert speed.moved.tolist() == pytest.approx([0.0, rate * float(run.event_time_uncertainty[0])])
+    assert (speed.moved[1] > 0.0, speed.scale) == (True, float(np.abs(run.v_y).max()))
+    eps = float(np.finfo(float).eps)
+    assert speed.rounding == pytest.approx(4.0 * eps * np.abs(speed.values).max(axis=1) * math.sqrt(run.sizes["step"]))
+    first, last = (float(one.event_time[0]) for one in study.runs)
+    between = studied(xd.Model.from_text(text), [0.1, 0.05], 5.0, ("v_y",), [(first + last) / 2, last])
+    assert np.isinf(next(between.numbers()).moved).all()
+
+
+def test_a_study_of_events_scales_by_the_span_of_the_run() -> None:
+    """Assert times, location, rounding and scale of the two events of a thrown ball, in each level."""
+    study = studied(BALL, [0.1, 0.05], 5.0, (), [1.0])
+    for one in study.numbers():
+        name = one.name.removeprefix("event_time_")
+        for k, run in enumerate(study.runs):
+            row = study.met()[name][k]
+            assert one.values[0, k] == float(run.event_time[row][0])
+            assert one.errors[0, k] == float(run.event_time_uncertainty[row][0])
+        assert one.rounding == pytest.approx(4.0 * float(np.finfo(float).eps) * one.values[:, -1])
+        assert one.scale == float(study.runs[-1].time[-1] - study.runs[-1].time[0])
+        assert (one.dims, one.units) == (("occurrence",), "s")
