@@ -80,13 +80,66 @@ TOUCHED = {
     "march/contacts/touch.py": (CONTACTS, FRICTION),
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
     "dynamics/inside.py": ("test_sampling.py -k not (radau or archive)",),
-    "evidence/matching.py": ("test_comparison.py -k matched", "test_verdicts.py -k missed"),
+    "evidence/diagnosing/chaos.py": ("test_lyapunov.py -k units_of or damped or saddle or power_of_time or wrong",),
+    "evidence/exhibit.py": ("test_evidence_parts.py -k exhibit", "test_scaling.py -k units"),
+    "evidence/marching.py": (
+        "test_evidence_parts.py -k location or study",
+        "test_signs_of_studies.py -k room or beyond",
+        "test_refinement.py -k kept_in_files or interrupt",
+    ),
+    "evidence/observing.py": ("test_evidence_parts.py -k derived or contacts_do", "test_curves.py -k contact_forces"),
+    "evidence/refining/defects.py": ("test_refinement.py -k local_errors",),
+    "evidence/refining/forecast.py": ("test_evidence_parts.py -k next_level or needed or no_level or rows_of",),
+    "evidence/refining/levels.py": (
+        "test_evidence_parts.py -k levels or finer",
+        "test_refinement.py -k absolute or wrong",
+        "test_smooth_switches.py -k clean or located",
+    ),
+    "evidence/refining/refinement.py": (
+        "test_signs_of_studies.py -k gates or errors_of or behind or beyond or ended",
+        "test_refinement.py -k wrong_studies or energies or added or local_errors",
+        "test_verdicts.py -k names",
+    ),
+    "evidence/refining/study.py": (
+        "test_evidence_parts.py -k study or events_before",
+        "test_signs_of_studies.py -k behind or ended or errors_of",
+        "test_refinement.py -k energies or period",
+        "test_smooth_switches.py -k before or clean or located",
+    ),
+    "evidence/sampling.py": (
+        "test_sampling.py -k other_faults or wrong_times or accepted_states",
+        "test_signs.py -k global",
+    ),
+    "evidence/validating/impacts.py": ("test_impact_ledger.py",),
+    "dynamics/exponents.py": ("test_lyapunov.py -k linear or damped or saddle or power_of_time",),
+    "dynamics/growth.py": ("test_lyapunov.py -k linear or damped or saddle or kicked or switching or piecewise",),
+    "dynamics/path.py": (
+        "test_variational.py -k resets or jumps or impacts",
+        "test_lyapunov.py -k kicked or piecewise",
+    ),
+    "dynamics/saltation.py": (
+        "test_variational.py -k resets or jumps or impact",
+        "test_lyapunov.py -k table or kicked",
+    ),
+    "dynamics/tangents.py": ("test_lyapunov.py -k linear or damped or saddle or kicked",),
+    "dynamics/variational.py": ("test_variational.py -k gauss or resets or jumps or matrix or drives",),
+    "march/events/enclosures.py": ("test_enclosures.py", "test_isolation.py -k classes"),
+    "march/events/intervals.py": ("test_enclosures.py", "test_phases.py", "test_isolation.py -k classes"),
+    "march/events/transition.py": ("test_phases.py", f"test_march.py -k {EVENTS}"),
+    "evidence/matching.py": (
+        "test_evidence_parts.py -k matched or known",
+        "test_comparison.py -k matched",
+        "test_verdicts.py -k missed",
+    ),
     "evidence/refining/convergence.py": (
         "test_convergence.py",
         "test_refinement.py -k verdicts or near",
         "test_verdicts.py -k lucky",
     ),
-    "evidence/comparing/bits.py": ("test_comparison.py -k same_runs or rerun or named or schema or parameter",),
+    "evidence/comparing/bits.py": (
+        "test_evidence_parts.py -k first_row or lengths or largest_difference",
+        "test_comparison.py -k same_runs or rerun or named or schema or parameter",
+    ),
     "evidence/comparing/comparison.py": (
         f"test_signs.py -k {COMPARED_RUNS}",
         "test_scaling.py -k units or times_of or lines",
@@ -98,6 +151,7 @@ TOUCHED = {
         "test_comparison.py -k measured or wrong_data or columns or datasets",
     ),
     "evidence/companion.py": (
+        "test_evidence_parts.py -k tighter or tenth or own_error",
         "test_signs.py -k global or comes_late",
         "test_diagnosis.py -k companions or global or tighter or only_one or edited",
     ),
@@ -112,6 +166,7 @@ TOUCHED = {
     ),
     "evidence/modes.py": ("test_signs.py -k decay or radians", "test_modes.py -k not compiled_forces"),
     "evidence/refining/family.py": (
+        "test_evidence_parts.py -k family or whole_run",
         "test_signs_of_studies.py -k gates or errors_of or orders_have",
         "test_signs.py -k coarser or euler_is or true_fall",
         "test_refinement.py -k energies",
@@ -132,7 +187,10 @@ TOUCHED = {
         "test_certificate.py -k all_that_defends or forgeries or changed or open or defended_fails or ledger",
     ),
     "budgeting/drawing.py": (DRAWN, "test_budget.py -k draws_go_on or what_the_linear"),
-    "budgeting/fitted.py": ("test_fitting.py -k told or warned_of",),
+    "budgeting/fitted.py": (
+        "test_budget_parts.py -k fit_in",
+        "test_fitting.py -k told or warned_of",
+    ),
     "budgeting/fitting.py": ("test_fitting.py -k straight or speak or order_of or named",),
     "budgeting/montecarlo.py": (
         "test_budget_parts.py -k interval or ends",
@@ -160,7 +218,11 @@ TOUCHED = {
         "test_fitting.py -k straight or speak or astray",
     ),
     "budgeting/slopes.py": ("test_variational.py",),
-    "budgeting/tables.py": (QUANTITIES, "test_budget.py -k spelled or cancel or without_one"),
+    "budgeting/tables.py": (
+        "test_budget_parts.py -k terms_add or slopes_keep or levels_and",
+        QUANTITIES,
+        "test_budget.py -k spelled or cancel or without_one",
+    ),
     "budgeting/tabulated.py": (
         "test_budget_parts.py -k rows",
         "test_tabulated.py -k not (columns or kept_in)",
@@ -170,7 +232,7 @@ TOUCHED = {
         "test_extremes.py -k budget or named",
         "test_budget.py -k cannot_be or without_a_unit",
     ),
-    "budgeting/term.py": (QUANTITIES, "test_budget.py -k declared"),
+    "budgeting/term.py": ("test_budget_parts.py -k declared", QUANTITIES, "test_budget.py -k declared"),
     "budgeting/told.py": (
         "test_budget_parts.py -k words",
         QUANTITIES,

@@ -15,8 +15,12 @@ from scipy.stats import norm
 
 import xdynamics as xd
 from xdynamics.budgeting import tabulated
+from xdynamics.budgeting.fitted import lines_of as fit_in_lines
 from xdynamics.budgeting.montecarlo import ADEQUATE, NOT_ADEQUATE, NOT_CHECKED, Drawn, drawn, judged
 from xdynamics.budgeting.searching import drawn_starts, grown, search, searches
+from xdynamics.budgeting.tables import draws_as, terms_as
+from xdynamics.budgeting.target import Target
+from xdynamics.budgeting.term import Declared, Term
 from xdynamics.budgeting.told import lines_of
 from xdynamics.units import parse_unit
 
@@ -352,3 +356,130 @@ def test_a_drawn_budget_in_words_says_both_intervals() -> None:
     settled = found.drop_attrs(deep=False).assign_attrs({key: one for key, one in found.attrs.items() if key != "draws_needed"})  # fmt: skip
     assert list(lines_of(settled))[-1].endswith("0.004 s from that of the draws")
     assert next(line for line in lines_of(found.assign_attrs(time_units="1")) if line.startswith("found")).endswith("t = 1.5")  # fmt: skip
+
+
+# -------------------------------------------------------------------------------------------------- terms and variables
+
+
+def term_of(name: str, kind: str, standard: float, doubt: float = 0.0, **more: Any) -> Term:
+    """A term with a bound of three of its standard uncertainties."""
+    return Term(name, kind, standard, 3.0 * standard, "rule", standard_doubt=doubt, **more)
+
+
+def test_terms_add_up_with_their_doubts() -> None:
+    """Assert totals, doubts, shares and spelled units of terms made by hand, correlated and drawn among them."""
+    model = xd.Model(
+        name="two", parameters={"a": "1 ± 0.1 kg", "b": "2 ± 0.2 s"}, states={"s": {"unit": "m", "rate": "0*a*b*metre/(kilogram*second**2)"}},
+        initial={"s": "0 m"}, correlations={"a": {"b": 0.5}},
+    )  # fmt: skip
+    kg, second = parse_unit("kg"), parse_unit("s")
+    terms = [
+        term_of("truncation", "numerical", 0.3), term_of("roundoff", "numerical", 0.4, 0.1),
+        term_of("a", "physical", 0.6, 0.2, sensitivity=6.0, input_uncertainty=0.1, input_unit=kg, sensitivity_doubt=0.5),
+        term_of("b", "physical", 0.2, 0.3, sensitivity=-1.0, input_uncertainty=0.2, input_unit=second, sensitivity_doubt=0.25),
+    ]  # fmt: skip
+    found = terms_as(model, Target("s", 1.0), parse_unit("m"), 7.0, terms)
+    variance = 0.36 + 0.04 - 2 * 0.5 * 0.6 * 0.2
+    numbers = {name: float(found[name][1]) for name in ("value", "numerical_bound", "physical_bound", "numerical_rss", "physical_rss", "physical_rss_doubt", "total_rss")}  # fmt: skip
+    doubt = math.sqrt(((0.6 * 0.2) ** 2 + (0.2 * 0.3) ** 2) / variance)
+    assert list(numbers.values()) == pytest.approx([7.0, 2.1, 2.4, 0.5, math.sqrt(variance), doubt, math.sqrt(variance + 0.25)])  # fmt: skip
+    shares = np.array([0.09, 0.16, 0.36 - 0.06, 0.04 - 0.06]) / (variance + 0.25)
+    assert found["share"][1] == pytest.approx(shares)
+    assert found["sensitivity_units"][1].tolist() == ["", "", "m kg-1", "m s-1"] or found["sensitivity_units"][1].tolist() == ["", "", "kg-1 m", "m s-1"]  # fmt: skip
+    assert found["term_kind"][1].tolist() == [0, 0, 1, 1]
+    for name, unit in (("sensitivity", "sensitivity_units"), ("sensitivity_doubt", "sensitivity_units"), ("input_uncertainty", "input_units")):  # fmt: skip
+        assert found[name][2]["comment"] == f"in the unit that {unit} names"
+    nothing = terms_as(model, Target("s", 1.0), parse_unit("m"), 7.0, [term_of("truncation", "numerical", 0.0)])
+    assert (float(nothing["physical_rss_doubt"][1]), nothing["share"][1].tolist()) == (0.0, [0.0])
+
+
+def test_units_of_slopes_keep_their_names_unless_all_are_base_units() -> None:
+    """Assert base units in their own order, and other names as they were declared."""
+    model = standing()
+    for of, by, spelled in (("s", "m s-1", "m-1 s2"), ("N", "kg s-1", "N kg-1 s"), ("m", "N m-1", "m2 N-1"), ("kg m", "m", "kg")):  # fmt: skip
+        term = term_of("a", "physical", 0.1, sensitivity=1.0, input_uncertainty=0.1, input_unit=parse_unit(by))
+        found = terms_as(model, Target("s", 1.0), parse_unit(of), 1.0, [term])["sensitivity_units"][1].tolist()
+        assert found == [spelled]
+
+
+def test_levels_and_draws_stand_in_their_units() -> None:
+    """Assert the unit of what is varied: of steps the run's own, of tolerances none; and intervals with their coverage."""
+    steps = budgeted_levels(step="0.5 s", method="rk4")
+    assert steps.step_size.attrs["units"] == "s"
+    assert steps.level_value.attrs["units"] == "g"
+    assert budgeted_levels(rtol=1e-5, method="dop853").rtol.attrs["units"] == "1"
+    found = draws_as(Drawn(1.0, 2.0, (3.0, 4.0), (5.0, 6.0), 7.0, 8.0, 9.0), parse_unit("g"), 0.9)
+    values = {name: np.asarray(one[1]).tolist() for name, one in found.items()}
+    assert values == {
+        "monte_carlo_mean": 1.0, "monte_carlo_standard_uncertainty": 2.0, "monte_carlo_standard_uncertainty_doubt": 7.0, "monte_carlo_end_doubt": 8.0,
+        "monte_carlo_shortest": [3.0, 4.0], "monte_carlo_symmetric": [5.0, 6.0],
+    }  # fmt: skip
+    assert {one[2]["units"] for one in found.values()} == {"g"}
+    assert found["monte_carlo_shortest"][2]["coverage"] == found["monte_carlo_symmetric"][2]["coverage"] == 0.9
+
+
+def budgeted_levels(**asked: Any) -> xr.Dataset:
+    """A budget of what stays where it is."""
+    return xd.error_budget(standing(), "s", at="1 s", until="1 s", **asked)
+
+
+@pytest.mark.parametrize(
+    ("standard", "said"), [("0 g", None), ("-1 g", "needs a non-negative number"), ("1 m", "has the unit")]
+)
+def test_declared_sizes_are_none_or_more(standard: str, said: str | None) -> None:
+    """Assert that 0 is a size, and that a negative one and one of another unit are refused."""
+    declared = Declared("scale", "s", standard, at="1 s")
+    if said is None:
+        found = declared.term(Target("s", 1.0), parse_unit("g"))
+        assert (found.standard, found.bound, found.rule) == (0.0, 0.0, "declared")
+        return
+    with pytest.raises(xd.InputError, match=said):
+        declared.term(Target("s", 1.0), parse_unit("g"))
+
+
+@pytest.mark.parametrize("name", ["", 3, None])
+def test_declared_terms_have_a_name(name: Any) -> None:
+    """Assert that a term whose name is no word is refused."""
+    with pytest.raises(xd.InputError, match="needs a word"):
+        Declared(name, "s", "1 g", at="1 s").term(Target("s", 1.0), parse_unit("g"))
+    kept = Declared("scale", "s", "1 g", at="1 s", description="by the maker")
+    assert kept.term(Target("s", 1.0), parse_unit("g")).rule == "by the maker"
+
+
+def fitted_in_words(**more: Any) -> xr.Dataset:
+    """A fit made by hand: two numbers, of which the second is on its bound, that are correlated by 0.95."""
+    found = xr.Dataset({
+        "parameter_name": ("parameter", np.array(["k", "ratio"])), "parameter_units": ("parameter", np.array(["N m-1", "1"])),
+        "estimate": ("parameter", np.array([4.0, 0.5])), "standard_uncertainty": ("parameter", np.array([0.0123, 0.2])), "at_bound": ("parameter", np.array([0, 1])),
+        "correlation": (("parameter", "other"), np.array([[1.0, -0.95], [-0.95, 1.0]])),
+        "start_square": ("start", np.array([9.0, 2.0, 5.0])), "start_rule": ("start", np.array(["own", "growing", "drawn"])),
+    })  # fmt: skip
+    about = {
+        "chi_square": 21.0, "degrees_of_freedom": 20, "residual_variance": 0.04, "adequate": 1, "adequate_text": "residuals are no more than noise",
+        "runs_probability": 0.25, "evaluations": 17, "condition": 12.34, "stopped": "both", "converged": 1,
+    }  # fmt: skip
+    return found.assign_attrs(about | more)
+
+
+def test_a_fit_in_words() -> None:
+    """Assert every line of a fit with uncertainties, and those that change without, on another verdict, or with no end."""
+    lines = list(fit_in_lines(fitted_in_words()))
+    assert lines == [
+        "k         4 ± 0.012 N m-1 (one standard uncertainty)",
+        "ratio     0.5 ± 0.2 (one standard uncertainty); on its bound, and no more sure than that",
+        "fit       chi-square 21 for 20 degrees of freedom; a larger one has the probability 0.397",
+        "verdict   adequate: residuals are no more than noise; fewer changes of sign have the probability 0.25",
+        "searches  3, the best of them number 2: growing",
+        "together  k and ratio are correlated by -0.950",
+        "search    17 evaluations, condition 12.3: both",
+    ]
+    other = list(fit_in_lines(fitted_in_words(chi_square=math.nan, adequate=0, runs_probability=math.nan, converged=0)))
+    assert other[2] == "fit       residuals of 0.2, by which the uncertainties are scaled; 20 degrees of freedom"
+    assert other[3] == "verdict   not adequate: residuals are no more than noise"
+    assert other[-1].startswith("doubt     the search did not come to an end")
+    for square, said in ((60.0, "the model or the uncertainties are not right (a larger one has the probability 7e-06)"), (3.0, "the uncertainties are larger than the residuals (a smaller one has the probability 4e-06)")):  # fmt: skip
+        assert list(fit_in_lines(fitted_in_words(chi_square=square)))[2].split("; ")[1] == said
+    weak = fitted_in_words().isel(start=[0]).assign(correlation=(("parameter", "other"), np.array([[1.0, 0.9], [0.9, 1.0]])))  # fmt: skip
+    assert [line.split()[0] for line in fit_in_lines(weak)] == ["k", "ratio", "fit", "verdict", "search"]
+    del weak.attrs["adequate"]
+    assert [line.split()[0] for line in fit_in_lines(weak.drop_dims("start"))] == ["k", "ratio", "fit", "search"]

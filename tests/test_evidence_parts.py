@@ -13,6 +13,8 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
+from xdynamics.evidence.companion import companion, companion_of, lines_of
+from xdynamics.evidence.comparing.bits import bitwise, reproduced
 from xdynamics.evidence.exhibit import exhibit
 from xdynamics.evidence.matching import matched, met
 from xdynamics.evidence.observing import comparable, modes_behind, observe
@@ -156,18 +158,21 @@ def forecast(values: list[float], rows: list[int], varied: Varied = STEPS, **mor
     """A study of one number, of which nothing was marched: levels of 0.4, 0.2, … and runs of so many rows of 16 bytes."""
     runs = [xr.Dataset({"time": ("step", np.zeros(n)), "x": ("step", np.zeros(n)), "g": ((), 9.81), "f": ("at", np.zeros(5))}) for n in rows]  # fmt: skip
     one = Watched("x", "m", "x", (), np.array([values]), np.zeros((1, len(values))), np.full(1, more.pop("rounding", 0.0)), np.zeros(1), 1.0)  # fmt: skip
-    levels = SimpleNamespace(keep=more.pop("keep", None), varied=varied, values=0.4 / 2.0 ** np.arange(len(rows)), formal=2.0, model=OSCILLATOR)  # fmt: skip
+    levels = SimpleNamespace(keep=more.pop("keep", None), varied=varied, values=0.4 / more.pop("ratio", 2.0) ** np.arange(len(rows)), formal=2.0, model=OSCILLATOR)  # fmt: skip
     return SimpleNamespace(runs=runs, levels=levels, numbers=lambda: [one])
 
 
-def test_the_next_level_is_held_against_rows_and_memory() -> None:
-    """Assert that the rows of the next level are those of the last times the ratio, and bytes those of rows."""
+def test_the_next_level_is_held_against_rows_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert rows of the next level, those of the last times the ratio, and their bytes: 0.4 of what is free by default."""
     study = forecast([0.0, 0.75, 0.9375], [101, 201, 401])
     assert obstacle(study, {"x": 1e-2}, Bounds(rows=7000.0)) == ""
     said = obstacle(study, {"x": 1e-2}, Bounds(rows=801.0))
     assert said.startswith("the next one would have 8e+02 rows (13 kB), more than most_rows = 801; ")
     assert obstacle(study, {"x": 1e-2}, Bounds(rows=1e9, memory=802 * 16.0 * 8)) == ""
     assert "of memory were allowed" in obstacle(study, {"x": 1e-2}, Bounds(rows=1e9, memory=802 * 16.0 - 1.0))
+    for free, room in ((802 * 16.0 / 0.8 * 2.0 * 1.01, True), (802 * 16.0 / 0.8 * 2.0 * 0.99, False)):
+        monkeypatch.setattr("xdynamics.evidence.refining.forecast.free_memory", lambda free=free: free)
+        assert ("of memory can be had" in obstacle(study, {"x": 0.1}, Bounds(rows=1e9))) is not room
 
 
 @pytest.mark.parametrize(("tolerance", "levels"), [(0.047, 1), (1e-3, 4), (1e-6, 9)])
@@ -194,6 +199,14 @@ def test_what_no_level_can_come_to_is_said() -> None:
     growing = forecast([0.0, 0.1, 0.3], [101, 201, 401])
     assert obstacle(growing, {"x": 1e-9}, Bounds(rows=1000.0)) == ""
     assert "changes of x do not fall" in obstacle(growing, {"x": 1e-9}, Bounds(rows=800.0))
+    slow = forecast(
+        [0.0, 1.0, 1.0 + 2.0**-0.15], [101, 201, 401]
+    )  # of order 0.15: they fall, and far from the method's
+    assert "x would need a step_size" in obstacle(slow, {"x": 0.5}, Bounds(rows=800.0))
+    late = forecast([0.0, 0.0, 0.1875], [101, 201, 401])  # the first change tells no order
+    assert "x would need a step_size of about 0.05 s" in obstacle(late, {"x": 0.1}, Bounds(rows=800.0))
+    single = forecast([0.0], [101])
+    assert obstacle(single, {"x": 1e-9}, Bounds(rows=203.0)) == ""
     two = forecast([0.0, 0.75], [101, 201])
     assert obstacle(two, {"x": 1e-9}, Bounds(rows=500.0)) == ""
     said = obstacle(two, {"x": 1e-9}, Bounds(rows=400.0))
@@ -208,8 +221,13 @@ def test_rows_of_tolerances_grow_as_they_did(tmp_path: Path) -> None:
     assert "would have 1.9e+02 rows" in obstacle(study, {"x": 1e-3}, Bounds(rows=150.0))
     fewer = forecast([0.0, 0.5, 0.75], [100, 110, 90], RTOLS)
     assert obstacle(fewer, {"x": 1e-3}, Bounds(rows=91.0)) == ""
-    located = forecast([0.0, 0.5, 0.75], [100, 100, 100], TIME_TOLERANCES)
-    assert obstacle(located, {"x": 1e-3}, Bounds(rows=101.0)) == ""
+    assert "would have 90 rows" in obstacle(fewer, {"x": 1e-3}, Bounds(rows=89.0))
+    located = forecast([0.0, 0.5, 0.75], [100, 110, 143], TIME_TOLERANCES)
+    assert obstacle(located, {"x": 1e-3}, Bounds(rows=144.0)) == ""
+    thirds = forecast([0.0, 0.9, 1.0], [101, 301, 901], ratio=3.0)  # order two in thirds
+    assert "would have 2.7e+03 rows" in obstacle(thirds, {"x": 1e-3}, Bounds(rows=2000.0))
+    said = f"x would need a step_size of about {0.4 / 9.0 / 27.0:.2g} s: {901 * 27.0:.2g} rows"
+    assert obstacle(thirds, {"x": 2e-4}, Bounds(rows=3000.0)).startswith(said)
     kept = forecast([0.0, 0.75, 0.9375], [101, 201, 401], keep=tmp_path)
     assert obstacle(kept, {"x": 1e-3}, Bounds(rows=1e9, memory=1.0)) == ""  # nothing stays in memory
     assert f"and the disk of '{tmp_path}' has" in obstacle(kept, {"x": 1e-60}, Bounds(rows=math.inf))
@@ -377,3 +395,137 @@ def test_a_study_of_events_scales_by_the_span_of_the_run() -> None:
         assert one.rounding == pytest.approx(4.0 * float(np.finfo(float).eps) * one.values[:, -1])
         assert one.scale == float(study.runs[-1].time[-1] - study.runs[-1].time[0])
         assert (one.dims, one.units) == (("occurrence",), "s")
+
+
+# ------------------------------------------------------------------------------------------------------------ bit by bit
+
+
+def recorded(rng: np.random.Generator) -> xr.Dataset:
+    """A record made by hand: numbers along two dimensions, a pair of them, a text and a parameter."""
+    found = xr.Dataset({
+        "x": ("step", rng.normal(size=6), {"units": "m", "role": "coordinate"}),
+        "both": (("event", "bound"), rng.normal(size=(3, 2)), {"units": "s"}),
+        "m": ((), float(rng.normal()), {"units": "kg", "role": "parameter"}),
+        "word": ("step", np.array(list("abcdef")), {"units": "1"}),
+    })  # fmt: skip
+    return found.assign_coords(time=("step", np.arange(6.0), {"units": "s"})).assign_attrs(solver_step=0.1)
+
+
+@pytest.mark.cases(200)
+def test_the_first_row_that_differs_is_named(case: int) -> None:
+    """Assert rows of all that differ, one bit at a time, and the earliest row of the march in words, first run first."""
+    rng = np.random.default_rng(case)
+    first = recorded(rng)
+    second, rows = first.copy(deep=True), {}
+    for name in rng.permutation(["x", "both", "m", "time"])[: int(rng.integers(0, 4))]:
+        values = second[name].values if name != "time" else second["time"].values.copy()
+        row = int(rng.integers(len(values))) if values.ndim else 0
+        rows[str(name)] = row
+        where = (row, *[int(rng.integers(2))] * (values.ndim - 1)) if values.ndim else ()
+        values[where] = np.nextafter(values[where], np.inf)
+        if name == "time":
+            second = second.assign_coords(time=("step", values, {"units": "s"}))
+    table = bitwise(first, second)
+    assert {str(name): int(row) for name, row in zip(table.name.values, table.first_row.values, strict=True)} == {name: rows.get(name, -1) for name in ("time", "x", "both", "m", "word")}  # fmt: skip
+    assert table.same.values.tolist() == [int(name not in rows) for name in table.name.values]
+    assert table.attrs["identical"] == int(not rows)
+    along = {name: row for name, row in rows.items() if name in ("time", "x")} or rows
+    if rows:
+        earliest = min(along.values())
+        names = [name for name in table.name.values if along.get(str(name)) == earliest]
+        where = "" if names[0] == "m" else f", row {earliest}"
+        before, after = ((one[names[0]] if names[0] == "m" else one[names[0]][earliest]).values.tolist() for one in (first, second))  # fmt: skip
+        assert table.attrs["first_difference"] == f"variable '{names[0]}'{where}: {before!r} | {after!r}"
+    else:
+        assert table.attrs["first_difference"] == ""
+
+
+def test_lengths_kinds_units_and_settings_differ_too() -> None:
+    """Assert the row behind the shorter, row 0 of another kind, unit or name, and settings in the order of both runs."""
+    first = recorded(np.random.default_rng(1))
+    shorter = bitwise(first, first.isel(step=slice(4)))
+    assert dict(zip(shorter.name.values.tolist(), shorter.first_row.values.tolist(), strict=True)) == {"time": 4, "x": 4, "both": -1, "m": -1, "word": 4}  # fmt: skip
+    assert shorter.attrs["first_difference"] == "variable 'time', row 4: 4.0 | no such row (4 rows)"
+    others = [first.assign(x=first.x.astype("f4", keep_attrs=True)), first.assign(x=first.x.assign_attrs(units="cm"))]
+    for other in others:
+        assert bitwise(first, other).attrs["first_difference"].startswith("variable 'x', row 0: ")
+    for pair, said in (((first, first.drop_vars("m")), " | absent"), ((first.drop_vars("m"), first), "absent | ")):
+        assert bitwise(*pair).attrs["first_difference"].startswith("variable 'm': ")
+        assert said in bitwise(*pair).attrs["first_difference"]
+    other = bitwise(first, first.assign_attrs(solver_step=0.2, solver_rtol="x" * 90))
+    assert (other.attrs["identical"], other.attrs["first_difference"]) == (0, "attribute solver_step: 0.1 | 0.2")
+    assert other.attrs["settings"].split("\n") == ["solver_step: 0.1 | 0.2", f"solver_rtol: 'absent' | '{'x' * 76}…"]
+
+
+@pytest.mark.parametrize(("row", "size", "relative"), [(2, 5.0, 2.5), (5, 0.5, 0.25)])
+def test_the_largest_difference_is_against_the_largest_value(row: int, size: float, relative: float) -> None:
+    """Assert that of an archive that comes out otherwise the worst state is told, its row and its share of the range."""
+    kept = recorded(np.random.default_rng(2)).assign(x=("step", np.array([0.0, 1.0, -2.0, 0.5, 0.0, 1.0]), {"units": "m", "role": "coordinate"}))  # fmt: skip
+    again = kept.copy(deep=True)
+    again["x"].values[row] += size
+    again["both"].values[0, 1] *= 100.0  # no state
+    said = reproduced(kept, again).attrs["arithmetic"]
+    assert said == f"the largest difference is {size:.3g} m in 'x', row {row}: {relative:.2g} of its largest value"
+    longer = again.isel(step=slice(5)) if row == 2 else again.isel(step=slice(0))
+    rest = f"; 6 rows became {longer.sizes['step']}"
+    assert reproduced(kept, longer).attrs["arithmetic"].endswith(rest)
+    only = kept.copy(deep=True)
+    only["both"].values[2, 0] += 1.0
+    assert "in 'both', row 2: " in reproduced(kept, only).attrs["arithmetic"]
+    other = reproduced(kept.assign_attrs(math_functions="old"), kept.assign_attrs(math_functions="new"))
+    assert other.attrs["arithmetic"] == "the archive was made with the elementary functions 'old', here they are 'new'; every number has the same bits"  # fmt: skip
+    assert other.attrs["identical"] == 1
+
+
+# ----------------------------------------------------------------------------------------------------------- companions
+
+
+def falling(*events: str, **more: Any) -> xr.Dataset:
+    """Euler's fall, too high by g h t/2, past 5 m."""
+    known = {"level": {"function": "y + 5*metre"}, "early": {"function": "v_y + 0.5*metre/second"}}
+    model = xd.Model(
+        name="fall", coordinates={"y": "m"}, parameters={"g": "10 m s-2"}, mass={"y": "1*kilogram"}, forces={"gravity": {"y": "-g*1*kilogram"}},
+        initial={"y": "0 m", "v_y": "0 m s-1"}, events={name: known[name] for name in events},
+    )  # fmt: skip
+    return xd.simulate(model, until=2.0, **({"method": "forward_euler", "step": 0.1} | more))
+
+
+def test_a_tighter_run_tells_the_error_since_the_start() -> None:
+    """Assert g h t/2 of Euler, by runs of half the steps, given one by one too; words, digests and lines."""
+    for asked in ({}, {"step": [0.1] * 20}):
+        found = companion(falling(**asked), [0.5, 2.0])
+        assert found.global_error_y.values == pytest.approx([0.25, 1.0], rel=1e-9)
+        assert found.attrs["companion"] == "half the steps"
+        assert len(set(found.attrs["runs"].split())) == 2
+    assert "difference from the run with half the steps, times 2" in found.global_error_y.attrs["long_name"]
+    assert list(lines_of(companion(falling()))) == ["beside a run with half the steps", "y = -19 m at t = 2 s, off by 1", "v_y = -20 m s-1 at t = 2 s, off by 0"]  # fmt: skip
+
+
+def test_every_event_has_its_own_error() -> None:
+    """Assert times later than in half the steps, doubled, of events by their names, and their lines."""
+    run, half = falling("level", "early"), falling("level", "early", step=0.05)
+    found = companion(run)
+    assert found.event_time.values.tolist() == run.event_time.values.tolist()
+    late = 2.0 * (run.event_time.values - half.event_time.values)
+    assert found.event_time_global_error.values == pytest.approx(late, rel=1e-9, abs=1e-14)
+    assert late[-1] == pytest.approx(float(run.event_time[-1]) - 1.0, rel=0.3)
+    lines = list(lines_of(found))
+    assert len(lines) == 1 + 2 + run.sizes["event"]
+    assert lines[-1].startswith(f"event at t = {float(run.event_time[-1]):.2f}")
+    assert lines[-1].endswith(f" s, off by {late[-1]:.2g} s")
+
+
+def test_a_tenth_of_the_tolerances_tells_ten_ninths() -> None:
+    """Assert tolerances of the tighter run, absolute ones too, and its factor."""
+    model = OSCILLATOR
+    run = xd.simulate(model, method="dormand_prince", rtol=1e-5, atol={"x": "1e-6 m", "v_x": "1e-6 m s-1"}, until=5.0)
+    beside = companion_of(run)
+    assert beside.factor == pytest.approx(10.0 / 9.0)
+    assert beside.said == "a 10th of the tolerances"
+    assert beside.run.attrs["solver_rtol"] == pytest.approx(1e-6)
+    assert float(beside.run.x.attrs["atol"]) == pytest.approx(1e-7)
+    off = float(run.x[-1]) - math.cos(10.0)
+    assert float(companion(run).global_error_x[0]) == pytest.approx(off, rel=0.3)
+    part = xr.Dataset.isel(run, step=slice(0, 5))
+    with pytest.raises(xd.InputError):
+        companion_of(part)
