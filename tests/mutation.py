@@ -203,7 +203,6 @@ TOUCHED = {
         "test_budget_parts.py -k rounding or tolerances or extreme",
         "test_budget_bounds.py -k allowance or rounding_tell",
         QUANTITIES,
-        "test_budget_bounds.py",
     ),
     "budgeting/physical.py": (
         QUANTITIES,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import cache
 
 import numpy as np
 import pint
@@ -16,14 +17,21 @@ from xdynamics.units import (
     CONSTANTS,
     ENERGY,
     NONE,
+    NUMBERS,
+    SECONDS,
     Dimension,
+    Quantity,
+    Range,
     Scales,
+    behind,
     coherent,
     constant,
+    is_range,
     parse_quantity,
     parse_time,
     parse_unit,
     spell,
+    time_in,
 )
 
 HOSTILE = [
@@ -84,11 +92,16 @@ def test_pint_quantity_is_read() -> None:
     assert parse_quantity(ureg.Quantity(3.0, "km/hour")).unit.text == "km h-1"
 
 
+@cache
+def registry() -> pint.UnitRegistry:
+    """Pint's dictionary, by itself."""
+    return pint.UnitRegistry(non_int_type=Fraction)
+
+
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_unit_constants_agree_with_pint(name: str) -> None:
     """Assert that the factors known by heart are those of pint's dictionary."""
-    registry = pint.UnitRegistry(non_int_type=Fraction)
-    factor, _ = registry.get_base_units(name)
+    factor, _ = registry().get_base_units(name)
     assert constant(name).factor == Fraction(factor)
 
 
@@ -146,7 +159,7 @@ PINTS = {"m": "[length]", "kg": "[mass]", "s": "[time]", "A": "[current]", "K": 
 )
 def test_dimensions_are_those_of_pint(text: str) -> None:
     """Assert the power of every base unit in named and composed units, by another library."""
-    expected = pint.UnitRegistry().parse_units(" * ".join(f"{one.rstrip('-0123456789')}**{one[len(one.rstrip('-0123456789')):] or 1}" for one in text.split())).dimensionality  # fmt: skip
+    expected = registry().parse_units(" * ".join(f"{one.rstrip('-0123456789')}**{one[len(one.rstrip('-0123456789')):] or 1}" for one in text.split())).dimensionality  # fmt: skip
     assert [float(one) for one in parse_unit(text).dimension.powers] == [float(expected.get(PINTS[base], 0)) for base in BASE]  # fmt: skip
 
 
@@ -169,3 +182,112 @@ def test_a_coherent_unit_has_the_same_dimension_and_no_factor(text: str) -> None
     unit = parse_unit(text)
     found = coherent(unit)
     assert (found.dimension, found.factor) == (unit.dimension, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "start", "stop", "count", "unit"),
+    [
+        ("0:20:201 s", 0.0, 20.0, 201, "s"), ("1:2:3", 1.0, 2.0, 3, "1"), ("500ms:2s:4", 0.5, 2.0, 4, "s"), ("2s:500ms:4", 2000.0, 500.0, 4, "ms"),
+        ("0:5s:2", 0.0, 5.0, 2, "s"), ("5mm:0:2", 5.0, 0.0, 2, "mm"), (" -1e3 : 2.5 : 10 N s m-1", -1e3, 2.5, 10, "N s m-1"),
+    ],
+)  # fmt: skip
+def test_ranges_have_ends_and_a_unit(text: str, start: float, stop: float, count: int, unit: str) -> None:
+    """Assert ends in the unit behind the count, or in that of the last end that has one."""
+    assert is_range(text)
+    found = Range.parse(text)
+    assert (found.start, found.stop, found.count, found.unit.text) == (start, stop, count, unit)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("0s:2s:3 s", "at its ends and behind"), ("0s:2m:3", "from 's' to 'm'"), ("0:1", "needs start:stop:count"), ("0:1:2.5", "needs start"), ("0:1:2:3", "needs start")],
+)  # fmt: skip
+def test_ranges_that_are_none(text: str, said: str) -> None:
+    """Assert one clear error for each, and that a number is no range."""
+    assert not is_range(3.0)
+    with pytest.raises(InputError, match=said):
+        Range.parse(text)
+
+
+@given(st.lists(st.integers(-6, 6), min_size=3, max_size=3), st.lists(st.floats(0.01, 100.0), min_size=3, max_size=3))
+def test_scales_of_any_dimension_are_products_of_powers(halves: list[int], sizes: list[float]) -> None:
+    """Assert M**a L**b T**c, whole powers and halves, and 1 where nothing is scaled."""
+    powers = [Fraction(one, 2) for one in halves]
+    dimension = Dimension((*powers, *(Fraction(0),) * (len(BASE) - 3)))
+    mass, length, time = sizes
+    expected = mass ** float(powers[0]) * length ** float(powers[1]) * time ** float(powers[2])
+    assert Scales(length=length, time=time, mass=mass).of(dimension) == pytest.approx(expected, rel=1e-13)
+    assert Scales().of(dimension) == 1.0
+
+
+def test_limits_of_scales_and_texts() -> None:
+    """Assert the largest and least scale, the longest text, and the highest power that are read, and what is beyond."""
+    for text in ("1e40 m", "1e-40 m"):
+        assert Scales.parse({"length": text}).length == float(text.split()[0])
+    for text in ("1.1e40 m", "0.9e-40 m"):
+        with pytest.raises(InputError, match="1e-40 to 1e40"):
+            Scales.parse({"length": text})
+    with pytest.raises(InputError, match="need a table"):
+        Scales.parse([1.0])  # type: ignore[arg-type]
+    assert Scales.parse(None) == Scales()
+    assert parse_unit("m16 s-16").dimension == parse_unit("m").dimension ** 16 / parse_unit("s").dimension ** 16
+    for text in ("m17", "s-17"):
+        with pytest.raises(InputError, match="needs 1 to 16 in size"):
+            parse_unit(text)
+    padded = "m" + " " * 199
+    assert (parse_unit(padded).text, parse_quantity("1" + padded[1:]).unit.text) == ("m", "1")
+    for read, text in ((parse_unit, padded + " "), (parse_quantity, "1" + "m" * 200)):
+        with pytest.raises(InputError, match="has 201 characters, 200 at most"):
+            read(text)
+
+
+def test_dimensions_in_words_have_a_derived_name_where_there_is_one() -> None:
+    """Assert base units with powers, a name behind, and 1 of none."""
+    texts = {"N": "kg m s-2 (N)", "J": "kg m2 s-2 (J)", "m s-1": "m s-1", "1": "1", "V": "kg m2 s-3 A-1 (V)"}
+    assert {one: str(parse_unit(one).dimension) for one in texts} == texts
+
+
+def test_rates_in_a_time_without_a_unit_keep_theirs() -> None:
+    """Assert the unit of a rate by seconds, twice over, and by a time that is a pure number."""
+    assert parse_unit("km").per(SECONDS, 2).text == "km s-2"
+    assert parse_unit("km").per(SECONDS).factor == 1000
+    assert parse_unit("1").per(SECONDS, 2).text == "s-2"
+    assert parse_unit("km").per(NUMBERS, 2).text == "km"
+    assert parse_unit("km").per_second(2).dimension == parse_unit("m s-2").dimension
+    assert (behind("1"), behind(parse_unit("N")), behind(NUMBERS)) == ("", " N", "")
+
+
+def test_times_of_a_model_without_seconds_are_pure_numbers() -> None:
+    """Assert bare and pure numbers, percents of 1, and refusal of seconds; with seconds a pure number as a text is none."""
+    assert (time_in(NUMBERS, 3, "until"), time_in(NUMBERS, "3", "until"), time_in(NUMBERS, "50 percent", "until")) == (3.0, 3.0, 0.5)  # fmt: skip
+    assert (time_in(SECONDS, "2 min", "until"), time_in(SECONDS, 2, "until")) == (120.0, 2.0)
+    with pytest.raises(InputError, match="until '3 s' has units 's', and the model's time is a pure number"):
+        time_in(NUMBERS, "3 s", "until")
+    with pytest.raises(InputError, match="until '3' has units '1', needs 's'"):
+        time_in(SECONDS, "3", "until")
+    with pytest.raises(InputError, match="until: quantity 'x' does not start"):
+        parse_time("x", "until")
+
+
+@pytest.mark.parametrize(("text", "power"), [("kilometre2", 6), ("uPa", -6), ("cm3", -6), ("MW", 6), ("hPa", 2), ("dL", -4), ("fs", -15)])  # fmt: skip
+def test_prefixes_are_powers_of_ten(text: str, power: int) -> None:
+    """Assert exact factors to SI units, with powers of the unit."""
+    assert parse_unit(text).factor == Fraction(10) ** power
+
+
+@pytest.mark.parametrize("text", ["kmin", "mdegree", "kmile", "Eday", "kilopound", "m" * 41, "parsec", "Ym"])
+def test_units_that_have_no_place_in_a_record(text: str) -> None:
+    """Assert that prefixed minutes, other prefixes and other units are not known."""
+    with pytest.raises(InputError, match="is not known"):
+        parse_unit(text)
+
+
+def test_a_number_beyond_all_is_none() -> None:
+    """Assert that what overflows in SI units, or is no finite number, ends in one error."""
+    assert Quantity(1e305, parse_unit("m")).si == 1e305
+    with pytest.raises(InputError, match="1e\\+306 km is not finite in SI units"):
+        _ = Quantity(1e306, parse_unit("km")).si
+    for text in (10**400, "1e999 m"):
+        with pytest.raises(InputError, match="no number with a unit|not finite|does not start"):
+            parse_quantity(text)
+    assert str(parse_quantity("0.5 km/h")) == "0.5 km h-1"
