@@ -101,7 +101,7 @@ TOUCHED = {
         "test_verdicts.py -k names",
     ),
     "evidence/refining/study.py": (
-        "test_evidence_parts.py -k study or events_before",
+        "test_evidence_parts.py -k study or events_before or end_apart or occurrences or ended_before or stepped_over",
         "test_signs_of_studies.py -k behind or ended or errors_of",
         "test_refinement.py -k energies or period",
         "test_smooth_switches.py -k before or clean or located",
@@ -205,6 +205,7 @@ TOUCHED = {
         QUANTITIES,
     ),
     "budgeting/physical.py": (
+        "test_budget_parts.py -k spacing or known_better or rounding_is or terms_add",
         QUANTITIES,
         "test_budget.py -k slope or undo or cancel",
         "test_variational.py -k not_small or rule_says",

@@ -483,3 +483,66 @@ def test_a_fit_in_words() -> None:
     assert [line.split()[0] for line in fit_in_lines(weak)] == ["k", "ratio", "fit", "verdict", "search"]
     del weak.attrs["adequate"]
     assert [line.split()[0] for line in fit_in_lines(weak.drop_dims("start"))] == ["k", "ratio", "fit", "search"]
+
+
+# -------------------------------------------------------------------------------------------------------------- slopes
+
+
+def through(rate: str, **inputs: Any) -> xd.Model:
+    """A state that is a function of its inputs after a second, in grams as they are."""
+    return xd.Model(name="through", parameters=inputs, states={"s": {"unit": "g", "rate": f"({rate})/second"}}, initial={"s": "0 g"})  # fmt: skip
+
+
+def sloped(model: xd.Model) -> xr.Dataset:
+    """The term of an input of the number at 1 s."""
+    return row(xd.error_budget(model, "s", at="1 s", method="rk4", step="0.5 s", until="1 s"), "a")
+
+
+@pytest.mark.filterwarnings("ignore:.*does not change in proportion")
+@pytest.mark.cases(100)
+def test_slopes_are_of_the_spacing_that_agrees_best(case: int) -> None:
+    """Assert slope, doubt and spacing of a wavy number: from its own uncertainty on, wider or narrower while neighbours agree better."""
+    rng = np.random.default_rng(case)
+    size, wave, start = float(rng.uniform(0.1, 0.4)), float(rng.uniform(0.5, 30.0)), float(rng.uniform(5.0, 9.0))
+    a0, u = round(start, 3), 0.05
+    model = through(f"3*a + {size!r}*gram*sin({wave!r}*a/(0.05*gram))", a={"value": f"{a0!r} g", "uncertainty": u})
+    shifts = u * 4.0 ** np.arange(-3, 5)
+    shifts = shifts[shifts <= max(u, 1e-2 * a0)]
+    points = a0 + shifts[:, None] * np.array([1.0, 2.0, 3.0])
+    mirrored = 2.0 * a0 - points
+    up, down = (3.0 * one + size * np.sin(wave * one / u) for one in (points, mirrored))
+    slopes = ((up - down) @ np.array([45.0, -9.0, 1.0])) / (60.0 * shifts)
+    off = np.abs(np.diff(slopes))
+    own = min(2, off.size - 1)
+    ends = []
+    for way in (1, -1):
+        k = own
+        while 0 <= k + way < off.size and off[k + way] < off[k]:
+            k += way
+        ends.append(k)
+    k = min(ends, key=lambda one: float(off[one]))
+    slope, exact = float(slopes[k + 1]), 3.0 + size * wave / u * math.cos(wave * a0 / u)
+    found = sloped(model)
+    apart = abs(exact - slope)
+    close = apart <= 0.02 * abs(slope)
+    assert float(found.sensitivity) / 1e3 == pytest.approx(exact if close else slope, rel=1e-6)
+    assert float(found.sensitivity_doubt) / 1e3 == pytest.approx(apart if close else max(float(off[k]), apart), rel=1e-4, abs=1e-7)  # fmt: skip
+    assert float(found.standard_uncertainty) == pytest.approx(abs(exact if close else slope) * u, rel=1e-6)
+    assert f"sixth order over {shifts[k + 1] / u:.3g} of its uncertainties" in str(found.term_rule.values)
+    assert str(found.term_rule.values).startswith("slope by variational" if close else "slope by central")
+
+
+def test_an_input_that_is_known_better_than_numbers_has_a_slope() -> None:
+    """Assert the slope of a square of an input that is known to a part in 1e13, by changes of a part in 1e9 at most."""
+    found = sloped(through("a**2/gram", a={"value": "3 g", "uncertainty": 3e-13}))
+    assert float(found.sensitivity) / 1e3 == pytest.approx(6.0, rel=1e-6)
+    assert float(found.standard_uncertainty) == pytest.approx(18e-13, rel=1e-6)
+    spacing = float(str(found.term_rule.values).split("sixth order over ")[1].split()[0])
+    assert 1e4 / 64.0 * 0.99 <= spacing <= 1e4 * 1.01
+
+
+def test_a_slope_that_is_rounding_is_none() -> None:
+    """Assert 0 without a doubt of an input that goes out of a large number again, and its rule."""
+    found = sloped(through("(1e6*gram + 0.3*a) - 0.3*a", a={"value": "3 g", "uncertainty": 0.1}))
+    assert (float(found.sensitivity), float(found.sensitivity_doubt), float(found.standard_uncertainty)) == (0.0, 0.0, 0.0)  # fmt: skip
+    assert str(found.term_rule.values) == "no slope but rounding's"

@@ -529,3 +529,70 @@ def test_a_tenth_of_the_tolerances_tells_ten_ninths() -> None:
     part = xr.Dataset.isel(run, step=slice(0, 5))
     with pytest.raises(xd.InputError):
         companion_of(part)
+
+
+def test_levels_that_end_apart_are_compared_at_the_earliest_end() -> None:
+    """Assert the earliest end of runs that stop at an event, and that a later time is refused."""
+    study = studied(BALL, [0.2, 0.05], 5.0, ("y",))
+    ends = [float(run.time[-1]) for run in study.runs]
+    assert ends[0] != ends[1]
+    assert study.times.tolist() == [min(ends)]
+
+
+def bounced(steps: list[float], until: float) -> Study:
+    """A ball that a reset turns back at the ground, in levels of velocity Verlet, which is exact between."""
+    model = xd.Model(
+        name="bounced", coordinates={"y": "m"}, parameters={"g": "10 m s-2"}, mass={"y": "1*kilogram"}, forces={"gravity": {"y": "-g*1*kilogram"}},
+        initial={"y": "1 m", "v_y": "0 m s-1"}, events={"back": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-v_y"}}},
+    )  # fmt: skip
+    levels = Levels(model, STEPS, np.array(steps), 2.0, {"method": "velocity_verlet", "until": until})
+    return Study(levels, [levels.marched(k) for k in range(len(steps))], ("y", "v_y"), None)
+
+
+def test_occurrences_are_those_of_the_finest_level() -> None:
+    """Assert times and states behind of each occurrence, their location's part, and that what one level misses is nan."""
+    study = bounced([0.1, 0.05], 2.0)
+    times, place, speed = (one for one in study.numbers() if "back" in one.name)
+    true = math.sqrt(0.2) * np.array([1.0, 3.0])
+    assert times.values == pytest.approx(np.stack([true, true], axis=1))
+    assert speed.values == pytest.approx(math.sqrt(20.0))
+    assert place.values == pytest.approx(0.0, abs=1e-9)
+    for k, run in enumerate(study.runs):
+        doubts = run.event_time_uncertainty.values
+        assert times.errors[:, k].tolist() == doubts.tolist()
+        assert speed.errors[:, k] == pytest.approx(10.0 * doubts)
+        assert place.errors[:, k] == pytest.approx(math.sqrt(20.0) * doubts)
+    assert speed.scale == float(np.abs(study.runs[-1].v_y).max())
+    fewer = Study(study.levels, [study.runs[0], bounced([0.1, 0.05], 1.0).runs[1]], ("y", "v_y"), [0.2])
+    (once, *_) = [one for one in fewer.numbers() if one.name == "event_time_back"]
+    assert once.values.shape == (1, 2)
+    none = Study(study.levels, [study.runs[0], bounced([0.1, 0.05], 0.3).runs[1]], ("y", "v_y"), [0.2])
+    (missed, *_) = [one for one in none.numbers() if one.name == "event_time_back"]
+    assert missed.values[:, 0] == pytest.approx(true)
+    assert np.isnan(missed.values[:, 1]).all()
+
+
+def test_a_level_that_ended_before_the_times_is_named() -> None:
+    """Assert that a run which ended badly is refused for times behind its end, not for those before, and not one that is whole."""
+    study = studied(OSCILLATOR, [0.3, 0.1], 1.0, ("x",))
+    bad = study.runs[0].assign_attrs(run_outcome="step_limit", run_outcome_text="too many steps")
+    ended = Study(study.levels, [bad.isel(step=slice(0, 3)), study.runs[1]], ("x",), None)
+    ended.check_reached(np.array([0.1, 0.6]))
+    study.check_reached(np.array([0.1, 2.0]))
+    with pytest.raises(xd.InputError, match="the level with step_size = 0.3 s ended before t = 0.7 s, as 'step_limit': too many steps; leave"):  # fmt: skip
+        ended.check_reached(np.array([0.1, 0.7]))
+
+
+def test_switches_that_were_stepped_over_are_known_from_their_step_on() -> None:
+    """Assert the order that a jump leaves behind the row before it, none before, and the order of a table of levels."""
+    study = studied(OSCILLATOR, [0.2, 0.1], 1.0, ("x",))
+    assert study.kink_before(1.0) == math.inf
+    model = xd.Model(
+        name="drag", coordinates={"y": "m"}, parameters={"c": "1 kg m-1"}, mass={"y": "1*kilogram"},
+        forces={"weight": {"y": "-10*newton"}, "drag": {"y": "-c*v_y*abs(v_y)", "smooth": True}}, initial={"y": "0 m", "v_y": "3 m s-1"},
+    )  # fmt: skip
+    past = studied(model, [0.1, 0.05], 1.0, ("y",))
+    first = min(float(run.switch_first_passed.min()) for run in past.runs) if "switch_first_passed" in past.runs[0] else 0.0  # fmt: skip
+    assert past.kink_before(1.0) < math.inf
+    assert past.kink_before(0.0) == math.inf
+    assert past.kink_before(max(first - 0.2, 0.0)) == math.inf

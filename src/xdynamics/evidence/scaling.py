@@ -27,7 +27,7 @@ def scale_of(expected: Any, computed: Any) -> Any:
 
 def over(residual: Any, scale: Any) -> Any:
     """Return residuals over their scale; 0 where both are 0."""
-    return np.where(scale > 0.0, residual / np.where(scale > 0.0, scale, 1.0), residual)
+    return residual / np.where(scale > 0.0, scale, 1.0)
 
 
 def scaled(
