@@ -224,7 +224,6 @@ def test_a_block_rocks_as_housner_says(method: str) -> None:
     assert len(words(run)) < 1500
 
 
-@pytest.mark.filterwarnings("ignore:.*energy was created")
 def test_impulses_are_what_velocities_change_by() -> None:
     """Assert M dv = the sum of impulses and the loss of kinetic energy, for full masses and oblique walls."""
     for seed in range(8):
