@@ -39,6 +39,7 @@ PATIENCE = 5.0  # times what the tests take on the source as it is
 # the tests that touch a file, the quickest first; each may be followed by a choice, as for -k
 EVENTS = "event and not outside or root or stop_at or bracket"
 ENCLOSED = "test_enclosures.py -k value or waves or poles or tight or undefined or between"
+PHASES = "test_phases.py -k not hand_over"  # which is of what is compiled
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
 CONTACTS = (
     "test_contacts.py -k not finite and (exact_where or plastic or speed_of_approach or law_tells or impulses or corner or rest_height or"
@@ -62,11 +63,14 @@ TOUCHED = {
         "test_march.py -k drive",
         "test_model.py -k not (python_force or cannot_be_marched)",
     ),
-    "march/events/locating.py": ("test_phases.py", f"test_march.py -k {EVENTS}"),
-    "march/events/certainty.py": ("test_phases.py", "test_isolation.py", "test_python_detectors.py"),
-    "march/events/isolation.py": ("test_phases.py", "test_isolation.py"),
+    "march/events/locating.py": (PHASES, f"test_march.py -k {EVENTS}"),
+    "march/events/certainty.py": (PHASES, "test_isolation.py -k walls or slab or crest", "test_python_detectors.py"),
+    "march/events/isolation.py": (
+        PHASES,
+        "test_isolation.py -k walls or slab or crest or rejected or classes and long",
+    ),
     "march/events/sides.py": (
-        "test_switches.py -k relay or stop or starts",
+        "test_switches.py -k (relay and not midpoint) or stop or starts",
         "test_table_switches.py -k relay or starts or leaves or outside or slides",
     ),
     "march/contacts/complementarity.py": ("test_complementarity.py", CONTACTS),
@@ -125,8 +129,8 @@ TOUCHED = {
     "dynamics/tangents.py": ("test_lyapunov.py -k linear or damped or saddle or kicked",),
     "dynamics/variational.py": ("test_variational.py -k gauss or resets or jumps or matrix or drives",),
     "march/events/enclosures.py": (ENCLOSED,),
-    "march/events/intervals.py": (ENCLOSED, "test_phases.py", "test_isolation.py -k slab"),
-    "march/events/transition.py": ("test_phases.py", f"test_march.py -k {EVENTS}"),
+    "march/events/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
+    "march/events/transition.py": (PHASES, f"test_march.py -k {EVENTS}", "test_isolation.py -k walls or forget"),
     "evidence/matching.py": (
         "test_evidence_parts.py -k matched or known",
         "test_comparison.py -k matched",
