@@ -38,7 +38,7 @@ PATIENCE = 5.0  # times what the tests take on the source as it is
 
 # the tests that touch a file, the quickest first; each may be followed by a choice, as for -k
 EVENTS = "event and not outside or root or stop_at or bracket"
-ENCLOSED = "test_enclosures.py -k value or waves or poles or tight or undefined or between"
+ENCLOSED = "test_enclosures.py -k rows_of or hull or tight or value or waves or poles or undefined or between"
 PHASES = "test_phases.py -k not hand_over"  # which is of what is compiled
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
 CONTACTS = (

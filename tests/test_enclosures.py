@@ -297,6 +297,88 @@ def test_motion_between_two_states_is_enclosed(width: float) -> None:
             assert values.max() <= run.over[0], (row, order, phase)
 
 
+def hull(degree: int, *values: float) -> tuple[float, float]:
+    """The least and the largest Bernstein coefficient of the polynomial through values at equal distances."""
+    s = np.linspace(0.0, 1.0, degree + 1)
+    basis = np.stack([math.comb(degree, k) * s**k * (1.0 - s) ** (degree - k) for k in range(degree + 1)], axis=1)
+    found = np.linalg.solve(basis, np.array(values))
+    return float(found.min()), float(found.max())
+
+
+def between_two(motion: Callable[[Floats], tuple[Floats, ...]], width: float) -> dict[tuple[str, int], tuple[float, float]]:  # fmt: skip
+    """Enclosures of a coordinate and its rates, and of a first-order state and its own, between two states of a motion."""
+    run = machine("x")
+    n, used = run.plan[0].coordinates, run.plan[0].used
+    run.piece[0].start, run.piece[0].end, run.piece[0].width = 0.0, width, width
+    for state, at in ((run.y, 0.0), (run.z, width)):
+        q, v, a = (float(one[0]) for one in motion(np.array([at])))
+        state[[0, n, used, 2 * n, used + n]] = q, v, a, q, v
+    found = {}
+    for row, orders in ((coordinate, 3), (companion, 2)):
+        for order in range(orders):
+            plain(row)(run, run.y, run.z, 0, 0, order)
+            found[row.__name__, order] = float(run.under[0]), float(run.over[0])
+    return found
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_polynomials_between_two_states_have_their_hull(seed: int) -> None:
+    """Assert that of a cubic motion, and of a state with a constant rate, enclosures end in Bernstein coefficients, to rounding."""
+    c, width = np.random.default_rng(seed).normal(size=4), float(np.random.default_rng([seed, 1]).uniform(0.1, 3.0))
+
+    def cubic(t: Floats) -> tuple[Floats, ...]:
+        return c[0] + t * (c[1] + t * (c[2] + t * c[3])), c[1] + t * (2 * c[2] + t * 3 * c[3]), 2 * c[2] + 6 * c[3] * t
+
+    found = between_two(cubic, width)
+    for order, degree in ((0, 5), (1, 3), (2, 1)):
+        expected = hull(degree, *cubic(np.linspace(0.0, width, degree + 1))[order].tolist())
+        assert found["coordinate", order] == pytest.approx(expected, abs=1e-11)
+    straight = between_two(lambda t: (c[0] + c[1] * t, c[1] + 0.0 * t, 0.0 * t), width)
+    assert straight["companion", 0] == pytest.approx(hull(1, c[0], c[0] + c[1] * width), abs=1e-11)
+    assert straight["companion", 1] == pytest.approx((c[1], c[1]), abs=1e-11)
+
+
+def test_enclosures_of_motion_become_tight_with_their_width() -> None:
+    """Assert by how much the range of a sine is exceeded at most, by powers of the width: from rates and changes of them."""
+    for width in (0.2, 0.1, 0.05):
+        s = np.linspace(0.0, width, 400)
+        for phase in (0.0, 0.7, 2.0, 4.0):
+            q, v, a = np.sin(s + phase), np.cos(s + phase), -np.sin(s + phase)
+            found = between_two(
+                lambda t, phase=phase: (np.sin(t + phase), np.cos(t + phase), -np.sin(t + phase)), width
+            )
+            limits = {
+                ("coordinate", 0): (q, width**4 / 800),
+                ("coordinate", 1): (v, width**2 / 20),
+                ("coordinate", 2): (a, 0.3 * width**2),
+            }
+            limits |= {("companion", 0): (q, width**2 / 15), ("companion", 1): (v, 4.0 * width)}
+            for name, (values, most) in limits.items():
+                low, high = found[name]
+                assert values.min() - most <= low <= values.min(), (name, width, phase)
+                assert values.max() <= high <= values.max() + most, (name, width, phase)
+
+
+def test_rows_of_a_piece_are_enclosed_by_what_they_read() -> None:
+    """Assert times, parameters, numbers, states and coordinates of an event function between two states."""
+    states = {"s": {"unit": "1", "rate": "2/second"}}
+    for function, low, high in (
+        ("t/second - 7", -6.5, -6.25), ("k - 1", 2.0, 2.0), ("s", 5.0, 5.5), ("q/metre + 3*k", 10.0, 10.25), ("v_q/(1*metre/second)", 1.0, 1.0), ("2*s - t/second", 9.25, 10.5),
+    ):  # fmt: skip
+        model = xd.Model(
+            name="rows", coordinates={"q": "m"}, parameters={"k": "3"}, mass={"q": "1*kilogram"}, forces={}, states=states,
+            initial={"q": "1 m", "v_q": "1 m s-1", "s": "5"}, events={"e": {"function": function}},
+        )  # fmt: skip
+        run = March(model, Settings(xd.METHODS["rk4"], until=1.0, step=0.25)).run
+        run.piece[0].start, run.piece[0].end, run.piece[0].width = 0.5, 0.75, 0.25
+        n, used = run.plan[0].coordinates, run.plan[0].used
+        for state, at in ((run.y, 0.0), (run.z, 0.25)):
+            state[[0, n, used, 2 * n, used + n]] = 1.0 + at, 1.0, 0.0, 5.0 + 2.0 * at, 2.0
+        plain(enclose)(run, run.y, run.z, 0, run.parts[1])
+        place = run.detectors[0].value
+        assert (run.under[place], run.over[place]) == pytest.approx((low, high), abs=1e-12), function
+
+
 BETWEEN = """
 import sys
 import numpy as np
