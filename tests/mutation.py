@@ -1,7 +1,8 @@
 """One token of the source is made wrong at a time; the tests that touch it are to find it.
 
     python tests/mutation.py                                      all that is listed in TOUCHED
-    python tests/mutation.py model/drives.py --most 50 --seed 1   a sample of one file
+    python tests/mutation.py units.py --most 40 --seed 1          a sample of one file: of 40 in evidence, budgeting, units
+                                                                  and march/events 34 are to be found
     python tests/mutation.py march/events/locating.py --lines 38 40        all mutants of some lines
 
 A mutant is compiled in memory and takes the place of its module in a forked process: no file is ever changed, and the
