@@ -131,7 +131,14 @@ TOUCHED = {
     "dynamics/variational.py": ("test_variational.py -k gauss or resets or jumps or matrix or drives",),
     "march/events/enclosures.py": (ENCLOSED,),
     "march/events/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
-    "march/events/transition.py": (PHASES, f"test_march.py -k {EVENTS}", "test_isolation.py -k walls or forget"),
+    "march/events/transition.py": (
+        PHASES,
+        MANY,
+        "test_march.py -k observable_that or (outside and event)",
+        f"test_march.py -k {EVENTS}",
+        "test_isolation.py -k tank or forget",
+        "test_contacts.py -k plastic or impulses",
+    ),
     "evidence/matching.py": (
         "test_evidence_parts.py -k matched or known",
         "test_comparison.py -k matched",

@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -242,6 +244,46 @@ def test_two_events_at_one_time_share_a_pair() -> None:
     run = xd.simulate(particle(events=events), method="midpoint", step=0.25, until=1.0)
     assert run.event_detector.values.tolist() == [0, 1]
     assert abs(float(np.diff(run.event_time.values)[0])) < 2e-12
+
+
+SHAPES: dict[str, Callable[[float], float]] = {
+    "(t - {0}*second)/second": lambda off: off,
+    "exp(3*(t - {0}*second)/second) - 1": lambda off: float(np.exp(3.0 * off)) - 1.0,
+    "1 - exp(8*(t - {0}*second)/second)": lambda off: 1.0 - float(np.exp(8.0 * off)),
+}
+
+
+@pytest.mark.cases(100)
+def test_many_events_in_a_step_are_located_one_by_one(case: int) -> None:
+    """Assert times, brackets, order and residuals of up to six crossings in two steps, far apart, close, and at one time."""
+    rng = np.random.default_rng(case)
+    count = int(rng.integers(2, 7))
+    roots = np.round(rng.uniform(0.05, 0.95, count), 6)
+    roots[1] = roots[0] + float(rng.choice([0.0, 3e-8, 2e-4]))
+    tolerances = 10.0 ** rng.integers(-12, -2, count).astype(float)
+    shapes = [str(rng.choice([*SHAPES])) for _ in range(count)]
+    events = {
+        f"e{k}": {"function": shape.format(repr(root)), "time_tolerance": f"{tolerance!r} s"}
+        for k, (shape, root, tolerance) in enumerate(zip(shapes, roots.tolist(), tolerances.tolist(), strict=True))
+    }
+    model = xd.Model(name="clock", states={"x": {"unit": "s", "rate": "1"}}, initial={"x": "0 s"}, events=events)
+    steps: list[dict[str, Any]] = [{"method": "rk4", "step": 0.5}, {"method": "dop853", "rtol": 1e-6}]
+    run = xd.simulate(model, until=1.0, **steps[case // 20 % 2])
+    found, times, bounds = run.event_detector.values, run.event_time.values, run.event_time_bounds.values
+    assert sorted(found.tolist()) == list(range(count))
+    for row, k in enumerate(found.tolist()):
+        # those that follow within their tolerance are waited for, one behind the other
+        most = max(float(tolerances.sum()), 4e-16)
+        assert bounds[row, 0] <= roots[k] + 2e-16
+        assert roots[k] - 2e-16 <= bounds[row, 1] <= roots[k] + most * 1.001
+        assert float(run.event_residual[row]) == pytest.approx(SHAPES[shapes[k]](float(times[row]) - roots[k]), rel=1e-6, abs=1e-14)  # fmt: skip
+        assert float(run.event_direction[row]) == (-1 if shapes[k].startswith("1 -") else 1)
+    assert (np.diff(times) >= 0.0).all()
+    assert (times >= roots[found] - 2e-16).all()
+    assert run.x.values == pytest.approx(run.time.values, abs=1e-15)
+    assert (np.diff(run.event_row_before.values) >= 0).all()
+    assert (run.event_row_after.values == run.event_row_before.values + 1).all()
+    assert (run.time.values[run.event_row_before.values] == times).all()
 
 
 def test_event_on_a_grid_time_is_found_once() -> None:
