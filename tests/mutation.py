@@ -38,7 +38,8 @@ MEMORY = 8 << 30
 PATIENCE = 5.0  # times what the tests take on the source as it is
 
 # the tests that touch a file, the quickest first; each may be followed by a choice, as for -k
-EVENTS = "event and not outside or root or stop_at or bracket"
+EVENTS = "event and not outside and not many or root or stop_at or bracket"
+MANY = "test_march.py -k many_events and (40 or 20)"
 ENCLOSED = "test_enclosures.py -k rows_of or hull or tight or value or waves or poles or undefined or between"
 PHASES = "test_phases.py -k not hand_over"  # which is of what is compiled
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
@@ -64,7 +65,12 @@ TOUCHED = {
         "test_march.py -k drive",
         "test_model.py -k not (python_force or cannot_be_marched)",
     ),
-    "march/events/locating.py": (PHASES, f"test_march.py -k {EVENTS}"),
+    "march/events/locating.py": (
+        PHASES,
+        MANY,
+        f"test_march.py -k {EVENTS}",
+        "test_position_tolerance.py -k as_near and (40 or 60)",
+    ),
     "march/events/certainty.py": (PHASES, "test_isolation.py -k walls or slab or crest", "test_python_detectors.py"),
     "march/events/isolation.py": (
         PHASES,
