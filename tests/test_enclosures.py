@@ -321,10 +321,14 @@ def between_two(motion: Callable[[Floats], tuple[Floats, ...]], width: float) ->
     return found
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_polynomials_between_two_states_have_their_hull(seed: int) -> None:
+@pytest.mark.parametrize("size", [1.0, 1e6, 1e-6])
+@pytest.mark.parametrize("seed", range(3))
+def test_polynomials_between_two_states_have_their_hull(seed: int, size: float) -> None:
     """Assert that of a cubic motion, and of a state with a constant rate, enclosures end in Bernstein coefficients, to rounding."""
-    c, width = np.random.default_rng(seed).normal(size=4), float(np.random.default_rng([seed, 1]).uniform(0.1, 3.0))
+    c, width = (
+        size * np.random.default_rng(seed).normal(size=4),
+        float(np.random.default_rng([seed, 1]).uniform(0.1, 3.0)),
+    )
 
     def cubic(t: Floats) -> tuple[Floats, ...]:
         return c[0] + t * (c[1] + t * (c[2] + t * c[3])), c[1] + t * (2 * c[2] + t * 3 * c[3]), 2 * c[2] + 6 * c[3] * t
@@ -332,10 +336,10 @@ def test_polynomials_between_two_states_have_their_hull(seed: int) -> None:
     found = between_two(cubic, width)
     for order, degree in ((0, 5), (1, 3), (2, 1)):
         expected = hull(degree, *cubic(np.linspace(0.0, width, degree + 1))[order].tolist())
-        assert found["coordinate", order] == pytest.approx(expected, abs=1e-11)
+        assert found["coordinate", order] == pytest.approx(expected, abs=1e-11 * size)
     straight = between_two(lambda t: (c[0] + c[1] * t, c[1] + 0.0 * t, 0.0 * t), width)
-    assert straight["companion", 0] == pytest.approx(hull(1, c[0], c[0] + c[1] * width), abs=1e-11)
-    assert straight["companion", 1] == pytest.approx((c[1], c[1]), abs=1e-11)
+    assert straight["companion", 0] == pytest.approx(hull(1, c[0], c[0] + c[1] * width), abs=1e-11 * size)
+    assert straight["companion", 1] == pytest.approx((c[1], c[1]), abs=1e-11 * size)
 
 
 def test_enclosures_of_motion_become_tight_with_their_width() -> None:

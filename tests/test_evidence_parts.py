@@ -446,12 +446,20 @@ def test_lengths_kinds_units_and_settings_differ_too() -> None:
     shorter = bitwise(first, first.isel(step=slice(4)))
     assert dict(zip(shorter.name.values.tolist(), shorter.first_row.values.tolist(), strict=True)) == {"time": 4, "x": 4, "both": -1, "m": -1, "word": 4}  # fmt: skip
     assert shorter.attrs["first_difference"] == "variable 'time', row 4: 4.0 | no such row (4 rows)"
-    others = [first.assign(x=first.x.astype("f4", keep_attrs=True)), first.assign(x=first.x.assign_attrs(units="cm"))]
+    others = [
+        first.assign(x=one)
+        for one in (
+            first.x.astype("f4", keep_attrs=True),
+            first.x.assign_attrs(units="cm"),
+            first.x.assign_attrs(long_name="other"),
+        )
+    ]
     for other in others:
         assert bitwise(first, other).attrs["first_difference"].startswith("variable 'x', row 0: ")
     for pair, said in (((first, first.drop_vars("m")), " | absent"), ((first.drop_vars("m"), first), "absent | ")):
         assert bitwise(*pair).attrs["first_difference"].startswith("variable 'm': ")
         assert said in bitwise(*pair).attrs["first_difference"]
+        assert sorted(bitwise(*pair).first_row.values.tolist()) == [-1, -1, -1, -1, 0]
     other = bitwise(first, first.assign_attrs(solver_step=0.2, solver_rtol="x" * 90))
     assert (other.attrs["identical"], other.attrs["first_difference"]) == (0, "attribute solver_step: 0.1 | 0.2")
     assert other.attrs["settings"].split("\n") == ["solver_step: 0.1 | 0.2", f"solver_rtol: 'absent' | '{'x' * 76}…"]
@@ -475,6 +483,15 @@ def test_the_largest_difference_is_against_the_largest_value(row: int, size: flo
     other = reproduced(kept.assign_attrs(math_functions="old"), kept.assign_attrs(math_functions="new"))
     assert other.attrs["arithmetic"] == "the archive was made with the elementary functions 'old', here they are 'new'; every number has the same bits"  # fmt: skip
     assert other.attrs["identical"] == 1
+    for key, said in (
+        ("xdynamics_version", "version 1 wrote the law in other words than 2"),
+        ("schema_version", "records of schema 1 had the law in other words than those of schema 2"),
+    ):
+        pair = [kept.assign_attrs({key: one, "force_digest": one}) for one in "12"]
+        assert reproduced(*pair).attrs["arithmetic"] == f"{said}; every number has the same bits"
+        assert reproduced(*pair).attrs["identical"] == 1
+        assert reproduced(pair[0], pair[1].assign_attrs({key: "1"})).attrs["identical"] == 0
+        assert reproduced(pair[0], pair[1].assign_attrs(force_digest="1")).attrs["arithmetic"] == ""
 
 
 # ----------------------------------------------------------------------------------------------------------- companions
