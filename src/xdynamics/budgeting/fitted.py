@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xdynamics.digits import digits
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -21,7 +23,7 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
         value, doubt = float(found["estimate"][i]), float(found["standard_uncertainty"][i])
         unit = "" if units[i] == "1" else f" {units[i]}"
         bound = "; on its bound, and no more sure than that" if int(found["at_bound"][i]) else ""
-        yield f"{name:<10}{value:.9g} ± {doubt:.2g}{unit} (one standard uncertainty){bound}"
+        yield f"{name:<10}{value:.{digits(value, uncertainty=doubt)}g} ± {doubt:.2g}{unit} (one standard uncertainty){bound}"
     square, freedom = float(found.attrs["chi_square"]), int(found.attrs["degrees_of_freedom"])
     if isfinite(square):
         yield f"fit       chi-square {square:.4g} for {freedom} degrees of freedom; {_judged(square, freedom)}"

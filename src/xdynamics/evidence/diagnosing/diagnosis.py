@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
+from xdynamics.digits import digits
 from xdynamics.dynamics.inside import model_of, sampled
 from xdynamics.evidence.companion import Companion, check_whole, companion_of, global_error
 from xdynamics.evidence.diagnosing import chaos
@@ -44,6 +45,7 @@ PARTS = 64  # of a cycle, at which an area is looked at
 MEANT = 512  # of a cycle, besides accepted states, by which a mean is taken
 LOOKED_AT = 400  # times at which a run is held against its companion
 KEPT = ("solver_method", "solver_step", "solver_rtol", "model_digest")  # attributes of the run
+UNTOLD, LONGEST = 6, 9  # digits in lines of what nothing tells the uncertainty of, and of what something does
 BANDED = ("energy", "observable")  # roles of what may be conserved
 
 
@@ -406,7 +408,7 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
             shown += (
                 f", scaled {float(found[over]):.3g} by {_scale_in_words(found, str(name))}" if over in found else ""
             )
-            yield f"{name} = {float(one):.9g}{units}{shown}"
+            yield f"{name} = {float(one):.{_digits_of(found, str(name))}g}{units}{shown}"
     yield from chaos.exponents_in_words(found)
     if "cycle_doubt" in found.attrs:
         yield f"attention: {found.attrs['cycle_doubt']}"
@@ -414,7 +416,19 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
         yield f"cycles of {cycles_said(found)}: {found.sizes[CYCLE]}, phases beside {found.attrs['reference']}"
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):
             one = found[name]
-            yield f"{name} = {float(one[0]):.9g} in the first cycle, {float(one[-1]):.9g} in the last, {one.attrs['units']}"
+            first, last = (
+                f"{float(one[k]):.{_digits_of(found, name, k)}g}{behind(one.attrs['units'])}" for k in (0, -1)
+            )
+            yield f"{name} = {first} in the first cycle, {last} in the last"
+
+
+def _digits_of(found: xr.Dataset, name: str, cycle: int | None = None) -> int:
+    """Return how many digits a number of a diagnosis is written with: six, or as its own uncertainty says."""
+    of = f"{name}_uncertainty"
+    if of not in found:
+        return UNTOLD
+    value, doubt = (float(one if cycle is None else one[cycle]) for one in (found[name], found[of]))
+    return min(digits(value, uncertainty=doubt), LONGEST)
 
 
 def _scale_in_words(found: xr.Dataset, norm: str) -> str:

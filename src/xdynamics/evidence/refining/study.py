@@ -76,8 +76,9 @@ class Study:
             if str(run.attrs["run_outcome"]) in GOOD or float(run["time"][-1]) >= float(times.max()):
                 continue
             unit = behind(self.levels.varied.units or self.levels.model.time_unit.text)
+            second = behind(self.levels.model.time_unit.text)
             raise InputError(
-                f"the level with {self.levels.varied.name} = {value:.6g}{unit} ended before t = {float(times.max()):.9g} s, as"
+                f"the level with {self.levels.varied.name} = {value:.6g}{unit} ended before t = {float(times.max()):.9g}{second}, as"
                 f" '{run.attrs['run_outcome']}': {run.attrs['run_outcome_text']}; leave that level out, or change what ended it"
             )
 
