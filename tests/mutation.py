@@ -247,6 +247,7 @@ TOUCHED = {
         "test_tabulated.py -k not (columns or kept_in)",
     ),
     "budgeting/target.py": (
+        "test_budget_parts.py -k places or extreme",
         QUANTITIES,
         "test_extremes.py -k budget or named",
         "test_budget.py -k cannot_be or without_a_unit",

@@ -446,6 +446,18 @@ def test_declared_terms_have_a_name(name: Any) -> None:
     assert kept.term(Target("s", 1.0), parse_unit("g")).rule == "by the maker"
 
 
+def test_numbers_are_named_with_their_places() -> None:
+    """Assert times, sides, occurrences and extremes in words, and no seconds where time has none."""
+    assert [one.said for one in (
+        Target("y", 1.5), Target("y", 1.5, second="1"), Target("y", event="ground"), Target("v_y", event="floor", occurrence=3, side="after"),
+        Target("t", event="ground"), Target("t", event="floor", occurrence=2), Target("maximum_v_y"), Target("minimum_force_drag_y"),
+    )] == [
+        "y at t = 1.5 s", "y at t = 1.5", "y before ground", "v_y after floor number 3", "time of ground", "time of floor number 2",
+        "maximum of v_y", "minimum of force_drag_y",
+    ]  # fmt: skip
+    assert (Target("maximum_v_y").extreme, Target("minimum_y").extreme, Target("y", 1.0).extreme) == (("v_y", 1.0), ("y", -1.0), None)  # fmt: skip
+
+
 def fitted_in_words(**more: Any) -> xr.Dataset:
     """A fit made by hand: two numbers, of which the second is on its bound, that are correlated by 0.95."""
     found = xr.Dataset({
