@@ -271,3 +271,172 @@ def test_a_whole_record_says_nothing_of_it() -> None:
     assert xd.content_digest(run) == xd.content_digest(xd.simulate(PENDULUM, method="rk4", step=1e-2, until=1.0))
     assert "step_number" not in run
     assert KEEP_EVERY not in run.attrs
+
+
+COLUMNS = (
+    "coordinate",
+    "velocity",
+    "state",
+    "acceleration",
+    "force",
+    "energy",
+    "observable",
+    "reaction",
+    "gap",
+    "error",
+    "effort",
+)
+
+
+@pytest.mark.cases(400)
+@pytest.mark.usefixtures("small")
+def test_left_out_columns_come_back_to_the_bits(case: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert columns of random logs, their reproduction, and the whole run's digest when they are completed."""
+    rng = random.Random(5000 + case)
+    model, asked = drawn(rng)
+    whole = xd.simulate(model, **asked)
+    named = [
+        str(name) for name, one in whole.variables.items() if one.attrs["role"] in COLUMNS and one.dims == ("step",)
+    ]
+    log: Any = rng.choice(["states", rng.sample(named, rng.randint(1, min(4, len(named))))])
+    more = {"log": log, "keep_every": rng.choice([1, 1, 4, 1000]), "compress": rng.random() < 0.5}
+    monkeypatch.setattr("xdynamics.march.runner.THINNED_BLOCK", rng.choice([17, 4000]))
+    way, path = rng.choice(["memory", "streamed", "resumed"]), tmp_path / "run.nc"
+    monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 100)
+    monkeypatch.setattr(segments, "EVERY", 0.0)
+    monkeypatch.setattr(segments.Segments, "patience", float("inf"))
+    run = marched(model, asked | more, way, path, rng)
+    rows = run["step_number"].values if "step_number" in run else np.arange(whole.sizes["step"])
+    always = {
+        name
+        for name, one in whole.variables.items()
+        if one.dims == ("step",) and one.attrs["role"] in ("time", "step_size", "flag")
+    }
+    of_states = {name for name in named if whole[name].attrs["role"] in ("coordinate", "velocity", "state", "error")}
+    wanted = (
+        always | (of_states if log == "states" else set(log)) | ({"step_number"} if "step_number" in run else set())
+    )
+    assert {name for name, one in run.variables.items() if one.dims == ("step",)} == wanted
+    assert "sample_time" not in run
+    for name in wanted - {"step_number"}:
+        assert run[name].values.tobytes() == np.ascontiguousarray(whole[name].values[rows]).tobytes(), name
+    if way == "memory":
+        xd.save(run, path)
+    run.close()
+    assert xd.reproduce(path).attrs["identical"] == 1
+    assert xd.content_digest(xd.complete(path)) == xd.content_digest(whole)
+
+
+def test_missing_columns_are_named_with_what_adds_them() -> None:
+    """Assert that stages which need a column that was left out name it, and `complete`."""
+    asked: dict[str, Any] = {"method": "rk4", "step": 1e-2, "until": 2.0}
+    run = xd.simulate(PENDULUM, **asked, log=["theta"])
+    said = r"it was marched with log = \['theta'\]: xdynamics.complete\(run\)"
+    with pytest.raises(xd.InputError, match=f"has no variable 'v_theta' of its model; {said}"):
+        xd.sample(run, 0.5)
+    with pytest.raises(
+        xd.InputError, match=f"a diagnosis needs all columns of a run's log, and this record has not: {said}"
+    ):
+        xd.diagnose(run)
+    states = xd.simulate(PENDULUM, **asked, log="states")
+    assert float(xd.sample(states, 0.555)["theta"][0]) == float(
+        xd.sample(xd.simulate(PENDULUM, **asked), 0.555)["theta"][0]
+    )
+    ball = xd.Model.from_toml(MODELS / "moving_table.toml")
+    bare = xd.simulate(ball, log=["y"], until="1 s")
+    with pytest.raises(xd.InputError, match="cannot be extended, it has no v_y"):
+        xd.extend(bare, until="2 s")
+    assert xd.content_digest(xd.extend(run, until=3.0)) == xd.content_digest(
+        xd.simulate(PENDULUM, **asked | {"until": 3.0}, log=["theta"], nodes=[2.0])
+    )
+
+
+def test_completed_rows_of_all_columns() -> None:
+    """Assert that a record can be completed in its columns alone."""
+    asked: dict[str, Any] = {"method": "rk4", "step": 1e-2, "until": 2.0}
+    run = xd.simulate(PENDULUM, **asked, keep_every=10, log=["theta"])
+    found = xd.complete(run, keep_every=10)
+    assert xd.content_digest(found) == xd.content_digest(xd.simulate(PENDULUM, **asked, keep_every=10))
+
+
+def test_what_does_not_come_out_again_is_named(tmp_path: Path) -> None:
+    """Assert that a record whose rows are of another run is not completed by this one's."""
+    from odd import changed
+
+    def harm(run: xr.Dataset) -> None:
+        run["theta"].values[3] += 1e-9
+
+    run = xd.simulate(PENDULUM, method="rk4", step=1e-2, until=2.0, log=["theta"])
+    path = changed(xd.save(run, tmp_path / "run.nc"), tmp_path / "harmed.nc", harm)
+    with pytest.raises(xd.ArchiveError, match="'theta' comes to other bits than were kept"):
+        xd.complete(path)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            "everything",
+            r"log is 'everything'; there are 'full', 'states', or a list of variables, like \['everything'\]",
+        ),
+        ([], r"log is \[\], needs 'full', 'states' or a list"),
+        ([1], r"log is \[1\], needs 'full', 'states' or a list"),
+        (3, "log is 3, needs 'full', 'states' or a list"),
+        (["theeta"], "log names 'theeta', which is no column of this run's log.*theta"),
+        (["event_time"], "log names 'event_time', which is no column"),
+        (["m"], "log names 'm', which is no column"),
+    ],
+)
+def test_wrong_log_is_refused(given: Any, said: str, tmp_path: Path) -> None:
+    """Assert one line with what there is, before anything is marched or written."""
+    for more in ({}, {"path": tmp_path / "run.nc"}):
+        with pytest.raises(xd.InputError, match=said):
+            xd.simulate(PENDULUM, method="rk4", step=1e-2, until=1.0, log=given, **more)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("given", ["1", '"zlib"', '["x"]'])
+def test_wrong_compression_is_refused(given: str) -> None:
+    """Assert that compress is true or false, in Python and in a model."""
+    with pytest.raises(xd.InputError, match="compress is 1, needs true or false"):
+        xd.simulate(PENDULUM, method="rk4", step=1e-2, until=1.0, compress=1)  # type: ignore[arg-type]
+    with pytest.raises(xd.ModelError, match="compress is .* needs true or false"):
+        xd.Model.from_text(PENDULUM.to_toml().replace("[run]", f"[run]\ncompress = {given}"))
+
+
+def test_compressed_archive_has_the_same_digest_in_fewer_bytes(tmp_path: Path) -> None:
+    """Assert the digest, that it is verified, signed, resumed and read with another process's care, and what it says of itself."""
+    asked: dict[str, Any] = {"method": "rk4", "step": 1e-3, "until": 20.0}
+    plain, small = (tmp_path / f"{name}.nc" for name in ("plain", "small"))
+    xd.simulate(PENDULUM, **asked, path=plain).close()
+    with xd.simulate(PENDULUM, **asked, path=small, compress=True) as run:
+        assert run.attrs["archive_compression"].startswith("zlib")
+        assert xd.content_digest(run) == xd.verify(plain) == xd.verify(small)
+        assert xd.save(run, tmp_path / "again.nc").stat().st_size < 0.7 * plain.stat().st_size
+        xd.save(run, tmp_path / "loose.nc", compress=False)
+    assert small.stat().st_size < 0.6 * plain.stat().st_size < 0.7 * (tmp_path / "loose.nc").stat().st_size
+    from xdynamics.archive import examiner
+    from xdynamics.archive.seals import tail_of
+
+    found = examiner._EXAMINER.examine(small, tail_of(small))
+    assert (found.faults, found.digest) == ((), xd.verify(plain))
+
+
+def test_compressed_zeros_are_read_however_many(tmp_path: Path) -> None:
+    """Assert that what compresses best, a body at rest in many columns, stays within what a reader takes for sound."""
+    from xdynamics.archive import examiner
+    from xdynamics.archive.seals import tail_of
+
+    names = [f"q{i}" for i in range(12)]
+    still = xd.Model(
+        name="Still",
+        coordinates=dict.fromkeys(names, "m"),
+        parameters={"m": "1 kg"},
+        mass=dict.fromkeys(names, "m"),
+        initial=dict.fromkeys(names, "0 m") | {f"v_{one}": "0 m s-1" for one in names},
+        forces={"none": dict.fromkeys(names, "0*newton")},
+    )
+    path = tmp_path / "still.nc"
+    xd.simulate(still, method="rk4", step=0.5, until=100_000.0, force_samples="none", path=path, compress=True).close()
+    found = examiner._EXAMINER.examine(path, tail_of(path))
+    assert found.faults == ()

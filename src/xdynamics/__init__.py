@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from xdynamics.budgeting.fitting import fit
     from xdynamics.budgeting.term import Declared
     from xdynamics.bundling import bundle, recheck
+    from xdynamics.completion import complete
     from xdynamics.documenting.document import document
     from xdynamics.evidence.companion import companion
     from xdynamics.evidence.comparing.comparison import compare
@@ -63,19 +64,19 @@ if TYPE_CHECKING:
 _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults", "SignatureWarning": "faults",
     "StabilityWarning": "faults", "animate": "figures.animation",
-    "check": "record", "companion": "evidence.companion", "Declared": "budgeting.term", "Draws": "sweeping.designs", "error_budget": "budgeting.budget", "certify": "budgeting.certificate", "fit": "budgeting.fitting", "bundle": "bundling", "document": "documenting.document", "recheck": "bundling", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
+    "check": "record", "complete": "completion", "companion": "evidence.companion", "Declared": "budgeting.term", "Draws": "sweeping.designs", "error_budget": "budgeting.budget", "certify": "budgeting.certificate", "fit": "budgeting.fitting", "bundle": "bundling", "document": "documenting.document", "recheck": "bundling", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
     "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "sign": "archive.signatures", "simulate": "simulation", "solve": "solving", "sweep": "sweeping.sweep", "contrast": "sweeping.surveying", "convergence": "sweeping.surveying", "influences": "sweeping.surveying", "precision": "sweeping.surveying", "ragged": "sweeping.ragged", "sensitivities": "sweeping.surveying", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "sweeping.catalogue",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "AccuracyWarning", "ArchiveError", "Declared", "Draws", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "SignatureWarning", "StabilityWarning", "animate", "bundle", "certify", "check", "companion", "compare", "content_digest", "contrast", "convergence", "diagnose", "discard", "document", "error_budget", "extend", "fit", "influences", "limiting", "manufactured", "member", "modes", "open_run", "open_sweep",
+    "METHODS", "AccuracyWarning", "ArchiveError", "Declared", "Draws", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "SignatureWarning", "StabilityWarning", "animate", "bundle", "certify", "check", "companion", "compare", "complete", "content_digest", "contrast", "convergence", "diagnose", "discard", "document", "error_budget", "extend", "fit", "influences", "limiting", "manufactured", "member", "modes", "open_run", "open_sweep",
     "plot", "precision", "ragged", "recheck", "refine", "report", "reproduce", "sample", "save", "sensitivities", "sign", "simulate", "sobol_indices", "solve", "sweep", "validate", "verify", "verify_signature",
 ]  # fmt: skip
 
 
 # verbs that take records, with units as attributes or in their arrays
-_OF_RECORDS = ("animate", "check", "companion", "compare", "content_digest", "diagnose", "extend", "modes", "plot", "sample", "save", "contrast", "convergence", "influences", "precision", "sensitivities", "ragged")  # fmt: skip
+_OF_RECORDS = ("animate", "check", "companion", "compare", "complete", "content_digest", "diagnose", "extend", "modes", "plot", "sample", "save", "contrast", "convergence", "influences", "precision", "sensitivities", "ragged")  # fmt: skip
 
 _entered = entrance(__name__, _ROOMS, beside="accessor", through={"quantified.taking": _OF_RECORDS})
 

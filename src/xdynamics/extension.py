@@ -19,7 +19,7 @@ from xdynamics.march.memory import go_on
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, evaluated_many, tables_of
-from xdynamics.record.kinds import said_of
+from xdynamics.record.kinds import said_of, said_of_log
 from xdynamics.record.provenance import asked_of
 from xdynamics.schema import (
     END_MEMORY,
@@ -131,6 +131,10 @@ def _extended(
     places = {str(name): tuple(one.dims) for name, one in kept.variables.items()}
     needed = {one.variable.name: one.variable.dims for one in record.columns(march)}
     missing = [name for name, dims in needed.items() if places.get(name) != dims]
+    if march.layout.reactions or march.layout.smooth:  # energies of impacts and switches that were passed are of states
+        left_out = [name for name in march.layout.used if name not in places]
+        if left_out and (said := said_of_log(kept.attrs)):
+            raise InputError(f"the run cannot be extended, it has no {', '.join(left_out)}; {said}")
     if missing:
         raise InputError(
             f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run, or march anew what an older version made"
@@ -182,6 +186,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     rows = kept.sizes[STEPS] if march.thinning is None else int(kept[STEP_NUMBER.name][-1]) + 1
     if march.thinning:
         march.thinning.stand_behind(kept.sizes[STEPS])
+    if march.settings.partial:
         memory, numbers, march.witnesses = _witnesses(march, memory, numbers, rows)
     go_on(march.run, memory, numbers)
     now = march.now
@@ -197,7 +202,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
         march.misplaced = np.array([one.name in far for one in march.layout.watched])
     _recall_passed(kept, march)
     march.event_pairs = int((kept["row_kind"].values == EVENT_AFTER).sum())
-    if march.thinning:
+    if march.settings.partial:
         return
     stride = march.stride(rows)
     found = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}

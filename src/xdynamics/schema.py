@@ -58,9 +58,11 @@ ENERGIES = {
     "total_energy": "kinetic and potential energy",
 }
 
+COMPRESSION_WORDS = "zlib of level 1, bytes shuffled: without loss"
+COMPRESSION = "archive_compression"  # how an archive is compressed, or a record is to be
 # facts about when and where a run was made: in the archive, out of every digest but the one of their own
 VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba_version", "llvmlite_version",
-            "xarray_version", "cpu_name", "cpu_features", "wall_time", "xdynamics_version", "archive_seal",
+            "xarray_version", "cpu_name", "cpu_features", "wall_time", "xdynamics_version", "archive_seal", COMPRESSION,
             "volatile_digest",
             # by a library's eigenvalues, whose last bits may carry over into the digits that are kept
             "run_slowest_period", "run_slowest_periods")  # fmt: skip
@@ -81,6 +83,8 @@ BY_STEP_CONTROL = {
     "adaptive": ("solver_rtol", "solver_first_step", "solver_first_step_choice", "solver_safety", "solver_growth_limits",
                  "solver_min_step", "solver_max_step", "solver_max_steps"),
 }  # fmt: skip
+# of a record without all columns: which, and where they were chosen one by one, their names
+LOG, LOGGED, CHOSEN = "solver_log", "solver_log_variables", "chosen"
 KEEP_EVERY = "solver_keep_every"  # of a record whose rows are not all that were marched
 NUMBERS = (
     "solver_order", "solver_until", "solver_step", "solver_rtol", "solver_first_step", "solver_safety",

@@ -61,6 +61,8 @@ def simulate(
     time_tolerance: str | float | None = None,
     math_functions: str | None = None,
     keep_every: int | None = None,
+    log: str | Sequence[str] | None = None,
+    compress: bool | None = None,
     times: Sequence[float | str] | str | float | None = None,
     memory: str | float | None = None,
     progress: Progress | None = None,
@@ -122,7 +124,14 @@ def simulate(
         Record every n-th row of the grid alone (of chosen and given steps, every n-th row of the march), beside those of
         events, of `nodes` and of both ends; `step_number` says which row of the march each is. The march is the same, and
         what is kept of it has the same bits. `reproduce`, `extend` and `resume` take such a record; what needs every row,
-        like states between, says so.
+        like states between, says so, and `complete` marches them again.
+    log : {"full", "states"} or list of str
+        Which columns to record: all; times, steps, flags, coordinates, velocities, states and their errors; or beside
+        times, steps and flags those that are named, ``["x", "total_energy"]``. Events and rejected trials are whole.
+        `complete` adds the rest, to the bits.
+    compress : bool
+        Whether an archive of the run is compressed, by zlib with shuffled bytes: the same numbers and digests, in half of
+        the bytes (a trajectory) to a seventh of them (what hardly changes); see `save` for what it costs.
     times : array_like of float, s; or text like ``"0:20:201 s"``
         Return the states at these times, what `sample` gives of the run, along `at`, in the place of the record; those
         behind an early end are left out. Accepted states joined by straight lines may be far off. With `path` the file
@@ -176,6 +185,7 @@ def simulate(
         "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
         "jacobian": jacobian, "summation": summation, "nodes": nodes, "switches": switches,
         "time_tolerance": time_tolerance, "math_functions": math_functions, "keep_every": keep_every,
+        "log": log, "compress": compress,
     }  # fmt: skip
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from xdynamics.archive.bounds import foreign, oversize
+from xdynamics.archive.bounds import declared, foreign, oversize
 from xdynamics.archive.inventory import Inventory, inventory
 from xdynamics.archive.library import DAMAGE, alone, opened, read, words_of
 from xdynamics.archive.library import attributes as attributes_of
@@ -40,7 +41,7 @@ class Examination:
             raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(self.faults)}", self.faults)
 
 
-def examine(path: Path, tail: Tail) -> Examination:
+def examine(path: Path, tail: Tail, granted: Callable[[int], None] | None = None) -> Examination:
     """Compare an archive with everything that it says of itself, in this process; see first what is in it.
 
     Parameters
@@ -48,6 +49,8 @@ def examine(path: Path, tail: Tail) -> Examination:
     path : Path
     tail : Tail
         What stands at its end, as `tail_of` found it.
+    granted : callable, optional
+        Told how many bytes are to be read, once the file may have that many.
     """
     faults = [tail.fault] if tail.fault else []
     try:
@@ -56,10 +59,12 @@ def examine(path: Path, tail: Tail) -> Examination:
         return Examination((*faults, f"it cannot be read: {words_of(error)}"))
     if objects.faults:  # nothing of it is opened: the netCDF library follows what it finds
         return Examination((*faults, *objects.faults))
-    return compare(path, tail, objects)
+    return compare(path, tail, objects, granted)
 
 
-def compare(path: Path, tail: Tail, objects: Inventory | None = None) -> Examination:
+def compare(
+    path: Path, tail: Tail, objects: Inventory | None = None, granted: Callable[[int], None] | None = None
+) -> Examination:
     """Compare an archive, all of whose bytes are known here, with everything that it says of itself.
 
     Parameters
@@ -68,18 +73,22 @@ def compare(path: Path, tail: Tail, objects: Inventory | None = None) -> Examina
     tail : Tail
     objects : Inventory, optional
         What is in it, where others wrote it.
+    granted : callable, optional
+        As above.
     """
     faults = [tail.fault] if tail.fault else []
     try:
         with opened(path) as file:
-            return _examined(path, file, tail, faults, objects)
+            if bounds := oversize(path, file):
+                return Examination((*faults, *bounds))
+            if granted:
+                granted(declared(file))
+            return _examined(file, tail, faults, objects)
     except DAMAGE as error:
         return Examination((*faults, f"it cannot be read: {words_of(error)}"))
 
 
-def _examined(path: Path, file: Any, tail: Tail, faults: list[str], objects: Inventory | None) -> Examination:
-    if bounds := oversize(path, file):
-        return Examination((*faults, *bounds))
+def _examined(file: Any, tail: Tail, faults: list[str], objects: Inventory | None) -> Examination:
     faults += foreign(file)
     attributes = attributes_of(file)
     if objects is not None:

@@ -14,15 +14,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from xdynamics.archive.bounds import MOST_PACKED
 from xdynamics.archive.examination import Examination, compare, examine
 from xdynamics.archive.examining import READY
 from xdynamics.archive.seals import Tail
 
 SECONDS = 1.5  # of processor time for a small file
 BYTES_PER_SECOND = 20_000_000  # of processor time for a large one, a tenth of what it takes
+UNPACKED_PER_SECOND = 100_000_000  # more, of what is compressed
 MEMORY = 200_000_000  # bytes beside the libraries
 WAITED = 10  # times as long by the clock, and a little for a machine that is busy
 STARTING = 30.0
+LONGEST = 1e6  # s, which a clock can wait for
 
 # digests of files that were written here, or read whole without a fault
 _known: set[str] = set()
@@ -69,10 +72,12 @@ class _Examiner:
             Bytes that reading it may take.
         """
         seconds += path.stat().st_size / BYTES_PER_SECOND
-        question = {"path": os.fspath(path.absolute()), "tail": vars(tail), "seconds": seconds, "memory": memory}
+        unpacking = path.stat().st_size * MOST_PACKED / UNPACKED_PER_SECOND
+        question = {"path": os.fspath(path.absolute()), "tail": vars(tail), "seconds": seconds, "memory": memory,
+                    "bytes_per_second": UNPACKED_PER_SECOND}  # fmt: skip
         with self._turn:
             try:
-                answer = self._asked(json.dumps(question), WAITED * seconds + STARTING)
+                answer = self._asked(json.dumps(question), min(WAITED * (seconds + unpacking) + STARTING, LONGEST))
             except BaseException:
                 self.end()
                 raise

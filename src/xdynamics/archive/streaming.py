@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import chain
 from pathlib import Path
@@ -77,7 +77,7 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
     spec, rows = record.columns(march), iter(before)
     first = next(rows, None)
     if first:
-        _define(writer, spec, {})
+        _define(writer, spec, {}, compress=march.settings.compress)
         for name, values in chain([first], rows):
             writer.append(name, values)
         if len(segments):
@@ -86,7 +86,8 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
     with ThreadPoolExecutor(1) as pool:
         for block in march.blocks(_rows(march), segments.patience):
             if not writer.filled:
-                _define(writer, spec, _sizes(block) if march.is_over and not march.waits else {})
+                sizes = _sizes(block) if march.is_over and not march.waits else {}
+                _define(writer, spec, sizes, compress=march.settings.compress)
             parts = [(column.variable.name, column.take(block)) for column in spec]
             _settle(pending)
             pending = [pool.submit(writer.write, parts)]
@@ -101,7 +102,9 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
             writer.append(column.variable.name, column.take(rest))
 
 
-def _define(writer: Writer, spec: Iterable[record.Column], sizes: Mapping[str, int]) -> None:
+def _define(writer: Writer, spec: Sequence[record.Column], sizes: Mapping[str, int], *, compress: bool) -> None:
+    if compress:
+        writer.pack({one.variable.name: (one.variable.dims[0], np.dtype(one.variable.dtype).itemsize) for one in spec})
     for column in spec:
         one = column.variable
         writer.define(one.name, one.dims, np.dtype(one.dtype), one.attributes, sizes)

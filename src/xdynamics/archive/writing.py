@@ -7,6 +7,7 @@ import os
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,16 @@ from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.kinds import is_evidence, left_out_atols
-from xdynamics.schema import DERIVED, DERIVED_FROM, EVIDENCE, LEFT_OUT_ATOL, ORIGIN, SELECTION, SELECTION_OF
+from xdynamics.schema import (
+    COMPRESSION,
+    DERIVED,
+    DERIVED_FROM,
+    EVIDENCE,
+    LEFT_OUT_ATOL,
+    ORIGIN,
+    SELECTION,
+    SELECTION_OF,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,7 +45,7 @@ _PARTIAL = ".partial"
 READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
 
 
-def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None) -> Path:
+def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None, compress: bool | None = None) -> Path:
     """Write a run to a netCDF4 file.
 
     The file is written under a temporary name in the same folder, closed, opened again and checked, and takes its
@@ -51,6 +61,10 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None) -> Pa
         How the record was made from a run, like ``"x scaled by 1.1"``: it is saved as derived data, whose attributes
         say so and name the run, and which `verify` and `reproduce` take for no run.
 
+    compress : bool, optional
+        Whether to compress it, without loss, by zlib with shuffled bytes; by default as the run was marched, or read. Its
+        digests are the same. COSTS
+
     Returns
     -------
     Path
@@ -65,10 +79,14 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None) -> Pa
     ArchiveError
         If the file cannot be written; the final name is untouched.
     """
+    if not isinstance(compress, bool | None):
+        raise InputError(f"compress is {compress!r}, needs true or false")
     run = _declared(run, derived)
     record.check(run, values=derived is not None)  # without, they were looked at before
     check_no_table(Path(path), _tables(run))
     with new_file(Path(path)) as writer:
+        if COMPRESSION in run.attrs if compress is None else compress:
+            writer.pack({str(name): (str(one.dims[0]), one.dtype.itemsize * prod(one.shape[1:])) for name, one in run.variables.items() if one.dims and one.dtype.kind in "fiu"})  # fmt: skip
         # what bears the name of a dimension that it is not along comes behind that, or the library cannot write the file
         for name, variable in sorted(run.variables.items(), key=lambda one: one[0] in run.dims and one[0] not in one[1].dims):  # fmt: skip
             sizes = {str(dim): n for dim, n in zip(variable.dims, variable.shape, strict=True) if n}

@@ -12,6 +12,7 @@ EXAMPLES = {
     "certify": "xdynamics certify data/models/rocket_c6.toml --quantity y --event apogee -o apogee.nc",
     "check": "xdynamics check data/models/ball_drag.toml",
     "compare": "xdynamics compare ball.nc fine.nc",
+    "complete": "xdynamics complete orbit.nc -o whole.nc",
     "diagnose": "xdynamics diagnose orbit.nc -o diagnosis.nc",
     "discard": "xdynamics discard ball.nc",
     "extend": 'xdynamics extend orbit.nc --until "60 s" -o longer.nc',

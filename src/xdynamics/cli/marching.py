@@ -59,6 +59,8 @@ if TYPE_CHECKING:
 )
 @click.option("--node", "nodes", multiple=True, metavar="TIME", help="A time to land on, like '1 s'.")
 @click.option("--keep-every", metavar="N", help="Record every N-th row of the grid, beside events and ends.")
+@click.option("--log", metavar="COLUMNS", help="full (default), states, or variables to record, like x,total_energy.")
+@click.option("--compress", is_flag=True, default=None, help="Compress the archive, without loss.")
 @click.option("--json", "as_json", is_flag=True, help="For scripts: print outcome, end and events as JSON.")
 @click.option("--times", metavar="TIMES", help="Write the states at these times too, like '0:20:201 s', into RUN.csv.")
 @click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
@@ -89,6 +91,8 @@ def run(
     scales: tuple[str, ...],
     nodes: tuple[str, ...],
     keep_every: str | None,
+    log: str | None,
+    compress: bool | None,
     as_json: bool,
     times: str | None,
     resume: bool,
@@ -110,6 +114,8 @@ def run(
         "switches": switches,
         "time_tolerance": time_tolerance,
         "keep_every": keep_every,
+        "log": log if log in (None, "full", "states") else [one.strip() for one in str(log).split(",")],
+        "compress": compress,
     }
     if times is not None:
         from xdynamics.march.asking import settings_for
@@ -151,6 +157,19 @@ def extend(archive: str, until: str, output: str, resume: bool) -> None:
     with progress() as told:
         longer = extended(archive, until=until, path=output, resume=resume, progress=told)
     _close(longer, output)
+
+
+@main.command()
+@click.argument("archive", metavar="RUN.nc")
+@click.option("-o", "--output", required=True, metavar="WHOLE.nc", help="The archive to write.")
+@click.option("--keep-every", type=int, default=1, metavar="N", help="Every N-th row alone, of all columns.")
+def complete(archive: str, output: str, keep_every: int) -> None:
+    """Add what --log and --keep-every left out of a run, to the bits: it is marched again and compared."""
+    from xdynamics.completion import complete as completed
+
+    with progress() as told:
+        whole = completed(archive, keep_every=keep_every, path=output, progress=told)
+    _close(whole, output)
 
 
 def _close(finished: xr.Dataset, output: str, *, as_json: bool = False) -> None:

@@ -24,7 +24,7 @@ from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.columns import state_name
-from xdynamics.record.kinds import RARE, rows_apart
+from xdynamics.record.kinds import RARE, rows_apart, said_of_log
 from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
 from xdynamics.schema import AT, AT_TIME, STEPS
 from xdynamics.units import SECONDS, Range, Unit, behind, is_range, time_in
@@ -74,7 +74,8 @@ class Inside:
         units = {name: unit.text for name, unit in inside.model.units.items()}
         for name in inside.layout.used:
             if name not in run.variables:
-                raise InputError(f"the record has no variable '{name}' of its model; sample the whole record")
+                said = said_of_log(run.attrs) or "sample the whole record"
+                raise InputError(f"the record has no variable '{name}' of its model; {said}")
             if run[name].attrs.get("units") != units[name]:
                 raise InputError(f"'{name}' is in {run[name].attrs.get('units')!r}, needs '{units[name]}' as it was recorded; convert what was sampled")  # fmt: skip
         return inside

@@ -19,6 +19,7 @@ from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of
 from xdynamics.model.reactions import NORMAL, holds, reactions, way
 from xdynamics.record.columns import state_name
+from xdynamics.record.kinds import said_of_log
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -120,6 +121,8 @@ def evaluated_on(
     at[REGIME_NUMBER] = run["regime"].values[rows].astype(float) if "regime" in run else np.zeros(rows.size)
     led_to = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
     names = [name for one in reactions(model) for name in (state_name(one), one.name)]
+    if missing := [name for name in names if name not in run.variables]:
+        raise InputError(f"what is computed between rows needs {', '.join(missing)}; {said_of_log(run.attrs) or 'take the whole record'}")  # fmt: skip
     at |= modes_behind(model, {name: run[name].values for name in names}, rows, led_to)
     functions = kept_set(run.attrs.get("math_functions"))
     found = evaluated_many(model, trees, at, constants(model), tables_of(model), functions)

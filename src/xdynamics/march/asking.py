@@ -12,7 +12,7 @@ import numpy as np
 
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
-from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings, Tolerances
+from xdynamics.march.settings import FULL, STATES, TIME_TOLERANCE, Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
 from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
@@ -26,7 +26,7 @@ from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, ti
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
 KNOWN = (*RUN_KEYS, "nodes", "math_functions")  # settings, of which a model file has all but these two
-THINNING = ("keep_every",)  # settings that leave something out of a record
+THINNING = ("keep_every", "log")  # settings that leave something out of a record
 PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 
 
@@ -75,6 +75,8 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         _time_tolerance(model, chosen),
         str(chosen.get("math_functions") or NAME),
         _whole(chosen.get("keep_every", 1), "keep_every"),
+        log_asked(chosen.get("log", FULL)),
+        _switch(chosen.get("compress", False), "compress"),
     )
     settings.check(model)
     return settings
@@ -89,8 +91,8 @@ def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
         If something is asked to be left out, or something else is wrong.
     """
     if left := [name for name in THINNING if asked.get(name) is not None]:
-        raise InputError(f"{' and '.join(left)} {'is' if len(left) == 1 else 'are'} of `simulate` and `xdynamics run`: here every row of a march is needed")  # fmt: skip
-    return replace(settings_for(model, **asked), keep_every=1)
+        raise InputError(f"{' and '.join(left)} {'is' if len(left) == 1 else 'are'} of `simulate` and `xdynamics run`: here all rows and columns of a march are needed")  # fmt: skip
+    return replace(settings_for(model, **asked), keep_every=1, log=FULL, compress=False)
 
 
 def _joined(defaults: Mapping[str, Any], asked: dict[str, Any]) -> dict[str, Any]:
@@ -182,6 +184,29 @@ def _number(value: Any, name: str) -> float:
     except (TypeError, ValueError):
         remedy = "; for one variable write {'y': '1 um'}" if name == "atol" else ""
         raise InputError(f"{name} is {value!r}, needs a number{remedy}") from None
+
+
+def log_asked(given: Any) -> str | tuple[str, ...]:
+    """Read which columns of the log are recorded.
+
+    Raises
+    ------
+    InputError
+        If it is no word for that, and no list of names.
+    """
+    if isinstance(given, str):
+        if given in (FULL, STATES):
+            return given
+        raise InputError(f"log is {given!r}; there are '{FULL}', '{STATES}', or a list of variables, like ['{given}']")
+    if not isinstance(given, list | tuple) or not given or not all(isinstance(one, str) for one in given):
+        raise InputError(f"log is {given!r}, needs '{FULL}', '{STATES}' or a list of variables, like ['x', 'total_energy']")  # fmt: skip
+    return tuple(dict.fromkeys(given))
+
+
+def _switch(value: Any, name: str) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"{name} is {value!r}, needs true or false")
+    return value
 
 
 def _whole(value: Any, name: str) -> int:

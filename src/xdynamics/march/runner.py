@@ -110,13 +110,13 @@ class March:
         ----------
         rows : int, optional
             Rows a block holds. Two logs are filled in turn, so a block may be used until the next but one is asked
-            for. Without it every block is new, and one holds the run if it can; where rows are left out, every block is
-            new and holds what is kept of some.
+            for. Without it every block is new, and one holds the run if it can; where rows or columns are left
+            out they are small, and filled in turn.
         patience : float, s
             After about this time a block is handed over as it is.
         """
         thinning = self.thinning
-        rows = rows or (THINNED_BLOCK if thinning else None)
+        rows = rows or (THINNED_BLOCK if self.settings.partial else None)
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():

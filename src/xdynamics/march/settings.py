@@ -25,6 +25,7 @@ EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
 TIME_TOLERANCE = 1e-12  # s
 MOST_APART = 2**53  # rows, from one that is kept to the next
+FULL, STATES = "full", "states"  # logs
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
 
 
@@ -169,6 +170,10 @@ class Settings:
         The set of elementary functions.
     keep_every : int
         Rows of the grid from one that is recorded to the next.
+    log : str or tuple of str
+        Which columns are recorded: all, those of the state, or some by name.
+    compress : bool
+        Whether the archive is compressed.
     """
 
     method: Method
@@ -186,6 +191,13 @@ class Settings:
     time_tolerance: float = TIME_TOLERANCE
     math_functions: str = NAME
     keep_every: int = 1
+    log: str | tuple[str, ...] = FULL
+    compress: bool = False
+
+    @property
+    def partial(self) -> bool:
+        """Whether rows or columns of the log are left out of the record."""
+        return self.keep_every > 1 or self.log != FULL
 
     def located_within(self, asked: Quantity | None) -> float:
         """Return how well a time is located, s: as well as is asked for, or as well as all others."""

@@ -294,9 +294,11 @@ SECTIONS: dict[str, Section] = {
             Key("summation", '"compensated" | "plain"', "whether rounding is carried on", "compensated for symplectic methods"),
             Key("switches", '"located" | "stepped over"', "kinks and jumps inside forces", "located"),
             Key("keep_every", "whole number", "rows of the grid from one that is recorded to the next, beside events, nodes and ends", "1"),
+            Key("log", '"full" | "states" | list of variables', "columns that are recorded; times, steps and flags always are", "full"),
+            Key("compress", "true | false", "whether the archive is compressed, without loss", "false"),
         ),
         '[run]\nmethod = "dop853"\nuntil = "9 s"\nrtol = 1e-8\natol = { x = "1 um" }\nstep = "1 ms"\nestimator = "embedded"\nsafety = 0.8\ngrowth_limits = [0.2, 5]\n'
-        'min_step = "1 ns"\nmax_step = "1 s"\nmax_steps = 100000\ntime_tolerance = "1 ns"\nforce_samples = "none"\nscales = { length = "0.5 m" }\njacobian = "exact"\nsummation = "plain"\nswitches = "located"\nkeep_every = 10\n',
+        'min_step = "1 ns"\nmax_step = "1 s"\nmax_steps = 100000\ntime_tolerance = "1 ns"\nforce_samples = "none"\nscales = { length = "0.5 m" }\njacobian = "exact"\nsummation = "plain"\nswitches = "located"\nkeep_every = 10\nlog = ["x", "total_energy"]\ncompress = true\n',
     ),
 }  # fmt: skip
 

@@ -321,6 +321,13 @@ def _run(given: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, Any]
         every = given.get("keep_every", 1)
         if isinstance(every, bool) or not isinstance(every, int) or every < 1:
             raise InputError(f"keep_every is {every!r}, needs a whole number from 1, every row")
+        log = given.get("log", "full")
+        if log not in ("full", "states") and not (
+            isinstance(log, list) and log and all(isinstance(one, str) for one in log)
+        ):
+            raise InputError(f"log is {log!r}, needs 'full', 'states' or a list of variables, like ['x', 'total_energy']")  # fmt: skip
+        if not isinstance(given.get("compress", False), bool):
+            raise InputError(f"compress is {given['compress']!r}, needs true or false")
     return dict(given)
 
 

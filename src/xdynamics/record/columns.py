@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.expressions import text_of
+from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
 from xdynamics.march import Block, March, Settings
 from xdynamics.march.memory import numbers_at_end
+from xdynamics.march.settings import FULL, STATES
 from xdynamics.model import Model
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
+from xdynamics.model.words import near
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.event_columns import event_columns
 from xdynamics.record.switches import passed, side_columns
@@ -26,12 +29,38 @@ from xdynamics.units import NUMBERS, SECONDS, Scales, Unit
 
 Array = NDArray[Any]
 
+ALWAYS = ("time", "step_size", "flag")  # roles of columns of every log
+OF_STATES = ("coordinate", "velocity", "state", "error")
+
 
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
     settings = march.settings
     found = _columns(About(march.layout, settings.scales, settings.tolerances, settings.samples))
+    if settings.log != FULL:
+        found = _logged(found, settings.log)
     return found if settings.keep_every == 1 else [*found, Column(schema.STEP_NUMBER, _numbers)]
+
+
+def _logged(found: list[Column], log: str | tuple[str, ...]) -> list[Column]:
+    """Return the columns that a log holds: rejected trials, events, times, steps and flags in any case.
+
+    Raises
+    ------
+    InputError
+        If one is none of the record's.
+    """
+    by_rows = {one.variable.name: one.variable for one in found if one.variable.dims[0] in (STEPS, SAMPLES)}
+    if log != STATES:
+        for name in log:
+            if name not in by_rows:
+                raise InputError(f"log names '{name}', which is no column of this run's log{near(name, tuple(by_rows))}; there are {', '.join(by_rows)}")  # fmt: skip
+    roles = (*ALWAYS, *OF_STATES) if log == STATES else ALWAYS
+    return [
+        one
+        for one in found
+        if (name := one.variable.name) not in by_rows or name in log or (one.variable.role in roles and one.variable.dims == (STEPS,))
+    ]  # fmt: skip
 
 
 def columns_of(layout: Layout, settings: Settings) -> list[Column]:
@@ -68,7 +97,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
         )
     found += passed(march)
     names, numbers = numbers_at_end(march.run)
-    if march.thinning:  # rows that a march is judged by, and that its record may have left out
+    if march.settings.partial:  # rows that a march is judged by, and that its record may have left out
         names, numbers = f"{names} {schema.WITNESSES}", np.append(numbers, march.witnesses)
     found.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
     functions = "".join(

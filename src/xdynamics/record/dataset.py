@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, numbered
 from xdynamics.march import Block, March
+from xdynamics.march.settings import FULL
 from xdynamics.record import provenance
 from xdynamics.record.columns import columns, constants, followed_tolerances
 from xdynamics.record.conformity import faults_of
@@ -43,7 +44,8 @@ def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, A
         parts[name].append(values)
     for block in chain(blocks, _rest(march)):
         for column in spec:
-            parts[column.variable.name].append(column.take(block))
+            taken = column.take(block)
+            parts[column.variable.name].append(taken.copy() if march.settings.log != FULL else taken)
     more = followed_tolerances(march)
     filled = [(_described(column.variable, more), _joined(parts.pop(column.variable.name))) for column in spec]
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.march import OUTCOMES, March, Pacing, Settings, Tolerances
@@ -29,7 +29,9 @@ def identity(march: March) -> dict[str, str]:
         "math_functions": march.settings.math_functions,
         "law": force_digest(march),
     }
-    said = dict(_words("", march.settings)) | dict(_words("model", tomllib.loads(march.model.to_toml())))
+    said = dict(_words("", replace(march.settings, compress=False))) | dict(
+        _words("model", tomllib.loads(march.model.to_toml()))
+    )
     return {name: _short(value) for name, value in (said | program).items()}
 
 
@@ -68,7 +70,11 @@ def same_settings(one: Settings, other: Settings, names: tuple[str, ...]) -> boo
 def _named(settings: Settings, names: tuple[str, ...]) -> dict[str, Any]:
     asked = settings.tolerances
     absolute = {f"atol of {name}": asked.of(name) for name in names} if asked else {}
-    return {name: value for name, value in _words("", settings) if not name.startswith(("atol", "bare"))} | absolute
+    return {
+        name: value
+        for name, value in _words("", replace(settings, compress=False))
+        if not name.startswith(("atol", "bare"))
+    } | absolute
 
 
 def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:

@@ -8,17 +8,21 @@ from typing import Any
 
 from xdynamics.faults import InputError
 from xdynamics.schema import (
+    CHOSEN,
     DERIVED,
     DERIVED_FROM,
     EVIDENCE,
     KEEP_EVERY,
     LEFT_OUT_ATOL,
+    LOG,
+    LOGGED,
     RUNS,
     SELECTION,
     SELECTION_OF,
 )
 
-RARE = "one in {0} (keep_every = {0}): march it again with keep_every = 1"
+COMPLETED = "xdynamics.complete(run) marches it again to its whole log"
+RARE = f"one in {{0}} (keep_every = {{0}}): {COMPLETED}"
 
 
 def is_derived(attributes: Mapping[Any, Any]) -> bool:
@@ -61,6 +65,30 @@ def check_every_row(attributes: Mapping[Any, Any], what: str) -> None:
     """
     if (every := rows_apart(attributes)) > 1:
         raise InputError(f"{what} needs every row of the march, and this record has {RARE.format(every)}")
+
+
+def said_of_log(attributes: Mapping[Any, Any]) -> str:
+    """Say which columns of its log a record has, and what adds the others; nothing where it has all."""
+    if LOG not in attributes:
+        return ""
+    which = (
+        f"'{attributes[LOG]}'"
+        if attributes[LOG] != CHOSEN
+        else f"[{', '.join(map(repr, str(attributes.get(LOGGED, '')).split()))}]"
+    )
+    return f"it was marched with log = {which}: {COMPLETED}"
+
+
+def check_every_column(attributes: Mapping[Any, Any], what: str) -> None:
+    """Refuse a record without all columns for what is made of all.
+
+    Raises
+    ------
+    InputError
+        Naming what needs them, and the remedy.
+    """
+    if said := said_of_log(attributes):
+        raise InputError(f"{what} needs all columns of a run's log, and this record has not: {said}")
 
 
 def said_of(attributes: Mapping[Any, Any]) -> str:

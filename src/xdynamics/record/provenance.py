@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from functools import lru_cache
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from xdynamics.march.events.locating import ROOT_METHOD
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.march.outcomes import COMPLETED
+from xdynamics.march.settings import FULL
 from xdynamics.march.sizes import ATOL_RULE
 from xdynamics.march.timescales import FEW, RULE, time_scales
 from xdynamics.methods.method import HERMITE, printed
@@ -36,6 +38,10 @@ EVERYWHERE = "everywhere"
 KEPT_ROWS = (
     "rows of the grid whose number this divides (of chosen and given steps, rows of the march), those of events and of"
     " solver_nodes, the first and the last; with them the force evaluations that led there and the trials rejected there"
+)
+KEPT_COLUMNS = (
+    "of the columns along step and sample times, steps and flags are kept, and with them coordinates, velocities, states"
+    " and errors (states), or what solver_log_variables names (chosen); events and rejected trials are whole"
 )
 _SCALES = {"length": "m", "time": "s", "mass": "kg"}
 
@@ -84,6 +90,12 @@ def attributes(march: March) -> dict[str, Any]:
             f"{schema.KEEP_EVERY}_rule": KEPT_ROWS,
             "run_rows": int(march.now.rows),
         }
+    if settings.log != FULL:
+        said = settings.log if isinstance(settings.log, str) else schema.CHOSEN
+        used |= {schema.LOG: said, f"{schema.LOG}_rule": KEPT_COLUMNS}
+        used |= {} if isinstance(settings.log, str) else {schema.LOGGED: " ".join(settings.log)}
+    if settings.compress:
+        used[schema.COMPRESSION] = schema.COMPRESSION_WORDS
     if settings.nodes:
         used |= {"solver_nodes": np.array(settings.nodes), "solver_nodes_units": "s"}
     if settings.scales != UNSCALED:
@@ -198,6 +210,8 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "math_functions": kept_set(used.get("math_functions")),
         "nodes": np.atleast_1d(used["solver_nodes"]).tolist() if "solver_nodes" in used else None,
         "keep_every": int(used[schema.KEEP_EVERY]) if schema.KEEP_EVERY in used else None,
+        "log": _log_asked(used),
+        "compress": True if schema.COMPRESSION in used else None,
     }
     if schema.GIVEN_STEP.name in run:
         asked["step"] = np.asarray(run[schema.GIVEN_STEP.name])
@@ -216,6 +230,13 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
             "growth_limits": tuple(map(float, used["solver_growth_limits"])),
         }
     return asked
+
+
+def _log_asked(used: Mapping[Any, Any]) -> str | list[str] | None:
+    """Return which columns of the log a record was asked for; None where it has all."""
+    if schema.LOG not in used:
+        return None
+    return str(used[schema.LOGGED]).split() if used[schema.LOG] == schema.CHOSEN else str(used[schema.LOG])
 
 
 def _asked_longest(run: xr.Dataset) -> bool:

@@ -27,7 +27,7 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.record import check, check_kind
-from xdynamics.record.kinds import check_every_row
+from xdynamics.record.kinds import check_every_column, check_every_row
 from xdynamics.record.words import time_unit
 from xdynamics.schema import CYCLE, STEPS
 from xdynamics.units import Unit, behind, parse_quantity, parse_unit, spell, time_in
@@ -121,6 +121,7 @@ def diagnose(
     check_kind(run)
     check(run, whole=False, values=False)
     check_every_row(run.attrs, "a diagnosis")
+    check_every_column(run.attrs, "a diagnosis")
     title, digest = f"diagnosis of {run.attrs['title']}", archive.digest_of_run(run)
     if any(run[name].chunks is not None for name in run.data_vars):
         if lyapunov is not False:

@@ -1,0 +1,129 @@
+"""A record without all rows or columns, marched again to its whole log: its own values vouch for the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import archive, record
+from xdynamics.faults import ArchiveError, InputError
+from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
+from xdynamics.model import Model
+from xdynamics.record.kinds import rows_apart, said_of
+from xdynamics.record.provenance import asked_of
+from xdynamics.schema import EVENTS, STEP_NUMBER, STEPS
+from xdynamics.simulation import simulate
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from xdynamics.march.runner import Progress
+
+Array = NDArray[Any]
+
+
+def complete(
+    run: xr.Dataset | str | Path,
+    *,
+    keep_every: int = 1,
+    path: str | Path | None = None,
+    functions: Mapping[str, Callable[..., float]] | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Add what `log` and `keep_every` left out of a record, to the bits of the whole run.
+
+    The run is marched again with all its settings: forces and energies follow of the states, but rejected trials, errors
+    and the rows between do not. Every value that was kept is then compared with what came out.
+
+    Parameters
+    ----------
+    run : xarray.Dataset, str or Path
+        A record, or its archive.
+    keep_every : int
+        Which rows the result has: all, or as `simulate` keeps them, for all columns of some rows.
+    path : str or Path, optional
+        Stream the whole run to this file, in bounded memory, and return it opened.
+    functions : mapping of str to callable, optional
+        The Python functions its forces call.
+    progress : callable, optional
+        Called now and then with the fraction done, the time in s and the rows so far.
+
+    Returns
+    -------
+    xarray.Dataset
+        What `simulate` gives without `log` and `keep_every`, its content digest too.
+
+    Raises
+    ------
+    InputError
+        If the record is none of a whole run, was edited, or its run was interrupted.
+    ArchiveError
+        If a value that was kept is not that of the run: names it. Another version may march to other bits.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> run = xd.simulate(model, step="0.1 s", until="2 s", log=["x"], keep_every=5)
+    >>> whole = complete(run)
+    >>> run.sizes["step"], whole.sizes["step"], "total_energy" in whole
+    (5, 21, True)
+    """
+    if isinstance(run, str | Path):
+        if path is not None and Path(path).exists() and Path(path).samefile(run):
+            raise InputError(f"'{path}' is the archive that is completed; name another file")
+        with archive.open_run(run) as kept:
+            return _completed(kept, keep_every, path, functions, progress)
+    record.check_kind(run)
+    archive.check_unchanged(run)
+    return _completed(run, keep_every, path, functions, progress)
+
+
+def _completed(
+    kept: xr.Dataset,
+    keep_every: int,
+    path: str | Path | None,
+    functions: Mapping[str, Callable[..., float]] | None,
+    progress: Progress | None,
+) -> xr.Dataset:
+    record.check_kind(kept)
+    if said_of(kept.attrs):
+        raise InputError(f"the run cannot be completed, it is {said_of(kept.attrs)}; complete the run itself")
+    if kept.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
+        raise InputError("the run cannot be completed, it is 'interrupted': resume it first")
+    model = Model.from_text(str(kept["model_toml"].values), functions=functions)
+    asked = asked_of(kept) | {"log": "full", "keep_every": keep_every}
+    whole = simulate(model, **asked, path=path, progress=progress)
+    if other := _first_other(kept, whole):
+        raise ArchiveError(
+            f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']}, '{other}' comes to other"
+            f" bits than were kept by {kept.attrs['xdynamics_version']}; see xdynamics.compare"
+        )
+    return whole
+
+
+def _first_other(kept: xr.Dataset, whole: xr.Dataset) -> str:
+    """Name the first variable along steps or events that has other values in the rows that both have; nothing where none has."""
+    numbers = [_numbers(run) for run in (kept, whole)]
+    mine, theirs = (np.isin(one, other) for one, other in (numbers, numbers[::-1]))
+    thinned = max(map(rows_apart, (kept.attrs, whole.attrs))) > 1
+    for name, one in kept.variables.items():
+        if one.dims not in ((STEPS,), (EVENTS,)) or name == STEP_NUMBER.name:
+            continue
+        if thinned and str(name).startswith("event_row"):  # rows of different records
+            continue
+        values, others = (np.asarray(run[name].values) for run in (kept, whole))
+        if one.dims == (STEPS,):
+            values, others = values[mine], others[theirs]
+        if values.tobytes() != others.tobytes():
+            return str(name)
+    return "" if mine.any() and kept.sizes.get(EVENTS) == whole.sizes.get(EVENTS) else STEPS
+
+
+def _numbers(run: xr.Dataset) -> Array:
+    """Return which rows of the march those of a record are."""
+    return np.asarray(run[STEP_NUMBER.name]) if STEP_NUMBER.name in run else np.arange(run.sizes[STEPS])
