@@ -440,3 +440,36 @@ def test_compressed_zeros_are_read_however_many(tmp_path: Path) -> None:
     xd.simulate(still, method="rk4", step=0.5, until=100_000.0, force_samples="none", path=path, compress=True).close()
     found = examiner._EXAMINER.examine(path, tail_of(path))
     assert found.faults == ()
+
+
+@pytest.mark.cases(400)
+@pytest.mark.usefixtures("small")
+def test_times_are_sampled_while_marching(case: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert what `sample` gives of the whole run, to the bits, at random times, accepted ones, those of events and of both ends."""
+    rng = random.Random(9000 + case)
+    model, asked = drawn(rng)
+    whole = xd.simulate(model, **asked)
+    monkeypatch.setattr("xdynamics.march.runner.THINNED_BLOCK", rng.choice([5, 17, 4000]))
+    end = asked["until"]
+    pool = [*whole["event_time"].values, *whole["time"].values, float(model.initial["t"].si), end]
+    times = [rng.uniform(0.0, end) for _ in range(rng.choice([1, 10, 300]))] + rng.sample(pool, min(len(pool), 20))
+    times = [one for one in times if one <= end]
+    found = xd.simulate(model, **asked, times=times)
+    expected = xd.sample(whole, [one for one in times if one <= float(whole["time"][-1])])
+    assert {str(name): one.values.tobytes() for name, one in found.variables.items()} == {
+        str(name): one.values.tobytes() for name, one in expected.variables.items()
+    }
+    assert [one.attrs for one in found.variables.values()] == [one.attrs for one in expected.variables.values()]
+
+
+def test_times_of_a_file_without_its_rows_are_refused(tmp_path: Path) -> None:
+    """Assert one line before anything is marched or written, in Python and on the command line."""
+    path = tmp_path / "run.nc"
+    for more, word in (({"keep_every": 10}, "keep_every"), ({"log": ["theta"]}, "log")):
+        with pytest.raises(xd.InputError, match=f"leave out times or {word}"):
+            xd.simulate(PENDULUM, method="rk4", step=1e-2, until=1.0, times=[0.5], path=path, **more)
+    done = CliRunner().invoke(
+        main, ["run", str(MODELS / "pendulum.toml"), "-o", str(path), "--keep-every", "9", "--times", "0:1:3 s"]
+    )
+    assert (done.exit_code, list(tmp_path.iterdir())) == (2, [])
+    assert "leave out times or keep_every" in done.output

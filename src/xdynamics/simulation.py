@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
@@ -18,12 +19,14 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning, warn
 from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
+from xdynamics.march.settings import FULL, STATES
 from xdynamics.methods import Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.record.extent import check_room
 from xdynamics.record.kinds import is_run, said_of
 from xdynamics.record.provenance import asked_of
+from xdynamics.schema import STEP_NUMBER
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
 from xdynamics.units import Quantity, Unit, behind
 
@@ -134,7 +137,7 @@ def simulate(
         the bytes (a trajectory) to a seventh of them (what hardly changes); see `save` for what it costs.
     times : array_like of float, s; or text like ``"0:20:201 s"``
         Return the states at these times, what `sample` gives of the run, along `at`, in the place of the record; those
-        behind an early end are left out. Accepted states joined by straight lines may be far off. With `path` the file
+        behind an early end are left out. Of the log what they are made of is kept in memory, a step for each. Accepted states joined by straight lines may be far off. With `path` the file
         holds the whole record all the same.
     memory : str or float, optional
         The most that the log may take in memory: ``"2 GB"``, or bytes; by default four fifths of what is free. A fixed
@@ -193,9 +196,13 @@ def simulate(
     if resume and path is None:
         raise InputError("resume needs path=…, the file that the run was to be streamed to")
     wanted = None if times is None else times_within(times, model.time_unit, model.initial["t"].si, settings.until)
+    if wanted is not None and path is not None:
+        check_sampled(settings)
     if progress is not None and not callable(progress):
         raise InputError(f"progress is {progress!r}, needs a function")
     _warn_of_instability(model, settings)
+    if wanted is not None and path is None:
+        return _sampled(model, settings, wanted, progress)
     march = March(model, settings, progress)
     check_room(march, memory, path)
     if path is not None:
@@ -224,6 +231,30 @@ def times_within(times: Any, unit: Unit, start: float, until: float) -> NDArray[
             f"times have {float(outside[0])!r}{behind(unit)}, and the run goes from {start!r}{behind(unit)} to {until!r}{behind(unit)}"
         )
     return wanted
+
+
+def check_sampled(settings: Settings) -> None:
+    """Refuse settings that leave out of a file what states at wanted times would be made of.
+
+    Raises
+    ------
+    InputError
+        Naming them.
+    """
+    if settings.keep_every > 1 or settings.log not in (FULL, STATES):
+        word = "keep_every" if settings.keep_every > 1 else "log"
+        raise InputError(f"times are sampled from the rows of the file, and {word} leaves some of what they need out of it: leave out times or {word}")  # fmt: skip
+
+
+def _sampled(model: Model, settings: Settings, wanted: NDArray[np.float64], progress: Progress | None) -> xr.Dataset:
+    """March, and keep of the log what states at wanted times are made of, a step for each."""
+    march = March(model, replace(settings, keep_every=1, log=STATES), progress, wanted)
+    around = record.dataset(march, march.blocks())
+    for doubt in march.doubts:
+        warn(f"{model.name}: {doubt}", AccuracyWarning)
+    found = _at(around, wanted, model)
+    rows = found["row"]
+    return found.assign(row=rows.copy(data=around[STEP_NUMBER.name].values[rows.values]))
 
 
 def _at(run: xr.Dataset, wanted: NDArray[np.float64] | None, model: Model) -> xr.Dataset:

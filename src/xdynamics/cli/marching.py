@@ -119,11 +119,13 @@ def run(
     }
     if times is not None:
         from xdynamics.march.asking import settings_for
-        from xdynamics.simulation import times_within
+        from xdynamics.simulation import check_sampled, times_within
         from xdynamics.tabling import check_target
 
         table = check_target(Path(output).with_suffix(".csv"))
-        wanted = times_within(times, model.time_unit, model.initial["t"].si, settings_for(model, **asked).until)
+        settings = settings_for(model, **asked)
+        check_sampled(settings)
+        wanted = times_within(times, model.time_unit, model.initial["t"].si, settings.until)
     with progress() as told:
         finished = simulate(model, **asked, path=output, resume=resume, progress=told)
     if times is not None:

@@ -26,7 +26,7 @@ from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES
 from xdynamics.march.posing import addresses_of, posed
 from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
-from xdynamics.march.thinning import Thinning
+from xdynamics.march.thinning import Around, Thinning
 from xdynamics.model import Model
 from xdynamics.schema import EVENT_AFTER
 from xdynamics.units import TIME
@@ -52,6 +52,8 @@ class March:
     settings : Settings
     progress : callable, optional
         Called between parts of a block with the fraction done, the time in s and the rows so far.
+    times : ndarray, s, optional
+        Around which alone rows are kept.
 
     Raises
     ------
@@ -59,7 +61,13 @@ class March:
         If the settings cannot be used or a Python force is not at hand or cannot be compiled.
     """
 
-    def __init__(self, model: Model, settings: Settings, progress: Progress | None = None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        settings: Settings,
+        progress: Progress | None = None,
+        times: NDArray[np.float64] | None = None,
+    ) -> None:
         settings.check(model)
         model.require_functions()
         self.model = model
@@ -67,6 +75,7 @@ class March:
         self.progress = progress
         self.layout: Layout = settings.layout(model)
         self.law: Law = law_of(self.layout, sampled=settings.samples)
+        self.times = times
         self.interrupted = False
         self.stopping_event = ""
         self.bad_values: dict[str, float] = {}  # energies and observables of a row that could not be kept
@@ -86,6 +95,8 @@ class March:
     @cached_property
     def thinning(self) -> Thinning | None:
         """What leaves rows out; none where all are kept."""
+        if self.times is not None:
+            return Around(self.times, self.settings.scales.of(TIME))
         nodes = np.array(self.settings.nodes) / self.settings.scales.of(TIME)
         return Thinning(self.settings.keep_every, nodes) if self.settings.keep_every > 1 else None
 
@@ -116,7 +127,7 @@ class March:
             After about this time a block is handed over as it is.
         """
         thinning = self.thinning
-        rows = rows or (THINNED_BLOCK if self.settings.partial else None)
+        rows = rows or (THINNED_BLOCK if thinning or self.settings.partial else None)
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():

@@ -90,7 +90,7 @@ class Thinning:
         events = log.events[: block.events].copy()
         ends = {name: events[name] - begin for name in ("row_before", "row_after")}
         wanted = np.zeros(first + block.rows - begin, bool)
-        self._want(wanted[first - begin :], run, new, first)
+        self._want(wanted, run, parts, begin)
         for rows in ends.values():
             wanted[rows[rows >= 0]] = True
         wanted[-1:] |= last
@@ -120,8 +120,10 @@ class Thinning:
                    run.log_events[:0], run.log_rates[:, :0], run.log_impulses[:, :0])  # fmt: skip
         return self.thinned(run, Block(none, 0, 0, 0, 0), last=True)
 
-    def _want(self, wanted: Array, run: Run, part: Part, first: int) -> None:
-        """Mark the rows of the grid that are kept, of events, of nodes that were asked for, and the first."""
+    def _want(self, marks: Array, run: Run, parts: list[Part], begin: int) -> None:
+        """Mark the rows of the grid that are kept, of events, of nodes that were asked for, and the first; not the one that waited."""
+        part, first = parts[-1], begin + len(parts) - 1
+        wanted = marks[len(parts) - 1 :]
         plan, now, t = run.plan[0], run.now[0], part.rows[0]
         if plan.step_size > 0.0 and now.grid < now.rows - 1:  # there are rows besides those of the grid
             numbers = np.rint((t - plan.start) / (self.every * plan.step_size)) * self.every
@@ -135,6 +137,33 @@ class Thinning:
             wanted |= part.flags[0] >= EVENT_BEFORE
         if self.nodes.size:
             wanted |= np.isin(t, self.nodes)
+
+
+class Around(Thinning):
+    """Rows on both sides of wanted times, from which the states there are made; the newest waits for its next.
+
+    Parameters
+    ----------
+    times : ndarray, s
+    scale : float
+        Seconds of a unit of the march's own time.
+    """
+
+    def __init__(self, times: NDArray[np.float64], scale: float) -> None:
+        super().__init__(1, np.zeros(0))
+        self.times, self.scale = np.unique(times), scale
+
+    def _want(self, marks: Array, _run: Run, parts: list[Part], _begin: int) -> None:
+        """Mark the last row up to each time, and the one behind it; times that are passed are done with."""
+        t = np.concatenate([part.rows[0] for part in parts])
+        t = t if self.scale == 1.0 else t * self.scale  # as the record has it
+        if not t.size:
+            return
+        passed = np.searchsorted(self.times, t[-1])
+        behind = np.searchsorted(t, self.times[:passed], side="right")
+        self.times = self.times[passed:]
+        marks[behind[behind > 0] - 1] = True
+        marks[behind] = True  # there is one: all of these times are before the last row
 
 
 def _joined(parts: list[Part], rows: int | None = None) -> Part:

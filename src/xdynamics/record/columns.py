@@ -39,7 +39,7 @@ def columns(march: March) -> list[Column]:
     found = _columns(About(march.layout, settings.scales, settings.tolerances, settings.samples))
     if settings.log != FULL:
         found = _logged(found, settings.log)
-    return found if settings.keep_every == 1 else [*found, Column(schema.STEP_NUMBER, _numbers)]
+    return found if march.thinning is None else [*found, Column(schema.STEP_NUMBER, _numbers)]
 
 
 def _logged(found: list[Column], log: str | tuple[str, ...]) -> list[Column]:
