@@ -55,9 +55,9 @@ def shared(file: Any) -> None:
 
 
 def small(file: Any) -> None:
-    """Compress what is small."""
+    """Compress what is small, in another way than archives do."""
     file.createDimension("step", 10)
-    file.createVariable("time", "f8", ("step",), zlib=True)[:] = 1.0
+    file.createVariable("time", "f8", ("step",), compression="bzip2")[:] = 1.0
 
 
 BOMBS = {
@@ -66,7 +66,7 @@ BOMBS = {
     deflated: "variable 'time' declares 4294967296 bytes",
     one_chunk: "variable 'time' declares 268435456 bytes",
     shared: r"the variables declare \d+ bytes, and the file has \d+",
-    small: r"variable 'time' is compressed \(zlib\)",
+    small: r"variable 'time' is compressed \(bzip2\)",
 }
 
 
@@ -113,6 +113,7 @@ def sized(size: int, **more: int) -> Any:
     return SimpleNamespace(stat=lambda: SimpleNamespace(st_size=size, **more))
 
 
+PACKED = {"zlib": True, "szip": False, "complevel": 1, "shuffle": True}
 F8, PLAIN = np.dtype("f8"), {"zlib": False, "szip": False, "complevel": 4, "shuffle": True}
 WHOLE, LONG = ("a", F8, (10,), "contiguous", PLAIN), ("b", F8, (4,), [11], None)
 
@@ -131,6 +132,12 @@ WHOLE, LONG = ("a", F8, (10,), "contiguous", PLAIN), ("b", F8, (4,), [11], None)
         ([WHOLE, LONG], 112, []),
         ([WHOLE, LONG], 111, ["the variables declare 112 bytes, and the file has 111"]),
         ([WHOLE, LONG], 87, ["variable 'b' declares 88 bytes, and the file has 87"]),
+        ([("a", F8, (1000,), [100], PACKED)], 80, []),
+        ([("a", F8, (1000,), [100], PACKED)], 79, ["variable 'a' declares 8000 bytes, and the file has 79"]),
+        ([WHOLE, ("c", F8, (1000,), [100], PACKED)], 160, []),
+        ([WHOLE, ("c", F8, (1000,), [100], PACKED)], 159, ["the variables declare 8080 bytes, and the file has 159"]),
+        ([("a", F8, (10,), [1 << 22], PACKED)], 80, []),
+        ([("a", F8, (10,), [1 + (1 << 22)], PACKED)], 80, ["variable 'a' declares 33554440 bytes, and the file has 80"]),
         ([(*WHOLE[:4], {"zlib": True, "szip": {"mask": 1}, "shuffle": True})], 80, ["variable 'a' is compressed (zlib, szip), which no variable of an archive is"]),
     ],
 )  # fmt: skip

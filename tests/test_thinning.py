@@ -273,6 +273,16 @@ def test_a_whole_record_says_nothing_of_it() -> None:
     assert KEEP_EVERY not in run.attrs
 
 
+def test_tolerances_of_columns_that_are_left_out(tmp_path: Path) -> None:
+    """Assert that a run whose log has not the variable that a tolerance was given for is marched again with it."""
+    path = tmp_path / "run.nc"
+    atol = {"theta": "1e-9 rad", "v_theta": "1e-7 rad s-1"}
+    asked: dict[str, Any] = {"method": "dop853", "rtol": 1e-5, "atol": atol, "until": 2.0}
+    xd.simulate(PENDULUM, **asked, log=["theta"], path=path).close()
+    assert xd.reproduce(path).attrs["identical"] == 1
+    assert xd.content_digest(xd.complete(path)) == xd.content_digest(xd.simulate(PENDULUM, **asked))
+
+
 COLUMNS = (
     "coordinate",
     "velocity",

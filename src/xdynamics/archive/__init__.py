@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from xdynamics.archive.standing import check_unchanged, digest_of_run, selected_like
     from xdynamics.archive.streaming import stream
     from xdynamics.archive.target import check_target
-    from xdynamics.archive.writing import save
+    from xdynamics.archive.writing import save, save_many
 
 # name -> its room, entered when the name is first used: who only reads, like the examining process, loads no engine
 _ROOMS = {
     "check_source": "source", "check_target": "target", "check_unchanged": "standing", "content_digest": "seals", "digest_of_run": "standing", "discard": "segments", "has_segments": "segments",
-    "marched": "origin", "open_run": "reading", "save": "writing",
+    "marched": "origin", "open_run": "reading", "save": "writing", "save_many": "writing",
     "selected_like": "standing", "stream": "streaming", "verify": "reading",
 }  # fmt: skip
 
@@ -35,6 +35,7 @@ __all__ = [
     "marched",
     "open_run",
     "save",
+    "save_many",
     "selected_like",
     "stream",
     "verify",

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -81,12 +82,90 @@ class NewFile:
     name: Path
 
 
+class Batch:
+    """Files that take their names together: all reach the disk by one synchronisation, and then are renamed one by one.
+
+    Until then none of them has its name; what is left of them when the batch is over without that is removed.
+    """
+
+    def __init__(self) -> None:
+        self._parts = ExitStack()
+        self._files: list[NewFile] = []
+
+    def __enter__(self) -> Batch:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._parts.close()
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    def add(self, target: Path) -> NewFile:
+        """Make the temporary file of one of them."""
+        self._files.append(_begun(self._parts, target))
+        return self._files[-1]
+
+    def take_names(self) -> None:
+        """Have all files reach the disk, and give them their names.
+
+        Raises
+        ------
+        ArchiveError
+            If that fails; files renamed before are whole under their names, under the others nothing is changed.
+        """
+        taken = 0
+        try:
+            for new in self._files:
+                handle = os.open(new.part, os.O_RDONLY | os.O_CLOEXEC)
+                try:
+                    _inherit(handle, new.name)
+                finally:
+                    os.close(handle)
+            sync_file_systems([new.part for new in self._files])
+            for new in self._files:
+                new.part.replace(new.name)
+                taken += 1
+            for folder in dict.fromkeys(new.name.parent for new in self._files):
+                with synced(folder):
+                    pass
+        except OSError as error:
+            named = self._files[min(taken, len(self._files) - 1)].name
+            raise ArchiveError(
+                f"'{named}' cannot be written: {error.strerror or error}; {taken} of {len(self._files)} files have their names,"
+                " under the others nothing is changed"
+            ) from error
+        self._files.clear()
+
+
+def _begun(parts: ExitStack, target: Path) -> NewFile:
+    part = parts.enter_context(Part.beside(target, _NEW if not target.exists() else _PRIVATE))
+    return NewFile(part.path, target)
+
+
+def sync_file_systems(paths: list[Path]) -> None:
+    """Have all that was written on the file systems of some paths reach the disk."""
+    try:
+        syncfs = ctypes.CDLL(None, use_errno=True).syncfs
+    except (OSError, AttributeError):  # no Linux
+        os.sync()
+        return
+    for path in {path.stat().st_dev: path for path in paths}.values():
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            if syncfs(handle):
+                number = ctypes.get_errno()
+                raise OSError(number, os.strerror(number))
+        finally:
+            os.close(handle)
+
+
 @contextmanager
-def taking_name(path: Path) -> Iterator[NewFile]:
+def taking_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile]:
     """Lend a temporary name in the folder of a path; when what follows is done, the file takes the path's name.
 
     A link goes on pointing: the file that it points to is replaced. Mode and owner of that file stay. The name may be
-    changed in between, for another in the same folder.
+    changed in between, for another in the same folder. With a batch it takes the name when all of that do.
 
     Raises
     ------
@@ -97,12 +176,15 @@ def taking_name(path: Path) -> Iterator[NewFile]:
     target = path.resolve()
     sweep(target.parent)
     try:
-        with Part.beside(target, _NEW if not target.exists() else _PRIVATE) as part:
-            new = NewFile(part.path, target)
+        if batch is not None:
+            yield batch.add(target)
+            return
+        with ExitStack() as parts:
+            new = _begun(parts, target)
             yield new
-            with synced(part.path) as handle:
+            with synced(new.part) as handle:
                 _inherit(handle, new.name)
-            part.path.replace(new.name)
+            new.part.replace(new.name)
             with synced(target.parent):
                 pass
     except (OSError, RuntimeError) as error:

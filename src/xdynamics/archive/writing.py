@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from math import prod
 from pathlib import Path
@@ -20,9 +20,10 @@ from xdynamics.archive.leftovers import LONGEST
 from xdynamics.archive.library import alone, opened
 from xdynamics.archive.seals import Tail, seal_file, slabs, tail_of
 from xdynamics.archive.standing import standing
-from xdynamics.archive.target import check_no_table, taking_name
+from xdynamics.archive.target import Batch, check_no_table, check_target, taking_name
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
+from xdynamics.files import made_folder
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.kinds import is_evidence, left_out_atols
 from xdynamics.schema import (
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 _PARTIAL = ".partial"
+MOST_AT_ONCE = 200  # files that reach the disk together: each holds a descriptor until then
 READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
 
 
@@ -60,10 +62,10 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None, compr
     derived : str, optional
         How the record was made from a run, like ``"x scaled by 1.1"``: it is saved as derived data, whose attributes
         say so and name the run, and which `verify` and `reproduce` take for no run.
-
     compress : bool, optional
         Whether to compress it, without loss, by zlib with shuffled bytes; by default as the run was marched, or read. Its
-        digests are the same. COSTS
+        digests are the same. Of an oscillator's 10**7 rows 83 bytes each become 45; writing takes 2.5 times the
+        processor time (14 s for 5.6), reading a column 1.7 times.
 
     Returns
     -------
@@ -81,10 +83,90 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None, compr
     """
     if not isinstance(compress, bool | None):
         raise InputError(f"compress is {compress!r}, needs true or false")
+    return _written(_checked(run, Path(path), derived), Path(path), compress=compress)
+
+
+def save_many(
+    runs: Iterable[xr.Dataset] | Mapping[str, xr.Dataset],
+    paths: Iterable[str | Path] | str | Path | None = None,
+    *,
+    compress: bool | None = None,
+) -> list[Path]:
+    """Write runs to netCDF4 files, which reach the disk together: for many short runs, much faster than one by one.
+
+    All are written beside their names, one synchronisation of the file system follows, and all are renamed; of more than
+    `MOST_AT_ONCE` so many at a time. Each name has its old file or the new one, whole, at any moment.
+
+    Parameters
+    ----------
+    runs : mapping of str to xarray.Dataset, or iterable of xarray.Dataset
+        By name, or in the order of the paths; checked as `save` does, all of them before anything is written.
+    paths : iterable of str or Path, or a folder
+        A file for each run; or the folder, made where it is not there, of files ``NAME.nc`` for runs by name, and
+        ``000000.nc``, ``000001.nc``, … for others.
+    compress : bool, optional
+        As in `save`.
+
+    Returns
+    -------
+    list of Path
+        Where they are; see `save` for runs that ended badly.
+
+    Raises
+    ------
+    InputError
+        If a Dataset is no run record or was edited, two have one name, or names and runs are not equally many.
+    ArchiveError
+        If a file cannot be written; of those that were to reach the disk with it, none has changed.
+    """
+    if not isinstance(compress, bool | None):
+        raise InputError(f"compress is {compress!r}, needs true or false")
+    if hasattr(runs, "variables"):
+        raise InputError("one run was given; save writes it, and save_many a list of runs, or runs by name")
+    named: dict[Any, xr.Dataset] = dict(runs) if isinstance(runs, Mapping) else dict(enumerate(runs))
+    places = _places(named, paths)
+    ready = [(_checked(run, path, None), path) for run, path in zip(named.values(), places, strict=True)]
+    found: list[Path] = []
+    for first in range(0, len(ready), MOST_AT_ONCE):
+        with Batch() as batch:
+            found += [
+                _written(run, path, compress=compress, batch=batch) for run, path in ready[first : first + MOST_AT_ONCE]
+            ]
+            batch.take_names()
+    return found
+
+
+def _places(named: Mapping[Any, xr.Dataset], paths: Any) -> list[Path]:
+    """Return the file of every run."""
+    if isinstance(paths, str | Path):
+        folder = made_folder(paths)
+        found = [folder / (f"{name}.nc" if isinstance(name, str) else f"{name:06d}.nc") for name in named]
+    elif paths is None:
+        raise InputError("save_many needs a file for each run, or a folder")
+    else:
+        found = [Path(one) for one in paths]
+    if len(found) != len(named):
+        raise InputError(f"there are {len(named)} runs and {len(found)} paths; give one for each, or a folder")
+    for path in found:
+        check_target(path)
+    resolved = [path.resolve() for path in found]
+    twice = (
+        [path for k, path in enumerate(resolved) if path in resolved[:k]] if len({*resolved}) < len(resolved) else []
+    )
+    if twice:
+        raise InputError(f"two runs are to be written to '{twice[0]}'; give each a name of its own")
+    return found
+
+
+def _checked(run: xr.Dataset, path: Path, derived: str | None) -> xr.Dataset:
     run = _declared(run, derived)
     record.check(run, values=derived is not None)  # without, they were looked at before
-    check_no_table(Path(path), _tables(run))
-    with new_file(Path(path)) as writer:
+    check_no_table(path, _tables(run))
+    return run
+
+
+def _written(run: xr.Dataset, path: Path, *, compress: bool | None, batch: Batch | None = None) -> Path:
+    with new_file(path, batch) as writer:
         if COMPRESSION in run.attrs if compress is None else compress:
             writer.pack({str(name): (str(one.dims[0]), one.dtype.itemsize * prod(one.shape[1:])) for name, one in run.variables.items() if one.dims and one.dtype.kind in "fiu"})  # fmt: skip
         # what bears the name of a dimension that it is not along comes behind that, or the library cannot write the file
@@ -142,12 +224,12 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
 
 
 @contextmanager
-def new_file(path: Path) -> Iterator[Writer]:
+def new_file(path: Path, batch: Batch | None = None) -> Iterator[Writer]:
     """Write a file under a temporary name, check it, and give it its name; `Writer.path` says which in the end.
 
     A run that ended badly does not take the name of an archive of one that ended well, but one beside it.
     """
-    with taking_name(path) as new:
+    with taking_name(path, batch) as new:
         with opened(new.part, "w") as file:
             alone(file.set_fill_off)()
             writer = Writer(file)

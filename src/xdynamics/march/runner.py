@@ -39,6 +39,7 @@ SHORTEST_PART = 1 << 12
 FIRST_PART = 1 << 6  # rows, where the clock matters and nobody knows how long one takes
 FIRST_BLOCK = 1 << 9  # rows, where nobody knows how many there will be
 THINNED_BLOCK = 1 << 14  # rows, of which some are kept: as many as a processor's cache holds
+COPIED_BLOCK = 1 << 17  # rows of which some columns are kept, each a piece of memory that goes back to the system
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
 
@@ -127,7 +128,7 @@ class March:
             After about this time a block is handed over as it is.
         """
         thinning = self.thinning
-        rows = rows or (THINNED_BLOCK if thinning or self.settings.partial else None)
+        rows = rows or (THINNED_BLOCK if thinning else COPIED_BLOCK if self.settings.partial else None)
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():

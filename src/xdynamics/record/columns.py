@@ -252,7 +252,17 @@ def followed_tolerances(march: March) -> dict[str, dict[str, Any]]:
                 "atol_si": used,
                 schema.ATOL_RULE: schema.ATOL_FOLLOWS,
             }
-    return found
+    log = march.settings.log
+    return found if isinstance(log, str) else {name: one for name, one in found.items() if name in log}
+
+
+def left_out_tolerances(march: March) -> dict[str, tuple[float, str]]:
+    """Return the absolute tolerances that were given, in SI units, and the units of variables that a log leaves out."""
+    tolerances, log, model = march.settings.tolerances, march.settings.log, march.model
+    if tolerances is None or isinstance(log, str):
+        return {}
+    given = {name: tolerances.of(name) for name in march.layout.used if name not in log}
+    return {name: (atol, model.units[name].text) for name, atol in given.items() if atol is not None}
 
 
 def _forces_by_regime(model: Model) -> dict[str, str]:

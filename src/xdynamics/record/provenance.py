@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Mapping
 from functools import lru_cache
 from math import isfinite
@@ -28,6 +29,7 @@ from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, S
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
+from xdynamics.record.columns import left_out_tolerances
 from xdynamics.record.kinds import left_out_atols
 from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, Quantity, Scales, Unit, behind, parse_unit
 
@@ -94,6 +96,8 @@ def attributes(march: March) -> dict[str, Any]:
         said = settings.log if isinstance(settings.log, str) else schema.CHOSEN
         used |= {schema.LOG: said, f"{schema.LOG}_rule": KEPT_COLUMNS}
         used |= {} if isinstance(settings.log, str) else {schema.LOGGED: " ".join(settings.log)}
+        left_out = left_out_tolerances(march)
+        used |= {schema.LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
     if settings.compress:
         used[schema.COMPRESSION] = schema.COMPRESSION_WORDS
     if settings.nodes:
