@@ -14,7 +14,20 @@ from xdynamics.dynamics.inside import model_of
 from xdynamics.faults import escaped
 from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, rows_apart, said_of
 from xdynamics.record.words import words_of
-from xdynamics.schema import AT_REST, CROSSING, EVENT_KINDS, EVENTS, EVIDENCE, SAMPLES, STEPS, SWEEP, TRIALS
+from xdynamics.schema import (
+    AT_REST,
+    CHOSEN,
+    CROSSING,
+    EVENT_KINDS,
+    EVENTS,
+    EVIDENCE,
+    LOG,
+    LOGGED,
+    SAMPLES,
+    STEPS,
+    SWEEP,
+    TRIALS,
+)
 from xdynamics.units import behind
 
 FEW_EVENTS = 4  # of one name, that are told one by one
@@ -160,8 +173,10 @@ def _counts(run: xr.Dataset) -> str:
     shortened = words_of(run["trial_reason"]).count("event_substep") if counts["rejected trials"] else 0
     counts["rejected trials"] -= shortened
     said = ", ".join(f"{count} {word}" for word, count in counts.items())
+    if LOG in run.attrs:
+        said += f"; of the columns {run.attrs[LOGGED] if run.attrs[LOG] == CHOSEN else 'the states'} alone"
     if (every := rows_apart(run.attrs)) > 1:
-        said += f"; one in {every} of {int(run.attrs['run_rows'])} rows of the march"
+        said = f"one in {every} of {int(run.attrs['run_rows'])} rows of the march, and what belongs to them: {said}"
     return f"{said}; {shortened} steps shortened to find events" if shortened else said
 
 

@@ -14,6 +14,7 @@ from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.linearisation import Linearisation, initial_state, linearise, variables
+from xdynamics.record.kinds import said_of_log
 from xdynamics.schema import STEPS, Variable
 from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of
 from xdynamics.units import NONE, NUMBERS, Unit, behind, parse_unit, spell
@@ -120,7 +121,9 @@ def _recorded(run: xr.Dataset, name: str, row: int) -> float:
     """Return one number of a record in SI units."""
     name = "time" if name == "t" else name
     if name not in run.variables:
-        raise InputError(f"run record has no variable '{name}', which its model needs; give the whole record")
+        raise InputError(
+            f"run record has no variable '{name}', which its model needs; {said_of_log(run.attrs) or 'give the whole record'}"
+        )
     one = run.variables[name]
     return parse_unit(str(one.attrs["units"])).to_si(float(one[row].values))
 

@@ -14,7 +14,7 @@ from xdynamics.figures import control, energy, lines, plane
 from xdynamics.figures.beside import beside_of
 from xdynamics.figures.sheet import Panel
 from xdynamics.record import check
-from xdynamics.record.kinds import is_whole, rows_apart
+from xdynamics.record.kinds import is_whole, rows_apart, said_of_log
 from xdynamics.schema import STEPS, velocity
 
 FEWEST_LOCATED = 3  # events, from which on a panel tells more than their list
@@ -71,7 +71,8 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
     if not panels and wanted == ["plane"]:
         raise InputError('the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)", "-l*cos(theta)"]')  # fmt: skip
     if not panels and wanted is not None:
-        raise InputError(f"the run has nothing of {', '.join(wanted)} to draw")
+        said = said_of_log(run.attrs)
+        raise InputError(f"the run has nothing of {', '.join(wanted)} to draw{said and f'; {said}'}")
     if not panels:
         raise InputError(
             f"there is nothing along '{STEPS}' to draw among {', '.join(map(str, run.data_vars)) or 'nothing'}"

@@ -298,7 +298,7 @@ SECTIONS: dict[str, Section] = {
             Key("compress", "true | false", "whether the archive is compressed, without loss", "false"),
         ),
         '[run]\nmethod = "dop853"\nuntil = "9 s"\nrtol = 1e-8\natol = { x = "1 um" }\nstep = "1 ms"\nestimator = "embedded"\nsafety = 0.8\ngrowth_limits = [0.2, 5]\n'
-        'min_step = "1 ns"\nmax_step = "1 s"\nmax_steps = 100000\ntime_tolerance = "1 ns"\nforce_samples = "none"\nscales = { length = "0.5 m" }\njacobian = "exact"\nsummation = "plain"\nswitches = "located"\nkeep_every = 10\nlog = ["x", "total_energy"]\ncompress = true\n',
+        'min_step = "1 ns"\nmax_step = "1 s"\nmax_steps = 100000\ntime_tolerance = "1 ns"\nforce_samples = "none"\nscales = { length = "0.5 m" }\njacobian = "exact"\nsummation = "plain"\nswitches = "located"\nkeep_every = 10\nlog = ["v_x", "speed_of_it"]\ncompress = true\n',
     ),
 }  # fmt: skip
 

@@ -240,7 +240,7 @@ def _log_asked(used: Mapping[Any, Any]) -> str | list[str] | None:
     """Return which columns of the log a record was asked for; None where it has all."""
     if schema.LOG not in used:
         return None
-    return str(used[schema.LOGGED]).split() if used[schema.LOG] == schema.CHOSEN else str(used[schema.LOG])
+    return str(used.get(schema.LOGGED, "")).split() if used[schema.LOG] == schema.CHOSEN else str(used[schema.LOG])
 
 
 def _asked_longest(run: xr.Dataset) -> bool:
