@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections import OrderedDict
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -27,18 +28,28 @@ WAITED = 10  # times as long by the clock, and a little for a machine that is bu
 STARTING = 30.0
 LONGEST = 1e6  # s, which a clock can wait for
 
-# digests of files that were written here, or read whole without a fault
-_known: set[str] = set()
+MOST_KNOWN = 50_000  # files whose digests are remembered
+
+# digests of files that were written here, or read whole without a fault, the one used longest ago first
+_known: OrderedDict[str, None] = OrderedDict()
+_lock = threading.Lock()
 
 
 def know(digest: str) -> None:
-    """Take down the seal of a file that was written here."""
-    _known.add(digest)
+    """Take down the seal of a file that was written here, in the place of the one used longest ago where there are many."""
+    with _lock:
+        _known[digest] = None
+        _known.move_to_end(digest)
+        if len(_known) > MOST_KNOWN:
+            _known.popitem(last=False)
 
 
 def is_known(tail: Tail) -> bool:
     """Tell whether a seal holds, of bytes that were written or examined here before."""
-    return bool(tail.digest) and tail.digest in _known
+    if not tail.digest or tail.digest not in _known:
+        return False
+    know(tail.digest)
+    return True
 
 
 def examined(path: Path, tail: Tail) -> Examination:
@@ -47,7 +58,7 @@ def examined(path: Path, tail: Tail) -> Examination:
         return compare(path, tail)
     found = _EXAMINER.examine(path, tail)
     if tail.digest and not found.faults:
-        _known.add(tail.digest)
+        know(tail.digest)
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -37,7 +38,6 @@ HEADER = (
 )
 
 _KEYS = count(1)
-_STRIDES: list[machine.Code] = []  # code behind an address lives as long as this
 _LOCK = threading.RLock()
 
 
@@ -97,6 +97,11 @@ class Law:
         """The law as Python: quoted in the record, and what runs where nothing is compiled."""
         title = f"A step by {self.scheme.method.name}, and the forces that it asks for."
         return "\n\n".join([HEADER.format(title=title), *map(python_of, self.programs)])
+
+    @cached_property
+    def source_digest(self) -> str:
+        """sha256 of that text."""
+        return hashlib.sha256(self.source.encode()).hexdigest()
 
     @property
     def equations(self) -> tuple[Equations, ...]:
@@ -168,15 +173,20 @@ class Law:
     def striding(self, lanes: int, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> int:
         """Return where one ordinary step in so many lanes begins, compiled; see `striding.stride`."""
         with _LOCK:
-            return self._striding(lanes, adaptive, followers)
+            form = lanes, adaptive, followers
+            if form not in self._strides:
+                self._strides[form] = self._striding(*form)
+            return self._strides[form].addresses[STRIDE]
 
-    @lru_cache(maxsize=8)  # noqa: B019 - laws are kept as long as they are used
-    def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...]) -> int:  # noqa: FBT001
+    @cached_property
+    def _strides(self) -> dict[tuple[int, bool, tuple[bool, ...]], machine.Code]:
+        """Code behind addresses: it lives as long as the law, which who uses them holds."""
+        return {}
+
+    def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...]) -> machine.Code:  # noqa: FBT001
         programs = (self.entries[0], *self.steps.programs, *stride(self.layout, adaptive=adaptive, followers=followers))
         text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
-        code = machine.compiled(text, [STRIDE])
-        _STRIDES.append(code)
-        return code.addresses[STRIDE]
+        return machine.compiled(text, [STRIDE])
 
     @cached_property
     def _marching(self) -> machine.Code:

@@ -178,6 +178,8 @@ def of_smooth_switches(march: March) -> str:
 
 def _of_contacts(model: Model) -> Iterator[str]:
     """Say so where friction goes by a gap that is no distance, or slips into the surface, by its directions at the start."""
+    if not model.contacts:
+        return
     values = dict(constants(model)) | initial_state(model)
     metre = parse_unit("m").dimension
     lengths = [name for name, one in model.coordinates.items() if one.unit.dimension == metre]

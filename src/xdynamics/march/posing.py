@@ -62,7 +62,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     start, end = float(plan["start"][0]), float(plan["end"][0])
     tables, places = flattened(tables_of(model, scales))
     asked = np.array(settings.nodes) / scales.of(TIME)
-    nodes = np.union1d(nodes_of(model, scales), asked)
+    nodes = np.union1d(nodes_of(model, scales), asked) if asked.size else nodes_of(model, scales)
     nodes = nodes[(nodes > start) & (nodes < end)]
     plan["rest"] = BEGINNING * (
         nodes[0] - start if len(nodes) else end - start
@@ -217,7 +217,7 @@ def widened(law: Law, rtol: float) -> float:
 def nodes_of(model: Model, scales: Scales) -> Floats:
     """Return the times at which a drive of time changes its piece, ascending."""
     times = [drive.table.argument / scales.of(TIME) for drive in model.drives.values() if drive.argument == "t"]
-    return np.unique(np.concatenate([np.empty(0), *times]))
+    return np.unique(np.concatenate(times)) if times else np.empty(0)
 
 
 def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -> tuple[Floats, Floats]:

@@ -37,6 +37,8 @@ def event_columns(about: About) -> list[Column]:
     parts = [_bracket(time), _left_over(about), event_of("interpolation", "f8", time)]
 
     def uncertainty(block: Block) -> Array:
+        if not block.events:  # most blocks have none
+            return np.zeros(0)
         # of a time between two floats nobody knows more than that
         least = np.spacing(np.abs(times(block.log.events["time"][: block.events], time))) / 2.0
         return np.maximum(sum(part(block) for part in parts), least)
@@ -115,6 +117,8 @@ def _left_over(about: About) -> Callable[[Block], Array]:
     factor = about.units.time
 
     def take(block: Block) -> Array:
+        if not block.events:
+            return np.zeros(0)
         events = block.log.events[: block.events]
         residual, slope, kind = events["residual"], events["slope"], events["kind"]
         # a vanishing slope makes this part infinite, which is what a tangent crossing is worth

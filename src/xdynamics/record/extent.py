@@ -12,6 +12,7 @@ from xdynamics.kernels import Layout
 from xdynamics.march import March
 
 UNITS = {"B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+SMALL = 1e6  # bytes of a log that are there or nothing is: nobody asks the system for it
 ROOM = 0.8  # of the memory that is free, which one log may take
 
 
@@ -114,6 +115,8 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
             raise InputError(
                 f"{what}, and the disk of '{path}' has {said(free)} free; take a longer step or an earlier end"
             )
+        return
+    if asked is None and needed < SMALL:
         return
     room = ROOM * free_memory() if asked is None else asked
     if needed > room:

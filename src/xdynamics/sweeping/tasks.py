@@ -8,6 +8,7 @@ from functools import partial
 from hashlib import sha256
 from itertools import product
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -57,7 +58,13 @@ def blocks_of(chunks: Chunks) -> list[tuple[tuple[int, ...], Block]]:
 
 
 Key = tuple[Any, ...]
-_CAME_OF: dict[Key, str] = {}  # digests of blocks that this process computed
+
+
+class Digests(dict[Key, str]):
+    """The digests of a sweep's blocks that this process computed; they live as long as records of the sweep."""
+
+
+_CAME_OF: WeakValueDictionary[str, Digests] = WeakValueDictionary()  # by a sweep's token
 
 
 def arrays_of(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -75,28 +82,31 @@ def arrays_of(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any
         name: {(name, *at): (marched, told, list(block)) for at, block in blocks},
     }
     below: dict[str, set[str]] = {told: set(), name: {told}}
-    found, told_apart = {}, {}
+    found, told_apart, digests = {}, {}, _CAME_OF.setdefault(token, Digests())
     for one in plan.variables:
         own = f"{one.name}-{token}"
         behind = (0,) * len(one.sizes)
         graph = {(own, *at, *behind): (_taken, (name, *at), one.name, [token, one.name, *at]) for at, _ in blocks}
         whole = HighLevelGraph(layers | {own: graph}, below | {own: {name}})
         found[one.name] = da.Array(whole, own, (*chunks, *((n,) for n in one.sizes)), dtype=np.dtype(one.dtype))
-        told_apart[one.name] = partial(_came_of, token, one.name, blocks)
+        told_apart[one.name] = partial(_came_of, digests, one.name, blocks)
     return found, told_apart
 
 
 def _taken(found: dict[str, Any], name: str, key: list[Any]) -> Any:
     """Take a variable out of a block, and note what it is."""
     values = found[name]
-    _CAME_OF[tuple(key)] = _digest(values)
+    token, *block = key
+    digests = _CAME_OF.get(token)
+    if digests is not None:  # else nobody here can ask
+        digests[tuple(block)] = _digest(values)
     return values
 
 
-def _came_of(token: str, name: str, blocks: list[tuple[tuple[int, ...], Block]], now: Any) -> bool:
+def _came_of(digests: Digests, name: str, blocks: list[tuple[tuple[int, ...], Block]], now: Any) -> bool:
     """Tell whether values are those that the blocks of a variable came to in this process."""
     values = np.asarray(now.values)
-    return all(_CAME_OF.get((token, name, *at)) == _digest(values[tuple(block)]) for at, block in blocks)
+    return all(digests.get((name, *at)) == _digest(values[tuple(block)]) for at, block in blocks)
 
 
 def _digest(values: Any) -> str:
