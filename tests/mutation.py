@@ -175,6 +175,7 @@ TOUCHED = {
         "test_diagnosis.py -k companions or global or tighter or only_one or edited",
     ),
     "evidence/diagnosing/cycles.py": (
+        "test_cycles.py -k not command and not verb",
         "test_signs.py -k cycle or crossing or period or level or phases or coordinates_are",
         "test_diagnosis.py -k verlet or references or beating",
         "test_budget_quantities.py -k periods",

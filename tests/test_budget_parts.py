@@ -241,6 +241,9 @@ def test_drawn_starts_are_near_and_far() -> None:
     assert 0.8 < np.abs(far[:, 1]).max() <= 1.0
     assert 4.0 <= far[:, 2].min() < 4.5 < 8.5 < far[:, 2].max() <= 9.0
     assert found[:, 2].min() >= 4.0
+    assert not (far[:, 2] == 9.0).any()
+    half = drawn_starts(np.random.default_rng(1), np.array([2.0]), np.zeros(1), np.full(1, np.inf))[2::3, 0]
+    assert 0.25 <= half.min() < 0.5 < 8.0 < half.max() <= 16.0
 
 
 # ------------------------------------------------------------------------------------------------------- the march's own
