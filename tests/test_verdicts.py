@@ -205,17 +205,22 @@ def test_names_that_take_each_others_place() -> None:
 
 def test_tolerances_are_judged_with_care() -> None:
     """Assert that two exponents beside 1 are steady and one alone is not, and by what Richardson's error is multiplied."""
-    tolerances = 10.0 ** -np.arange(4.0, 8.0)
-    even = judge(1.0 + 3.0 * tolerances, tolerances, 1.0, 1e-16, 0.0, 0.0, smooth=False, accepted=100)
+    tolerances, known = 10.0 ** -np.arange(4.0, 8.0), {"smooth": False, "accepted": 100, "order": 5.0}
+    even = judge(1.0 + 3.0 * tolerances, tolerances, 1.0, 1e-16, 0.0, 0.0, **known)
     assert VERDICTS[even.verdict] == "asymptotic"
-    assert even.uncertainty == pytest.approx(1.25 * math.exp(3.0 / 10.0) * 3.0 * tolerances[-1], rel=1e-6)
+    assert even.uncertainty == pytest.approx(1.25 * math.exp(0.2 * 25.0 / 10.0) * 3.0 * tolerances[-1], rel=1e-6)
     assert even.rule == "a power of the tolerance"
-    alone = judge(1.0 + 3.0 * tolerances[1:], tolerances[1:], 1.0, 1e-16, 0.0, 0.0, smooth=False, accepted=100)
+    alone = judge(1.0 + 3.0 * tolerances[1:], tolerances[1:], 1.0, 1e-16, 0.0, 0.0, **known)
     assert VERDICTS[alone.verdict] == "pre_asymptotic"
-    assert alone.uncertainty == pytest.approx(1.25 * 3.0 * 3.0 * tolerances[-1], rel=1e-6)
+    assert alone.uncertainty == pytest.approx(even.uncertainty, rel=1e-6)
+    high, low = (
+        judge(1.0 + 3.0 * tolerances, tolerances, 1.0, 1e-16, 0.0, 0.0, smooth=False, accepted=64, **order).uncertainty
+        for order in ({}, {"order": 2.0})
+    )  # without a word of the method it is that of the highest order
+    assert high / low == pytest.approx(math.exp(0.2 * (64.0 - 4.0) / 8.0), rel=1e-6)
     # order 1.7: it is counted on for 1, times what 0.7 makes of one ratio
     steep = 1.0 + tolerances**1.7
-    uneven = judge(steep, tolerances, 1.0, 1e-25, 0.0, 0.0, smooth=False, accepted=100)
+    uneven = judge(steep, tolerances, 1.0, 1e-25, 0.0, 0.0, **known)
     falls = np.abs(np.diff(steep))[-2:] / 9.0 / np.array([10.0, 1.0])
     assert VERDICTS[uneven.verdict] == "pre_asymptotic"
     assert uneven.uncertainty == pytest.approx(1.25 * 10.0**0.7 * falls.max(), rel=1e-5)
@@ -226,14 +231,7 @@ def test_tolerances_are_judged_with_care() -> None:
     [
         ("dormand_prince", [1e-5, 1e-6, 1e-7]),
         ("dop853", [1e-7, 1e-8, 1e-9]),
-        pytest.param(
-            "dop853",
-            [1e-4, 1e-5, 1e-6],
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="known: errors of dop853 in 62 steps fall by 3 from the last but one level, not by 10 as before",
-            ),
-        ),
+        ("dop853", [1e-4, 1e-5, 1e-6]),
     ],
 )
 def test_tolerances_hold_on_an_orbit(method: str, rtols: list[float]) -> None:

@@ -81,7 +81,10 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
     values = np.array([one[0] for one in found])
     doubt = max(one[1] + one[2] for one in found)
     noise = 4.0 * EPS * float(np.abs(values).max())
-    told = judge(values, levels.values, levels.formal, noise, 0.0, doubt, smooth=levels.varied.keyword == "steps")
+    told = judge(
+        values, levels.values, levels.formal, noise, 0.0, doubt, smooth=levels.varied.keyword == "steps",
+        accepted=int(runs[-1].attrs["run_accepted_steps"]), order=levels.order,
+    )  # fmt: skip
     terms = (
         _truncation(levels, values, noise, told),
         _roundoff(runs[0], model, target, asked, value, seed),

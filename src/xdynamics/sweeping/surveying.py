@@ -182,11 +182,11 @@ def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
         raise InputError(f"'{dim}' has {sweep.sizes[dim]} values of a {kind or 'thing'}, needs {LEVELS} or more of step or rtol")  # fmt: skip
     fine = sweep.sortby(dim, ascending=False)
     fine = fine.chunk({dim: -1}) if any(one.chunks for one in fine.data_vars.values()) else fine
-    steps, formal = fine[dim].values.astype(float), _formal(sweep, kind)
+    steps, order = fine[dim].values.astype(float), _orders(sweep)
     found: dict[str, Any] = {}
     for name in (one for one in numbers(sweep) if sweep[one].dtype.kind == "f" and dim in sweep[one].dims):
         parts = xr.apply_ufunc(
-            lambda values, orders: _judged(values, steps, orders, smooth=kind == STEP), fine[name].astype(float), formal,
+            lambda values, orders: _judged(values, steps, orders, smooth=kind == STEP), fine[name].astype(float), order,
             input_core_dims=[[dim], []], output_core_dims=[["told"]], dask="parallelized", output_dtypes=[float],
             dask_gufunc_kwargs={"output_sizes": {"told": 4}},
         )  # fmt: skip
@@ -293,12 +293,10 @@ def _share_of_changes(values: NDArray[Any], axis: int) -> float:
     return float(np.mean(moved[1:][there] != moved[:-1][there])) if there.any() else 0.0
 
 
-def _formal(sweep: xr.Dataset, kind: str) -> Any:
-    """Return the order that errors have in what is varied, of every method."""
+def _orders(sweep: xr.Dataset) -> Any:
+    """Return the order of every method in its step."""
     import xarray as xr
 
-    if kind == RTOL:
-        return xr.DataArray(1.0)
     plan = plan_of(sweep)
     if "method" in sweep.dims:
         return xr.DataArray([float(METHODS[str(one)].order) for one in sweep["method"].values], dims="method")
@@ -308,12 +306,13 @@ def _formal(sweep: xr.Dataset, kind: str) -> Any:
 def _judged(values: Floats, steps: Floats, orders: Floats, *, smooth: bool) -> Floats:
     """Judge rows of levels; order, verdict, limit and uncertainty of each."""
     shape = values.shape[:-1]
-    rows, formal = values.reshape(-1, values.shape[-1]), np.broadcast_to(orders, shape).ravel()
+    rows, order = values.reshape(-1, values.shape[-1]), np.broadcast_to(orders, shape).ravel().tolist()
     found = np.full((len(rows), 4), np.nan)
     observed = observed_orders(rows, steps)[:, -2]
     for i, row in enumerate(rows):
         if np.isfinite(row).all():
-            one = judge(row, steps, float(formal[i]), 4.0 * EPS * float(np.abs(row).max()), 0.0, 0.0, smooth=smooth)
+            formal, rounding = order[i] if smooth else 1.0, 4.0 * EPS * float(np.abs(row).max())
+            one = judge(row, steps, formal, rounding, 0.0, 0.0, smooth=smooth, order=order[i])
             found[i] = observed[i], one.verdict, one.limit, one.uncertainty
     found[np.isnan(found[:, 1]), 1] = VERDICTS.index("not_converging")
     return found.reshape(*shape, 4)

@@ -97,6 +97,7 @@ def _judged(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
             smooth=smooth,
             kink=kink,
             accepted=accepted,
+            order=levels.order,
         )
         for values, errors, rounding, moved, kink in zip(
             one.values, one.errors, one.rounding.tolist(), one.moved.tolist(), kinks.tolist(), strict=True

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.marching import march
+from xdynamics.evidence.refining.convergence import HIGHEST
 from xdynamics.faults import InputError
 from xdynamics.march.asking import settings_for
 from xdynamics.methods.scheme import REINTEGRATE, RULES
@@ -77,6 +78,8 @@ class Levels:
         Settings that all levels share.
     keep : Path, optional
         A folder that the runs are streamed to; without it they stay in memory.
+    order : float
+        That of the method in its step, whatever is varied.
     """
 
     model: Model
@@ -85,6 +88,7 @@ class Levels:
     formal: float
     asked: dict[str, Any] = field(default_factory=dict)
     keep: Path | None = None
+    order: float = HIGHEST
 
     @classmethod
     def of(
@@ -110,8 +114,8 @@ class Levels:
         elif len(found) < fewest or not (np.diff(found) < 0).all() or not (found > 0).all():
             raise InputError(f"{varied.keyword} are {[*map(str, values)]}, need {fewest} or more that get smaller, all positive")  # fmt: skip
         one = cls(model, varied, found, 1.0, asked, keep)
-        method = settings_for(one.model_of(found[0]), **one.asked_of(found[0])).method
-        return cls(model, varied, found, {STEPS: float(method.order), CHOICES: np.nan}.get(varied, 1.0), asked, keep)
+        order = float(settings_for(one.model_of(found[0]), **one.asked_of(found[0])).method.order)
+        return replace(one, formal={STEPS: order, CHOICES: np.nan}.get(varied, 1.0), order=order)
 
     def finer(self) -> Levels:
         """Return the levels with one more, as much finer as the last one was.
