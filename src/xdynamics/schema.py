@@ -104,6 +104,8 @@ ATOL_RULE, ATOL_FOLLOWS = (
     "atol_rule",
     "follows the size of the variable so far, see solver_atol_rule; this is its last value",
 )
+# what errors of given absolute tolerances come to along a run, or why it was not looked at; none where none is given
+ATOL_EFFECT = "run_atol_effect"
 # names of velocities that were not given, and are 0
 AT_REST = "initial_velocities_not_given"
 # of what was made from runs to judge them by: a word for what it is, and the content digests of the runs, coarse to fine

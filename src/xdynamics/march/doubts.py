@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from xdynamics.expressions import free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.kernels import Layout
-from xdynamics.march.engine import engine
 from xdynamics.march.gains import energy_dimension
 from xdynamics.march.runner import March
-from xdynamics.march.settings import EPS, Tolerances
-from xdynamics.march.timescales import put_aside, states_of
+from xdynamics.march.settings import EPS
+from xdynamics.march.uncontrolled import LOSS, effect_of
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, mass_matrices
 from xdynamics.model.motion import constants
@@ -27,9 +25,6 @@ from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, switches
 from xdynamics.stability import stiffness
 from xdynamics.units import TIME, behind, parse_unit, spell
 
-LOSS = 0.03  # of a variable, that errors of its absolute tolerance in every step may come to
-NOISE = 1e3 * EPS  # of the largest of its kind: what is smaller is left by rounding
-COMPARABLE = 10.0  # ratio of absolute to relative tolerance of a value up to which the relative one was meant so
 MOST_NAMED = 3
 FEW_ROWS = 100  # of a run, from which on stiffness is looked for
 ALIKE = 1e-6  # of a length: what is left to numbers that were written down
@@ -51,84 +46,24 @@ def doubts(march: March) -> list[str]:
 
 def _of_tolerances(march: March) -> Iterator[str]:
     """Name the variables of which given absolute tolerances let pass errors that matter to the state at the end."""
-    asked, scales, model = march.settings.tolerances, march.settings.scales, march.model
-    if not march.settings.adaptive or asked is None:
+    effect, asked, model = effect_of(march), march.settings.tolerances, march.model
+    march.atol_effect = effect.words
+    if asked is None or not effect.loose.any():
         return
-    loose, used = [], march.layout.used
-    sizes = march.run.largest * np.array([scales.of(model.dimensions[name]) for name in used])
-    out = uncontrolled(asked, march.layout, sizes, march.accepted)
-    if not out.any():
-        out = _spreading(march, asked, sizes)
-    for name, largest in itertools.compress(zip(used, sizes.tolist(), strict=True), out.tolist()):
-        atol = asked.of(name) or 0.0
-        unit, factor = model.units[name].text, float(model.units[name].factor)
+    loose, scales = [], march.settings.scales
+    for name, largest in itertools.compress(
+        zip(march.layout.used, march.run.largest.tolist(), strict=True), effect.loose.tolist()
+    ):
+        atol, unit, factor = asked.of(name) or 0.0, model.units[name].text, float(model.units[name].factor)
         unit = "" if unit == "1" else f" {unit}"
-        loose.append(f"{name} (largest value {largest / factor:.3g}{unit}, atol {atol / factor:.3g}{unit})")
-    if loose:
-        rest = f" and {len(loose) - MOST_NAMED} more" if len(loose) > MOST_NAMED else ""
-        yield (
-            f"the tolerances did not control {', '.join(loose[:MOST_NAMED])}{rest}: errors of atol in each of"
-            f" {march.accepted} steps may come to more than {LOSS:.0%} of the motion; give smaller ones by atol, or none:"
-            " it follows the sizes then"
-        )
-
-
-def uncontrolled(
-    asked: Tolerances, layout: Layout, largest: NDArray[np.float64], accepted: int | NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    """Tell of which variables given absolute tolerances let pass errors that add up to a part of their size.
-
-    What a variable has beside others of its kind is rounding where it is that small: nothing is lost there.
-
-    Parameters
-    ----------
-    asked : Tolerances
-    layout : Layout
-        Names the variables, and which are of one kind.
-    largest : ndarray, shape (…, n), SI
-        The largest absolute value of each.
-    accepted : int or ndarray, shape (…)
-        Steps of each run.
-    """
-    steps = np.asarray(accepted)[..., None]
-    return suspicious(asked, layout, largest) & (largest > 0.0) & (steps * _given(asked, layout) > LOSS * largest)
-
-
-def suspicious(asked: Tolerances, layout: Layout, largest: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which absolute tolerances are larger than the relative one means, of what is more than rounding."""
-    kinds, tops = np.array(layout.kinds), np.zeros_like(largest)
-    for kind in set(layout.kinds):
-        tops[..., kinds == kind] = largest[..., kinds == kind].max(axis=-1, keepdims=True)
-    return (_given(asked, layout) > COMPARABLE * asked.rtol * largest) & (largest >= NOISE * tops)
-
-
-def _given(asked: Tolerances, layout: Layout) -> NDArray[np.float64]:
-    """Return the absolute tolerances that were given, SI; 0 of what follows, which is in proportion."""
-    return np.array([asked.of(name) or 0.0 for name in layout.used])
-
-
-def _spreading(march: March, asked: Tolerances, sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which suspicious tolerances matter by what an error of that size does to the rest, at a few rows of the run.
-
-    Such an error moves the others, within the fastest time scale there, by the change of their slopes: one product of the
-    Jacobian and a vector at each row. In every step there may be one.
-    """
-    layout, run, n = march.layout, march.run, len(march.layout.coordinates)
-    moves = np.where(suspicious(asked, layout, sizes), run.atol, 0.0)
-    if not moves.any() or len(march.model.regimes) > 1:
-        return np.zeros(len(sizes), bool)
-    last = march.witnesses.shape[1] - 1
-    states = states_of(march.witnesses, [0, last // 2, last])
-    found, rates = np.zeros((len(sizes), states.shape[1])), np.zeros((1, states.shape[1]))
-    with put_aside(march), np.errstate(all="ignore"):
-        engine().responses(run, states, np.ascontiguousarray(moves[:, None]), found)
-        engine().fastest_rates(run, states, rates)
-        times = np.where(rates[0] > 0.0, 1.0 / rates[0], 0.0)
-        moved = np.abs(found) * times
-        moved[:n] += np.abs(found[n : 2 * n]) * times**2
-        spread = march.accepted * moved.max(axis=1) > LOSS * run.largest
-    controlled = spread & (moves == 0.0) & (run.largest > 0.0) & (run.atol < COMPARABLE * asked.rtol * run.largest)
-    return (moves > 0.0) & bool(controlled.any())
+        size = largest * scales.of(model.dimensions[name])
+        loose.append(f"{name} (largest value {size / factor:.3g}{unit}, atol {atol / factor:.3g}{unit})")
+    rest = f" and {len(loose) - MOST_NAMED} more" if len(loose) > MOST_NAMED else ""
+    yield (
+        f"the tolerances did not control {', '.join(loose[:MOST_NAMED])}{rest}: errors of atol in each of"
+        f" {march.accepted} steps may come to more than {LOSS:.0%} of the motion; give smaller ones by atol, or none:"
+        " it follows the sizes then"
+    )
 
 
 def _of_mass(march: March) -> Iterator[str]:

@@ -49,7 +49,7 @@ class Engine(NamedTuple):
     march_many: Callable[..., int]
     states_inside: Callable[..., None]
     fastest_rates: Callable[..., None]
-    responses: Callable[..., None]
+    growths: Callable[..., None]
     march_at: int  # where the compiled `loop.march` begins
 
 
@@ -128,7 +128,7 @@ def _loaded(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any]
 
 def _plain_entries() -> Engine:
     many = entries.march_many
-    others = (entries.states_inside, entries.fastest_rates, entries.responses)
+    others = (entries.states_inside, entries.fastest_rates, entries.growths)
     return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), *others, 0)
 
 
@@ -140,8 +140,8 @@ def _plain_solvers() -> Solvers:
 def _entries(kept: Kept) -> Engine:
     """Compile the entries, or load what was kept of them."""
     march = kept.callback(loop.march, types.void(types.int64, types.int64))
-    functions = (entries.march_many, entries.states_inside, entries.fastest_rates, entries.responses)
-    march_many, states_inside, fastest_rates, responses = (
+    functions = (entries.march_many, entries.states_inside, entries.fastest_rates, entries.growths)
+    march_many, states_inside, fastest_rates, growths = (
         kept.function(one, signature) for one, signature in zip(functions, _SIGNATURES, strict=True)
     )
     address, call = march.address, march.ctypes
@@ -151,7 +151,7 @@ def _entries(kept: Kept) -> Engine:
         lambda run, *given: march_many(run.address, address, *given),
         lambda run, *given: states_inside(run.address, *given),
         lambda run, *given: fastest_rates(run.address, *given),
-        lambda run, *given: responses(run.address, *given),
+        lambda run, *given: growths(run.address, *given),
         address,
     )
 
@@ -211,7 +211,7 @@ _STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
 _MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), *[_array("f8", 2)] * 3, types.int64, types.boolean)
 _SIGNATURES = (
     (types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 5, types.boolean),
-    (types.int64, *[_array("f8", 2)] * 2), (types.int64, *[_array("f8", 2)] * 3),
+    (types.int64, *[_array("f8", 2)] * 2), (types.int64, *[_array("f8", 2)] * 4),
 )  # fmt: skip
 
 

@@ -12,11 +12,12 @@ from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
 from xdynamics.kernels.tables import enter_pieces
-from xdynamics.march.evaluating import evaluate, slope_of
+from xdynamics.march.evaluating import evaluate
 from xdynamics.march.handle import called, entered_by, floats_at, march_by, run_at
 from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
 from xdynamics.march.outcomes import RUNNING
+from xdynamics.march.perturbation import follow
 from xdynamics.march.proposing import copy, propose_apart
 from xdynamics.march.run import BEGUN, HAPPEN, INFORM, KEPT, PIECE, SETTLE, SIDES, TOUCH, TOUCHED, TRIAL, WATCH, Run
 from xdynamics.march.sizes import derivatives, fastest_rate, natural_sizes
@@ -184,8 +185,8 @@ def states_inside(address: Any, parameters: Floats, steps: Floats, states: Float
         judge_inside(run, s, states, ends, found, k, solved)
 
 
-def responses(address: Any, states: Floats, moves: Floats, found: Floats) -> None:
-    """Find how much slopes change where states are moved, contacts open: products of the Jacobian and a vector.
+def growths(address: Any, states: Floats, moves: Floats, work: Floats, found: Floats) -> None:
+    """Follow an error along a run from each state on; see `perturbation.follow`.
 
     Parameters
     ----------
@@ -193,20 +194,16 @@ def responses(address: Any, states: Floats, moves: Floats, found: Floats) -> Non
         Of a `Run`, which stands elsewhere afterwards.
     states : ndarray, shape (1 + n, k)
         Time and state.
-    moves : ndarray, shape (n, 1)
-    found : ndarray, shape (n, k)
-        Filled.
+    moves : ndarray, shape (1 + n, 2)
+        The time of the end; behind it the error and the size of each variable.
+    work : ndarray, shape (12, n)
+    found : ndarray, shape (2*k, m)
+        Filled: for each state times, and how large the error is over what it was.
     """
     run = run_at(address)
-    for i in range(run.touches.shape[0]):
-        run.touches[i] = _NO_TOUCH[0]
     for k in range(states.shape[1]):
         stand_at(run, states, k)
-        for i in range(run.plan[0].used):
-            run.probe[i] = run.y[i] + moves[i, 0]
-        evaluate(run, states[0, k], run.probe)
-        for i in range(run.plan[0].used):
-            found[i, k] = slope_of(run, run.probe, i) - slope_of(run, run.y, i)
+        follow(run, states[0, k], moves, work, found, 2 * k)
 
 
 def fastest_rates(address: Any, states: Floats, found: Floats) -> None:

@@ -81,6 +81,7 @@ class March:
         self.stopping_event = ""
         self.bad_values: dict[str, float] = {}  # energies and observables of a row that could not be kept
         self.doubts: list[str] = []  # what speaks against its numbers, once it is over; see `ending`
+        self.atol_effect = ""  # what errors of given absolute tolerances come to, in words, once it is over
         self.event_pairs = 0
         self.gains = Gains()  # energy that impacts created
         self.misplaced = np.zeros(

@@ -11,6 +11,7 @@ import numpy as np
 from xdynamics.attributes import plain
 from xdynamics.record.kinds import is_run, is_whole
 from xdynamics.schema import (
+    ATOL_EFFECT,
     BOUNDS,
     BY_STEP_CONTROL,
     DERIVED,
@@ -108,7 +109,7 @@ def _attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
     )
     yield from (
         f"attribute '{name}' is {_short(attributes[name])}, needs a text"
-        for name in (EVIDENCE, RUNS, DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL)
+        for name in (EVIDENCE, RUNS, DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL, ATOL_EFFECT)
         if not isinstance(attributes.get(name, ""), str)
     )
     yield from unkeepable(attributes)

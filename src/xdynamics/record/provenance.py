@@ -75,6 +75,7 @@ def attributes(march: March) -> dict[str, Any]:
         **_switches(march),
         **_located(march),
         **_time_scales(march),
+        **({schema.ATOL_EFFECT: march.atol_effect} if march.atol_effect else {}),
         **_assumed(march.model),
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHOD,

@@ -16,8 +16,8 @@ from xdynamics import record
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs, march_many
 from xdynamics.march.diagnosis import ending
-from xdynamics.march.doubts import uncontrolled
 from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
+from xdynamics.march.uncontrolled import uncontrolled
 from xdynamics.model.switches import smooth_switches
 from xdynamics.record.provenance import xdynamics_version
 from xdynamics.schema import CIRCUMSTANCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL

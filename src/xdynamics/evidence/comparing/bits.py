@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import escaped
 from xdynamics.record import own_attributes, plain
-from xdynamics.schema import COUNTS, END_MEMORY, ORIGIN, ROOT_DIGEST, SELECTION_OF, STEPS, VOLATILE
+from xdynamics.schema import ATOL_EFFECT, COUNTS, END_MEMORY, ORIGIN, ROOT_DIGEST, SELECTION_OF, STEPS, VOLATILE
 
 SLAB = 1_000_000
 STATES = ("coordinate", "velocity", "state")  # roles
@@ -23,7 +23,7 @@ OFFSETS = "event_offset_"  # of 0.2, always 0
 # what follows of a march and is no setting of it: how `sample` interpolates, in the version that wrote it, and its rates
 FOLLOWING = (
     "solver_interpolation", "solver_interpolation_order", "run_fastest_rate", "run_h_omega_start", "run_h_omega_largest",
-    "run_h_omega_rule",
+    "run_h_omega_rule", ATOL_EFFECT,
 )  # fmt: skip
 
 

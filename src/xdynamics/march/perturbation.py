@@ -1,0 +1,134 @@
+"""How an error in a state grows along a run: two marches side by side from one of its rows, and how far they come apart.
+
+Both take the same steps of Bogacki's and Shampine's pair of order 3 and 2 (1989, Applied Mathematics Letters 2, 321), as
+long as two digits of their distance ask for: it is the product of the motion's tangent map and a vector, by differences.
+"""
+
+from __future__ import annotations
+
+from math import inf, isfinite
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.tables import enter_pieces
+from xdynamics.march.evaluating import evaluate, slope_of
+from xdynamics.march.run import Run
+from xdynamics.march.sizes import time_at
+
+State = NDArray[Any]
+Floats = NDArray[Any]
+
+STATES = 12  # two states, their ends, four slopes of each
+EVALUATIONS = 6  # of a step
+SHORT = 2.0**-20  # of the sizes, that the two are apart at first: ten digits of their distance are no rounding
+FAR = 2.0**10  # times that, from which on they are not followed
+ROUGH = 1e-3  # of the sizes, that a step may err by in a state
+ROUGHER = 1e-2  # of the distance, that it may err by in that
+FIRST = 1e-2  # of a time scale from sizes and slopes, that the first step is
+SPARE = 1.0 / 16.0  # of the error that is allowed: below it the next step is twice as long
+
+
+@shared
+def follow(run: Run, t: float, moves: Floats, work: Floats, found: Floats, row: int) -> None:
+    """Put times, and how far states are apart over how far they were, into two rows of `found`, as far as these reach.
+
+    Parameters
+    ----------
+    run : Run
+        Stands at the state to begin at, with its slopes, and elsewhere afterwards.
+    t : float
+    moves : ndarray, shape (1 + n, 2)
+        The time of the end; behind it by how much the second state is moved, and the size of each variable.
+    work : ndarray, shape (12, n)
+    found : ndarray, shape (…, k)
+        Filled as far as there is something to be put there.
+    row : int
+    """
+    used, near = run.plan[0].used, 0.0
+    for i in range(used):
+        near = max(near, abs(moves[1 + i, 0]) / moves[1 + i, 1])
+    h = FIRST * time_at(run, run.y)
+    if not (near > 0.0 and h > 0.0):
+        return
+    for i in range(used):
+        work[0, i] = run.y[i]
+        work[6, i] = run.y[i] + SHORT / near * moves[1 + i, 0]
+    slopes_at(run, t, work[0], work[2])
+    slopes_at(run, t, work[6], work[8])
+    far = apart_by(run, work[0], work[6], moves)
+    first, count = far, 1
+    found[row, 0], found[row + 1, 0] = t, 1.0
+    for _ in range(found.shape[1] - 1):
+        h = min(h, moves[0, 0] - t)
+        if not t + h > t:
+            return
+        advance(run, t, h, work, 0)
+        advance(run, t, h, work, 6)
+        norm = misfit(run, h, work, far, moves)
+        if norm <= 1.0:
+            t, far = t + h, apart_by(run, work[1], work[7], moves)
+            for i in range(used):
+                work[0, i], work[2, i], work[6, i], work[8, i] = work[1, i], work[5, i], work[7, i], work[11, i]
+            found[row, count], found[row + 1, count] = t, far / first
+            count += 1
+            if not 0.0 < far < FAR * first:
+                return
+            enter_pieces(t, run.tables, run.places, run.of_time)
+        h *= 2.0 if norm < SPARE else (1.0 if norm <= 1.0 else (0.5 if norm < inf else 0.125))
+
+
+@shared
+def slopes_at(run: Run, t: float, state: State, slopes: Floats) -> None:
+    """Put the time derivatives at a state into `slopes`."""
+    for i in range(run.plan[0].used):
+        run.probe[i] = state[i]
+    evaluate(run, t, run.probe)
+    for i in range(run.plan[0].used):
+        slopes[i] = slope_of(run, run.probe, i)
+
+
+@shared
+def advance(run: Run, t: float, h: float, work: Floats, first: int) -> None:
+    """Make a step: from row `first` of `work` to the next, with slopes in the four behind it."""
+    used, y, end = run.plan[0].used, work[first], work[first + 1]
+    a, b, c, d = work[first + 2], work[first + 3], work[first + 4], work[first + 5]
+    for i in range(used):
+        end[i] = y[i] + h / 2.0 * a[i]
+    slopes_at(run, t + h / 2.0, end, b)
+    for i in range(used):
+        end[i] = y[i] + 0.75 * h * b[i]
+    slopes_at(run, t + 0.75 * h, end, c)
+    for i in range(used):
+        end[i] = y[i] + h * (2.0 * a[i] + 3.0 * b[i] + 4.0 * c[i]) / 9.0
+    slopes_at(run, t + h, end, d)
+
+
+@shared
+def misfit(run: Run, h: float, work: Floats, far: float, moves: Floats) -> float:
+    """Return the error of a step over what it may be, the largest of all variables; inf where something is no number."""
+    found = 0.0
+    for i in range(run.plan[0].used):
+        error = error_of(work, 0, h, i)
+        beside = abs(error_of(work, 6, h, i) - error)
+        found = max(found, abs(error) / (ROUGH * moves[1 + i, 1]), beside / (ROUGHER * far * moves[1 + i, 1]))
+        if not isfinite(error + beside):
+            return inf
+    return found
+
+
+@shared
+def error_of(work: Floats, first: int, h: float, i: int) -> float:
+    """Return the estimated error of a variable in a step from row `first` of `work`."""
+    a, b, c, d = work[first + 2, i], work[first + 3, i], work[first + 4, i], work[first + 5, i]
+    return h * (-5.0 * a + 6.0 * b + 8.0 * c - 9.0 * d) / 72.0
+
+
+@shared
+def apart_by(run: Run, one: State, other: State, moves: Floats) -> float:
+    """Return how far two states are apart, over the sizes, in the variable where that is most."""
+    found = 0.0
+    for i in range(run.plan[0].used):
+        found = max(found, abs(other[i] - one[i]) / moves[1 + i, 1])
+    return found

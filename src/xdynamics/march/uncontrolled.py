@@ -1,0 +1,184 @@
+"""What given absolute tolerances let pass: of which variables errors that matter to the state over the run."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels import Layout
+from xdynamics.march.engine import engine
+from xdynamics.march.perturbation import EVALUATIONS, STATES
+from xdynamics.march.runner import March
+from xdynamics.march.settings import EPS, Tolerances
+from xdynamics.march.timescales import put_aside, states_of
+
+Floats = NDArray[np.float64]
+
+LOSS = 0.03  # of a variable, that errors of its absolute tolerance in every step may come to
+NOISE = 1e3 * EPS  # of the largest of its kind: what is smaller is left by rounding
+COMPARABLE = 10.0  # ratio of absolute to relative tolerance of a value up to which the relative one was meant so
+SHARE = 16  # evaluations of a march for each that follows an error
+FEWEST, SMALL = 240, 48  # evaluations of a march of a small state that cost nothing beside its record
+MOST_FOLLOWED = 1000  # steps; the rest of a long run is drawn on from there
+
+
+class Effect(NamedTuple):
+    """What errors of given absolute tolerances come to.
+
+    Attributes
+    ----------
+    words : str
+        For the record, with why it was not looked at if it was not; empty where no tolerance is given.
+    loose : ndarray of bool
+        Variables whose tolerances let pass too much.
+    """
+
+    words: str
+    loose: NDArray[np.bool_]
+
+
+def uncontrolled(asked: Tolerances, layout: Layout, largest: Floats, accepted: int | NDArray[np.int64]) -> NDArray[np.bool_]:  # fmt: skip
+    """Tell of which variables given absolute tolerances let pass errors that add up to a part of their size.
+
+    It is told from sizes alone, as if errors neither grew nor decayed. What a variable has beside others of its kind is
+    rounding where it is that small: nothing is lost there.
+
+    Parameters
+    ----------
+    asked : Tolerances
+    layout : Layout
+        Names the variables, and which are of one kind.
+    largest : ndarray, shape (…, n), SI
+        The largest absolute value of each.
+    accepted : int or ndarray, shape (…)
+        Steps of each run.
+    """
+    steps, given, tops = np.asarray(accepted)[..., None], _given(asked, layout), _tops(layout, largest)
+    some = (largest > 0.0) & (largest >= NOISE * tops)
+    return some & (given > COMPARABLE * asked.rtol * largest) & (steps * given > LOSS * largest)
+
+
+def effect_of(march: March) -> Effect:
+    """Follow errors of given absolute tolerances along a run that is over, from its start and its middle."""
+    asked, layout, scales = march.settings.tolerances, march.layout, march.settings.scales
+    none = np.zeros(len(layout.used), bool)
+    if not march.settings.adaptive or asked is None or not march.witnesses.shape[1]:
+        return Effect("", none)
+    factors = np.array([scales.of(march.model.dimensions[name]) for name in layout.used])
+    given = _given(asked, layout) / factors
+    if not given.any():
+        return Effect("", none)
+    end, steps = float(march.now.t), _steps(march)  # of the march, which stands elsewhere below
+    with put_aside(march), np.errstate(all="ignore"):
+        sizes = _sizes(march, given)
+        loose = (given > COMPARABLE * asked.rtol * sizes) & (sizes > 0.0)
+        if not loose.any():
+            return Effect(f"not looked at: no atol is above {COMPARABLE:g} rtol times the size of its variable", none)
+        moves = np.where(loose, given, 0.0)
+        share = march.accepted * np.where(loose, moves / np.where(sizes > 0.0, sizes, 1.0), 0.0)
+        why = _obstacle(march, steps)
+        found = None if why else _followed(march, end, steps, moves, sizes)
+    if found is None:
+        why = why or "the forces give no finite slopes beside the run"
+        said = f"not looked at: {why}; errors of atol in each of {march.accepted} steps are {share.max():.2g} of a variable if they neither grow nor decay"
+        return Effect(said, share > LOSS)
+    growth, covered, rows = found
+    said = (
+        f"{share.max() * growth:.2g} of a variable, by errors of atol in each of {march.accepted} steps that come to {growth:.3g}"
+        f" times their size over the run; followed from {rows} of its rows over {covered:.0%} of it"
+    )
+    return Effect(said, share * growth > LOSS)
+
+
+def _given(asked: Tolerances, layout: Layout) -> Floats:
+    """Return the absolute tolerances that were given, SI; 0 of what follows, which is in proportion."""
+    return np.array([asked.of(name) or 0.0 for name in layout.used])
+
+
+def _tops(layout: Layout, largest: Floats) -> Floats:
+    """Return the largest value of each variable's kind."""
+    kinds, tops = np.array(layout.kinds), np.zeros_like(largest)
+    for kind in set(layout.kinds):
+        tops[..., kinds == kind] = largest[..., kinds == kind].max(axis=-1, keepdims=True)
+    return tops
+
+
+def _sizes(march: March, given: Floats) -> Floats:
+    """Return what errors of each variable are measured by: its largest value, or a natural one where it is rounding alone.
+
+    Natural is the largest of its kind, of a velocity also that of its coordinates in the fastest time scale. What begins
+    as rounding, and comes to no more than errors of its tolerance may have made of it, stays so.
+    """
+    run, used, n, rates = march.run, len(march.layout.used), len(march.layout.coordinates), np.zeros((1, 1))
+    engine().fastest_rates(run, states_of(march.witnesses, [0]), rates)
+    rate = float(rates[0, 0]) if 0.0 < rates[0, 0] < np.inf else 0.0
+    largest, born = run.largest.copy(), np.abs(run.y[:used])
+    natural = _tops(march.layout, largest)
+    natural[n : 2 * n] = np.maximum(natural[n : 2 * n], rate * natural[:n])
+    if rate > 0.0:  # behind the state stand the slopes of velocities
+        born[n : 2 * n] = np.maximum(born[n : 2 * n], np.abs(run.y[used : used + n]) / rate)
+        born[:n] = np.maximum(born[:n], born[n : 2 * n] / rate)
+    rounding = (born < NOISE * natural) & (largest <= march.accepted * given) & (np.arange(used) < 2 * n)
+    return np.where((largest < NOISE * natural) | rounding, natural, largest)
+
+
+def _obstacle(march: March, steps: int) -> str:
+    """Say why errors are not followed along a run; empty where they can be."""
+    layout, plan = march.layout, march.run.plan[0]
+    reasons = {
+        "forces change with regimes": len(march.model.regimes) > 1,
+        "contacts or friction act": bool(layout.reactions),
+        "events set the state": bool(layout.resets),
+        "switches in forces are located": int(plan.switches) > 0,
+        f"the run has {int(march.now.evaluations)} evaluations alone": steps < 1,
+    }
+    return ", ".join(reason for reason, there in reasons.items() if there)
+
+
+def _steps(march: March) -> int:
+    """Return how many steps an error is followed for from each row."""
+    floor = FEWEST if len(march.layout.used) <= SMALL else 0
+    return min(MOST_FOLLOWED, max(floor, int(march.now.evaluations) // SHARE) // (2 * EVALUATIONS))
+
+
+def _followed(march: March, end: float, steps: int, moves: Floats, sizes: Floats) -> tuple[float, float, int] | None:
+    """Return what an error comes to on average over the run, over its size, over what part it was followed, from how many rows."""
+    last = march.witnesses.shape[1] - 1
+    chosen = [0, last // 2] if last > 1 else [0]
+    states = states_of(march.witnesses, chosen)
+    given = np.zeros((1 + len(moves), 2))
+    given[0, 0], given[1:, 0], given[1:, 1] = end, moves, np.where(sizes > 0.0, sizes, np.inf)
+    found = np.full((2 * len(chosen), 1 + steps), np.nan)
+    engine().growths(march.run, states, given, np.empty((STATES, len(moves))), found)
+    span, growths, covered = end - float(states[0, 0]), [], 0.0
+    for k in range(len(chosen)):
+        count = int(np.count_nonzero(~np.isnan(found[2 * k])))
+        if count > 1:
+            times, apart = found[2 * k : 2 * k + 2, :count].tolist()
+            growths.append(mean_growth(times, apart, span))
+            covered += times[-1] - times[0]
+    return (max(growths), min(1.0, covered / span), len(growths)) if growths and span > 0.0 else None
+
+
+def mean_growth(times: list[float], apart: list[float], span: float) -> float:
+    """Return the mean over a span of what was followed for a part of it: behind it, growth goes on as it was, and decay ends.
+
+    Examples
+    --------
+    >>> mean_growth([0.0, 1.0, 2.0], [1.0, 2.0, 3.0], 10.0), mean_growth([0.0, 1.0, 2.0], [1.0, 1.0, 1.0], 10.0)
+    (6.0, 1.0)
+    """
+    middle, parts = (times[0] + times[-1]) / 2.0, [[0.0, 0.0], [0.0, 0.0]]
+    for t, t1, a, b in zip(times[:-1], times[1:], apart[:-1], apart[1:], strict=True):
+        half = parts[t + t1 > 2.0 * middle]
+        half[0], half[1] = half[0] + (t1 - t) * (a + b) / 2.0, half[1] + t1 - t
+    known, rest = times[-1] - times[0], span - (times[-1] - times[0])
+    whole = (parts[0][0] + parts[1][0]) / known
+    if rest <= 0.0:
+        return whole
+    early, late = (part / length if length > 0.0 else whole for part, length in parts)
+    slope = max(0.0, late - early) / (known / 2.0)
+    beyond = late + slope * (known / 4.0 + rest / 2.0)
+    return (whole * known + beyond * rest) / span
