@@ -124,3 +124,18 @@ def test_what_the_command_says_of_levels(tmp_path: Path) -> None:
     said = call("diagnose", path, "--no-companion", "--level", "290 cm").output
     assert "attention: x has 8 maxima and rises through the level" in said
     assert call("diagnose", path, "--level", "3 s").exit_code == 2
+
+
+@pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")
+def test_periods_of_a_study_are_of_one_level() -> None:
+    """Assert that all runs of a refinement count cycles by the level of the finest, though each would choose another."""
+    swing = Swing(np.random.default_rng(3))
+    model, steps = xd.Model.from_text(str(swing.run()["model_toml"].values)), [0.02, 0.01, 0.005]
+    runs = [xd.simulate(model, method="forward_euler", step=h, until=swing.end) for h in steps]
+    own = [cycles(run, "x") for run in runs]
+    assert len({one.level for one in own}) == len(runs)
+    study = xd.refine(model, method="forward_euler", steps=steps, until=swing.end, observables=["period_x"])
+    means = [float(cycles(run, "x", level=own[-1].level).periods.mean()) for run in runs]
+    assert study.period_x.values == pytest.approx(means, rel=1e-14)
+    assert study.period_x.values[0] != float(own[0].periods.mean())
+    assert f"{own[-1].level:.6g} upward, a level that the finest run chose for all" in study.period_x.attrs["long_name"]

@@ -128,6 +128,7 @@ def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
                 "run_h_omega",
                 "run_fastest",
                 "run_slowest",
+                "run_atol",
                 "precision",
                 "math_",
                 "model_d",

@@ -180,7 +180,11 @@ class Study:
             yield Watched(ENERGY_RANGE, units, "largest less least total energy of the accepted states", (), ranges, 0.0 * ranges, rounding, none, scale)  # fmt: skip
         for name in [one for one in self.names if one.startswith((PERIOD, PHASE))]:
             kind, coordinate = (PERIOD if name.startswith(PERIOD) else PHASE), name.partition("_")[2]
-            found = [cycles(run, coordinate, functions=self.levels.model.functions) for run in self.runs]
+            functions = self.levels.model.functions
+            finest = cycles(last, coordinate, functions=functions)
+            # a level that each run chose for itself would move between them, and periods of one that decays with it
+            coarser = [cycles(run, coordinate, level=finest.level, functions=functions) for run in self.runs[:-1]]
+            found = [*coarser, finest]
             doubts = np.array([float(one.uncertainties.max(initial=0.0)) for one in found])
             if kind == PERIOD:
                 means = [float(one.periods.mean()) if one.periods.size else np.nan for one in found]
@@ -191,13 +195,13 @@ class Study:
                     self.levels.model.time_unit.text,
                 )
                 dims: tuple[str, ...] = ()
-                said = f"mean period of {coordinate}, between located crossings of {found[-1].level:.6g} upward"
+                said = f"mean period of {coordinate}, between located crossings of {finest.level:.6g} upward, a level that the finest run chose for all"
             else:
                 values = np.stack([one.phase(times) for one in found], axis=-1)
                 speeds = [TURN / one.periods.mean() if one.periods.size else np.nan for one in found]
                 errors = np.broadcast_to(doubts * np.array(speeds), values.shape).copy()
                 dims, units = (AT,), "rad"
-                said = f"phase of {coordinate}, whole turns at located crossings of {found[-1].level:.6g} upward"
+                said = f"phase of {coordinate}, whole turns at located crossings of {finest.level:.6g} upward, a level that the finest run chose for all"
             rounding = _rounding(last, values)
             scale = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
             yield Watched(name, units, said, dims, values, errors, rounding, np.zeros(len(values)), scale)
