@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,8 @@ from xdynamics.expressions import Name, Node, free_names
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
-from xdynamics.model import Model
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of
+from xdynamics.model import Function, Model
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, motion, tables_of
 from xdynamics.model.reactions import NORMAL, holds, reactions, way
 from xdynamics.record.columns import state_name
 from xdynamics.record.kinds import said_of_log
@@ -92,6 +93,22 @@ def _derived(run: xr.Dataset, model: Model, names: list[str], states: xr.Dataset
 def tree_of(model: Model, name: str) -> Node:
     """Return what a variable of the record is computed by: an energy, observable, force, acceleration, rate or reaction."""
     return layout_of(model).derived.get(name, Name(name))
+
+
+@lru_cache(maxsize=512)
+def rate_tree(model: Model, name: str) -> Node | None:
+    """Return the time derivative of a variable of the record along the motion; none where contacts or Python are in it."""
+    if name in model.coordinates:
+        return model.rates[name]
+    if reactions(model) or model.python_functions:
+        return None
+    if name in model.units:
+        return model.rates[name]
+    forces = {one.name: one.value for one in motion(model) if not isinstance(one.value, Function)}
+    tree = layout_of(model).derived.get(name, forces.get(name))
+    if tree is None or free_names(tree) & {one.name for one in motion(model)}:
+        return None
+    return model.rate_of(tree)
 
 
 def evaluated_on(

@@ -188,6 +188,21 @@ class Law:
         text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
         return machine.compiled(text, [STRIDE])
 
+    def parting(self, lanes: int) -> tuple[int, int]:
+        """Return where a force evaluation and a step in so many lanes begin, compiled."""
+        with _LOCK:
+            return self._parting(lanes)
+
+    @lru_cache(maxsize=8)  # noqa: B019 - laws are kept as long as they are used
+    def _parting(self, lanes: int) -> tuple[int, int]:
+        programs = (self.entries[0], *self.steps.programs)
+        names = (programs[0].name, self.entries[PROPOSE - FORCES].name)
+        code = machine.compiled(
+            llvm_of(programs, lanes, entered=names, math_functions=self.scheme.math_functions), names
+        )
+        _STRIDES.append(code)
+        return code.addresses[names[0]], code.addresses[names[1]]
+
     @cached_property
     def _marching(self) -> machine.Code:
         return self.compiled(without=[self.entries[INSIDE - FORCES]])

@@ -1,6 +1,6 @@
 """One ordinary step in every lane: aim, propose, judge and accept or reject, as `march.loop` does them, without a branch.
 
-What is not ordinary (a node, an event, a step that cannot be shortened, a number that is none) changes nothing in its
+What is not ordinary (the end, an event, a step that cannot be shortened, a number that is none) changes nothing in its
 lane and is said: there the single march makes the step. So each line here has the operations of one in `march.loop`,
 `march.landing` or `march.control`, in their order, and a lane has the bits of a run alone.
 """
@@ -29,33 +29,38 @@ from xdynamics.kernels.program import (
 
 # What a lane knows besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
 # run goes on; `done` counts accepted and rejected trials, `most` is how many there may be; h and norm are those of the
-# last accepted step, tried is the norm of the last trial. Behind them stand absolute tolerances, largest values,
+# last accepted step, tried is the norm of the last trial; `inner` is 1 where the next node is not the end, `landed`
+# where the last step came to one. Behind them stand absolute tolerances, largest values,
 # the error of that step; of each event function on which side of zero it is to stay (2: wherever, 0: it is not known),
 # and of a gap how large it was; of each switch that was declared smooth its side, how often it was passed, and when first.
 LANE = (
     "t", "h", "norm", "tried", "step", "step_log", "rejected", "grid", "on_grid", "done", "accepted", "most", "lives",
-    "node", "snap", "start", "step_size", "rtol", "floor", "rest", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
+    "node", "snap", "inner", "landed", "start", "step_size", "rtol", "floor", "rest", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
 )  # fmt: skip
 STRIDE, DERIVED = "stride", "derived"
 STRETCH = 1.01  # of a step that would end just before a node
 LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
 
 _AIM_FREELY = """
-rest = node - t
-reach = t + step
-width = reach - t
-lands = where(reach >= node - snap, 1, where(rest <= stretch*step, where(rest <= max_step, 1, 0), 0))
+rest_of = node - t
+proposed = t + step
+lands = where(proposed >= node - snap, 1, where(rest_of <= stretch*step, where(rest_of <= max_step, 1, 0), 0))
+reach = where(lands > 0, node, proposed)
+width = where(lands > 0, rest_of, proposed - t)
+counts = 1 - lands
 """
 _AIM_AT_GRID = """
-reach = start + (grid + 1)*step_size
-width = step_size
-lands = where(node > reach + snap, where(on_grid > 0, 0, 1), 1)
+proposed = start + (grid + 1)*step_size
+lands = where(node > proposed + snap, 0, 1)
+counts = where(lands > 0, where(node >= proposed - snap, 1, 0), 1)
+reach = where(lands > 0, node, proposed)
+width = where(on_grid > 0, where(counts > 0, step_size, reach - t), reach - t)
 """
 _SIDE = "silent{0} = silent*where(side > 1.5, 1, where(side > 0.5, where(under > 0, 1, 0), where(side < -0.5, where(over < 0, 1, 0), 0)))"
 _ASLEEP = "silent{0} = silent*where(side > 1.5, 1, 0)"
 _READY = """
 advances = where(t + width > t, where(reach > t, 1, 0), 0)
-ready = lives*(1 - lands)*advances*where(done <= most, 1, 0)
+ready = lives*where(lands > inner, 0, 1)*advances*where(done <= most, 1, 0)
 """
 _JUDGE = """
 logarithm = log(judged)
@@ -63,7 +68,8 @@ beta = 0.2/k
 allowed = safety*exp(where(judged > 1, -logarithm/k, (0.75*beta - 1/k)*logarithm + beta*step_log))
 factor = where(judged > 0, min(greatest, max(least, allowed)), greatest)
 grown = width*where(rejected > 0, min(factor, 1), factor)
-next_step = min(max_step, max(min_step, grown))
+kept_up = where(lands > 0, where(rejected > 0, grown, max(grown, step)), grown)
+next_step = min(max_step, max(min_step, kept_up))
 next_log = max(where(judged > 0, logarithm, least_logarithm), least_logarithm)
 shorter = width*max(least, min(0.9, allowed))
 bound = max(min_step, max(1e-14*abs(t), 1e-300))
@@ -74,7 +80,9 @@ turns_back = ready*sound*repeats
 _MOVE = """
 t = where(moves > 0, reach, t)
 h = where(moves > 0, width, h)
-grid = where(moves > 0, grid + 1, grid)
+grid = where(moves > 0, grid + counts, grid)
+on_grid = where(moves > 0, counts, on_grid)
+landed = where(moves > 0, lands, landed)
 done = done + moves + turns_back
 accepted = accepted + moves
 ordinary = where(moves + turns_back > 0, 1, 1 - lives)
@@ -104,6 +112,11 @@ def lane_width(layout: Layout) -> int:
     return _of_smooth(layout) + 3 * len(layout.smooth)
 
 
+def noted_width(layout: Layout) -> int:
+    """Return how many numbers a step in lanes notes besides the state: energies, observables, smooth switches."""
+    return max(1, len(layout.derived) + 2 * len(layout.smooth))
+
+
 def _of_smooth(layout: Layout) -> int:
     """Return where a lane has what is known of switches that were declared smooth."""
     return len(LANE) + 3 * len(layout.used) + 2 * len(layout.watched)
@@ -122,7 +135,7 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
     write.load("finite_step", Place("at", UNSOUND))
     if layout.derived or layout.smooth:
         write.store("at", {"t": "reach"})
-        write.body.append(Call(DERIVED, "at", "z", "noted"))
+        write.body.append(Call(DERIVED, "at", "z", "samples"))  # which no step of a lane keeps: there is room
     write.load("finite_row", Place("at", UNSOUND))
     write.lines("sound = where(finite_step == 0, where(finite_row == 0, 1, 0), 0)")
     if layout.estimates:
@@ -133,7 +146,7 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
     write.smooth()
     write.move(adaptive=adaptive)
     write.lines(_MOVE + (_JUDGED if layout.estimates else "") + (_PACE if adaptive else ""), kept=True)
-    local = {"noted": max(1, len(layout.derived) + 2 * len(layout.smooth)), "norm": 1}
+    local = {"norm": 1}
     if any(followers):
         local["tops"] = 1 + max(layout.kinds)
     own = Program(STRIDE, "One step in every lane.", tuple(write.body), {}, local)
@@ -275,7 +288,7 @@ class _Writing:
         noted, first = len(self._layout.derived), _of_smooth(self._layout)
         for i in range(len(self._layout.smooth)):
             for k, name in enumerate(("value", "decides")):
-                self.load(f"{name}{i}", Place("noted", noted + 2 * i + k))
+                self.load(f"{name}{i}", Place("samples", noted + 2 * i + k))
                 self._known[name] = f"{name}{i}"
             places = {name: Place("w", first + 3 * i + k) for k, name in enumerate(("side", "count", "time"))}
             for name, place in places.items():

@@ -19,7 +19,7 @@ from xdynamics.march import entries, loop, proposing
 from xdynamics.march.contacts import touch
 from xdynamics.march.events import enclosures, transition
 from xdynamics.march.kept import Kept
-from xdynamics.march.lanes import march_lanes
+from xdynamics.march.lanes import gather_rows, march_lanes, parts_of_steps
 from xdynamics.march.run import EVENT_ROW, NOW, PLAN
 
 SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS, CONTACTS_SECONDS, LANES_SECONDS = (
@@ -50,7 +50,16 @@ class Engine(NamedTuple):
     states_inside: Callable[..., None]
     fastest_rates: Callable[..., None]
     growths: Callable[..., None]
+    rows_of_times: Callable[..., None]
     march_at: int  # where the compiled `loop.march` begins
+
+
+class Lanes(NamedTuple):
+    """What goes side by side."""
+
+    march: Callable[..., bool]  # `lanes.march_lanes`, to be called with the runs
+    gather: Callable[..., None]  # `lanes.gather_rows`
+    parts: Callable[..., None]  # `lanes.parts_of_steps`, to be called with a run
 
 
 class Solvers(NamedTuple):
@@ -92,11 +101,11 @@ def contacts() -> int:
     return found
 
 
-def lanes() -> Callable[..., bool]:
-    """Return what marches runs side by side, to be called with the runs; compiled if that was not done on this machine."""
+def lanes() -> Lanes:
+    """Return what marches runs side by side, compiled if that was not done on this machine."""
     march_at = engine().march_at
-    function = _part("lanes", "marches side by side", LANES_SECONDS, _lanes, _no_lanes)
-    return lambda runs, *given: function(runs, march_at, *given)
+    found: Lanes = _part("lanes", "marches side by side", LANES_SECONDS, _lanes, _no_lanes)
+    return found._replace(march=lambda runs, *given: found.march(runs, march_at, *given))
 
 
 def _part(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any], plain: Callable[[], Any]) -> Any:
@@ -128,7 +137,7 @@ def _loaded(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any]
 
 def _plain_entries() -> Engine:
     many = entries.march_many
-    others = (entries.states_inside, entries.fastest_rates, entries.growths)
+    others = (entries.states_inside, entries.fastest_rates, entries.growths, entries.rows_of_times)
     return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), *others, 0)
 
 
@@ -140,8 +149,8 @@ def _plain_solvers() -> Solvers:
 def _entries(kept: Kept) -> Engine:
     """Compile the entries, or load what was kept of them."""
     march = kept.callback(loop.march, types.void(types.int64, types.int64))
-    functions = (entries.march_many, entries.states_inside, entries.fastest_rates, entries.growths)
-    march_many, states_inside, fastest_rates, growths = (
+    functions = (entries.march_many, entries.states_inside, entries.fastest_rates, entries.growths, entries.rows_of_times)
+    march_many, states_inside, fastest_rates, growths, rows_of_times = (
         kept.function(one, signature) for one, signature in zip(functions, _SIGNATURES, strict=True)
     )
     address, call = march.address, march.ctypes
@@ -152,6 +161,7 @@ def _entries(kept: Kept) -> Engine:
         lambda run, *given: states_inside(run.address, *given),
         lambda run, *given: fastest_rates(run.address, *given),
         lambda run, *given: growths(run.address, *given),
+        rows_of_times,
         address,
     )
 
@@ -193,13 +203,13 @@ def _contacts(kept: Kept) -> int:
     return int(found.address)
 
 
-def _lanes(kept: Kept) -> Callable[..., bool]:
+def _lanes(kept: Kept) -> Lanes:
     """The same for marches side by side."""
-    found: Callable[..., bool] = kept.function(march_lanes, _LANES)
-    return found
+    march, gather, parts = (kept.function(one, signature) for one, signature in zip((march_lanes, gather_rows, parts_of_steps), _LANES, strict=True))  # fmt: skip
+    return Lanes(march, gather, lambda run, *given: parts(run.address, *given))
 
 
-def _no_lanes() -> Callable[..., bool]:
+def _no_lanes() -> Lanes:
     raise InputError("without a compiler there are no lanes")
 
 
@@ -210,15 +220,26 @@ def _array(dtype: Any, dims: int) -> Any:
 _STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
 _MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), *[_array("f8", 2)] * 3, types.int64, types.boolean)
 _SIGNATURES = (
-    (types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 5, types.boolean),
+    (types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 5, types.boolean, types.boolean),
     (types.int64, *[_array("f8", 2)] * 2), (types.int64, *[_array("f8", 2)] * 4),
+    (_array("f8", 1), *[_array("i8", 1)] * 2, _array("f8", 1), types.boolean, _array("i8", 1)),
 )  # fmt: skip
 
 
 _WHOLE, _BLOCK = _array("i8", 1), _array("f8", 2)
-_LANES = types.boolean(
-    _WHOLE, types.int64, types.int64, _WHOLE, *[_BLOCK] * 3, _array("i8", 2), *[_BLOCK] * 2, _WHOLE, _WHOLE,
-    _array(PLAN, 1), *[_BLOCK] * 3, _array(NOW, 1), *[_BLOCK] * 3, _array(EVENT_ROW, 1), *[_BLOCK] * 2, _WHOLE,
+_FLAGS, _LISTS, _ROW = _array("i1", 2), _array("i8", 2), _array("f8", 1)
+_ROWS = (_array("f8", 3), _array("i1", 3), _LISTS)  # with their flags and whose they are
+_LANES = (
+    types.boolean(
+        _WHOLE, types.int64, types.int64, _WHOLE, *[_BLOCK] * 4, _LISTS, *[_BLOCK] * 2, _WHOLE, _WHOLE,
+        _array(PLAN, 1), *[_BLOCK] * 3, _array(NOW, 1), *[_BLOCK] * 3, _array(EVENT_ROW, 1), *[_BLOCK] * 2, _WHOLE,
+        _BLOCK, _LISTS, *_ROWS, _ROW, _FLAGS,
+    ),
+    types.void(*_ROWS, _LISTS, _WHOLE, _BLOCK, _FLAGS),
+    types.void(
+        types.int64, types.int64, types.int64, _WHOLE, *[_BLOCK] * 3, _LISTS, *[_BLOCK] * 2, _FLAGS, _BLOCK, _ROW,
+        _LISTS, _ROW, _BLOCK,
+    ),
 )  # fmt: skip
 
 

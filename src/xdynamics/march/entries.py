@@ -23,6 +23,7 @@ from xdynamics.march.run import BEGUN, HAPPEN, INFORM, KEPT, PIECE, SETTLE, SIDE
 from xdynamics.march.sizes import derivatives, fastest_rate, natural_sizes
 
 Floats = NDArray[np.float64]
+Whole = NDArray[np.int64]
 Records = NDArray[Any]
 
 END = 1 << 62  # rows that no run has
@@ -133,7 +134,7 @@ def forget(run: Run) -> None:
         run.e[i] = run.located_e[i] = run.full_e[i] = 0.0
 
 
-def states_inside(address: Any, parameters: Floats, steps: Floats, states: Floats, ends: Floats, found: Floats, reintegrated: bool) -> None:  # fmt: skip
+def states_inside(address: Any, parameters: Floats, steps: Floats, states: Floats, ends: Floats, found: Floats, reintegrated: bool, judged: bool) -> None:  # fmt: skip
     """Evaluate the state at each time inside its step, and how far it is from a more accurate one.
 
     Parameters
@@ -154,6 +155,8 @@ def states_inside(address: Any, parameters: Floats, steps: Floats, states: Float
         not solved.
     reintegrated : bool
         Whether the state is that of a shorter step, or of the interpolant of the whole one.
+    judged : bool
+        Whether to find out the distances, which takes two steps more; else they are nan.
     """
     run = run_at(address)
     n, told = states.shape[0], np.int64(-1)
@@ -179,10 +182,41 @@ def states_inside(address: Any, parameters: Floats, steps: Floats, states: Float
             called(run.law[INSIDE], run, run.y, run.located_z, 0)
             for i in range(n):
                 found[i, k] = run.e[i] if solved else np.nan
-        solved = shorter(run, t, t + (time - t) / 2.0, s * h / 2.0)
-        copy(run.z, run.y)
-        solved = shorter(run, t + (time - t) / 2.0, time, s * h / 2.0) and solved
+        if judged:
+            solved = shorter(run, t, t + (time - t) / 2.0, s * h / 2.0)
+            copy(run.z, run.y)
+            solved = shorter(run, t + (time - t) / 2.0, time, s * h / 2.0) and solved
+        else:
+            solved = False
         judge_inside(run, s, states, ends, found, k, solved)
+
+
+def rows_of_times(time: Floats, low: Whole, high: Whole, wanted: Floats, after: bool, found: Whole) -> None:
+    """Find the row from which the step to each time goes.
+
+    Parameters
+    ----------
+    time : ndarray, shape (rows,)
+        Of many runs, one behind the other.
+    low, high : ndarray of int, shape (k,)
+        First and last row of the run of each time.
+    wanted : ndarray, shape (k,)
+    after : bool
+        Whether it is the last row that is not behind the time, or where rows are at it their first.
+    found : ndarray of int, shape (k,)
+        Filled.
+    """
+    for k in range(wanted.shape[0]):
+        first, last = low[k], high[k]
+        while first < last:
+            middle = (first + last + 1) // 2
+            if time[middle] > wanted[k]:
+                last = middle - 1
+            else:
+                first = middle
+        while not after and first > low[k] and time[first - 1] >= wanted[k]:
+            first -= 1
+        found[k] = first
 
 
 def growths(address: Any, states: Floats, moves: Floats, work: Floats, found: Floats) -> None:

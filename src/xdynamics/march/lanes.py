@@ -12,30 +12,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.kernels.program import REGIME
+from xdynamics.kernels.program import REGIME, T1, H, T
 from xdynamics.kernels.striding import LANE
+from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.contacts.holding import choose
 from xdynamics.march.entries import begin, keep_last, keep_passed
-from xdynamics.march.handle import march_by, run_at, strode_by
+from xdynamics.march.evaluating import evaluate, finite_state
+from xdynamics.march.handle import entered_by, march_by, run_at, strode_by
 from xdynamics.march.log import has_room, note
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.run import MOVED, Run
+from xdynamics.march.run import HAPPEN, MOVED, SIDES, Run
 from xdynamics.model.detectors import GAP
-from xdynamics.schema import STEP
+from xdynamics.schema import NODE, STEP
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
+Flags = NDArray[np.int8]
+Blocks = NDArray[np.float64]  # of three dimensions
+FlagBlocks = NDArray[np.int8]
 Records = NDArray[Any]
 
 (
     L_T, L_H, L_NORM, L_TRIED, L_STEP, L_STEP_LOG, L_REJECTED, L_GRID, L_ON_GRID, L_DONE, L_ACCEPTED, L_MOST, L_LIVES,
-    L_NODE, L_SNAP, L_START, L_STEP_SIZE, L_RTOL, L_FLOOR, L_REST, L_ORDER, L_SAFETY, L_LEAST, L_GREATEST, L_MIN_STEP, L_MAX_STEP, L_ORDINARY,
+    L_NODE, L_SNAP, L_INNER, L_LANDED, L_START, L_STEP_SIZE, L_RTOL, L_FLOOR, L_REST, L_ORDER, L_SAFETY, L_LEAST, L_GREATEST, L_MIN_STEP, L_MAX_STEP, L_ORDINARY,
 ) = range(len(LANE))  # fmt: skip
 NONE = -1  # no run is in the lane
-LIVING, FOLLOWING, EVENTS = range(3)  # of `standing`: lanes with a run, the next run, events that were handed out
+LIVING, FOLLOWING, EVENTS, ROWS = range(4)  # of `standing`: lanes with a run, the next run, events and rows handed out
+OF_LANE, OF_STATE, OF_NOTED = range(3)  # where a lane has a number of a row: in `w`, in `y`, in `noted`
 
 
-def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, at: Floats, y: Floats, p: Floats, pieces: Whole, z: Floats, w: Floats, members: Whole, standing: Whole, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, passed: Floats, met: Records, rates: Floats, impulses: Floats, owners: Whole) -> bool:  # fmt: skip
+def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, at: Floats, y: Floats, before: Floats, p: Floats, pieces: Whole, z: Floats, w: Floats, members: Whole, standing: Whole, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, passed: Floats, met: Records, rates: Floats, impulses: Floats, owners: Whole, noted: Floats, columns: Whole, rows: Blocks, flags: FlagBlocks, row_owners: Whole, reached: Floats, marks: Flags) -> bool:  # fmt: skip
     """March runs from their starts and parameters to their ends.
 
     Parameters
@@ -46,63 +52,179 @@ def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, a
         Addresses of the compiled `loop.march`, and of a step in all lanes.
     table : ndarray of int
         Where the step finds the arrays that follow.
-    at, y, p, z, w : ndarray, shape (…, lanes)
+    at, y, before, p, z, w : ndarray, shape (…, lanes)
+        `before` is the state before the last node.
     pieces : ndarray of int, shape (…, lanes)
     members : ndarray of int, shape (lanes,)
         Which run is in which lane.
-    standing : ndarray of int, shape (3,)
-        `LIVING`, `FOLLOWING`, `EVENTS`.
+    standing : ndarray of int, shape (4,)
+        `LIVING`, `FOLLOWING`, `EVENTS`, `ROWS`.
     plans, starts, parameters, atols, ends, lasts, largest, passed
         Of the runs, as for `entries.march_many`.
     met, rates, impulses, owners
         Events as they come, and which run each is of.
+    noted : ndarray, shape (…, lanes)
+        What a step notes besides the state.
+    columns : ndarray of int, shape (c, 3)
+        Of each column of the log that is kept: its number, where a lane has it, and at which place there.
+    rows, flags, row_owners : ndarray, shape (n, c, lanes), (n, …, lanes), (n, lanes)
+        Rows as they come, and which run each is of, `NONE` of none; with no columns, none are kept.
+    reached, marks : ndarray, shape (lanes,), (…, lanes)
+        Time of the row of each lane that was kept last, and its flags.
 
     Returns
     -------
     bool
-        Whether all are over; else there is no room for events, which are to be taken out.
+        Whether all are over; else there is no room for events or rows, which are to be taken out.
     """
-    lanes = addresses.shape[0]
+    lanes, lands, keeps = addresses.shape[0], run_at(addresses[0]).nodes.shape[0] > 0, columns.shape[0] > 0
+    blocks, given, results = (
+        (at, y, before, p, pieces, w),
+        (plans, starts, parameters, atols),
+        (ends, lasts, largest, passed),
+    )
+    events, keeping = (met, rates, impulses, owners), (columns, rows, flags, row_owners)
     while standing[LIVING] > 0:
         for lane in range(lanes):
-            if w[L_ORDINARY, lane] != 0.0:
-                continue
-            run = run_at(addresses[lane])
-            if standing[EVENTS] + lanes * run.log_events.shape[0] > met.shape[0]:
-                return False
-            if members[lane] != NONE:
-                leave(run, y, w, lane)
-                go_on(run, march_at, addresses[lane])
-                hand_out(run, members[lane], standing, met, rates, impulses, owners)
-            while members[lane] == NONE or run.now[0].status != RUNNING:
-                if members[lane] != NONE:
-                    close(run, members[lane], ends, lasts, largest, passed)
-                members[lane] = NONE
-                if standing[EVENTS] + run.log_events.shape[0] > met.shape[0]:
+            if w[L_ORDINARY, lane] == 0.0:
+                if not serve(
+                    addresses[lane], march_at, lane, members, standing, blocks, given, results, events, keeping
+                ):
                     return False
-                if standing[FOLLOWING] == starts.shape[0]:
-                    break
-                members[lane] = standing[FOLLOWING]
-                begin(run, plans, starts, parameters, atols, members[lane])
-                base = run.base[0]
-                base.rows, base.trials, base.events, base.samples = 0, 0, 0, 0
-                go_on(run, march_at, addresses[lane])
-                hand_out(run, members[lane], standing, met, rates, impulses, owners)
-                standing[FOLLOWING] += 1
-            if members[lane] != NONE:
-                enter(run, at, y, p, pieces, w, lane)
-            else:
-                standing[LIVING] -= 1
-                w[L_LIVES, lane], w[L_ORDINARY, lane] = 0.0, 1.0
+                reached[lane] = w[L_T, lane]
+                run = run_at(addresses[lane])
+                for k in range(marks.shape[0]):
+                    marks[k, lane] = run.log_flags[k, max(0, run.now[0].rows - 1 - run.base[0].rows)]
+        if keeps and standing[ROWS] == rows.shape[0]:
+            return False
         if standing[LIVING] > 0:
-            strode_by(stride_at, table.ctypes.data, y.ctypes.data, z.ctypes.data, z.ctypes.data)
+            strode_by(stride_at, table.ctypes.data, y.ctypes.data, z.ctypes.data, noted.ctypes.data)
+            if keeps:
+                take(standing, members, reached, marks, y, w, noted, keeping)
+            if lands or keeps:
+                for lane in range(lanes):
+                    moved, reached[lane] = w[L_T, lane] != reached[lane], w[L_T, lane]
+                    if moved and w[L_LANDED, lane] != 0.0:
+                        cross(run_at(addresses[lane]), y, before, pieces, w, lane)
     return True
 
 
 @shared
-def hand_out(run: Run, member: int, standing: Whole, met: Records, rates: Floats, impulses: Floats, owners: Whole) -> None:  # fmt: skip
+def serve(address: Any, march_at: Any, lane: int, members: Whole, standing: Whole, blocks: Any, given: Any, results: Any, events: Any, keeping: Any) -> bool:  # fmt: skip
+    """Have the single march make the step of a lane, and the next run take its place where one is over; False without room."""
+    run, (_, y, before, _, _, w) = run_at(address), blocks
+    if lacks_room(run, len(members), standing, events, keeping):
+        return False
+    if members[lane] != NONE:
+        leave(run, y, before, w, lane)
+        go_on(run, march_at, address, members[lane], standing, keeping)
+        hand_out(run, members[lane], standing, events)
+    while members[lane] == NONE or run.now[0].status != RUNNING:
+        if members[lane] != NONE:
+            close(run, members[lane], results)
+        members[lane] = NONE
+        if lacks_room(run, 1, standing, events, keeping):
+            return False
+        if standing[FOLLOWING] == given[1].shape[0]:
+            standing[LIVING] -= 1
+            w[L_LIVES, lane], w[L_ORDINARY, lane] = 0.0, 1.0
+            return True
+        members[lane] = standing[FOLLOWING]
+        begin(run, given[0], given[1], given[2], given[3], members[lane])
+        base = run.base[0]
+        base.rows, base.trials, base.events, base.samples = 0, 0, 0, 0
+        go_on(run, march_at, address, members[lane], standing, keeping)
+        hand_out(run, members[lane], standing, events)
+        standing[FOLLOWING] += 1
+    enter(run, blocks, lane)
+    return True
+
+
+@shared
+def lacks_room(run: Run, lanes: int, standing: Whole, events: Any, keeping: Any) -> bool:
+    """Whether events of so many lanes, or rows that the single march may write, would have no place."""
+    if standing[EVENTS] + lanes * run.log_events.shape[0] > events[0].shape[0]:
+        return True
+    return keeping[0].shape[0] > 0 and standing[ROWS] + run.log_rows.shape[1] + 2 > keeping[1].shape[0]
+
+
+@shared
+def cross(run: Run, y: Floats, before: Floats, pieces: Whole, w: Floats, lane: int) -> None:
+    """Behind a node, have a lane go on with the forces of its far side, as `loop.cross_node` does; before it is kept."""
+    now, t = run.now[0], w[L_T, lane]
+    for i in range(run.y.shape[0]):
+        before[i, lane] = run.z[i] = y[i, lane]
+    enter_pieces(t, run.tables, run.places, run.of_time)
+    evaluate(run, t, run.z)
+    now.node += 1
+    if not finite_state(run):  # as the single march is to find
+        now.evaluations -= 1
+        w[L_MOST, lane] = -1.0
+        return
+    now.crossed = now.node
+    for i in range(run.y.shape[0]):
+        y[i, lane] = run.z[i]
+    for k in range(run.of_time.shape[0]):
+        place = 3 * run.of_time[k] + 2
+        pieces[place, lane] = run.places[place]
+    aim_behind(run, w, lane)
+
+
+@shared
+def aim_behind(run: Run, w: Floats, lane: int) -> None:
+    """Tell a lane which node is next."""
+    now = run.now[0]
+    inner = now.node < run.nodes.shape[0]
+    w[L_NODE, lane], w[L_SNAP, lane] = run.nodes[now.node] if inner else run.plan[0].end, run.snaps[now.node]
+    w[L_INNER, lane] = 1.0 if inner else 0.0
+
+
+@shared
+def take(standing: Whole, members: Whole, reached: Floats, marks: Flags, y: Floats, w: Floats, noted: Floats, keeping: Any) -> None:  # fmt: skip
+    """Keep the rows that a step in all lanes led to; what is of a lane that did not move is no run's."""
+    to, lanes, (columns, rows, flags, owners) = standing[ROWS], members.shape[0], keeping
+    for k in range(columns.shape[0]):
+        place = columns[k, 2]
+        if columns[k, 1] == OF_STATE:
+            for lane in range(lanes):
+                rows[to, k, lane] = y[place, lane]
+        elif columns[k, 1] == OF_LANE:
+            for lane in range(lanes):
+                rows[to, k, lane] = w[place, lane]
+        else:
+            for lane in range(lanes):
+                rows[to, k, lane] = noted[place, lane]
+    for lane in range(lanes):
+        flags[to, 0, lane] = NODE if w[L_LANDED, lane] != 0.0 else STEP
+        owners[to, lane] = members[lane] if w[L_T, lane] != reached[lane] else NONE
+    for k in range(1, flags.shape[1]):
+        for lane in range(lanes):
+            flags[to, k, lane] = marks[k, lane]
+    standing[ROWS] += 1
+
+
+@shared
+def take_noted(run: Run, first: int, member: int, standing: Whole, keeping: Any) -> None:
+    """Keep rows that the single march has written, from one on."""
+    columns, rows, flags, owners = keeping
+    if columns.shape[0] == 0:
+        return
+    for row in range(first - run.base[0].rows, run.now[0].rows - run.base[0].rows):
+        to = standing[ROWS]
+        for k in range(columns.shape[0]):
+            rows[to, k, 0] = run.log_rows[columns[k, 0], row]
+        for k in range(flags.shape[1]):
+            flags[to, k, 0] = run.log_flags[k, row]
+        for lane in range(owners.shape[1]):
+            owners[to, lane] = NONE
+        owners[to, 0] = member
+        standing[ROWS] += 1
+
+
+@shared
+def hand_out(run: Run, member: int, standing: Whole, events: Any) -> None:
     """Take the events out of a run's log, and note whose they are."""
-    now, base = run.now[0], run.base[0]
+    now, base, (met, rates, impulses, owners) = run.now[0], run.base[0], events
     for k in range(now.events - base.events):
         to = standing[EVENTS]
         met[to] = run.log_events[k]
@@ -116,12 +238,18 @@ def hand_out(run: Run, member: int, standing: Whole, met: Records, rates: Floats
 
 
 @shared
-def go_on(run: Run, march_at: Any, address: Any) -> None:
+def go_on(run: Run, march_at: Any, address: Any, member: int, standing: Whole, keeping: Any) -> None:
     """Make a step by the single march, and further ones where forces are other ones behind a node, or contacts hold."""
+    first, room = run.now[0].rows, keeping[1].shape[0] - run.log_rows.shape[1]
     march_by(march_at, address, 1)
     while run.now[0].status == RUNNING and waits(run) and has_room(run):
+        take_noted(run, first, member, standing, keeping)
+        first = run.now[0].rows
+        if keeping[0].shape[0] > 0 and standing[ROWS] > room:
+            return
         rebase(run)
         march_by(march_at, address, 1)
+    take_noted(run, first, member, standing, keeping)
 
 
 @shared
@@ -143,15 +271,15 @@ def rebase(run: Run) -> None:
 
 
 @shared
-def enter(run: Run, at: Floats, y: Floats, p: Floats, pieces: Whole, w: Floats, lane: int) -> None:
+def enter(run: Run, blocks: Any, lane: int) -> None:
     """Put a run into a lane, from where it stands."""
-    now, plan, used = run.now[0], run.plan[0], run.plan[0].used
-    inner = now.node < run.nodes.shape[0]
+    now, plan, used, (at, y, _, p, pieces, w) = run.now[0], run.plan[0], run.plan[0].used, blocks
     w[L_T, lane], w[L_H, lane], w[L_NORM, lane], w[L_TRIED, lane] = now.t, now.h, now.norm, now.norm
     w[L_STEP, lane], w[L_STEP_LOG, lane], w[L_REJECTED, lane] = now.step, now.step_log, float(now.rejected)
     w[L_GRID, lane], w[L_ON_GRID, lane] = float(now.grid), float(now.on_grid)
     w[L_DONE, lane], w[L_ACCEPTED, lane], w[L_MOST, lane] = float(now.rows + now.trials), 0.0, plan.most_steps
-    w[L_NODE, lane], w[L_SNAP, lane] = run.nodes[now.node] if inner else plan.end, run.snaps[now.node]
+    aim_behind(run, w, lane)
+    w[L_LANDED, lane] = 0.0
     w[L_START, lane], w[L_STEP_SIZE, lane], w[L_RTOL, lane] = plan.start, plan.step_size, plan.rtol
     w[L_FLOOR, lane], w[L_REST, lane] = plan.floor, plan.rest
     w[L_ORDER, lane], w[L_SAFETY, lane] = plan.order, plan.safety
@@ -160,13 +288,7 @@ def enter(run: Run, at: Floats, y: Floats, p: Floats, pieces: Whole, w: Floats, 
     w[L_LIVES, lane], w[L_ORDINARY, lane] = 1.0, 1.0
     if waits(run):
         w[L_MOST, lane] = -1.0  # no step of a lane
-    at[REGIME, lane] = run.at[REGIME]
-    for i in range(run.y.shape[0]):
-        y[i, lane] = run.y[i]
-    for i in range(run.p.shape[0]):
-        p[i, lane] = run.p[i]
-    for i in range(run.places.shape[0]):
-        pieces[i, lane] = run.places[i]
+    lend(run, at, y, p, pieces, lane)
     first = L_ORDINARY + 1
     for i in range(used):
         w[first + i, lane], w[first + used + i, lane] = run.atol[i], run.largest[i]
@@ -190,14 +312,14 @@ def watch_sides(run: Run, w: Floats, first: int, lane: int) -> None:
 
 
 @shared
-def leave(run: Run, y: Floats, w: Floats, lane: int) -> None:
+def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
     """Take a run out of its lane, so that the single march goes on from where it stands; its last row is written."""
     now, plan, used = run.now[0], run.plan[0], run.plan[0].used
     accepted = np.int64(w[L_ACCEPTED, lane])
     rejected = np.int64(w[L_DONE, lane]) - now.rows - now.trials - accepted
     now.t, now.h, now.norm = w[L_T, lane], w[L_H, lane], w[L_NORM, lane]
     now.step, now.step_log, now.rejected = w[L_STEP, lane], w[L_STEP_LOG, lane], np.int64(w[L_REJECTED, lane])
-    now.grid = np.int64(w[L_GRID, lane])
+    now.grid, now.on_grid = np.int64(w[L_GRID, lane]), np.int64(w[L_ON_GRID, lane])
     now.rows += accepted
     now.trials += rejected
     now.evaluations += plan.stages * (accepted + rejected)
@@ -220,15 +342,128 @@ def leave(run: Run, y: Floats, w: Floats, lane: int) -> None:
     base.rows, base.trials, base.samples = now.rows - 1, now.trials, now.samples
     run.kept[0].since, run.trial[0].iterations = MOVED, 0
     now.rows -= 1  # the last row is noted, and counted, now
-    note(run, STEP, now.t, now.h, run.y)
+    if w[L_LANDED, lane] != 0.0:  # with the forces before the node
+        for i in range(run.y.shape[0]):
+            run.z[i] = before[i, lane]
+        note(run, NODE, now.t, now.h, run.z)
+    else:
+        note(run, STEP, now.t, now.h, run.y)
     now.norm = w[L_TRIED, lane]
 
 
 @shared
-def close(run: Run, member: int, ends: Records, lasts: Floats, largest: Floats, passed: Floats) -> None:
+def close(run: Run, member: int, results: Any) -> None:
     """Keep what became of a run that is over."""
+    ends, lasts, largest, passed = results
     keep_last(run, lasts, member)
     ends[member] = run.now[0]
     for i in range(largest.shape[1]):
         largest[member, i] = run.largest[i]
     keep_passed(run, passed, member)
+
+
+def gather_rows(rows: Blocks, flags: FlagBlocks, owners: Whole, columns: Whole, places: Whole, to_rows: Floats, to_flags: Flags) -> None:  # fmt: skip
+    """Put rows that came from many runs in turn one run behind the other.
+
+    Parameters
+    ----------
+    rows, flags, owners
+        As `march_lanes` keeps them.
+    columns : ndarray of int, shape (c, 3)
+    places : ndarray of int
+        Where the next row of each run goes; moved on.
+    to_rows, to_flags : ndarray, shape (…, n)
+        Filled, columns as in the log of a single march.
+    """
+    for row in range(owners.shape[0]):
+        for lane in range(owners.shape[1]):
+            owner = owners[row, lane]
+            if owner == NONE:
+                continue
+            to = places[owner]
+            places[owner] = to + 1
+            for k in range(columns.shape[0]):
+                to_rows[columns[k, 0], to] = rows[row, k, lane]
+            for k in range(flags.shape[1]):
+                to_flags[k, to] = flags[row, k, lane]
+
+
+def parts_of_steps(address: Any, forces_at: Any, propose_at: Any, table: Whole, at: Floats, y: Floats, p: Floats, pieces: Whole, z: Floats, log: Floats, flags: Flags, parameters: Floats, factors: Floats, jobs: Whole, times: Floats, found: Floats) -> None:  # fmt: skip
+    """Make steps of many logs again, each shortened to end at a time inside it, as `entries.states_inside` does.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run`, contacts left out.
+    forces_at, propose_at : int
+        Addresses of a force evaluation and of a step, in all lanes.
+    table, at, y, p, pieces, z
+        As for `march_lanes`.
+    log, flags : ndarray, shape (…, rows)
+    parameters : ndarray, shape (runs, …)
+    factors : ndarray, shape (1 + n,)
+        From internal numbers to those of the record: of time, then of the state.
+    jobs : ndarray of int, shape (3, k)
+        Row from which each step goes, row to which, and the run.
+    times : ndarray, shape (k,)
+        In the unit of the record.
+    found : ndarray, shape (n, k)
+        Filled, in units of the record.
+    """
+    run, lanes, n, scale = run_at(address), y.shape[1], found.shape[0], factors[0]
+    ends, whose = np.zeros((3, lanes)), np.zeros(lanes, np.int64)
+    filled, known = 0, -1
+    for k in range(times.shape[0]):
+        row, led_to, member = jobs[0, k], jobs[1, k], jobs[2, k]
+        # there and back, as a record's numbers go: the same bits
+        t, t1, h = log[0, row] * scale / scale, log[0, led_to] * scale / scale, log[1, led_to] * scale / scale
+        time = times[k] / scale
+        if time > t:
+            if member != known:
+                known = member
+                for i in range(parameters.shape[1]):
+                    run.p[i] = parameters[member, i]
+            run.now[0].regime = flags[1, row]
+            for i in range(run.y.shape[0]):
+                run.y[i] = log[2 + i, row] * factors[1 + i] / factors[1 + i] if i < n else 0.0
+            stand(run, t)
+            lend(run, at, y, p, pieces, filled)
+            ends[0, filled], ends[1, filled], ends[2, filled] = t, time, (time - t) / (t1 - t) * h
+            whose[filled] = k
+            filled += 1
+        else:
+            for i in range(n):
+                found[i, k] = log[2 + i, row] * factors[1 + i]
+        if filled == lanes or (filled > 0 and k == times.shape[0] - 1):
+            for lane in range(filled):
+                at[T, lane] = ends[0, lane]
+            strode_by(forces_at, table.ctypes.data, y.ctypes.data, y.ctypes.data, z.ctypes.data)
+            for lane in range(filled):
+                at[T, lane], at[T1, lane], at[H, lane] = ends[0, lane], ends[1, lane], ends[2, lane]
+            strode_by(propose_at, table.ctypes.data, y.ctypes.data, z.ctypes.data, z.ctypes.data)
+            for lane in range(filled):
+                for i in range(n):
+                    found[i, whose[lane]] = (z[i, lane] + 0.0) * factors[1 + i]
+            filled = 0
+
+
+@shared
+def stand(run: Run, t: float) -> None:
+    """Let tables and switches be those of a time and of the state that `y` has."""
+    enter_pieces(t, run.tables, run.places, run.of_time)
+    run.at[REGIME] = run.now[0].regime
+    run.now[0].t = t
+    if run.plan[0].switches > 0:
+        entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
+
+
+@shared
+def lend(run: Run, at: Floats, y: Floats, p: Floats, pieces: Whole, lane: int) -> None:
+    """Put state, parameters and tables of a run into a lane."""
+    at[REGIME, lane] = run.at[REGIME]
+    for i in range(run.y.shape[0]):
+        y[i, lane] = run.y[i]
+    for i in range(run.p.shape[0]):
+        p[i, lane] = run.p[i]
+    for i in range(run.places.shape[0]):
+        pieces[i, lane] = run.places[i]

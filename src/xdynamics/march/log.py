@@ -68,6 +68,23 @@ class Block:
     numbers: NDArray[np.int64] | None = None
 
 
+class Room:
+    """Memory that is used again and again: what was taken from it before has no meaning any more.
+
+    A system provides memory page by page, which costs more than filling it.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[str, NDArray[Any]] = {}
+
+    def take(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Return an array with anything in it, under a name of its own."""
+        size = int(np.prod(shape))
+        if name not in self._kept or self._kept[name].size < size:
+            self._kept[name] = np.empty(size + size // 4, dtype)
+        return self._kept[name][:size].reshape(shape)
+
+
 @compiled
 def most_substeps(events: int) -> int:
     """Rejected trials that a step may bring: one, and where there are events those of its border, of the search, of brackets."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -15,7 +15,7 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.abreast import lanes_for, march_abreast
 from xdynamics.march.engine import engine
-from xdynamics.march.log import Block, Log, allocate
+from xdynamics.march.log import Block, Log, Room, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.parts import Part, inputs_of
 from xdynamics.march.posing import addresses_of, posed
@@ -50,6 +50,8 @@ class Runs:
         Of each run, in internal units, in the order of `motion.constants`.
     first_event, first_row : ndarray of int, shape (n + 1,)
         Where each run's events begin, and its rows; the last is their number.
+    columns : tuple of str
+        Which columns of the log have a meaning.
     """
 
     layout: Layout
@@ -61,6 +63,7 @@ class Runs:
     parameters: Floats
     first_event: NDArray[np.int64]
     first_row: NDArray[np.int64]
+    columns: tuple[str, ...]
 
     @property
     def time(self) -> Floats:
@@ -138,9 +141,10 @@ def march_many(
     initial: Mapping[str, Any] | None = None,
     steps: Any = None,
     rtols: Any = None,
-    logs: bool = False,
+    logs: bool | Sequence[str] = False,
     threads: int = 1,
     lanes: int | None = None,
+    room: Room | None = None,
 ) -> Runs:
     """March a model many times, each with numbers of its own; each run has the bits that it has when it is marched alone.
 
@@ -155,13 +159,16 @@ def march_many(
         Step of each run's grid; with chosen steps, the first one.
     rtols : array_like of float, shape (n,)
         Relative tolerance of each run.
-    logs : bool
-        Whether to keep every row of every run, or the last states and the events alone.
+    logs : bool or sequence of str
+        Whether to keep every row of every run, or the last states and the events alone; or of rows these columns of
+        `layout.row`, others having no meaning.
     threads : int
         Threads that share the runs; the result does not depend on it.
     lanes : int, optional
         Runs that go side by side in vector code, where the method, the model and what is kept allow it; as many as the
         processor is good for, where it is not given. The result does not depend on it either.
+    room : Room, optional
+        Memory for the logs, of which the next call with the same one takes possession; for one thread.
 
     Returns
     -------
@@ -184,18 +191,20 @@ def march_many(
     cuts = np.linspace(0, n, max(1, min(threads, n)) + 1).astype(int)
     parts = [slice(a, b) for a, b in pairwise(cuts.tolist())]
 
-    side_by_side = 1 if logs else lanes_for(law, settings, n, lanes)
+    side_by_side, kept = lanes_for(law, settings, n, lanes), bool(logs)
+    columns = (law.layout.row if logs else ()) if isinstance(logs, bool) else tuple(logs)
+    meant = columns if kept and side_by_side > 1 else law.layout.row
 
     def marched(part: slice) -> Part:
         mine = {key: one[part] for key, one in arrays.items()}
         if side_by_side > 1:
-            return march_abreast(model, settings, law, mine, side_by_side)
-        return _march(model, settings, law, mine, logs=logs)
+            return march_abreast(model, settings, law, mine, side_by_side, columns, room or Room())
+        return _march(model, settings, law, mine, logs=kept)
 
     if len(parts) == 1:
-        return _joined(law, settings, [marched(parts[0])], logs=logs)
+        return _joined(law, settings, [marched(parts[0])], meant, logs=kept)
     with ThreadPoolExecutor(len(parts)) as pool:
-        return _joined(law, settings, list(pool.map(marched, parts)), logs=logs)
+        return _joined(law, settings, list(pool.map(marched, parts)), meant, logs=kept)
 
 
 def _march(model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], *, logs: bool) -> Part:
@@ -222,7 +231,7 @@ def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
     )  # fmt: skip
 
 
-def _joined(law: Law, settings: Settings, parts: list[Part], *, logs: bool) -> Runs:
+def _joined(law: Law, settings: Settings, parts: list[Part], columns: tuple[str, ...], *, logs: bool) -> Runs:
     """Put the pieces of the logs, or the last rows alone, behind each other."""
     ends, pieces = np.concatenate([one.ends for one in parts]), [one for part in parts for one in part.logs]
     rows, flags, counts = [one.rows for one in pieces], [one.flags for one in pieces], ends["rows"]
@@ -230,7 +239,7 @@ def _joined(law: Law, settings: Settings, parts: list[Part], *, logs: bool) -> R
         rows, counts = [np.ascontiguousarray(one.lasts.T) for one in parts], np.ones(len(ends), np.int64)
         flags = [np.zeros((len(pieces[0].flags), len(ends)), np.int8)]
     log = Log(
-        pieces[0].base, np.hstack(rows), np.hstack(flags), pieces[0].samples, pieces[0].trials,
+        pieces[0].base, _beside(rows), _beside(flags), pieces[0].samples, pieces[0].trials,
         np.concatenate([one.events for one in pieces]), np.hstack([one.rates for one in pieces]),
         np.hstack([one.impulses for one in pieces]),
     )  # fmt: skip
@@ -244,7 +253,12 @@ def _joined(law: Law, settings: Settings, parts: list[Part], *, logs: bool) -> R
         np.concatenate([one.parameters for one in parts]),
         np.concatenate([[0], np.cumsum(ends["events"])]),
         np.concatenate([[0], np.cumsum(counts)]),
+        columns,
     )
+
+
+def _beside(blocks: list[NDArray[Any]]) -> NDArray[Any]:
+    return blocks[0] if len(blocks) == 1 else np.hstack(blocks)
 
 
 def _checked(model: Model, settings: Settings, given: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Floats]:

@@ -7,8 +7,11 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.kernels import Law
+from xdynamics.march.abreast import table_of
 from xdynamics.march.engine import engine
+from xdynamics.march.engine import lanes as side_by_side
 from xdynamics.march.log import allocate
+from xdynamics.march.many import Runs
 from xdynamics.march.posing import posed
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
@@ -27,6 +30,7 @@ def states_within(
     factors: Floats,
     *,
     reintegrated: bool,
+    judged: bool = True,
     parameters: Floats | None = None,
     runs: NDArray[np.int64] | None = None,
 ) -> Floats:
@@ -46,6 +50,8 @@ def states_within(
         From internal numbers to those.
     reintegrated : bool
         Whether by a shorter step, or by the interpolant of the whole one.
+    judged : bool
+        Whether to find out the distances too; else they are nan.
     parameters : ndarray, shape (m, …), optional
         Of each of many runs, in internal units.
     runs : ndarray of int, shape (k,), optional
@@ -73,6 +79,58 @@ def states_within(
     run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), addresses)
     given = [np.ascontiguousarray(one[:, moving]) for one in given]
     told = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
-    engine().states_inside(run, told, *given, inner, reintegrated)
+    engine().states_inside(run, told, *given, inner, reintegrated, judged)
     found[:, moving] = inner * np.vstack([factors, factors])
+    return found
+
+
+class PartsAbreast:
+    """States inside steps of many runs, evaluated side by side: the bits of `states_within`, without distances.
+
+    Parameters
+    ----------
+    model : Model
+        Without contacts.
+    settings : Settings
+        Of one step.
+    law : Law
+    factors : ndarray, shape (n,)
+        From internal numbers to those of the record.
+    lanes : int
+    """
+
+    def __init__(self, model: Model, settings: Settings, law: Law, factors: Floats, lanes: int) -> None:
+        self._run = run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
+        self._factors = np.array([settings.scales.of(TIME), *factors])
+        self._blocks = {name: np.zeros((len(getattr(run, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
+        self._blocks["pieces"] = np.zeros((len(run.places), lanes), np.int64)
+        self._blocks["w"] = np.zeros((max(1, law.steps.memory), lanes))
+        self._table, self._addresses = table_of(self._blocks | {"tables": run.tables}), law.parting(lanes)
+
+    def states(self, runs: Runs, jobs: NDArray[np.int64], times: Floats) -> Floats:
+        """Evaluate them.
+
+        Parameters
+        ----------
+        runs : Runs
+            With times, step sizes and states of their logs.
+        jobs : ndarray of int, shape (3, k)
+            Row of the logs from which each step goes, row to which, and the run.
+        times : ndarray, shape (k,), s
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+        """
+        found, log = np.empty((len(self._factors) - 1, times.size)), runs.kept.log
+        blocks = (self._blocks[name] for name in ("at", "y", "p", "pieces", "z"))
+        given = (log.rows, log.flags, np.ascontiguousarray(runs.parameters), self._factors)
+        side_by_side().parts(self._run, *self._addresses, self._table, *blocks, *given, np.ascontiguousarray(jobs), np.ascontiguousarray(times), found)  # fmt: skip
+        return found
+
+
+def rows_of_times(time: Floats, low: NDArray[np.int64], high: NDArray[np.int64], wanted: Floats, *, after: bool) -> NDArray[np.int64]:  # fmt: skip
+    """Find the row from which the step to each time goes, between two rows; see `entries.rows_of_times`."""
+    found = np.empty(wanted.size, np.int64)
+    engine().rows_of_times(np.ascontiguousarray(time), low, high, np.ascontiguousarray(wanted), after, found)
     return found

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import record, schema
-from xdynamics.evidence.observing import modes_behind
-from xdynamics.expressions import Name
+from xdynamics import record
+from xdynamics.evidence.observing import modes_behind, rate_tree
+from xdynamics.expressions import Name, Node
 from xdynamics.kernels import Layout, law_of
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march import Pacing, Runs, Settings
-from xdynamics.march.within import states_within
+from xdynamics.march.abreast import lanes_for
+from xdynamics.march.within import PartsAbreast, rows_of_times, states_within
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of
 from xdynamics.model.reactions import reactions
@@ -26,6 +27,7 @@ from xdynamics.units import parse_unit
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
+MANY = 1 << 12  # states, enough for lanes
 
 
 @dataclass(frozen=True)
@@ -37,11 +39,14 @@ class Harvest:
     model : Model
     settings : Settings
     runs : Runs
+    parts : PartsAbreast, optional
+        What makes steps of theirs again, side by side.
     """
 
     model: Model
     settings: Settings
     runs: Runs
+    parts: PartsAbreast | None = None
 
     @property
     def layout(self) -> Layout:
@@ -65,6 +70,8 @@ class Harvest:
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return a variable of the records, of all members one behind the other, in the unit that a record has it in."""
         if name not in self._taken:
+            if name in self.layout.row and name not in self.runs.columns:
+                raise KeyError(f"'{name}' was not kept of the logs")
             self._taken[name] = self.columns[name].take(self.runs.kept)
         return self._taken[name]
 
@@ -84,48 +91,75 @@ class Harvest:
         members = np.repeat(np.arange(self.size), np.diff(first))[places]
         return places, members, np.arange(len(places)) - np.searchsorted(members, members)
 
-    def states_at(self, members: Rows, times: Floats, *, after: bool) -> tuple[dict[str, Floats], Rows]:
-        """Evaluate states of members at times, as `sample` does, with `error_…`; the row each goes from too."""
-        time, first = self["time"], self.runs.first_row
+    @cached_property
+    def extremes(self) -> dict[tuple[str, float], tuple[Floats, Floats]]:
+        """Those that were found, by name and sign."""
+        return {}
+
+    def states_at(
+        self, members: Rows, times: Floats, *, after: bool, known: Rows | None = None
+    ) -> tuple[dict[str, Floats], Rows]:
+        """Evaluate states of members at times, as `sample` does; the row each goes from too.
+
+        Of the first times, the rows may be known.
+        """
+        first, known = self.runs.first_row, np.zeros(0, np.int64) if known is None else known
         low, high = first[members], first[members + 1] - 1
-        rows = _last_not_behind(time, times, low, high)
-        if not after:
-            rows = np.minimum(rows, _first_not_before(time, times, low, high))
-        following = np.minimum(rows + 1, high)
-        states, used = [state_name(one) for one in reactions(self.model)], self.layout.used
+        rest = slice(known.size, None)
+        rows = np.concatenate([known, rows_of_times(self["time"], low[rest], high[rest], times[rest], after=after)])
+        found = self._inside(members, times, rows, np.minimum(rows + 1, high))
+        return dict(zip(self.layout.used, found, strict=True)), rows
+
+    def _inside(self, members: Rows, times: Floats, rows: Rows, following: Rows) -> Floats:
+        """Make steps again, shortened to end at times: side by side where that is possible."""
+        if self.parts is not None:
+            return self.parts.states(self.runs, np.stack([rows, following, members]), times)
+        time, used = self["time"], self.layout.used
+        states = [state_name(one) for one in reactions(self.model)]
         wanted = [("step_size", following), *((one, rows) for one in ("regime", "row_kind", *states, *used))]
         if self.settings.method.simplified:
             wanted += [(one, following) for one in used]
         columns = np.stack([self[name][which] for name, which in wanted])
-        factors = record.factors(self.model, self.settings.scales)
         found = states_within(
-            self.model, self._of_one_step, law_of(self.layout, sampled=False), np.stack([times, time[rows], time[following]]),
-            columns, np.array([[factors[name]] for name in used]), reintegrated=True, parameters=self.runs.parameters,
-            runs=members,
+            self.model, of_one_step(self.model, self.settings), law_of(self.layout, sampled=False),
+            np.stack([times, time[rows], time[following]]), columns, factors_of(self.model, self.settings)[:, None],
+            reintegrated=True, judged=False, parameters=self.runs.parameters, runs=members,
         )  # fmt: skip
-        errors = dict(zip(map(schema.error, used), found[len(used) :], strict=True))
-        return dict(zip(used, found, strict=False)) | errors, rows
+        return found[: len(used)]
+
+    def at_times(self, times: Floats) -> tuple[Rows, Rows, dict[str, Floats], Rows]:
+        """Evaluate the states of all members at times; return member and time of each, and the row it goes from."""
+        if "at" not in self._sampled:
+            first, last = self["time"][self.runs.first_row[:-1]], self.last("time")
+            members, which = np.nonzero((times >= first[:, None]) & (times <= last[:, None]))
+            self._sampled["at"] = (members, which, *self.states_at(members, times[which], after=True))
+        found: tuple[Rows, Rows, dict[str, Floats], Rows] = self._sampled["at"]
+        return found
 
     @cached_property
-    def _of_one_step(self) -> Settings:
-        """What a single step is made with, as by `sample`: equations are solved as well as they can be, whatever the tolerances."""
-        return replace(self.settings, until=self.model.initial["t"].si, step=None, tolerances=None, pacing=Pacing())
+    def _sampled(self) -> dict[str, Any]:
+        return {}
 
-    def observed(self, name: str, members: Rows, times: Floats, *, after: bool = True) -> Floats:
-        """Evaluate a state, energy, observable or force of members at times, in the unit of a record."""
-        states, rows = self.states_at(members, times, after=after)
-        if name in states:
-            return states[name]
+    def value(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:
+        """Evaluate a quantity on states inside steps, in the unit of a record."""
+        # as `observe` does: no forces that are told on which side of a switch they are
+        tree = layout_of(self.model).derived.get(name, Name(name))
+        return states[name] if name in states else self._evaluated(name, tree, states, members, rows, times)
+
+    def rate(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:
+        """Evaluate the rate of a quantity, which is known."""
+        tree = rate_tree(self.model, name)
+        assert tree is not None  # noqa: S101 - who asks has looked
+        return self._evaluated(name, tree, states, members, rows, times)
+
+    def _evaluated(self, name: str, tree: Node, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:  # fmt: skip
         units = {one: float(unit.factor) for one, unit in self.model.units.items()}
         at: dict[str, Any] = {one: states[one] * units[one] for one in self.layout.used}
         at |= {"t": times, REGIME_NUMBER: self["regime"][rows].astype(float)} | self._own(members)
         at |= self._modes(members, rows)
-        # as `observe` does: no forces that are told on which side of a switch they are
         known, tables = constants(self.model), tables_of(self.model)
-        tree = layout_of(self.model).derived.get(name, Name(name))
         value = evaluated_many(self.model, [tree], at, known, tables, self.settings.math_functions)[0]
-        unit = self.columns[name].variable.units
-        return np.broadcast_to(value, times.shape) / _factor_of(unit)
+        return np.array(np.broadcast_to(value, times.shape)) / _factor_of(self.columns[name].variable.units)
 
     def _modes(self, members: Rows, rows: Rows) -> dict[str, Floats]:
         """Return what each contact and friction element does behind rows, as of one run."""
@@ -147,21 +181,20 @@ def _factor_of(unit: str) -> float:
     return float(parse_unit(unit).factor)
 
 
-def _last_not_behind(time: Floats, wanted: Floats, low: Rows, high: Rows) -> Rows:
-    """Search each time among the rows of its member, from `low` to `high`: the last row that is not behind it."""
-    low, high = low.copy(), high.copy()
-    while (low < high).any():
-        middle = (low + high + 1) // 2
-        behind = time[middle] > wanted
-        low, high = np.where(behind, low, middle), np.where(behind, middle - 1, high)
-    return low
+def parts_of(model: Model, settings: Settings) -> PartsAbreast | None:
+    """Return what makes steps of members again side by side; none where the single run has to."""
+    layout = settings.layout(model)
+    law, single = law_of(layout, sampled=False), of_one_step(model, settings)
+    lanes = 1 if reactions(model) else lanes_for(law, single, MANY, None)
+    return PartsAbreast(model, single, law, factors_of(model, settings), lanes) if lanes > 1 else None
 
 
-def _first_not_before(time: Floats, wanted: Floats, low: Rows, high: Rows) -> Rows:
-    """The same for the first row that is not before it."""
-    low, high = low.copy(), high.copy()
-    while (low < high).any():
-        middle = (low + high) // 2
-        before = time[middle] < wanted
-        low, high = np.where(before, middle + 1, low), np.where(before, high, middle)
-    return low
+def of_one_step(model: Model, settings: Settings) -> Settings:
+    """Return what a single step is made with, as by `sample`: equations are solved as well as they can be, whatever the tolerances."""
+    return replace(settings, until=model.initial["t"].si, step=None, tolerances=None, pacing=Pacing())
+
+
+def factors_of(model: Model, settings: Settings) -> Floats:
+    """Return what leads from internal numbers of coordinates, velocities and states to those of the record."""
+    found = record.factors(model, settings.scales)
+    return np.array([found[name] for name in settings.layout(model).used])

@@ -40,8 +40,8 @@ class Kept:
     units, said, role : str
     take : callable
         From a `Harvest` to an array, shape (members, *sizes).
-    logged : bool
-        Whether it takes whole logs.
+    reads : tuple of str
+        Variables along `step` that it takes from whole logs.
     dtype : str
     """
 
@@ -52,7 +52,7 @@ class Kept:
     said: str
     role: str
     take: Take
-    logged: bool = False
+    reads: tuple[str, ...] = ()
     dtype: str = "f8"
 
 
@@ -108,6 +108,12 @@ class _Reader:
         detectors = str(self.columns["event_detector"].more["flag_meanings"]).split()
         self.detectors = detectors if self.layout.watched else []
         self.quantities = observables_of(model)
+        self.motion = (
+            "time",
+            "step_size",
+            *self.layout.used,
+            *self.layout.reactions,
+        )  # which states between are made of
         self.loads = (*self.layout.forces, *self.layout.reactions)  # which have extremes too
 
     def known(self) -> list[str]:
@@ -158,13 +164,12 @@ class _Reader:
 
         def take(runs: Harvest) -> Values:
             found = np.full((runs.size, times.size), np.nan)
-            first, last = runs["time"][runs.runs.first_row[:-1]], runs.last("time")
-            members, which = np.nonzero((times >= first[:, None]) & (times <= last[:, None]))
+            members, which, states, rows = runs.at_times(times)
             if members.size:
-                found[members, which] = runs.observed(name, members, times[which])
+                found[members, which] = runs.value(name, states, members, rows, times[which])
             return found
 
-        return Kept(name, (AT,), (times.size,), about.units, f"{about.long_name}; nan behind the end of a run", about.role, take, logged=True)  # fmt: skip
+        return Kept(name, (AT,), (times.size,), about.units, f"{about.long_name}; nan behind the end of a run", about.role, take, reads=self.motion)  # fmt: skip
 
     def _event_time(self, detector: str) -> Kept:
         return self._occurrences(f"{EVENT_TIME}{detector}", detector, self.model.time_unit.text, f"time at which '{detector}' was met", lambda runs, places: runs["event_time"][places])  # fmt: skip
@@ -185,7 +190,9 @@ class _Reader:
 
         said = f"{about.long_name}, {head.removesuffix('_')} '{detector}' was met"
         kept = self._occurrences(word, detector, about.units, said, take)
-        return Kept(kept.name, kept.dims, kept.sizes, kept.units, kept.said, about.role, kept.take, logged=True)
+        return Kept(
+            kept.name, kept.dims, kept.sizes, kept.units, kept.said, about.role, kept.take, reads=(*self.motion, name)
+        )
 
     def _occurrences(
         self, name: str, detector: str, units: str, said: str, value: Callable[[Harvest, Values], Values]
@@ -209,8 +216,8 @@ class _Reader:
         """Return the largest or least value of a quantity, and when it was reached."""
         sign, about = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name]
         said = f"{'largest' if sign > 0 else 'least'} {name} of the run"
-        value = Kept(word, (), (), about.units, said, DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[0], logged=True)  # fmt: skip
-        when = Kept(f"{word}_time", (), (), self.model.time_unit.text, f"when {name} was {said.split(maxsplit=1)[0]}", DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[1], logged=True)  # fmt: skip
+        value = Kept(word, (), (), about.units, said, DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[0], reads=(*self.motion, name))  # fmt: skip
+        when = Kept(f"{word}_time", (), (), self.model.time_unit.text, f"when {name} was {said.split(maxsplit=1)[0]}", DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[1], reads=(*self.motion, name))  # fmt: skip
         return [value, when]
 
 

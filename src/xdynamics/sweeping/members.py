@@ -16,13 +16,14 @@ from xdynamics import record
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs, march_many
 from xdynamics.march.diagnosis import ending
+from xdynamics.march.log import Room
 from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
 from xdynamics.march.uncontrolled import uncontrolled
 from xdynamics.model.switches import smooth_switches
 from xdynamics.record.provenance import xdynamics_version
 from xdynamics.schema import CIRCUMSTANCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
 from xdynamics.sweeping.grid import Grid, Group
-from xdynamics.sweeping.harvest import Harvest
+from xdynamics.sweeping.harvest import Harvest, parts_of
 from xdynamics.sweeping.keeping import COUNT, DIAGNOSTIC, Keeping, Kept
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ Values = NDArray[Any]
 Block = Sequence[slice]
 
 LOG_BYTES = 24_000_000  # of whole logs that are held at once
-FEW, MOST = 8, 16_384  # members whose logs are, at first and at most
+FEW, MOST = 64, 16_384  # members whose logs are, at first and at most
 REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # of which the cause is found out by making the step again
 LONGEST_WORD = max(map(len, WORDS))
 _GOLDEN = 0x9E3779B97F4A7C15
@@ -166,8 +167,10 @@ def marched(plan: Plan, block: Block) -> dict[str, Values]:
     size = int(np.prod(shape))
     found = {one.name: np.empty((size, *one.sizes), one.dtype) for one in plan.variables}
     for group in plan.grid.groups(block):
-        for part, runs in _batches(group, logged=any(one.logged for one in plan.variables)):
-            harvest = Harvest(group.model, group.settings, runs)
+        reads = tuple(dict.fromkeys(name for one in plan.variables for name in one.reads))
+        parts = parts_of(group.model, group.settings) if reads else None
+        for part, runs in _batches(group, reads):
+            harvest = Harvest(group.model, group.settings, runs, parts)
             for one in plan.variables:
                 found[one.name][group.places[part]] = one.take(harvest)
             found[UNCONTROLLED][group.places[part]] = _uncontrolled(group, harvest, part)
@@ -175,16 +178,16 @@ def marched(plan: Plan, block: Block) -> dict[str, Values]:
     return {name: values.reshape(*shape, *values.shape[1:]) for name, values in found.items()}
 
 
-def _batches(group: Group, *, logged: bool) -> Iterator[tuple[slice, Runs]]:
-    """March a group; where whole logs are looked at, as many at a time as memory is to hold."""
-    begin, count = 0, FEW if logged else len(group.places)
+def _batches(group: Group, reads: tuple[str, ...]) -> Iterator[tuple[slice, Runs]]:
+    """March a group; where logs are looked at, as many members at a time as memory is to hold."""
+    begin, count, room = 0, FEW if reads else len(group.places), Room()
     while begin < len(group.places):
         part = slice(begin, begin + count)
-        runs = march_many(group.model, group.settings, **group.part(part), logs=logged)
+        runs = march_many(group.model, group.settings, **group.part(part), logs=reads, room=room)
         yield part, runs
         begin += count
-        rows = max(1, int(runs.rows.max()) * len(runs.layout.row) * 8)
-        count = min(4 * count, MOST, max(1, LOG_BYTES // rows)) if logged else count
+        rows = max(1, int(runs.rows.max()) * len(reads) * 8)
+        count = min(4 * count, MOST, max(1, LOG_BYTES // rows)) if reads else count
 
 
 def _none(runs: Harvest) -> Values:

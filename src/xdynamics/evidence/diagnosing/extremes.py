@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,7 +10,8 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.dynamics.inside import model_of, sampled
-from xdynamics.evidence.observing import evaluated_on, tree_of
+from xdynamics.evidence.diagnosing.summits import Summits, crests, humps, summits
+from xdynamics.evidence.observing import evaluated_on, rate_tree, tree_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.units import parse_unit
@@ -28,9 +28,7 @@ SOUGHT = (*STATES, "energy", "observable", "force", "reaction")  # and of all th
 SAMPLED, INTERPOLATED, LOCATED = range(3)
 RULES = ("sampled", "interpolated", "located")
 SAID = ("sampled at an accepted state", "interpolated between accepted states", "located by an event")
-MOST_HUMPS = 1000  # that are searched, the highest among accepted states
 MOST_NAMES = 200  # quantities, above which extremes of forces and observables are not sought
-LOOKS, ROUNDS = 9, 12  # of a search: so many places at once, then between the neighbours of the best
 
 
 class Extreme(NamedTuple):
@@ -53,42 +51,6 @@ class Extreme(NamedTuple):
     uncertainty: float
 
 
-@dataclass
-class Search:
-    """The search for one extreme: what is best so far, and the brackets that it goes on in.
-
-    Attributes
-    ----------
-    name : str
-    sign : float
-        1 of the largest, -1 of the least.
-    best : Extreme
-    low, high : ndarray, shape (k,), s
-    """
-
-    name: str
-    sign: float
-    best: Extreme
-    low: Floats
-    high: Floats
-
-    @property
-    def places(self) -> Floats:
-        """Where it looks next, shape (LOOKS, k); nowhere where a bracket has no room left."""
-        if not (self.high > self.low).all():
-            self.low = self.high = np.zeros(0)
-        return self.low + (self.high - self.low) * np.linspace(0.0, 1.0, LOOKS)[:, None]
-
-    def narrow(self, places: Floats, looked: Floats) -> None:
-        """Take the best of what was looked at, and go on between its neighbours in each bracket."""
-        k, each = np.argmax(np.where(np.isnan(looked), -np.inf, self.sign * looked), axis=0), np.arange(len(self.low))
-        top = int(np.argmax(self.sign * looked[k, each]))
-        value = float(looked[k[top], top])
-        if self.sign * value > self.sign * self.best.value:
-            self.best = Extreme(value, float(places[k[top], top]), INTERPOLATED, 0.0)
-        self.low, self.high = places[np.maximum(k - 1, 0), each], places[np.minimum(k + 1, LOOKS - 1), each]
-
-
 def extreme(run: xr.Dataset, name: str, sign: float, functions: Functions | None) -> Extreme:
     """Find the largest value of a quantity, or with a sign of -1 the least; see `extremes`."""
     return extremes(run, [(name, sign)], functions)[0]
@@ -98,23 +60,24 @@ def extremes(run: xr.Dataset, wanted: Sequence[tuple[str, float]], functions: Fu
     """Find the largest values of quantities, or with a sign of -1 the least.
 
     A state at an event that is above all others stands as it is. Else the steps to and from each row that is no lower than
-    its neighbours are searched, by states of the run's own method between, on which forces, contact forces, energies and
-    observables are evaluated. Forces in Python are looked at in accepted states alone: how far the parabola through the
-    largest and its neighbours goes beyond it is then what the value is uncertain by.
+    its neighbours are searched for a zero of the quantity's rate, by states of the run's own method between, on which
+    forces, contact forces, energies and observables are evaluated; see `summits`. Forces in Python are looked at in
+    accepted states alone: how far the parabola through the largest and its neighbours goes beyond it is then what the
+    value is uncertain by.
     """
     model = model_of(run, functions)
-    searches = [_begun(run, model, name, sign) for name, sign in wanted]
-    for _ in range(ROUNDS):
-        places = [one.places for one in searches]
+    begun = [_begun(run, model, name, sign) for name, sign in wanted]
+    while True:
+        places = [search.places() for _, search in begun]
         if not any(one.size for one in places):
             break
         ends = np.cumsum([0, *(one.size for one in places)])
-        states = sampled(run, np.concatenate([one.ravel() for one in places]), after=False, rule=REINTEGRATE, functions=functions)  # fmt: skip
-        for k, (one, where) in enumerate(zip(searches, places, strict=True)):
-            if where.size:
+        states = sampled(run, np.concatenate(places), after=False, rule=REINTEGRATE, functions=functions)
+        for k, ((name, _), (_, search)) in enumerate(zip(wanted, begun, strict=True)):
+            if places[k].size:
                 here = states.isel({schema.AT: slice(ends[k], ends[k + 1])})
-                one.narrow(where, _values(run, model, one.name, here).reshape(where.shape))
-    found = [one.best for one in searches]
+                search.narrow(*_with_rates(run, model, name, here))
+    found = [_settled(*one) for one in begun]
     for k, (name, _) in enumerate(wanted):
         if found[k].rule == INTERPOLATED:
             doubt = float(between(run, model, name, np.array([found[k].time]), functions)[1][0])
@@ -122,17 +85,46 @@ def extremes(run: xr.Dataset, wanted: Sequence[tuple[str, float]], functions: Fu
     return found
 
 
-def _begun(run: xr.Dataset, model: Model, name: str, sign: float) -> Search:
-    """Return the search with the best accepted state, and the steps about each that is no lower than its neighbours."""
+def _begun(run: xr.Dataset, model: Model, name: str, sign: float) -> tuple[Extreme, Summits]:
+    """Return the best accepted state, and the search of the steps about each that is no lower than its neighbours."""
     values, time = np.asarray(run[name]), np.asarray(run["time"])
     row = int(np.nanargmax(sign * values))
     at_event = int(run["row_kind"][row]) in (schema.EVENT_BEFORE, schema.EVENT_AFTER)
-    best = Extreme(float(values[row]), float(time[row]), LOCATED if at_event else SAMPLED, 0.0)
+    best, first = (
+        Extreme(float(values[row]), float(time[row]), LOCATED if at_event else SAMPLED, 0.0),
+        np.array([0, len(time)]),
+    )
+    rows, members = humps(sign * values, time, first, *crests(sign * values, first))
     if run[name].attrs["role"] not in STATES and model.python_functions:
-        doubt = 0.0 if at_event else _beyond(values, time, row)
-        return Search(name, sign, best._replace(uncertainty=doubt), np.zeros(0), np.zeros(0))
-    humps = _humps(sign * values, time)
-    return Search(name, sign, best, time[np.maximum(humps - 1, 0)], time[np.minimum(humps + 1, len(time) - 1)])
+        best = best._replace(uncertainty=0.0 if at_event else _beyond(values, time, row))
+        rows, members = rows[:0], members[:0]
+    beside = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, len(time) - 1)])
+    tree, rates = rate_tree(model, name), None
+    if tree is not None:
+        at = {one: np.asarray(run[one])[beside.ravel()] for one in model.units}
+        rates = evaluated_on(run, model, [tree], at, time[beside.ravel()], beside.ravel())[0].reshape(beside.shape) / _factor(run, name)  # fmt: skip
+    search = summits(sign, np.array([best.value]), np.array([best.time]), values, time, first, rates, rows, members)
+    return best, search
+
+
+def _settled(best: Extreme, search: Summits) -> Extreme:
+    """Return what the search came to, if that is better than the best accepted state."""
+    value, time = float(search.best[0]), float(search.when[0])
+    return Extreme(value, time, INTERPOLATED, 0.0) if search.sign * value > search.sign * best.value else best
+
+
+def _factor(run: xr.Dataset, name: str) -> float:
+    return float(parse_unit(str(run[name].attrs["units"])).factor)
+
+
+def _with_rates(run: xr.Dataset, model: Model, name: str, states: xr.Dataset) -> tuple[Floats, Floats]:
+    """Return a quantity on states inside steps, and its rate; of one whose rate is not known the quantity for both."""
+    values, tree = _values(run, model, name, states), rate_tree(model, name)
+    if tree is None:
+        return values, values
+    at = {one: np.asarray(states[one]) for one in model.units}
+    times, rows = np.asarray(states[schema.AT_TIME]), np.asarray(states["row"])
+    return values, evaluated_on(run, model, [tree], at, times, rows)[0] / _factor(run, name)
 
 
 def _values(run: xr.Dataset, model: Model, name: str, states: xr.Dataset, moved: str = "") -> Floats:
@@ -142,9 +134,8 @@ def _values(run: xr.Dataset, model: Model, name: str, states: xr.Dataset, moved:
     at = {one: np.asarray(states[one]) for one in model.units}
     if moved:
         at[moved] = at[moved] + np.asarray(states[schema.error(moved)])
-    units = float(parse_unit(str(run[name].attrs["units"])).factor)
     times, rows = np.asarray(states[schema.AT_TIME]), np.asarray(states["row"])
-    return evaluated_on(run, model, [tree_of(model, name)], at, times, rows)[0] / units
+    return evaluated_on(run, model, [tree_of(model, name)], at, times, rows)[0] / _factor(run, name)
 
 
 def between(run: xr.Dataset, model: Model, name: str, times: Floats, functions: Functions | None) -> tuple[Floats, Floats]:  # fmt: skip
@@ -168,14 +159,6 @@ def _beyond(values: Floats, time: Floats, row: int) -> float:
     left, right = (values[row] - values[row - 1]) / before, (values[row + 1] - values[row]) / after
     bend, slope = (right - left) / (before + after), (left * after + right * before) / (before + after)
     return float(slope**2 / abs(4.0 * bend)) if bend else 0.0
-
-
-def _humps(values: Floats, time: Floats) -> Rows:
-    """Return the rows that lie no lower than both neighbours, and higher than one: as many as are searched, the highest."""
-    inner = np.pad(values, 1, constant_values=-np.inf)
-    rows = np.flatnonzero((values >= inner[:-2]) & (values >= inner[2:]) & (values > np.minimum(inner[:-2], inner[2:])))
-    rows = rows[(time[np.minimum(rows + 1, len(time) - 1)] > time[np.maximum(rows - 1, 0)])]
-    return rows[np.argsort(values[rows], kind="stable")[-MOST_HUMPS:]]
 
 
 def sought(run: xr.Dataset) -> list[str]:

@@ -1,0 +1,202 @@
+"""Summits between accepted states: zeros of a quantity's rate, many at once, of one run or of many.
+
+Where the rate is known and changes its sign over a step, the summit is where it is zero: the cubic through values and
+rates at both ends of a bracket says where to look next, by a step of the run's method made again. Elsewhere (forces of
+contacts, steps in which more happens than their ends tell) the bracket is looked through. Nothing here sums or compares
+over members: each has the bits that it has alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+EPS = float(np.finfo(float).eps)
+MOST_HUMPS = 1000  # of a run that are searched, the highest among accepted states
+LOOKS, SWEEPS = 9, 12  # where no rate is known: so many places at once, then between the neighbours of the best
+ROUNDS = 40  # where it is known: three are usual, a kink takes five
+WIDE = 4.0  # times the height of the tangents' meeting: what a bracket may hold that bends up in a part of it
+SMOOTH_ROUNDS = 3  # after which every third one halves, and every third one takes the point in which tangents meet
+
+
+@dataclass
+class Summits:
+    """The search for the summits of one quantity.
+
+    Attributes
+    ----------
+    sign : float
+        1 of the largest values, -1 of the least.
+    best, when : ndarray, shape (members,)
+        The best accepted value of each member, and its time; in the end the best of all.
+    members, rows : ndarray of int, shape (k,)
+        Of each bracket whose rate changes its sign, and the row from which its step goes.
+    ends, values, rates : ndarray, shape (2, k)
+        Times of its ends, and there the quantity and its rate, both times the sign.
+    blind : ndarray of int, shape (m,)
+        Members of the brackets that are looked through.
+    borders : ndarray, shape (2, m)
+    """
+
+    sign: float
+    best: Floats
+    when: Floats
+    members: Rows
+    rows: Rows
+    ends: Floats
+    values: Floats
+    rates: Floats
+    blind: Rows
+    borders: Floats
+    _round: int = 0
+    _places: Floats = field(default_factory=lambda: np.zeros(0))
+    _looks: Floats = field(default_factory=lambda: np.zeros((LOOKS, 0)))
+
+    @property
+    def asked(self) -> Rows:
+        """The member of each place."""
+        return np.concatenate([self.members, np.tile(self.blind, LOOKS)])
+
+    def places(self) -> Floats:
+        """Return the times at which to look next; none when the search is over."""
+        low, high = self.ends
+        middle, top = low + (high - low) / 2.0, self.values.max(axis=0, initial=-np.inf)
+        hope = top + WIDE * (self._meeting()[1] - top) >= self.sign * self.best[self.members]
+        self._keep(hope & (middle > low) & (middle < high) & (self._round < ROUNDS))
+        open_ = (self.borders[1] > self.borders[0]) & (self._round < SWEEPS)
+        self.blind, self.borders = self.blind[open_], self.borders[:, open_]
+        self._places = self._aims()
+        self._looks = self.borders[0] + (self.borders[1] - self.borders[0]) * np.linspace(0.0, 1.0, LOOKS)[:, None]
+        self._round += 1
+        return np.concatenate([self._places, self._looks.ravel()])
+
+    def narrow(self, values: Floats, rates: Floats) -> None:
+        """Take what was seen at the places, the rate of the first k; go on in smaller brackets."""
+        k = self.members.size
+        seen, rate, aims = self.sign * values[:k], self.sign * rates[:k], self._places
+        looked = np.where(np.isnan(values[k:]), -np.inf, self.sign * values[k:]).reshape(self._looks.shape)
+        top, each = np.argmax(looked, axis=0), np.arange(self.blind.size)
+        highest, where = looked[top, each], self._looks[top, each]
+        self._improve(
+            np.concatenate([self.members, self.blind]), np.concatenate([seen, highest]), np.concatenate([aims, where])
+        )
+        self.borders = np.stack([self._looks[np.maximum(top - 1, 0), each], self._looks[np.minimum(top + 1, LOOKS - 1), each]])  # fmt: skip
+        rising, each = rate > 0.0, np.arange(k)
+        end = np.where(rising, 0, 1)
+        self.ends[end, each], self.values[end, each], self.rates[end, each] = aims, seen, rate
+        gain = np.abs(rate * (self._summit() - aims))  # at most, of what the cubic still promises
+        self._keep(gain > EPS * np.abs(seen))
+
+    def _aims(self) -> Floats:
+        """Return where to look in each bracket, which has room for that."""
+        low, high = self.ends
+        middle: Floats = low + (high - low) / 2.0
+        turn = self._round % 3 if self._round >= SMOOTH_ROUNDS else 2
+        if turn == 1:
+            return middle
+        aims = self._meeting()[0] if turn == 0 else self._summit()
+        found: Floats = np.where((aims > low) & (aims < high), aims, middle)
+        return found
+
+    def _summit(self) -> Floats:
+        """Return where the cubic through values and rates at both ends is largest (Nocedal, Wright, (3.59))."""
+        (low, high), (first, last), (rise, fall) = self.ends, self.values, self.rates
+        width = high - low
+        with np.errstate(all="ignore"):
+            mean = 3.0 * (last - first) / width - rise - fall
+            root = np.sqrt(mean * mean - rise * fall)
+            found: Floats = high - width * ((root - fall - mean) / (rise - fall + 2.0 * root))
+        return found
+
+    def _meeting(self) -> tuple[Floats, Floats]:
+        """Return where the tangents at both ends meet, and how high: no summit is above that where the curve bends down."""
+        (low, high), (first, last), (rise, fall) = self.ends, self.values, self.rates
+        with np.errstate(all="ignore"):
+            time = (last - first - fall * (high - low)) / (rise - fall)
+            return low + time, first + rise * time
+
+    def _keep(self, kept: NDArray[np.bool_]) -> None:
+        """Go on with some brackets alone."""
+        self.members, self.rows = self.members[kept], self.rows[kept]
+        self.ends, self.values, self.rates = self.ends[:, kept], self.values[:, kept], self.rates[:, kept]
+
+    def _improve(self, members: Rows, values: Floats, times: Floats) -> None:
+        """Take what is better than the best of its member, the first of equal ones."""
+        better = np.flatnonzero(values > self.sign * self.best[members])
+        order = better[np.lexsort((better, -values[better], members[better]))]
+        top = order[np.flatnonzero(np.diff(members[order], prepend=-1))]
+        self.best[members[top]], self.when[members[top]] = self.sign * values[top], times[top]
+
+
+def crests(values: Floats, first: Rows) -> tuple[Rows, Rows]:
+    """Return the rows that lie no lower than both neighbours in their member, and higher than one, and the members.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows,)
+        Of all members, one behind the other.
+    first : ndarray of int, shape (members + 1,)
+        Where each member's rows begin, and all end.
+    """
+    values = np.where(np.isnan(values), -np.inf, values) if np.isnan(values).any() else values
+    not_lower, higher = np.ones((2, values.size), bool), np.zeros(values.size, bool)
+    np.greater_equal(values[1:], values[:-1], out=not_lower[0, 1:])
+    np.greater_equal(values[:-1], values[1:], out=not_lower[1, :-1])
+    higher[1:] = ~not_lower[1, :-1]
+    higher[:-1] |= ~not_lower[0, 1:]
+    begin, end = first[:-1], first[1:] - 1
+    not_lower[0, begin] = not_lower[1, end] = higher[begin] = higher[end] = True
+    rows = np.flatnonzero(not_lower[0] & not_lower[1] & higher)
+    rows = rows[values[rows] > -np.inf]  # and no nan
+    return rows, np.searchsorted(first, rows, side="right") - 1
+
+
+def humps(values: Floats, time: Floats, first: Rows, rows: Rows, members: Rows) -> tuple[Rows, Rows]:
+    """Return of crests those about which there is something to search, the highest where there are many."""
+    low, high = np.maximum(rows - 1, first[members]), np.minimum(rows + 1, first[members + 1] - 1)
+    there = time[high] > time[low]
+    rows, members = rows[there], members[there]
+    counts = np.bincount(members, minlength=len(first) - 1)
+    if counts.max(initial=0) > MOST_HUMPS:
+        order = np.lexsort((np.arange(rows.size), values[rows], members))
+        from_end = np.repeat(np.cumsum(counts), counts) - np.arange(rows.size)
+        chosen = np.sort(order[from_end <= MOST_HUMPS])
+        rows, members = rows[chosen], members[chosen]
+    return rows, members
+
+
+def summits(sign: float, best: Floats, when: Floats, values: Floats, time: Floats, first: Rows, rates: Floats | None, rows: Rows, members: Rows) -> Summits:  # fmt: skip
+    """Begin the search about the humps of a quantity.
+
+    Parameters
+    ----------
+    sign : float
+    best, when : ndarray, shape (members,)
+        Best accepted values, and their times.
+    values, time : ndarray, shape (rows,)
+    first : ndarray of int, shape (members + 1,)
+    rates : ndarray, shape (3, k), optional
+        Of the quantity, in the rows before each hump, at it and behind it; none where it is not known.
+    rows, members
+        Of the humps.
+    """
+    low, high = np.maximum(rows - 1, first[members]), np.minimum(rows + 1, first[members + 1] - 1)
+    if rates is None:
+        there = np.zeros((2, 0))
+        return Summits(sign, best, when, rows[:0], rows[:0], there, there.copy(), there.copy(), members, time[np.stack([low, high])])  # fmt: skip
+    before, at, behind = sign * rates
+    begin, end = np.where(at > 0.0, rows, low), np.where(at > 0.0, high, rows)
+    rise, fall = np.where(at > 0.0, at, before), np.where(at > 0.0, behind, at)
+    wide = time[end] > time[begin]
+    turns = wide & (rise > 0.0) & (fall < 0.0)
+    blind = wide & ~turns & (at != 0.0)
+    ends = np.stack([begin, end])[:, turns]
+    return Summits(
+        sign, best, when, members[turns], begin[turns], time[ends], sign * values[ends], np.stack([rise, fall])[:, turns],
+        members[blind], time[np.stack([low, high])[:, blind]],
+    )  # fmt: skip
