@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from xdynamics import archive
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.target import taking_name
@@ -20,9 +22,11 @@ from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.files import asked, made_folder
 from xdynamics.schema import EVIDENCE, SWEEP
+from xdynamics.sweeping.additions import Additions, additions
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.files import archived, digests_of
-from xdynamics.sweeping.members import FILE, SEAL, Block, Plan, marched
+from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
+from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, OUTCOME, SEAL, STOPPED_BY, Block, Plan, marched
 from xdynamics.sweeping.tasks import Chunks, blocks_of, chunks_of
 
 if TYPE_CHECKING:
@@ -33,6 +37,7 @@ UNFINISHED = ".unfinished"
 CUT = "blocks.json"  # how many members along each axis the parts hold
 RUNS = "runs"
 PART, BLOCK = "sweep part", "sweep_block"
+LONG = 64  # digits of a whole sha256
 Progress = Callable[[float, float, int], None]
 
 
@@ -72,13 +77,30 @@ def open_sweep(path: str | Path) -> xr.Dataset:
             f"'{folder}' holds no sweep: there is no {CATALOGUE} in it; name the folder that sweep marched into"
         )
     try:
-        found = archive.open_run(file)
+        opened = archive.open_run(file)
     except ArchiveError as error:
         raise ArchiveError(f"{error}\n{REMEDY}", error.faults) from None
-    if found.attrs.get(EVIDENCE) != SWEEP:
+    if opened.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{file}' is no catalogue of a sweep")
-    found = with_axes(found)
+    found = with_axes(_with_words(opened))
+    found.set_close(opened._close)  # noqa: SLF001 - by which a Dataset that xarray made of another would not be closed
     found.encoding["source"] = str(file.absolute())
+    return found
+
+
+def _with_words(found: xr.Dataset) -> xr.Dataset:
+    """Have words and digests of members as lazy arrays of texts of one width, as they were before they were saved."""
+    widths = {OUTCOME: LONGEST_WORD, SEAL: LONG, FILE: LONG + len(f"{RUNS}/.nc")}
+    if DIGEST_OF_RUN in found:
+        widths[DIGEST_OF_RUN] = LONG if FILE in found else DIGITS
+    for name in {*widths, STOPPED_BY} & {*found.data_vars}:
+        texts = found[name].variable
+        if name not in widths or not texts.ndim:
+            words = np.asarray(texts).astype(str)
+        else:
+            each = texts.chunk(dict(texts.sizes))
+            words = each.data.astype(np.dtype(f"U{widths[name]}"))
+        found[name] = texts.dims, words, texts.attrs
     return found
 
 
@@ -168,11 +190,18 @@ def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | N
     Raises
     ------
     InputError
-        If the folder holds another sweep, or is none.
+        If the folder holds another sweep that is no part of this one, or is none.
     """
     made_folder(folder)
+    there = None
     if (folder / CATALOGUE).is_file():
-        return _finished(plan, folder)
+        found = _whole(folder)
+        if found.attrs[DIGEST] == plan.digest:
+            shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # of a process that was stopped when all was done
+            return found
+        there = additions(plan, found, folder / CATALOGUE)
+        found.close()
+        archive.check_target(folder / CATALOGUE)  # nobody reads what is to be replaced
     work = folder / UNFINISHED / plan.digest[:16]
     others = sorted(one.name for one in work.parent.iterdir() if one.is_dir() and one != work) if work.parent.is_dir() else []  # fmt: skip
     if others:
@@ -180,20 +209,17 @@ def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | N
     with _alone_in(made_folder(work)):
         blocks = [block for _, block in blocks_of(_begun(plan, members, work))]
         parts = [work / f"{_said(block)}.nc" for block in blocks]
-        _march(plan, blocks, parts, progress)
+        _march(plan, blocks, parts, progress, there)
         archive.save(collected(plan, _joined(plan, blocks, parts)), folder / CATALOGUE)
         shutil.rmtree(work.parent, ignore_errors=True)
     return open_sweep(folder)
 
 
-def _finished(plan: Plan, folder: Path) -> xr.Dataset:
+def _whole(folder: Path) -> xr.Dataset:
     """Open a sweep that was marched before, with all its runs."""
     found = open_sweep(folder)
-    if found.attrs[DIGEST] != plan.digest:
-        raise InputError(f"'{folder}' holds another sweep, '{found.attrs['title']}'; name another folder, or remove it")
     if faults := _faults(folder, found):
         raise ArchiveError(f"'{folder}' is damaged:{numbered(faults)}\n{REMEDY}", tuple(faults))
-    shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # of a process that was stopped when all was done
     return found
 
 
@@ -226,7 +252,7 @@ def _begun(plan: Plan, members: int | None, work: Path) -> Chunks:
     return chunks
 
 
-def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None) -> None:
+def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None, there: Additions | None) -> None:  # fmt: skip
     """March the blocks that are not there, on whatever schedules."""
     from dask import base
     from dask.delayed import delayed
@@ -235,18 +261,19 @@ def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progres
     todo = [(block, part) for block, part in zip(blocks, parts, strict=True) if not digests_of(part, partial(_is_part, plan, block))[0]]  # fmt: skip
     if not todo:
         return
-    told, keep = delayed(plan), delayed(_keep)
+    told, keep, known = delayed(plan), delayed(_keep), delayed(there)
     with _watching(parts, progress):
-        compute(*(keep(told, list(block), str(part.absolute())) for block, part in todo))
+        compute(*(keep(told, list(block), str(part.absolute()), known) for block, part in todo))
 
 
-def _keep(plan: Plan, block: Block, part: str) -> None:
-    """March a block into a file of its own; whole runs into files of theirs, which go before."""
-    found = marched(plan, block)
+def _keep(plan: Plan, block: Block, part: str, there: Additions | None) -> None:
+    """March a block into a file of its own; whole runs into files of theirs, which go before; what is there is taken."""
+    found = marched(plan, block, there.take) if there else marched(plan, block)
     if plan.keeping.whole:
         files = Path(part).parents[2] / RUNS
         files.mkdir(exist_ok=True)
-        archived(plan, block, files, found)
+        known = there.there(block) if there else np.zeros(plan.grid.shape_of(block), bool)
+        archived(plan, block, files, found, known)
     variables = {one.name: ((*plan.grid.dims, *one.dims), found[one.name], about(one.units, one.said, one.role)) for one in plan.variables}  # fmt: skip
     archive.save(exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest, BLOCK: _said(block)}), part)
 
@@ -262,8 +289,6 @@ def _said(block: Block) -> str:
 
 def _joined(plan: Plan, blocks: list[Block], parts: list[Path]) -> dict[str, Any]:
     """Read the blocks into whole arrays."""
-    import numpy as np
-
     found = {one.name: np.empty((*plan.grid.shape, *one.sizes), one.dtype) for one in plan.variables}
     for block, part in zip(blocks, parts, strict=True):
         with archive.open_run(part, check=False) as one:

@@ -32,8 +32,8 @@ def input_digest(march: March) -> str:
     return sha256(json.dumps(record.identity(march), sort_keys=True).encode()).hexdigest()
 
 
-def archived(plan: Plan, block: Block, folder: Path, found: Values) -> None:
-    """Archive every member of a block, and note its file and its content digest in what was found.
+def archived(plan: Plan, block: Block, folder: Path, found: Values, known: NDArray[np.bool_]) -> None:
+    """Archive every member of a block that is not known, and note its file and its content digest in what was found.
 
     A file that is there, and whole, is not marched again; of a member whose model is refused there is none.
 
@@ -46,7 +46,7 @@ def archived(plan: Plan, block: Block, folder: Path, found: Values) -> None:
     shape = grid.shape_of(block)
     for i, at in enumerate(grid.places(block)):
         where = np.unravel_index(i, shape)
-        march = march_of(grid, at)
+        march = None if known[where] else march_of(grid, at)
         if march is None:
             continue
         file = folder / f"{input_digest(march)}.nc"

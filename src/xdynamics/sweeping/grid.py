@@ -42,7 +42,12 @@ class Group:
     places: Places
     arrays: Arrays
 
-    def part(self, which: slice) -> Arrays:
+    def without(self, known: NDArray[np.bool_]) -> Group:
+        """Leave out members of the block."""
+        left = ~known[self.places]
+        return self if left.all() else replace(self, places=self.places[left], arrays=self.part(left))
+
+    def part(self, which: slice | NDArray[np.bool_]) -> Arrays:
         """Return the numbers of some of them."""
         return {key: {name: values[which] for name, values in one.items()} if isinstance(one, dict) else one[which] for key, one in self.arrays.items()}  # fmt: skip
 

@@ -155,8 +155,16 @@ class Plan:
         ]
 
 
-def marched(plan: Plan, block: Block) -> dict[str, Values]:
+def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Values]:
     """March the members of a block.
+
+    Parameters
+    ----------
+    plan : Plan
+    block : sequence of slice
+    there : callable, optional
+        Puts what is known of members into the arrays, by name, in the shape of the block, and returns which they are:
+        those are not marched.
 
     Returns
     -------
@@ -166,15 +174,19 @@ def marched(plan: Plan, block: Block) -> dict[str, Values]:
     shape = plan.grid.shape_of(block)
     size = int(np.prod(shape))
     found = {one.name: np.empty((size, *one.sizes), one.dtype) for one in plan.variables}
-    for group in plan.grid.groups(block):
-        reads = tuple(dict.fromkeys(name for one in plan.variables for name in one.reads))
-        parts = parts_of(group.model, group.settings) if reads else None
+    known = np.zeros(size, bool)
+    if there is not None:
+        known = there(plan, block, {name: one.reshape(*shape, *one.shape[1:]) for name, one in found.items()}).ravel()
+    reads = tuple(dict.fromkeys(name for one in plan.variables for name in one.reads))
+    for whole in plan.grid.groups(block):
+        group = whole.without(known)
+        parts = parts_of(group.model, group.settings) if reads and group.places.size else None
         for part, runs in _batches(group, reads):
             harvest = Harvest(group.model, group.settings, runs, parts)
             for one in plan.variables:
                 found[one.name][group.places[part]] = one.take(harvest)
             found[UNCONTROLLED][group.places[part]] = _uncontrolled(group, harvest, part)
-    _settle(plan, block, found)
+    _settle(plan, block, found, known)
     return {name: values.reshape(*shape, *values.shape[1:]) for name, values in found.items()}
 
 
@@ -188,6 +200,9 @@ def _batches(group: Group, reads: tuple[str, ...]) -> Iterator[tuple[slice, Runs
         begin += count
         rows = max(1, int(runs.rows.max()) * len(reads) * 8)
         count = min(4 * count, MOST, max(1, LOG_BYTES // rows)) if reads else count
+
+
+Take = Callable[[Plan, Block, dict[str, Values]], NDArray[np.bool_]]
 
 
 def _none(runs: Harvest) -> Values:
@@ -266,18 +281,18 @@ def digest_of_end(run: xr.Dataset, names: Sequence[str]) -> str:
     return sha256(_bytes(end, counts) + np.asarray(run["event_time"]).astype("<f8").tobytes()).hexdigest()[:DIGITS]
 
 
-def _settle(plan: Plan, block: Block, found: Mapping[str, Values]) -> None:
-    """Find out the causes of bad ends, and march those alone that are to be checked."""
+def _settle(plan: Plan, block: Block, found: Mapping[str, Values], known: NDArray[np.bool_]) -> None:
+    """Find out the causes of bad ends, and march those alone that are to be checked, but for those that are known."""
     grid = plan.grid
     at = grid.places(block)
     refined = [OUTCOMES[status].word for status in REFINED]
-    for i in np.flatnonzero(np.isin(found[OUTCOME], refined)).tolist():
+    for i in np.flatnonzero(np.isin(found[OUTCOME], refined) & ~known).tolist():
         march = march_of(grid, at[i])
         for _ in march.blocks() if march else ():
             pass
         found[OUTCOME][i] = ending(march).outcome.word if march else found[OUTCOME][i]
     numbers = np.asarray(np.ravel_multi_index(tuple(at.T), grid.shape))
-    for i in np.flatnonzero(chosen(numbers, plan.check)).tolist():
+    for i in np.flatnonzero(chosen(numbers, plan.check) & ~known).tolist():
         _check(grid, at[i], {name: found[name][i] for name in (DIGEST, OUTCOME)})
 
 

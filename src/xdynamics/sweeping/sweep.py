@@ -63,7 +63,8 @@ def sweep(
         How many of every event, along `occurrence` if more than the first are kept; ``(100, 160)`` leaves out the first
         hundred.
     path : str or Path, optional
-        A folder to march into, and to go on in where a process was stopped: what is there is not marched again.
+        A folder to march into, and to go on in where a process was stopped: what is there is not marched again. To a
+        sweep that is there members can be added: by an axis that is longer or finer, by one more, by further methods.
     check : float
         Part of the members that are marched alone too and compared, bit for bit: ``0.01``.
     members_per_task : int, optional
@@ -85,7 +86,7 @@ def sweep(
     ------
     InputError
         If an axis, a word or a setting cannot be used, before anything is marched; with every fault. If the folder holds
-        another sweep.
+        a sweep of which this one is no enlargement: what differs is named.
 
     Examples
     --------

@@ -1,0 +1,77 @@
+"""What is kept of a sweep's members, and drives with many points, over the same sweep of ends: CPU time, best of some, interleaved.
+
+python tests/benchmarks/sweep_speed.py [members]
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from lanes_speed import DUFFING, PENDULUM, model_of, varied
+
+import xdynamics as xd
+
+END, ROUNDS = 50.0, 3
+ASKED: dict[str, Any] = {"method": "dop853", "rtol": 1e-9, "atol": 1e-9, "until": END}
+
+
+def observed(family: str) -> xd.Model:
+    """Return a family with an observable."""
+    return xd.Model.from_text(model_of(family).to_toml() + '\n[observables]\npower = "x*v_x"\n')
+
+
+def driven(points: int) -> xd.Model:
+    """Return an oscillator that a measured force with so many points pushes."""
+    rows = "".join(f"{t:.6f},{np.sin(1.3 * t):.6f}\n" for t in np.linspace(0.0, END, points))
+    return xd.Model(
+        name="driven", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"},
+        forces={"spring": {"potential": "newton/metre*x**2/2"}, "push": {"x": "push"}},
+        drives={"push": {"table": "p.csv", "csv": f"t [s],p [N]\n{rows}"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+
+
+def swept(model: xd.Model, name: str, values: Any, **more: Any) -> Callable[[], Any]:
+    """Set up a sweep in one task of one thread."""
+    found = xd.sweep(model, {name: values}, members_per_task=len(values), **ASKED, **more)
+    return lambda: found.compute(scheduler="synchronous")
+
+
+def table(title: str, ways: dict[str, Callable[[], Any]], members: int) -> None:
+    """Measure, and print microseconds a member, and over the first."""
+    least = dict.fromkeys(ways, np.inf)
+    for way in ways.values():
+        way()
+    for _ in range(ROUNDS):
+        for name, way in ways.items():
+            begun = time.process_time()
+            way()
+            least[name] = min(least[name], (time.process_time() - begun) / members * 1e6)
+    first = next(iter(least.values()))
+    print(f"\n{members} {title}{'us a member':>20}{'/ first':>9}")
+    for name, cost in least.items():
+        print(f"  {name:<34}{cost:>12.2f}{cost / first:>9.2f}")
+
+
+def main(members: int = 4096) -> None:
+    """Print one table for each family, and one for drives."""
+    for family in (DUFFING, PENDULUM):
+        model, values = observed(family), varied(family, members)
+        name = "initial_x" if family == PENDULUM else "k"
+        ways = {"end": swept(model, name, values)}
+        for word in ("maximum_x", "minimum_x", "maximum_v_x", "maximum_power"):
+            ways[word] = swept(model, name, values, keep=[word])
+        for count in (10, 100):
+            ways[f"x at {count} times"] = swept(model, name, values, keep=["x"], times=np.linspace(0.0, END, count))
+        table(family, ways, members)
+    starts = np.linspace(-1.0, 1.0, members)
+    table(
+        "oscillators", {f"a drive of {n} points": swept(driven(n), "initial_x", starts) for n in (2, 20, 200)}, members
+    )
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
