@@ -190,18 +190,19 @@ class Law:
 
     def parting(self, lanes: int) -> tuple[int, int]:
         """Return where a force evaluation and a step in so many lanes begin, compiled."""
-        with _LOCK:
-            return self._parting(lanes)
-
-    @lru_cache(maxsize=8)  # noqa: B019 - laws are kept as long as they are used
-    def _parting(self, lanes: int) -> tuple[int, int]:
         programs = (self.entries[0], *self.steps.programs)
         names = (programs[0].name, self.entries[PROPOSE - FORCES].name)
-        code = machine.compiled(
-            llvm_of(programs, lanes, entered=names, math_functions=self.scheme.math_functions), names
-        )
-        _STRIDES.append(code)
-        return code.addresses[names[0]], code.addresses[names[1]]
+        with _LOCK:
+            if lanes not in self._parts:
+                text = llvm_of(programs, lanes, entered=names, math_functions=self.scheme.math_functions)
+                self._parts[lanes] = machine.compiled(text, names)
+            found = self._parts[lanes].addresses
+        return found[names[0]], found[names[1]]
+
+    @cached_property
+    def _parts(self) -> dict[int, machine.Code]:
+        """Code behind those addresses, which lives as long."""
+        return {}
 
     @cached_property
     def _marching(self) -> machine.Code:

@@ -149,7 +149,13 @@ def _plain_solvers() -> Solvers:
 def _entries(kept: Kept) -> Engine:
     """Compile the entries, or load what was kept of them."""
     march = kept.callback(loop.march, types.void(types.int64, types.int64))
-    functions = (entries.march_many, entries.states_inside, entries.fastest_rates, entries.growths, entries.rows_of_times)
+    functions = (
+        entries.march_many,
+        entries.states_inside,
+        entries.fastest_rates,
+        entries.growths,
+        entries.rows_of_times,
+    )
     march_many, states_inside, fastest_rates, growths, rows_of_times = (
         kept.function(one, signature) for one, signature in zip(functions, _SIGNATURES, strict=True)
     )

@@ -100,6 +100,7 @@ class PartsAbreast:
     """
 
     def __init__(self, model: Model, settings: Settings, law: Law, factors: Floats, lanes: int) -> None:
+        self._law = law  # whose code is behind addresses
         self._run = run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
         self._factors = np.array([settings.scales.of(TIME), *factors])
         self._blocks = {name: np.zeros((len(getattr(run, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
