@@ -92,7 +92,7 @@ def save_many(
     *,
     compress: bool | None = None,
 ) -> list[Path]:
-    """Write runs to netCDF4 files, which reach the disk together: for many short runs, much faster than one by one.
+    """Write runs to netCDF4 files, which reach the disk together: faster than one by one where that takes long to answer.
 
     All are written beside their names, one synchronisation of the file system follows, and all are renamed; of more than
     `MOST_AT_ONCE` so many at a time. Each name has its old file or the new one, whole, at any moment.
