@@ -166,7 +166,8 @@ def test_event_brackets_its_root() -> None:
 
 def test_no_event_is_located_better_than_t_is_spaced() -> None:
     """Assert half a spacing of t as the least uncertainty, the parts beside it, and words that speak of the location alone."""
-    run = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"), method="dop853", rtol=1e-10)
+    asked = {"method": "dop853", "rtol": 1e-10, "event_root_method": "one by one"}
+    run = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"), **asked)
     parts = [run[f"event_time_uncertainty_{part}"].values for part in ("bracket", "residual", "interpolation")]
     least = np.spacing(run.event_time.values) / 2
     assert np.sum(parts, axis=0)[0] < least[0]  # the apex is met to the bit
@@ -176,9 +177,19 @@ def test_no_event_is_located_better_than_t_is_spaced() -> None:
     assert all(", located within " in line and "±" not in line for line in lines)
 
 
-def test_event_substeps_are_rejected_trials() -> None:
-    """Assert that every trial of the bracket is kept, from one unchanged row."""
-    run = xd.simulate(timed("x - 2*metre"), method="midpoint", step=0.1, until=1.0)
+def test_event_substeps_are_no_trials() -> None:
+    """Assert that substeps are counted with their event alone, and that each was a step that evaluated forces."""
+    asked = {"method": "midpoint", "step": 0.1, "until": 1.0}
+    run, without = xd.simulate(timed("x - 2*metre"), **asked), xd.simulate(timed("x - 9*metre"), **asked)
+    assert run.sizes["trial"] == run.attrs["run_rejected_trials"] == 0
+    steps = run.attrs["run_force_evaluations"] - without.attrs["run_force_evaluations"]
+    assert 2 * (int(run.event_substeps[0]) + 1) <= steps <= 2 * (int(run.event_substeps[0]) + 2)
+    assert f"{int(run.event_substeps[0])} steps shortened to find events" in "".join(summary(run))
+
+
+def test_event_substeps_were_rejected_trials() -> None:
+    """Assert that by the rule of version 0.2 every trial of the bracket is kept, from one unchanged row."""
+    run = xd.simulate(timed("x - 2*metre"), method="midpoint", step=0.1, until=1.0, event_root_method="one by one")
     assert (run.trial_reason == REASON_EVENT).all()
     assert set(run.trial_step.values.tolist()) == {3}
     assert run.trial_step_size.values[0] == 0.1

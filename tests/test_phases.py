@@ -199,7 +199,7 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
         y=np.array([1.0, 0.0, -2.0]), law=law, detectors=detectors, log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
         log_events=np.zeros(5, EVENT_ROW), watches=watches, functions=entries(), **{name: np.zeros(1) for name in arrays},
     )  # fmt: skip
-    run.plan[0].step_size, run.plan[0].stages, run.g[0] = 0.75, 1, seen(1.0)
+    run.plan[0].step_size, run.plan[0].stages, run.plan[0].apart, run.g[0] = 0.75, 1, 1, seen(1.0)
     return run
 
 
@@ -223,9 +223,11 @@ def test_propose_leaves_the_state() -> None:
     assert run.now[0].evaluations == 1
 
 
-def test_locate_ends_the_trial_behind_the_event() -> None:
+@pytest.mark.parametrize("apart", [0, 1])
+def test_locate_ends_the_trial_behind_the_event(apart: int) -> None:
     """Assert that the located trial brackets the root within the tolerance and is the one that is kept."""
     run = dropped()
+    run.plan[0].apart = apart
     found(run, 1.5)
     plain(locating.locate)(run)
     h = run.trial[0].h

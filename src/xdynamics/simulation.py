@@ -66,6 +66,7 @@ def simulate(
     keep_every: int | None = None,
     log: str | Sequence[str] | None = None,
     compress: bool | None = None,
+    event_root_method: str | None = None,
     times: Sequence[float | str] | str | float | None = None,
     memory: str | float | None = None,
     progress: Progress | None = None,
@@ -135,6 +136,9 @@ def simulate(
     compress : bool
         Whether an archive of the run is compressed, by zlib with shuffled bytes: the same numbers and digests, in half of
         the bytes (a trajectory) to a seventh of them (what hardly changes); see `save` for what it costs.
+    event_root_method : {"earliest first", "one by one"}
+        How events are located: of several in a step the earliest before others, its substeps counted in `event_substeps`;
+        or as version 0.2 did, in the order of their declaration, each substep a rejected trial.
     times : array_like of float, s; or text like ``"0:20:201 s"``
         Return the states at these times, what `sample` gives of the run, along `at`, in the place of the record; those
         behind an early end are left out. Of the log what they are made of is kept in memory, a step for each. Accepted states joined by straight lines may be far off. With `path` the file
@@ -189,6 +193,7 @@ def simulate(
         "jacobian": jacobian, "summation": summation, "nodes": nodes, "switches": switches,
         "time_tolerance": time_tolerance, "math_functions": math_functions, "keep_every": keep_every,
         "log": log, "compress": compress,
+        "event_root_method": event_root_method,
     }  # fmt: skip
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):

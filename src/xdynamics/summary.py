@@ -173,6 +173,9 @@ def _counts(run: xr.Dataset) -> str:
     counts = {word: run.sizes.get(dim, 0) for dim, word in words.items()}
     shortened = words_of(run["trial_reason"]).count("event_substep") if counts["rejected trials"] else 0
     counts["rejected trials"] -= shortened
+    if not shortened and counts["events"]:  # of events at once each has the number of all
+        _, first = np.unique(run["event_row_before"].values, return_index=True)
+        shortened = int(run["event_substeps"].values[first].sum())
     said = ", ".join(f"{count} {word}" for word, count in counts.items())
     if LOG in run.attrs:
         said += f"; of the columns {run.attrs[LOGGED] if run.attrs[LOG] == CHOSEN else 'the states'} alone"

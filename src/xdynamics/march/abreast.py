@@ -45,7 +45,7 @@ def march_abreast(
 ) -> Part:
     """March runs side by side, and keep some columns of their logs, in a room."""
     n, layout = len(next(iter(arrays.values()))), law.layout
-    log = allocate(layout, LANE_ROWS, sampled=0)
+    log = allocate(layout, LANE_ROWS, sampled=0, apart=settings.apart)
     one = posed(model, settings, law, log, addresses_of(law))
     twins, inputs = one.twins(lanes), inputs_of(model, settings, law, one, arrays)
     part = Part.of(n, law, inputs[2])

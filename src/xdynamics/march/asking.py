@@ -12,7 +12,7 @@ import numpy as np
 
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
-from xdynamics.march.settings import FULL, STATES, TIME_TOLERANCE, Pacing, Settings, Tolerances
+from xdynamics.march.settings import EARLIEST_FIRST, FULL, STATES, TIME_TOLERANCE, Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
 from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
@@ -25,8 +25,8 @@ from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, ti
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
-KNOWN = (*RUN_KEYS, "nodes", "math_functions")  # settings, of which a model file has all but these two
 THINNING = ("keep_every", "log")  # settings that leave something out of a record
+KNOWN = (*RUN_KEYS, "nodes", "math_functions", "event_root_method")  # a model file has all but the last three
 PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 
 
@@ -77,6 +77,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         _whole(chosen.get("keep_every", 1), "keep_every"),
         log_asked(chosen.get("log", FULL)),
         _switch(chosen.get("compress", False), "compress"),
+        str(chosen.get("event_root_method") or EARLIEST_FIRST),
     )
     settings.check(model)
     return settings

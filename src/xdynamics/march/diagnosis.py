@@ -157,10 +157,10 @@ def _cause(march: March) -> str:
             )
         case status if status == STEP_LIMIT:
             events = int(march.now.events)
-            search = f", with those that located {events} events" if events else ""
+            search = f", with those that located {events} events" if events and plan.apart else ""
             return (
                 f"{plan.most_steps:.0f} accepted steps and rejected trials are used up{search}, where {of_error(march)} has"
-                f" the largest error; raise max_steps{'' if events else ' or the tolerances'}"
+                f" the largest error; raise max_steps{'' if search else ' or the tolerances'}"
             )
         case status if status == REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"

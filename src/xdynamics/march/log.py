@@ -86,8 +86,8 @@ class Room:
 
 
 @compiled
-def most_substeps(events: int) -> int:
-    """Rejected trials that a step may bring: one, and where there are events those of its border, of the search, of brackets."""
+def most_trials(events: int) -> int:
+    """Rejected trials that a step may bring: one, and where substeps are trials those of its border, of the search, of brackets."""
     return 8 + 2 * MOST_SUBSTEPS + events * (MOST_SUBSTEPS + 3) if events > 0 else 1
 
 
@@ -97,7 +97,7 @@ def has_room(run: Run) -> bool:
     now, base, events = run.now[0], run.base[0], run.detectors.shape[0]
     return (
         now.rows - base.rows + 2 <= run.log_rows.shape[1]
-        and now.trials - base.trials + most_substeps(events) <= run.log_trials.shape[0]
+        and now.trials - base.trials + most_trials(events * run.plan[0].apart) <= run.log_trials.shape[0]
         and now.events - base.events + events <= run.log_events.shape[0]
         and now.samples - base.samples + run.plan[0].samples + 2 <= run.log_samples.shape[1]
     )
@@ -197,14 +197,14 @@ def _memory_of(array: NDArray[Any]) -> mmap.mmap | None:
     return owner if isinstance(owner, mmap.mmap) else None
 
 
-def allocate(layout: Layout, rows: int, *, sampled: int) -> Log:
-    """Return an empty log for `rows` rows, with `sampled` force samples a step."""
+def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False) -> Log:
+    """Return an empty log for `rows` rows, with `sampled` force samples a step; substeps are trials where events are located `apart`."""
     events = len(layout.watched)
     # an odd stride: columns a power of two apart would share one cache set
     rows = (rows + 4) | 1
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
-    plain: Any = getattr(most_substeps, "py_func", most_substeps)
-    trials = min(rows, 20_000) + int(plain(events))
+    plain: Any = getattr(most_trials, "py_func", most_trials)
+    trials = min(rows, 20_000) + int(plain(events * int(apart)))
     most = (min(rows, 4_000) if events else 0) + events
     return Log(
         np.zeros(1, BASE),

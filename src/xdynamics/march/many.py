@@ -208,7 +208,7 @@ def march_many(
 
 
 def _march(model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], *, logs: bool) -> Part:
-    n, log = len(next(iter(arrays.values()))), allocate(law.layout, LOG_ROWS, sampled=0)
+    n, log = len(next(iter(arrays.values()))), allocate(law.layout, LOG_ROWS, sampled=0, apart=settings.apart)
     run = posed(model, settings, law, log, addresses_of(law))
     inputs = inputs_of(model, settings, law, run, arrays)
     part = Part.of(n, law, inputs[2])

@@ -199,6 +199,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "reactions": len(layout.reactions),
         "switches": sum(one.role in (SWITCH, KINK) for one in layout.watched),
         "stepping": scheme.method.stepping,
+        "apart": settings.apart,
         "pressed": len(layout.state) - len(layout.reactions),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)

@@ -107,7 +107,9 @@ def part_of_step(address: Any, s: float, _count: int) -> None:
         The part, as a step from where the march stands.
     """
     run = run_at(address)
-    note_trial(run, s, nan, REASON_EVENT)
+    run.piece[0].substeps += 1
+    if run.plan[0].apart:
+        note_trial(run, s, nan, REASON_EVENT)
     propose_apart(run, run.now[0].t + s, s)
     look(run)
 

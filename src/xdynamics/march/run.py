@@ -22,10 +22,10 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 
 # What a march does not change. step_size is 0 where the grid is given or steps are chosen; a grid time that differs from
 # a node by `snap` of its size is that node; `floor` is what an absolute tolerance that follows is at least, over the largest of
-# its kind, and `rest` a time over which the slope of what was at rest counts; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
+# its kind, and `rest` a time over which the slope of what was at rest counts; `apart` says that events are located one by one, as version 0.2 did; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps divisor",
-    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates kinetic used follows state regime evaluated reactions pressed switches stepping",
+    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates kinetic used follows state regime evaluated reactions pressed switches stepping apart",
 )
 # Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried;
 # `node` counts the nodes landed on, `crossed` those behind which forces were evaluated.
@@ -53,8 +53,8 @@ WATCH = _record(
     "armed began ever alive state flaw broken forced hit seen asleep guard",
 )
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
-# `full` is the width of the trial. `rough` asks for less care, `part` says that it is not the whole trial, `cut` says that substeps were made in a trial that is accepted all the same.
-PIECE = _record("start end width wide full", "cut rough part verdict")
+# `full` is the width of the trial. `rough` asks for less care, `part` says that it is not the whole trial, `cut` says that substeps were made in a trial that is accepted all the same, `substeps` how many were made since its search began.
+PIECE = _record("start end width wide full", "cut rough part verdict substeps")
 # What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
 # What `march.implicit.radau` keeps from step to step. The factors are those of the step size `factored`, 0 if there are none;

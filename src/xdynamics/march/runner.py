@@ -135,7 +135,7 @@ class March:
         with self._watching_keyboard():
             while not self.is_over or not self.now.rows:  # interrupted at once, there is the initial row
                 if rows is None or len(kept) < 2:
-                    log = allocate(self.layout, size, sampled=int(self.run.plan[0].samples))
+                    log = allocate(self.layout, size, sampled=int(self.run.plan[0].samples), apart=self.settings.apart)
                     kept = [*kept, log] if rows else []
                 else:
                     log = kept[0]  # the one filled longer ago

@@ -27,6 +27,16 @@ TIME_TOLERANCE = 1e-12  # s
 MOST_APART = 2**53  # rows, from one that is kept to the next
 FULL, STATES = "full", "states"  # logs
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
+EARLIEST_FIRST, ONE_BY_ONE = "earliest first", "one by one"
+ROOT_METHODS = {  # how events are located, and what a record says of it; version 0.2 had the second alone
+    EARLIEST_FIRST: (
+        "the earliest of a step first, by inverse cubic Hermite interpolation of its function's values and rates, else ITP"
+        " bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597), on re-integrated substeps; the right end is accepted"
+    ),
+    ONE_BY_ONE: (
+        "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
+    ),
+}
 
 
 def given_times(start: float, steps: tuple[float, ...], end: float) -> list[float]:
@@ -174,6 +184,8 @@ class Settings:
         Which columns are recorded: all, those of the state, or some by name.
     compress : bool
         Whether the archive is compressed.
+    event_root_method : str
+        How events are located, one of `ROOT_METHODS`.
     """
 
     method: Method
@@ -193,6 +205,7 @@ class Settings:
     keep_every: int = 1
     log: str | tuple[str, ...] = FULL
     compress: bool = False
+    event_root_method: str = EARLIEST_FIRST
 
     @property
     def partial(self) -> bool:
@@ -207,6 +220,11 @@ class Settings:
     def adaptive(self) -> bool:
         """Whether steps are chosen by the error test."""
         return self.tolerances is not None and not isinstance(self.step, tuple)
+
+    @property
+    def apart(self) -> bool:
+        """Whether events are located one by one, each substep a rejected trial."""
+        return self.event_root_method == ONE_BY_ONE
 
     @property
     def scheme(self) -> Scheme:
@@ -240,6 +258,10 @@ class Settings:
             faults.append(f"math_functions is {self.math_functions!r}; there are {', '.join(map(repr, SETS))}")
         if not 1 <= self.keep_every <= MOST_APART:
             faults.append(f"keep_every is {self.keep_every!r}, needs a whole number from 1, every row, to 2**53")
+        if self.event_root_method not in ROOT_METHODS:
+            faults.append(
+                f"event_root_method is {self.event_root_method!r}; there are {', '.join(map(repr, ROOT_METHODS))}"
+            )
         if not (isfinite(self.time_tolerance) and self.time_tolerance > 0):
             faults.append(f"time_tolerance is {self.time_tolerance!r}{second}, needs a positive time")
         if self.pacing.min_step > self.until - start > 0:

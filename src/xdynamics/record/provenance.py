@@ -17,11 +17,10 @@ from xdynamics.kernels import Layout
 from xdynamics.march import March
 from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, PREDICTIVE, SPACINGS
 from xdynamics.march.diagnosis import ending
-from xdynamics.march.events.locating import ROOT_METHOD
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.march.outcomes import COMPLETED
-from xdynamics.march.settings import FULL
+from xdynamics.march.settings import FULL, ONE_BY_ONE, ROOT_METHODS
 from xdynamics.march.sizes import ATOL_RULE
 from xdynamics.march.timescales import FEW, RULE, time_scales
 from xdynamics.methods.method import HERMITE, printed
@@ -78,7 +77,7 @@ def attributes(march: March) -> dict[str, Any]:
         **({schema.ATOL_EFFECT: march.atol_effect} if march.atol_effect else {}),
         **_assumed(march.model),
         **interpolation(settings.scheme),
-        "solver_event_root_method": ROOT_METHOD,
+        "solver_event_root_method": ROOT_METHODS[settings.event_root_method],
         "solver_force_samples": "all" if settings.samples else "none",
         "precision": "float64, IEEE 754 binary64, round to nearest",
         "math_functions": settings.math_functions,
@@ -159,6 +158,12 @@ def _switches_asked(used: dict[str, Any]) -> str:
     return LOCATED_EVERYWHERE if asked == LOCATED and everywhere else asked
 
 
+def root_method_of(used: Mapping[str, Any]) -> str:
+    """Return how events of a record, or of the members of a sweep, were located; version 0.2 had one way."""
+    words = {text: name for name, text in ROOT_METHODS.items()}
+    return words.get(str(used.get("solver_event_root_method")), ONE_BY_ONE)
+
+
 def _time_scales(march: March) -> dict[str, Any]:
     """Say how steps compare with the fastest time scale, and the span with the slowest; or that it was not looked at."""
     known = time_scales(march)
@@ -215,6 +220,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "switches": _switches_asked(used),
         "time_tolerance": used.get("solver_time_tolerance"),
         "math_functions": kept_set(used.get("math_functions")),
+        "event_root_method": root_method_of(used),
         "nodes": np.atleast_1d(used["solver_nodes"]).tolist() if "solver_nodes" in used else None,
         "keep_every": int(used[schema.KEEP_EVERY]) if schema.KEEP_EVERY in used else None,
         "log": _log_asked(used),

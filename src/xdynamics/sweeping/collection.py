@@ -11,7 +11,9 @@ import numpy as np
 from xdynamics.elementary import NAME, kept_set
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.faults import InputError
+from xdynamics.march.settings import EARLIEST_FIRST, ROOT_METHODS
 from xdynamics.model import Model
+from xdynamics.record.provenance import root_method_of
 from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, SWEEP
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis, Column
 from xdynamics.sweeping.grid import Grid
@@ -130,6 +132,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         KEEP: " ".join(keeping.words),
         OCCURRENCES: np.array(keeping.occurrences),
         "math_functions": plan.grid.math_functions,
+        "solver_event_root_method": ROOT_METHODS[plan.grid.event_root_method],
         "model_digest": plan.grid.model.digest,
         DIGEST: plan.digest,
     }
@@ -198,6 +201,8 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
     asked = json.loads(sweep.attrs[ASKED])
     if (kept := kept_set(sweep.attrs.get("math_functions"))) != NAME:  # nobody asked for the set of that time
         asked["math_functions"] = kept
+    if (located := root_method_of(sweep.attrs)) != EARLIEST_FIRST:  # nor for the search of that time
+        asked["event_root_method"] = located
     return Plan(Grid(model, tuple(_axis(sweep, dim) for dim in str(sweep.attrs[AXES]).split()), asked), keeping)
 
 

@@ -15,6 +15,7 @@ from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.march import Settings
 from xdynamics.march.asking import unthinned_settings_for
+from xdynamics.march.settings import EARLIEST_FIRST
 from xdynamics.model import Model
 from xdynamics.sweeping.axes import INITIAL, NUMBERS, OF_MODEL, PARAMETER, RTOL, START, STEP, TABLE, Axis, Column
 
@@ -139,6 +140,11 @@ class Grid:
     def math_functions(self) -> str:
         """The set of elementary functions of all members."""
         return str(self.asked.get("math_functions") or NAME)
+
+    @property
+    def event_root_method(self) -> str:
+        """How events of all members are located."""
+        return str(self.asked.get("event_root_method") or EARLIEST_FIRST)
 
     def shape_of(self, block: Sequence[slice]) -> tuple[int, ...]:
         """Return how many members a block has along each axis."""

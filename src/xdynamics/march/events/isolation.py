@@ -7,6 +7,8 @@ interpolant has to be trusted: what lies between two of them is enclosed by `mar
 
 from __future__ import annotations
 
+from math import nan
+
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.doubt import BREAKS, SMOOTH
 from xdynamics.kernels.law import DETECT, SLOPES
@@ -241,6 +243,9 @@ def strike(run: Run, i: int, left: float, right: float, what: int) -> None:
     watch, direction = run.watches[i], run.detectors[i].direction
     if direction == 0 or direction == -watch.armed:
         watch.hit, watch.left, watch.right = what, left, right
+        if run.plan[0].apart == 0:
+            known = what == CROSSED and run.now[0].t + left == run.piece[0].start
+            watch.before = run.near_g[i] if known else nan
 
 
 @shared

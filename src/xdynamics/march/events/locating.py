@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from math import inf, nan
+from math import inf, isnan, nan
+from typing import Any
+
+from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.doubt import BREAKS, EPS, UNBOUNDED
+from xdynamics.kernels.doubt import BREAKS, EPS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.law import INSIDE, SLOPES
 from xdynamics.kernels.program import T1, H, S, T
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.events.certainty import ENDED, FORCED, LOOKS, NONE, STEEP, TOUCHED, resolution, sign
+from xdynamics.march.events.certainty import CROSSED, ENDED, FORCED, LOOKS, NONE, STEEP, TOUCHED, resolution, sign
 from xdynamics.march.handle import called
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, keep, look, substep, take
@@ -17,30 +20,72 @@ from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP
 from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
 
+State = NDArray[Any]
+
+WAITING = -1.0  # in the place of the drift of an event whose bracket is not narrowed yet
 FAIR = 1e-3  # of what a sampled function changes by from look to look: less is no jump
-ROOT_METHOD = "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
+TURNS = 3  # in which a bracket that is narrowed by rates is to become an eighth
 
 
 @shared
 def locate(run: Run) -> None:
-    """Shrink the trial until it ends just behind its first event, ties with it; substeps on the way are rejected trials."""
+    """Shrink the trial by substeps until it ends just behind its first event, ties with it."""
     first = inf
     for i in range(run.detectors.shape[0]):
-        run.watches[i].drift = 0.0
+        run.watches[i].drift = 0.0 if run.watches[i].hit in (NONE, ENDED) else WAITING
     for i in range(run.detectors.shape[0]):
         if run.watches[i].hit != NONE:
             first = min(first, run.watches[i].right)
     if first != run.located[0].h:
         substep(run, first)
         keep(run)
-    for i in range(run.detectors.shape[0]):
-        if run.watches[i].hit not in (NONE, ENDED) and happened(run, i, run.located[0].h):
-            bracket(run, i, run.watches[i].left)
+    for k in range(run.detectors.shape[0]):
+        i = k if run.plan[0].apart else earliest(run)
+        if i < 0:
+            break
+        if run.watches[i].drift == WAITING:
+            run.watches[i].drift = 0.0
+            if happened(run, i, run.located[0].h):
+                bracket(run, i, run.watches[i].left)
     for i in range(run.detectors.shape[0]):
         if run.watches[i].hit != NONE and not happened(run, i, run.located[0].h):
             join(run, i)
     settle(run, first)
     take(run)
+
+
+@shared
+def earliest(run: Run) -> int:
+    """Return which of the events whose brackets wait for it seems to be first, of those that have happened; -1 if there is none.
+
+    Where it is not first, those before it wait still: their brackets were narrowed along with it.
+    """
+    found, least = -1, inf
+    for i in range(run.detectors.shape[0]):
+        watch, high = run.watches[i], run.located[0].h
+        if watch.drift == WAITING:
+            if not happened(run, i, high):
+                watch.drift = 0.0
+            else:
+                after, share = run.located_g[i], 0.0
+                if watch.armed * watch.before > 0.0:
+                    share = abs(watch.before) / (abs(watch.before) + abs(after))
+                root = watch.left + share * (high - watch.left)
+                if root < least:
+                    found, least = i, root
+    return found
+
+
+@shared
+def lift(run: Run, i: int, s: float) -> None:
+    """Raise the left ends of the brackets that wait, where a substep for another event tells that theirs has not happened."""
+    if run.plan[0].apart or run.detectors[i].interpolant:
+        return
+    for k in range(run.detectors.shape[0]):
+        watch = run.watches[k]
+        waits = k != i and watch.drift == WAITING and watch.hit == CROSSED and not run.detectors[k].interpolant
+        if waits and watch.left < s and not passed(run, k, run.g1[k]):
+            watch.left, watch.before = s, run.g1[k]
 
 
 @shared
@@ -59,6 +104,8 @@ def settle(run: Run, first: float) -> None:
 def join(run: Run, i: int) -> None:
     """Have the trial end behind an event too that follows the first within its time tolerance."""
     before = run.located[0].h
+    if not run.plan[0].apart and run.watches[i].hit == CROSSED and is_far(run, i, before):
+        return
     s = min(before + resolution(run, i, before), run.watches[i].right)
     if not max(before, run.watches[i].left) < s:
         return
@@ -66,6 +113,16 @@ def join(run: Run, i: int) -> None:
     if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)) and placed(run):
         keep(run)
         run.watches[i].left, run.watches[i].before = before, nan
+
+
+@shared
+def is_far(run: Run, i: int, s: float) -> bool:
+    """Whether an event function is so far from zero behind the first event that its own is none of the same time."""
+    if run.watches[i].broken != SMOOTH or run.detectors[i].sampled:
+        return False
+    run.at[T] = run.now[0].t + s
+    called(run.law[SLOPES], run, run.located_z, run.slopes, 0)
+    return bool(abs(run.located_g[i]) > STEEP * resolution(run, i, s) * abs(run.slopes[i]))
 
 
 @shared
@@ -112,12 +169,12 @@ def bracket(run: Run, i: int, left: float) -> None:
     Event i has not happened at `low` and has at `high`, where the located trial ends; where another event is earlier, a
     later call narrows further.
     """
-    t, watch = run.now[0].t, run.watches[i]
-    low, high = left, run.located[0].h
-    at_high = measured(run, i)
+    t, watch, at_high = run.now[0].t, run.watches[i], measured(run, i)
+    low, high, at_low = left, run.located[0].h, watch.before
     if run.detectors[i].interpolant:
         substep(run, run.piece[0].full)  # the interpolant is that of the whole step's stages
-    at_low = start_of(run, i, low)
+    if run.plan[0].apart or not is_plain(run, i) or isnan(at_low):
+        at_low = start_of(run, i, low)
     if run.detectors[i].interpolant and low > 0.0 and sign(at_low) != watch.armed:
         low = 0.0  # by the interpolant it is earlier than by the shortened step
         at_low = start_of(run, i, low)
@@ -125,25 +182,23 @@ def bracket(run: Run, i: int, left: float) -> None:
     asked = max(run.detectors[i].tolerance, spacing)
     # where a place is asked for too, the time may have to be known as well as numbers tell it
     tolerance = asked if place == inf else spacing
-    slack, scale = reach(high - low, tolerance), 0.2 / (high - low)
     believed = sign(at_low) == watch.armed
+    if not run.plan[0].apart and believed and is_plain(run, i):
+        by_rates(run, i, low, at_low, asked, place)
+        low, at_low, high, at_high = watch.left, watch.before, run.located[0].h, run.located_g[i]
+    slack, scale = reach(high - low, tolerance), 0.2 / (high - low)
     for _ in range(MOST_SUBSTEPS - 1):
         if high - low <= tolerance or (high - low <= asked and abs(at_high) <= place):
             break
         if sign(at_low) != watch.armed:  # too small to be believed: only the side is
             at_low = -at_high if at_high != 0.0 else float(watch.armed)
-        s = itp(low, high, at_low, at_high, scale, slack - (high - low) / 2.0)
+        s = inside(itp(low, high, at_low, at_high, scale, slack - (high - low) / 2.0), low, high, tolerance)
         slack = slack / 2.0
-        if s >= high:  # the point fell on an end of the bracket: probe a tolerance inside it
-            s = max((low + high) / 2.0, high - tolerance)
-        elif s <= low:
-            s = min((low + high) / 2.0, low + tolerance)
         if not low < s < high:
             break
         probe(run, i, s)
-        if (
-            run.trial[0].iterations < 0
-        ):  # equations that were not solved tell nothing: the bracket stays as wide as it is
+        # equations that were not solved tell nothing: the bracket stays as wide as it is
+        if run.trial[0].iterations < 0:
             break
         value = measured(run, i)
         if passed(run, i, value):
@@ -151,11 +206,66 @@ def bracket(run: Run, i: int, left: float) -> None:
             keep(run)
         else:
             low, at_low, believed = s, value, True
+            lift(run, i, s)
     watch.left, watch.right, watch.before = low, high, at_low
     if run.detectors[i].interpolant:
         note_drift(run, i)
     if run.detectors[i].role == GAP:
         polish(run, i, at_high if believed else 0.0)
+
+
+@shared
+def is_plain(run: Run, i: int) -> bool:
+    """Whether an event function is smooth where it crosses zero, and its rate is known."""
+    one, watch = run.detectors[i], run.watches[i]
+    return watch.hit == CROSSED and watch.broken == SMOOTH and not one.sampled and not one.interpolant
+
+
+@shared
+def by_rates(run: Run, i: int, left: float, at_left: float, asked: float, place: float) -> None:
+    """Narrow the bracket of a smooth event by values and rates, as long as that brings it to an eighth in a few turns."""
+    watch, low, high, at_low, at_high = run.watches[i], left, run.located[0].h, at_left, run.located_g[i]
+    slope_high = rate_of(run, i, run.located_z, high)
+    lifted = at_low != run.near_g[i]  # by a substep whose state is not kept
+    slope_low = (at_high - at_low) / (high - low) if lifted else rate_of(run, i, run.near, low)
+    width, turns, t = high - low, 0, run.now[0].t
+    spacing = 2.0 * EPS * max(abs(t), abs(t + high))
+    while not (high - low <= spacing or (high - low <= asked and abs(at_high) <= place)) and turns < TURNS:
+        point = hermite(low, high, at_low, at_high, slope_low, slope_high)
+        tolerance = asked if abs(at_high) <= place else spacing
+        near = point >= high - 0.75 * tolerance  # the other end of a bracket that is as narrow as it has to be
+        s = max((low + high) / 2.0, high - 0.9 * tolerance) if near else point + spacing / 16.0
+        if not low < s < high:
+            break
+        substep(run, s)
+        if run.trial[0].iterations < 0:
+            break
+        value, slope, turns = run.g1[i], rate_of(run, i, run.z, s), turns + 1
+        if passed(run, i, value):
+            high, at_high, slope_high = s, value, slope
+            keep(run)
+        else:
+            low, at_low, slope_low = s, value, slope
+            lift(run, i, s)
+        if 8.0 * (high - low) <= width:
+            width, turns = high - low, 0
+    watch.left, watch.before = low, at_low
+
+
+@shared
+def rate_of(run: Run, i: int, state: State, s: float) -> float:
+    """The rate of an event function at a state that is part of the trial."""
+    run.at[T] = run.now[0].t + s
+    called(run.law[SLOPES], run, state, run.slopes, 0)
+    return run.slopes[i]
+
+
+@shared
+def inside(s: float, low: float, high: float, tolerance: float) -> float:
+    """A point inside a bracket: one that fell on an end of it is moved a tolerance inwards."""
+    if s >= high:
+        return max((low + high) / 2.0, high - tolerance)
+    return min((low + high) / 2.0, low + tolerance) if s <= low else s
 
 
 @shared
@@ -240,6 +350,18 @@ def reach(width: float, tolerance: float) -> float:
     while slack < width:
         slack = 2.0 * slack
     return slack
+
+
+@compiled
+def hermite(low: float, high: float, at_low: float, at_high: float, slope_low: float, slope_high: float) -> float:
+    """Where the cubic that has time by value, through both ends with their rates, says zero is; else the middle."""
+    change = at_high - at_low
+    if not (slope_low * change > 0.0 and slope_high * change > 0.0):
+        return (low + high) / 2.0
+    u = -at_low / change
+    v = 1.0 - u
+    point = low + u * u * (3.0 - 2.0 * u) * (high - low) + change * u * v * (v / slope_low - u / slope_high)
+    return point if low <= point <= high else (low + high) / 2.0
 
 
 @compiled

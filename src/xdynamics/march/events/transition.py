@@ -80,6 +80,7 @@ def happen(address: Any, _number: float, reason: int) -> None:
     if reason == BEGIN:
         begin(run)
         return
+    run.piece[0].substeps = 0
     if reason == SOUND:
         reason = meet(run)
     if reason in (REASON_DOMAIN, REASON_EVENT_FUNCTION):
@@ -103,7 +104,7 @@ def begin(run: Run) -> None:
 def meet(run: Run) -> int:
     """Look for events in the trial: REASON_EVENT where one is in it, SOUND where none is, and it stays as it is."""
     now, trial = run.now[0], run.trial[0]
-    growth, trials, final = run.kept[0].growth, now.trials, trial.landing != AT_GRID and now.node >= run.nodes.shape[0]
+    growth, final = run.kept[0].growth, trial.landing != AT_GRID and now.node >= run.nodes.shape[0]
     run.at[T] = now.t
     called(run.law[DETECT], run, run.y, run.g, 0)
     look(run)
@@ -113,7 +114,7 @@ def meet(run: Run) -> int:
     if isolate(run, final):
         return REASON_EVENT
     take(run)
-    run.kept[0].growth, run.piece[0].cut = growth, int(now.trials > trials)
+    run.kept[0].growth, run.piece[0].cut = growth, int(run.piece[0].substeps > 0)
     return SOUND
 
 
@@ -152,8 +153,10 @@ def shrink(run: Run, reason: int) -> int:
 @shared
 def hand_over(run: Run) -> int:
     """Locate the first event of the trial, land on it, and note the state on either side; why it is rejected, if it is."""
-    now, plan, trials, whole = run.now[0], run.plan[0], run.now[0].trials, run.located[0].h
-    note_trial(run, whole, now.norm if plan.estimates else nan, REASON_EVENT)
+    now, plan, whole = run.now[0], run.plan[0], run.located[0].h
+    if plan.apart:  # the whole trial too, and those of its bracket alone
+        note_trial(run, whole, now.norm if plan.estimates else nan, REASON_EVENT)
+        run.piece[0].substeps = 1
     if plan.adaptive:
         grow_apart(run, whole, run.located[0].landing != AT_GRID)
     reached = shorten(run)
@@ -166,7 +169,7 @@ def hand_over(run: Run) -> int:
         end(run, NONFINITE_OBSERVABLE)
         return REASON_EVENT
     note_samples_apart(run, before)
-    note_events(run, before, now.trials - trials)
+    note_events(run, before, run.piece[0].substeps)
     if not cross(run, before):
         return REASON_EVENT
     if not note_apart(run, _AFTER, run.trial[0].t, 0.0, run.z):

@@ -1,0 +1,111 @@
+"""Many detectors that fire within one step: each event costs as many substeps as it would alone, and none is missed."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from xdynamics.schema import REASON_EVENT
+
+METHODS = [
+    {"method": "rk4", "step": 0.5}, {"method": "dop853", "rtol": 1e-8}, {"method": "velocity_verlet", "step": 0.13},
+    {"method": "dormand_prince", "rtol": 1e-6, "atol": 1e-6}, {"method": "kahan_li8", "step": 0.25},
+]  # fmt: skip
+MOST = 9  # substeps of an event, on the average over a run
+
+
+class Detector(NamedTuple):
+    """An event function of the way, and where it is zero from 0.05 to 2.95 m."""
+
+    function: str
+    roots: list[float]
+
+
+def detector(random: np.random.Generator) -> Detector:
+    """One of four shapes, of any size and sign."""
+    root, size = float(random.uniform(0.05, 2.95)), float(10.0 ** random.uniform(-6, 6) * random.choice([-1, 1]))
+    shape = random.integers(4)
+    if shape == 0:
+        return Detector(f"{size!r}*(x - {root!r}*metre)", [root])
+    if shape == 1:
+        return Detector(f"{size!r}*(exp(x/(1*metre)) - exp({root!r}))", [root])
+    if shape == 2:
+        other = float(random.uniform(-1, 5))
+        roots = sorted(one for one in (root, other) if 0 < one < 3)
+        return Detector(f"{size!r}*(x - {root!r}*metre)*(x - {other!r}*metre)", roots)
+    rate = float(random.uniform(0.5, 4.0))
+    turns = np.arange(-20, 20) * np.pi / rate + root
+    return Detector(f"{size!r}*sin({rate!r}*(x/(1*metre) - {root!r}))", turns[(turns > 0) & (turns < 3)].tolist())
+
+
+def passed_by(detectors: list[Detector], **asked: Any) -> Any:
+    """March along x = t past all of them, with an oscillator beside it, so that steps are those of a motion."""
+    model = xd.Model(
+        name="passing", coordinates={"x": "m", "u": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m", "u": "m"},
+        forces={"spring": {"u": "-k*u"}}, initial={"x": "0 m", "v_x": "1 m s-1", "u": "1 m", "v_u": "0 m s-1"},
+        events={f"e{i}": {"function": one.function} for i, one in enumerate(detectors)},
+    )  # fmt: skip
+    return xd.simulate(model, until=3.0, force_samples="none", **asked)
+
+
+def substeps(run: Any) -> int:
+    """All that were made; of events at one time each has the number of all."""
+    _, first = np.unique(run.event_row_before.values, return_index=True)
+    return int(run.event_substeps.values[first].sum())
+
+
+@pytest.mark.cases(400)
+def test_detectors_of_one_step(case: int) -> None:
+    """Assert every root of up to 40 detectors inside its bracket, at a cost that does not grow with how many there are."""
+    random = np.random.default_rng([27, case])
+    detectors, asked = [detector(random) for _ in range(random.integers(1, 41))], METHODS[case % len(METHODS)]
+    run = passed_by(detectors, **asked)
+    assert run.attrs["run_outcome"] == "completed"
+    for i, one in enumerate(detectors):
+        mine = run.isel(event=run.event_detector.values == i)
+        low, high = mine.event_time_bounds.values.T
+        assert mine.sizes["event"] == len(one.roots), one
+        assert (low - 1e-13 <= one.roots).all(), one
+        assert (one.roots <= high + 1e-13).all(), one
+        assert (high - low <= 1.001e-12).all()
+    assert substeps(run) <= MOST * run.sizes["event"]
+    assert not (run.trial_reason.values == REASON_EVENT).any()
+
+
+@pytest.mark.cases(60)
+def test_the_order_of_the_search_changes_no_event(case: int) -> None:
+    """Assert the events of version 0.2, which bracketed one detector after the other, and their states."""
+    random = np.random.default_rng([28, case])
+    detectors, asked = [detector(random) for _ in range(random.integers(2, 12))], METHODS[case % len(METHODS)]
+    run, old = passed_by(detectors, **asked), passed_by(detectors, **asked, event_root_method="one by one")
+    assert run.event_detector.values.tolist() == old.event_detector.values.tolist()
+    assert run.event_kind.values.tolist() == old.event_kind.values.tolist()
+    assert np.abs(run.event_time.values - old.event_time.values).max(initial=0.0) < 3e-12
+    rows = run.event_row_after.values, old.event_row_after.values
+    assert np.abs(run.u.values[rows[0]] - old.u.values[rows[1]]).max(initial=0.0) < 2e-11
+    assert (old.trial_reason.values == REASON_EVENT).sum() >= substeps(old)
+
+
+@pytest.mark.parametrize("rule", ["earliest first", "one by one"])
+def test_location_uses_up_no_steps(rule: str) -> None:
+    """Assert that a limit that rows and rejected trials keep is kept with 40 detectors, where version 0.2 used it up."""
+    detectors = [Detector(f"x - {1 + 0.01 * i!r}*metre", [1 + 0.01 * i]) for i in range(40)]
+    run = passed_by(detectors, method="dop853", rtol=1e-8, max_steps=200, event_root_method=rule)
+    assert run.attrs["run_outcome"] == ("completed" if rule == "earliest first" else "step_limit")
+
+
+def test_members_in_lanes_have_the_bits_of_runs_alone() -> None:
+    """Assert that of members side by side each locates 40 events of a step as it does alone."""
+    detectors = [Detector(f"x - {1 + 0.01 * i!r}*metre", [1 + 0.01 * i]) for i in range(40)]
+    model = xd.Model.from_text(str(passed_by(detectors, **METHODS[0]).model_toml.values))
+    asked = {"method": "rk4", "step": 0.5, "until": 3.0}
+    speeds = np.linspace(0.5, 2.0, 24)
+    found = xd.sweep(model, {"v_x": speeds}, keep=["end", "event_time_e7", "event_time_e39"], **asked)
+    for k in (0, 11, 23):
+        alone = xd.simulate(model.replace(initial={"v_x": f"{float(speeds[k])!r} m s-1"}), **asked)
+        times = {i: alone.event_time.values[alone.event_detector.values == i] for i in (7, 39)}
+        assert found.event_time_e7.values[k].ravel()[:1].tolist() == times[7][:1].tolist()
+        assert found.end_u.values[k] == alone.u.values[-1]
