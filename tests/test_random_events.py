@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import xdynamics as xd
-from xdynamics.schema import CROSSING, EVENT_KINDS, REASON_EVENT
+from xdynamics.schema import CROSSING, EVENT_KINDS
 
 T = "t/(1*second)"
 STEP, TOGETHER = 0.1, 20  # s; events of one model
@@ -94,7 +94,7 @@ def faults(cases: list[Case], **asked: Any) -> tuple[list[str], int, int]:
             found.append(f"off by {np.abs(times - one.roots).max()} with {doubts.tolist()}: {one}")
         elif mine.event_direction.values.tolist() != one.ways or kinds > {EVENT_KINDS[CROSSING]}:
             found.append(f"{mine.event_direction.values.tolist()}, {kinds}: {one}")
-    return found, run.sizes["event"], int((run.trial_reason.values == REASON_EVENT).sum())
+    return found, run.sizes["event"], int(run.event_substeps.values.sum())
 
 
 STEPS: list[dict[str, Any]] = [

@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
+from xdynamics.march import March
+from xdynamics.march.asking import settings_for
+from xdynamics.march.events.silence import BOX, STANDS
+from xdynamics.record import dataset
 from xdynamics.schema import REASON_EVENT
 
 METHODS = [
@@ -109,3 +113,42 @@ def test_members_in_lanes_have_the_bits_of_runs_alone() -> None:
         times = {i: alone.event_time.values[alone.event_detector.values == i] for i in (7, 39)}
         assert found.event_time_e7.values[k].ravel()[:1].tolist() == times[7][:1].tolist()
         assert found.end_u.values[k] == alone.u.values[-1]
+
+
+def marched(model: xd.Model, asked: dict[str, Any], *, boxed: bool) -> tuple[Any, March]:
+    """March with a region in which no event is looked for, or without one."""
+    march = March(model, settings_for(model, **asked))
+    if not boxed:
+        march.run.put(leaves=np.zeros((0, 3), np.int64))
+    return dataset(march, march.blocks()), march
+
+
+@pytest.mark.cases(200)
+def test_a_region_without_events_hides_none(case: int) -> None:
+    """Assert the same rows and events, to the bit, whether or not steps inside a box are looked at one by one."""
+    random = np.random.default_rng([29, case])
+    a, b, c, w = random.uniform(-1, 1, (4, 6)).tolist()
+    functions = [f"{a[0]!r}*u + {b[0]!r}*v_u*second - {c[0]!r}*metre", f"u - {1 - 10.0 ** random.uniform(-6, 0)!r}*metre",
+                 f"sin({5 * w[2]!r}*u/(1*metre) + {a[2]!r}) - {c[2]!r}", f"{a[3]!r}*q + {b[3]!r}*u - {c[3]!r}*metre",
+                 f"cos({3 * w[4]!r}*t/(1*second)) - {c[4]!r}*u/(1*metre)", f"abs(u) - {1.2 + c[5]!r}*metre"]  # fmt: skip
+    model = xd.Model(
+        name="boxed", coordinates={"u": "m"}, parameters={"m": "1 kg", "k": "4 N m-1", "d": "0.05 N s m-1"}, mass={"u": "m"},
+        forces={"spring": {"u": "-k*u - d*v_u"}}, states={"q": {"unit": "m", "rate": "v_u - q/(3*second)"}},
+        initial={"u": "1 m", "v_u": "0 m s-1", "q": "0 m"},
+        events={f"e{i}": {"function": one} for i, one in enumerate(functions[: random.integers(1, 7)])},
+    )  # fmt: skip
+    asked = METHODS[case % 4] | {"until": 60.0, "force_samples": "none"}
+    boxed, plain = (marched(model, asked, boxed=one) for one in (True, False))
+    assert len(boxed[1].run.leaves) > 0
+    for name in ("time", "u", "v_u", "q", "event_time", "event_detector", "event_time_bounds", "event_substeps"):
+        assert boxed[0][name].values.tobytes() == plain[0][name].values.tobytes(), name
+
+
+def test_a_box_stands_where_nothing_is_near() -> None:
+    """Assert that the box of an oscillator stands at last, and holds all of its way."""
+    model = passed_by([Detector("u - 1.5*metre", [])], method="rk4", step=0.5)
+    model = xd.Model.from_text(str(model.model_toml.values))
+    march = marched(model, {"method": "rk4", "step": 0.05, "until": 50.0}, boxed=True)[1]
+    assert march.run.region[STANDS] == 1.0
+    assert march.run.region[BOX] <= -1.0
+    assert 1.0 <= march.run.region[BOX + 1] < 1.5

@@ -19,6 +19,7 @@ from xdynamics.march.control import first_step, grow, reduce, shortest
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events.certainty import renew_constants
 from xdynamics.march.events.isolation import quiet
+from xdynamics.march.events.silence import end_region
 from xdynamics.march.handle import called, entered_by, run_at
 from xdynamics.march.landing import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
@@ -62,6 +63,7 @@ def march(address: Any, rows: int) -> None:
     now = run.now[0]
     if run.detectors.shape[0] > 0:
         renew_constants(run)
+        end_region(run)
     if now.rows == 0 and now.status == RUNNING and has_room(run):
         start(run)
     elif run.plan[0].follows:
@@ -208,6 +210,7 @@ def cross_node(run: Run) -> None:
     """Behind a node, evaluate the forces on its far side; the next step starts with those."""
     now = run.now[0]
     now.crossed = now.node
+    end_region(run)
     run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     copy(run.y, run.z)

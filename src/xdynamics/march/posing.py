@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import limits_domain
 from xdynamics.kernels import Law, Layout
-from xdynamics.kernels.enclosing import Enclosing, enclosing
+from xdynamics.kernels.enclosing import COORDINATE, STATE, UNKNOWN, Enclosing, enclosing
+from xdynamics.kernels.enclosing import TIME as INSTANTS
 from xdynamics.kernels.law import called_with_intervals
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.tables import flattened
 from xdynamics.march.contacts.linking import NUMBERS
 from xdynamics.march.engine import contacts, solvers, watchers
+from xdynamics.march.events.silence import BOX, INSTANT, OTHER, POSITION
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import (
@@ -251,6 +253,7 @@ def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[A
         | {
             "detectors": _detectors(law.layout, said, settings),
             "watches": np.zeros(events, WATCH),
+            **_region(law.layout, said, settings),
             "resets": np.zeros(len(law.layout.resets)),
             "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
             "piece": np.zeros(1, PIECE),
@@ -261,6 +264,19 @@ def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[A
             "functions": np.array([*functions, contacts()] if law.layout.reactions else functions, np.int64),
         }
     )
+
+
+def _region(layout: Layout, said: Enclosing, settings: Settings) -> dict[str, NDArray[Any]]:
+    """Return what a region without events is of; nothing where contacts go by what gaps are in every step."""
+    rows = {k: said.rows[k].tolist() for k in range(said.parts[0], said.parts[1])}
+    none = layout.reactions or settings.apart or any(row[0] == UNKNOWN for row in rows.values())
+    leaves = []
+    for k, (row, target, i, order, _) in rows.items() if not none else ():
+        if row == COORDINATE and order == 0:
+            leaves.append((POSITION, i, target))
+        elif row in (COORDINATE, STATE, INSTANTS):
+            leaves.append((INSTANT if row == INSTANTS else OTHER, k, target))
+    return {"leaves": np.array(leaves, np.int64).reshape(-1, 3), "region": np.zeros(BOX + 4 * len(leaves))}
 
 
 def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:

@@ -53,7 +53,7 @@ WATCH = _record(
     "armed began ever alive state flaw broken forced hit seen asleep guard",
 )
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
-# `full` is the width of the trial. `rough` asks for less care, `part` says that it is not the whole trial, `cut` says that substeps were made in a trial that is accepted all the same, `substeps` how many were made since its search began.
+# `full` is the width of the trial. `rough` asks for less care where it is 1, and where it is 2 for the enclosures of given bounds of positions and so on, `part` says that it is not the whole trial, `cut` says that substeps were made in a trial that is accepted all the same, `substeps` how many were made since its search began.
 PIECE = _record("start end width wide full", "cut rough part verdict substeps")
 # What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
@@ -125,7 +125,7 @@ FLEETING = (
 )  # no part of the memory, nor what begins with log_: addresses belong to a process
 # what the model and the settings say, or follows from the rest whenever it is needed
 FIXED = (
-    "plan", "p", "tables", "of_time", "reactions", "atol", "followers", "kinds", "tops", "probe", "turning", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
+    "plan", "p", "tables", "of_time", "leaves", "reactions", "atol", "followers", "kinds", "tops", "probe", "turning", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
 )  # fmt: skip
 
 
@@ -164,6 +164,8 @@ class Run:
     located: Trials  # the trial that ends at an event
     g: Floats  # event functions at y
     g1: Floats  # at z
+    region: Floats  # `events.silence`, and what its box is of: the sort, the coordinate or row, the place of its bounds
+    leaves: Lists
     half: Floats  # the state after half a step
     whole: Floats  # the state after a whole one, to judge two halves by
     located_z: Floats
@@ -279,7 +281,7 @@ _OF_LAWS = [{"places": "pieces", "log_rows": "rows"}.get(name, name) for name in
 if tuple(_OF_LAWS) != TABLE:
     raise AssertionError("laws would find other arrays than they look for")
 # of runs side by side; modes are in p
-SHARED = ("tables", "of_time", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts",
+SHARED = ("tables", "leaves", "of_time", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts",
           "reactions", "equations", "unknowns", "entries", "law", "functions", "modes", "followers", "kinds")  # fmt: skip
 _ALIGNED = 64  # bytes
 CHANGING = tuple(name for name in ARRAYS if name not in {*FLEETING, *FIXED} and not name.startswith("log_"))

@@ -57,10 +57,13 @@ def enclose(run: Run, y: State, z: State, first: int, last: int) -> None:
     first, last : int
         Rows.
     """
+    given = run.piece[0].rough == 2
     for k in range(first, last):
         row, target, a = run.rows[k, 0], run.rows[k, 1], run.rows[k, 2]
         if row <= DIVIDE:
             arithmetic(run, row, target, a, run.rows[k, 3])
+        elif given and row in (COORDINATE, STATE, TIME):
+            continue
         elif row == COORDINATE:
             coordinate(run, y, z, target, a, run.rows[k, 3])
         elif row == STATE:

@@ -209,7 +209,7 @@ def wave(run: Run, target: int, low: float, high: float, flaw: int, shift: float
         put(run, target, -1.0, 1.0, flaw if abs(low) < inf and abs(high) < inf else UNBOUNDED)
         return
     row = SIN if shift > 0.0 else COS
-    if run.piece[0].rough:  # one call instead of two
+    if run.piece[0].rough == 1:  # one call instead of two
         middle, half = computed(run, row, (low + high) / 2.0), (high - low) / 2.0 + ULPS * (abs(low) + abs(high) + 1.0)
         put(run, target, max(-1.0, middle - half), min(1.0, middle + half), flaw)
         return

@@ -36,6 +36,7 @@ from xdynamics.march.events.certainty import (
     trespasses,
     turns,
 )
+from xdynamics.march.events.silence import set_region, stays_inside
 from xdynamics.march.handle import called, enclosed_by
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, substep
@@ -66,6 +67,8 @@ def forget(run: Run) -> None:
 def quiet(run: Run) -> bool:
     """Whether no event function can have a zero in the trial; keeps which may."""
     now, trial, piece = run.now[0], run.trial[0], run.piece[0]
+    if run.leaves.shape[0] > 0 and stays_inside(run):
+        return True
     piece.start, piece.end, piece.width, piece.wide = now.t, trial.t, trial.h, 0.0
     piece.rough, piece.part = 1, 0
     enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1])
@@ -80,6 +83,8 @@ def quiet(run: Run) -> bool:
         watch.alive = int(watch.asleep == 0 and not (settled and unguarded))
         if watch.alive:
             silent = False
+    if silent and run.leaves.shape[0] > 0:
+        set_region(run)
     return silent
 
 

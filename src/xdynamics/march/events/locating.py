@@ -233,7 +233,7 @@ def by_rates(run: Run, i: int, left: float, at_left: float, asked: float, place:
     while not (high - low <= spacing or (high - low <= asked and abs(at_high) <= place)) and turns < TURNS:
         point = hermite(low, high, at_low, at_high, slope_low, slope_high)
         tolerance = asked if abs(at_high) <= place else spacing
-        near = point >= high - 0.75 * tolerance  # the other end of a bracket that is as narrow as it has to be
+        near = point >= high - max(4.0 * spacing, tolerance / 64.0)  # what is left is the bracket's other end
         s = max((low + high) / 2.0, high - 0.9 * tolerance) if near else point + spacing / 16.0
         if not low < s < high:
             break

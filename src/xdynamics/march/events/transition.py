@@ -21,6 +21,7 @@ from xdynamics.march.events.certainty import NONE, resolution, sign, uncertainty
 from xdynamics.march.events.isolation import arm, arrives, forget, isolate, quiet
 from xdynamics.march.events.locating import kind_of, locate
 from xdynamics.march.events.sides import keep_sides, slides, take_sides
+from xdynamics.march.events.silence import end_region
 from xdynamics.march.handle import called, entered_by, run_at
 from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.log import MOST_SUBSTEPS, first_of_group, note, note_sample, note_samples, note_trial
@@ -88,6 +89,10 @@ def happen(address: Any, _number: float, reason: int) -> None:
     if reason == REASON_EVENT:
         reason = hand_over(run)
     run.piece[0].verdict = reason
+    end_region(run)
+    if run.plan[0].apart == 0:
+        for i in range(run.detectors.shape[0]):
+            run.watches[i].alive = 0
 
 
 @shared

@@ -1,0 +1,116 @@
+"""A region of the motion in which no event function has a zero: while steps stay inside it, none of them is looked at.
+
+The region is a box of what event functions are made of: positions, velocities, states, time. That none has a zero in
+the whole of it is shown once, by their enclosures; a step then costs what bounding its positions does, however many
+detectors there are. A step that leaves it is looked at by itself, and the box grows, or another one is put around it.
+"""
+
+from __future__ import annotations
+
+from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.march.handle import enclosed_by
+from xdynamics.march.run import ENCLOSE, Run
+
+# of `Run.region`: whether there is one, how many widths of a step it reaches beyond one, and for how many steps none is
+# tried; the box stands behind, then the bounds of the step
+STANDS, REACH, PAUSE, WAIT, BOX = range(5)
+POSITION, INSTANT, OTHER = range(3)  # sorts of what the box is of
+FARTHEST, LONGEST = 64.0, 16.0
+GROWN = 0.5  # of the width of a step that left the box: how far beyond it the box grows
+SLACK = (
+    1e-9  # of a bound that is computed in fewer operations than that of the enclosure, which it may not be inside of
+)
+
+
+@compiled
+def stays_inside(run: Run) -> bool:
+    """Whether all that event functions are made of stays inside the box in the trial."""
+    now, trial, piece, n = run.now[0], run.trial[0], run.piece[0], run.leaves.shape[0]
+    if run.region[STANDS] == 0.0:
+        return False
+    piece.start, piece.end, piece.width, piece.wide = now.t, trial.t, trial.h, 0.0
+    piece.rough, piece.part = 1, 0
+    for j in range(n):
+        sort, k = run.leaves[j, 0], run.leaves[j, 1]
+        low, high = now.t, trial.t
+        if sort == POSITION:
+            low, high = way(run, k)
+        elif sort == OTHER:
+            enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, k, k + 1)
+            low, high = run.under[run.rows[k, 1]], run.over[run.rows[k, 1]]
+        if not (run.region[BOX + j] <= low and high <= run.region[BOX + n + j]):
+            return False
+    return True
+
+
+@compiled
+def way(run: Run, i: int) -> tuple[float, float]:
+    """Bounds of a coordinate between the states y and z, in few operations: those of `enclosures.coordinate` are inside."""
+    n, used, w = run.plan[0].coordinates, run.plan[0].used, run.trial[0].h
+    q0, v0, a0, q1, v1, a1 = run.y[i], run.y[n + i], run.y[used + i], run.z[i], run.z[n + i], run.z[used + i]
+    slant0, slant1, bend0, bend1 = 0.4 * w * v0, -0.4 * w * v1, 0.05 * w * w * a0, 0.05 * w * w * a1
+    odd = abs((q1 - q0) - 0.5 * w * (v0 + v1) + (w * w * (1.0 / 12.0)) * (a1 - a0))
+    even = abs(w * (v1 - v0) - 0.5 * w * w * (a0 + a1))
+    size = max(abs(q0), abs(q1)) + abs(slant0) + abs(slant1) + abs(bend0) + abs(bend1)
+    off = odd + even * (1.0 / 128.0) + SLACK * size
+    low = min(q0 + min(slant0, 0.0) + min(bend0, 0.0), q1 + min(slant1, 0.0) + min(bend1, 0.0))
+    high = max(q0 + max(slant0, 0.0) + max(bend0, 0.0), q1 + max(slant1, 0.0) + max(bend1, 0.0))
+    return low - off, high + off
+
+
+@shared
+def end_region(run: Run) -> None:
+    """Forget the box: behind an event or a node event functions are others, or are to stay on other sides."""
+    if run.leaves.shape[0] > 0:
+        run.region[STANDS] = 0.0
+
+
+@shared
+def set_region(run: Run) -> None:
+    """Put a box around the trial, of which the enclosures were just made: the one before, as far as this trial, or one of its own."""
+    n, region = run.leaves.shape[0], run.region
+    if region[WAIT] > 0.0:
+        region[WAIT] -= 1.0
+        return
+    for j in range(n):
+        target = run.leaves[j, 2]
+        low, high = (
+            way(run, run.leaves[j, 1]) if run.leaves[j, 0] == POSITION else (run.under[target], run.over[target])
+        )
+        region[BOX + 2 * n + j], region[BOX + 3 * n + j] = low, high
+    run.piece[0].rough = 2
+    stands = region[STANDS] != 0.0 and (is_silent(run, GROWN, True) or is_silent(run, GROWN / 8.0, True))
+    if not stands:
+        stands = is_silent(run, max(region[REACH], GROWN), False)
+        region[REACH] = min(FARTHEST, 2.0 * max(region[REACH], GROWN)) if stands else region[REACH] / 4.0
+    run.piece[0].rough = 0
+    region[STANDS] = 1.0 if stands else 0.0
+    region[PAUSE] = 1.0 if stands else min(LONGEST, 2.0 * max(1.0, region[PAUSE]))
+    region[WAIT] = 0.0 if stands else region[PAUSE]
+
+
+@shared
+def is_silent(run: Run, reach: float, joined: bool) -> bool:
+    """Whether no event function has a zero in a box that reaches some widths of the step beyond it, joined with the last one or not."""
+    n, region = run.leaves.shape[0], run.region
+    for j in range(n):
+        target, low, high = run.leaves[j, 2], region[BOX + 2 * n + j], region[BOX + 3 * n + j]
+        beyond = reach * (high - low)
+        if joined:
+            least, most = region[BOX + j], region[BOX + n + j]
+            low, high = (
+                min(least, low - beyond if low < least else low),
+                max(most, high + beyond if high > most else high),
+            )
+        else:
+            low, high = low - beyond, high + beyond
+        run.under[target], run.over[target] = low, high
+    enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1])
+    for i in range(run.detectors.shape[0]):
+        place, watch = run.detectors[i].value, run.watches[i]
+        settled = (watch.armed > 0 and run.under[place] > 0.0) or (watch.armed < 0 and run.over[place] < 0.0)
+        if watch.asleep == 0 and not (settled and (watch.guard == 0 or watch.armed == watch.guard)):
+            return False
+    for j in range(n):
+        region[BOX + j], region[BOX + n + j] = run.under[run.leaves[j, 2]], run.over[run.leaves[j, 2]]
+    return True
