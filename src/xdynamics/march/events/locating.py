@@ -24,7 +24,7 @@ State = NDArray[Any]
 
 WAITING = -1.0  # in the place of the drift of an event whose bracket is not narrowed yet
 FAIR = 1e-3  # of what a sampled function changes by from look to look: less is no jump
-TURNS = 3  # in which a bracket that is narrowed by rates is to become an eighth
+TURNS = 3  # in which a bracket that is narrowed by rates, or the value at one end, is to become an eighth
 
 
 @shared
@@ -223,18 +223,19 @@ def is_plain(run: Run, i: int) -> bool:
 
 @shared
 def by_rates(run: Run, i: int, left: float, at_left: float, asked: float, place: float) -> None:
-    """Narrow the bracket of a smooth event by values and rates, as long as that brings it to an eighth in a few turns."""
+    """Narrow the bracket of a smooth event by values and rates, as long as an eighth is left of it, or of the value, in a few turns."""
     watch, low, high, at_low, at_high = run.watches[i], left, run.located[0].h, at_left, run.located_g[i]
     slope_high = rate_of(run, i, run.located_z, high)
     lifted = at_low != run.near_g[i]  # by a substep whose state is not kept
     slope_low = (at_high - at_low) / (high - low) if lifted else rate_of(run, i, run.near, low)
     width, turns, t = high - low, 0, run.now[0].t
     spacing = 2.0 * EPS * max(abs(t), abs(t + high))
+    beyond, least = spacing / 16.0, min(abs(at_low), abs(at_high))
     while not (high - low <= spacing or (high - low <= asked and abs(at_high) <= place)) and turns < TURNS:
         point = hermite(low, high, at_low, at_high, slope_low, slope_high)
         tolerance = asked if abs(at_high) <= place else spacing
         near = point >= high - max(4.0 * spacing, tolerance / 64.0)  # what is left is the bracket's other end
-        s = max((low + high) / 2.0, high - 0.9 * tolerance) if near else point + spacing / 16.0
+        s = max((low + high) / 2.0, high - 0.9 * tolerance) if near else point + beyond
         if not low < s < high:
             break
         substep(run, s)
@@ -246,9 +247,11 @@ def by_rates(run: Run, i: int, left: float, at_left: float, asked: float, place:
             keep(run)
         else:
             low, at_low, slope_low = s, value, slope
+            beyond = min(16.0 * beyond, tolerance / 2.0)  # rounding may keep a function on its side behind its root
             lift(run, i, s)
-        if 8.0 * (high - low) <= width:
-            width, turns = high - low, 0
+        nearest = min(abs(at_low), abs(at_high))
+        if 8.0 * (high - low) <= width or 8.0 * nearest <= least:
+            width, least, turns = high - low, nearest, 0
     watch.left, watch.before = low, at_low
 
 
