@@ -11,6 +11,7 @@ from pathlib import Path
 
 _OURS = (str(Path(__file__).parent), contextlib.__file__)  # the latter is between a context manager and its caller
 MOST_LISTED = 20  # faults that a message shows; an error bears them all
+MOST_SOUGHT = 200  # faults of one input, after which it is given up
 # controls, marks of direction and other characters without a shape, halves of pairs, ends of lines and paragraphs
 UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 
@@ -123,8 +124,10 @@ class Ledger:
         self.faults: list[str] = []
 
     def note(self, fault: str) -> None:
-        """Write down one fault."""
+        """Write down one fault; no more are looked for where there are very many."""
         self.faults.append(fault)
+        if len(self.faults) >= MOST_SOUGHT:
+            self.settle()
 
     @contextlib.contextmanager
     def entry(self, what: str) -> Iterator[None]:
@@ -133,6 +136,8 @@ class Ledger:
             yield
         except InputError as error:
             self.faults.extend(f"{what}: {fault}" for fault in error.faults)
+            if len(self.faults) >= MOST_SOUGHT:
+                self.settle()
 
     def settle(self) -> None:
         """Raise what was gathered, if anything was."""

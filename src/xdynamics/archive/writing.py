@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from math import prod
@@ -25,6 +24,7 @@ from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
 from xdynamics.files import made_folder
 from xdynamics.march.outcomes import GOOD
+from xdynamics.model.bounding import parsed
 from xdynamics.record.kinds import is_evidence, left_out_atols
 from xdynamics.schema import (
     COMPRESSION,
@@ -270,7 +270,7 @@ def _tables(run: xr.Dataset) -> list[str]:
     if "model_toml" not in run.variables:
         return []
     try:
-        drives = tomllib.loads(str(run["model_toml"].values)).get("drives", {})
+        drives = parsed(str(run["model_toml"].values)).get("drives", {})
         return [str(one["csv"]) for one in drives.values() if "csv" in one]
-    except (tomllib.TOMLDecodeError, RecursionError, AttributeError, TypeError):
+    except (ValueError, RecursionError, AttributeError, TypeError):
         return []  # derived data, whose text is no model

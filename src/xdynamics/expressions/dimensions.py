@@ -115,8 +115,11 @@ def _one_of(
     return agreed
 
 
+MOST_COMPARED = 1_000  # names among which one that was meant is looked for
+
+
 def _near(name: str, names: Mapping[str, Dimension]) -> str:
     from difflib import get_close_matches
 
-    near = get_close_matches(name, names, n=1)
+    near = get_close_matches(name, [*names][:MOST_COMPARED], n=1)
     return f"; did you mean '{near[0]}'?" if near else ""

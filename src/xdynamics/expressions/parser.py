@@ -20,7 +20,7 @@ from xdynamics.expressions.tree import (
 )
 from xdynamics.faults import InputError
 
-LONGEST_TEXT = 10_000_000
+LONGEST_TEXT = 1_000_000
 LONGEST_WORD = 200
 DEEPEST = 40
 LARGEST_EXPONENT = 16

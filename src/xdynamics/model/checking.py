@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from itertools import count, islice
 from typing import Any
 
 from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, shown, text_of
+from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.checking_contacts import check_contacts
 from xdynamics.model.parts import Event, Function
@@ -137,10 +139,16 @@ def _declared(statement: Statement) -> dict[str, Dimension]:
 def _define(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -> None:
     """Add the definitions' dimensions, each after the ones that it uses."""
     waiting: dict[str, Node] = dict(statement.definitions)
-    while waiting:
-        ready = [name for name, node in waiting.items() if not free_names(node) & set(waiting)]
+    used = {name: free_names(node) & statement.definitions.keys() for name, node in waiting.items()}
+    for levels in count():
+        ready = [name for name in waiting if not any(one in waiting for one in used[name])]
+        if not waiting:
+            return
         if not ready:
-            ledger.note(f"definitions {', '.join(waiting)} are defined by one another")
+            ledger.note(f"definitions {_few(waiting)} are defined by one another")
+            return
+        if levels > MOST_LEVELS:
+            ledger.note(f"definitions {_few(waiting)} stand on over {MOST_LEVELS} others in one another; shorten the chain")  # fmt: skip
             return
         for name in ready:
             node = waiting.pop(name)
@@ -148,6 +156,12 @@ def _define(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -
             with ledger.entry(f"definition '{name}'"):
                 known[name] = dimension_of(node, known)
                 expand(node, statement.definitions)
+
+
+def _few(names: Iterable[str]) -> str:
+    """Name the first of many."""
+    first, more = [*islice(names, 10)], len([*names]) - 10
+    return ", ".join(first) + (f" and {more} more" if more > 0 else "")
 
 
 def _check_action(

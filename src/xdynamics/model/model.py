@@ -15,6 +15,7 @@ from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import InputError, ModelError
 from xdynamics.files import asked, decoded, read_bounded
 from xdynamics.model import toml
+from xdynamics.model.bounding import parsed
 from xdynamics.model.checking import check
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
@@ -35,6 +36,7 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.reach import ANYWHERE, BELOW, EMBEDDED, REACHES, Reach
 from xdynamics.model.reading import read
+from xdynamics.model.sheet import normal
 from xdynamics.model.spread import SIZES, Discrepancy, parted
 from xdynamics.model.statement import Statement
 from xdynamics.schema import acceleration, rate, velocity
@@ -341,8 +343,11 @@ class Model:
     ) -> Model:
         if len(text) > LARGEST_FILE:
             raise ModelError(f"model file '{path}' has {len(text)} characters, over the limit of {LARGEST_FILE}")
+        text = normal(text)
         try:
-            statement = tomllib.loads(text)
+            statement = parsed(text)
+        except InputError as error:
+            raise ModelError(f"model file '{path}' cannot be read: {error}") from None
         except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
             raise ModelError(f"model file '{path}' is no TOML: {error}") from None
         model = object.__new__(cls)

@@ -9,6 +9,7 @@ from typing import Any
 from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.bounding import excess
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE, Table
 from xdynamics.model.grammar import HEAD, SECTIONS, keys_of
 from xdynamics.model.lagrangian import TERMS, lagrangian, motion_of
@@ -138,6 +139,9 @@ def _initial(
 
 def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[str, Any]:
     section = statement.get(key, {})
+    if isinstance(section, Mapping) and (said := excess(section)):
+        ledger.note(f"[{key}] {said}")
+        return {}
     if isinstance(section, Mapping):
         return section
     ledger.note(f"[{key}] must be a table of names, got {section!r}")

@@ -79,8 +79,7 @@ class Sheet:
         number, first = lines[0]
         separator = next((one for one in SEPARATORS if one in first), ",")
         header = tuple(next(csv.reader([first[:LONGEST_HEADER]], delimiter=separator)))
-        # line by line: a quote that is not closed ends with its line
-        rows = tuple((n, next(csv.reader([one], delimiter=separator))) for n, one in lines[1:])
+        rows = tuple((n, _cells(name, n, one, separator)) for n, one in lines[1:])
         return cls(name, separator, _decimal(name, separator, rows), header, number, rows)
 
     @property
@@ -160,6 +159,15 @@ class Sheet:
         except ValueError:
             return None
         return found if _PLAIN.fullmatch(cell) else None
+
+
+def _cells(name: str, number: int, line: str, separator: str) -> list[str]:
+    """Tell the cells of one line: a quote that is not closed ends with it."""
+    try:
+        return next(csv.reader([line], delimiter=separator))
+    except csv.Error:  # the one thing that it refuses
+        most = csv.field_size_limit()
+        raise InputError(f"table '{name}', line {number}: a cell has over {most} characters, the limit") from None
 
 
 def normal(text: str) -> str:

@@ -9,6 +9,8 @@ from typing import Any
 from xdynamics.faults import InputError
 from xdynamics.units import NONE, TIME, Quantity, parse_quantity
 
+MOST_COMPARED = 1_000  # names among which one that was meant is looked for
+
 
 def keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
     """Refuse what is no table, has other keys than the known ones, or lacks one that is needed; see `grammar`."""
@@ -66,5 +68,5 @@ def flag(given: Mapping[str, Any], key: str) -> bool:
 
 def near(name: str, known: tuple[str, ...]) -> str:
     """Say which word may have been meant, or which there are."""
-    alike = get_close_matches(name, known, n=1)
+    alike = get_close_matches(name, known[:MOST_COMPARED], n=1)
     return f"; did you mean '{alike[0]}'?" if alike else f"; there are {', '.join(known)}"

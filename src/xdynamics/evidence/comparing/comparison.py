@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from xdynamics.evidence.observing import comparable, observe
 from xdynamics.evidence.sampling import sample
 from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError, escaped
+from xdynamics.model.bounding import parsed
 from xdynamics.record import check
 from xdynamics.record.kinds import is_evidence, rows_apart, said_of
 from xdynamics.record.words import time_unit
@@ -246,7 +246,7 @@ def _counts(first: xr.Dataset, second: xr.Dataset) -> Iterator[str]:
 
 def _models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
     """Say by name and value what two models do not share: parameters, initial values, and the rest."""
-    each = [dict(_flat("", tomllib.loads(str(run["model_toml"].values)))) for run in (first, second)]
+    each = [dict(_flat("", parsed(str(run["model_toml"].values)))) for run in (first, second)]
     found: dict[str, list[str]] = {"parameters": [], "initial": [], "model": []}
     for name in dict.fromkeys([*each[0], *each[1]]):
         values = [one.get(name, "absent") for one in each]
