@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -159,7 +160,7 @@ def test_a_bundle_is_made_again_and_every_file_is_held(certificate: xr.Dataset, 
         patch.chdir(folder)
         runpy.run_path("plot.py")
     assert (folder / "certificate.png").read_bytes() == before
-    for k, spoil in enumerate(("damaged", "missing", "added", "no sums")):
+    for k, spoil in enumerate(("damaged", "missing", "added", "no sums", "link", "pipe")):
         copy = tmp_path / str(k)
         shutil.copytree(folder, copy)
         if spoil == "damaged":
@@ -168,6 +169,11 @@ def test_a_bundle_is_made_again_and_every_file_is_held(certificate: xr.Dataset, 
             (copy / "run.nc").unlink()
         elif spoil == "added":
             (copy / "more.txt").write_text("x")
+        elif spoil in ("link", "pipe"):
+            (copy / "run.nc").unlink()
+            (copy / "run.nc").symlink_to(folder / "run.nc") if spoil == "link" else os.mkfifo(copy / "run.nc")
+            with pytest.raises(xd.ArchiveError, match="run.nc is a .*, and no file of its own"):
+                xd.document(copy, tmp_path / "page.html")
         else:
             (copy / "SHA256SUMS").unlink()
         said = {
@@ -175,6 +181,8 @@ def test_a_bundle_is_made_again_and_every_file_is_held(certificate: xr.Dataset, 
             "missing": "run.nc is missing",
             "added": "more.txt is none",
             "no sums": "no SHA256SUMS",
+            "link": "run.nc is a link, and no file of its own",
+            "pipe": r"run.nc is a pipe \(FIFO\), and no file of its own",
         }[spoil]
         with pytest.raises(xd.ArchiveError, match=said):
             xd.recheck(copy)

@@ -32,6 +32,7 @@ LARGE: dict[str, tuple[Callable[[], str], str]] = {
     "a fan": (lambda: HEAD + '[definitions]\nd0 = "x"\n' + "".join(f'd{k} = "d{k - 1} + d{k - 1}"\n' for k in range(1, 2_000)),
               "to over 1000000 nodes; shorten them"),
     "a list": (lambda: HEAD + "[parameters]\na = [" + "1," * 5_000_000 + "]\n", "5000000 values, over the limit of 500000"),
+    "a word": (lambda: HEAD + "-" * 1_000_000 + "\n" + "a " * 500_000 + "\n", "is no TOML"),
     "lists in lists": (lambda: HEAD + "[parameters]\na = " + "[" * 20_000 + "\n", "is no TOML"),
     "names unknown": (lambda: HEAD + "[observables]\n" + "".join(f'o{k} = "unknown{k}"\n' for k in range(4_000)), "has 200 faults"),
     "an expression": (lambda: HEAD + '[observables]\na = "' + "x+" * 1_000_000 + 'x"\n', "2000001 characters, 1000000 at most"),

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
+import stat
 from collections.abc import Callable, Mapping
-from hashlib import sha256
+from hashlib import file_digest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
+from xdynamics.archive.folder import check_empty, taking_folder
 from xdynamics.archive.target import taking_name
 from xdynamics.budgeting import certificate as certificates
 from xdynamics.budgeting.numerical import own_run
 from xdynamics.evidence.validating.ledger import validate
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.figures import plot
-from xdynamics.files import asked, made_folder
+from xdynamics.files import KINDS, asked, read_bounded
 from xdynamics.model import Model
 from xdynamics.schema import EVIDENCE, ROOT_DIGEST
 
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 CERTIFICATE, RUN, LEDGER, MODEL = "certificate.nc", "run.nc", "ledger.nc", "model.toml"
 SCRIPT, README, SUMS, CRATE = "plot.py", "README.md", "SHA256SUMS", "ro-crate-metadata.json"
+LONGEST_SUMS = 100_000  # bytes of a dozen lines
 LICENSE = "https://spdx.org/licenses/CC-BY-4.0"
 SAID = {
     CERTIFICATE: "the number with its budget, gates and ledger cases",
@@ -85,24 +88,24 @@ def bundle(
     found = archive.open_run(certificate) if isinstance(certificate, str | Path) else certificate
     if getattr(found, "attrs", {}).get(EVIDENCE) != certificates.CERTIFICATE:
         raise InputError(f"{str(certificate)[:60]!r} is no certificate; `certify` makes one")
-    target = made_folder(folder)
-    if there := sorted(one.name for one in target.iterdir()):
-        raise InputError(f"'{target}' holds '{there[0]}' already; name a folder that is empty, or not there")
+    target = Path(folder)
+    check_empty(target)
     model = Model.from_text(str(found["model_toml"].values), functions=functions)
     run = own_run(model, json.loads(str(found.attrs["asked"])))
     digest, wanted = archive.digest_of_run(run), str(found["run_digest"].values[0])
     if digest != wanted:
         raise ArchiveError(f"the run comes to the content digest {digest}, in the certificate {wanted}")
     ledger = validate([str(found.attrs["solver_method"])])
-    for name, one in ((CERTIFICATE, found), (RUN, run), (LEDGER, ledger)):
-        archive.save(one, target / name)
-        plot(one, (target / name).with_suffix(".png"))
-    _write(target / MODEL, model.to_toml())
-    _write(target / SCRIPT, _SCRIPT)
-    _write(target / README, _readme(found, target.name))
-    _crate(ROCrate(), target, found, license)
-    names = [*SAID, CRATE]
-    _write(target / SUMS, "".join(f"{_digest(target / name)}  {name}\n" for name in names))
+    with taking_folder(target) as built:
+        for name, one in ((CERTIFICATE, found), (RUN, run), (LEDGER, ledger)):
+            archive.save(one, built / name)
+            plot(one, (built / name).with_suffix(".png"))
+        _write(built / MODEL, model.to_toml())
+        _write(built / SCRIPT, _SCRIPT)
+        _write(built / README, _readme(found, asked(target, Path.resolve).name))
+        _crate(ROCrate(), built, found, license)
+        names = [*SAID, CRATE]
+        _write(built / SUMS, "".join(f"{_digest(built / name)}  {name}\n" for name in names))
     return target
 
 
@@ -146,11 +149,30 @@ def recheck(
     return again
 
 
+def check_files(folder: Path) -> None:
+    """Refuse a bundle in which something is no file of its own, before any of it is opened.
+
+    Raises
+    ------
+    ArchiveError
+        Naming the links, pipes, folders in it.
+    """
+    odd = sorted((one.name, one.lstat().st_mode) for one in folder.iterdir() if not stat.S_ISREG(one.lstat().st_mode))
+    if odd:
+        kinds = {stat.S_IFLNK: "a link"} | KINDS
+        faults = tuple(
+            f"{name} is {kinds.get(stat.S_IFMT(mode), 'no file')}, and no file of its own" for name, mode in odd
+        )
+        raise ArchiveError(f"'{folder}' is no whole bundle:{numbered(faults)}", faults)
+
+
 def _faults(folder: Path) -> list[str]:
     """Compare every file of a bundle with its digest."""
+    check_files(folder)
     if not (folder / SUMS).is_file():
         return [f"there is no {SUMS}"]
-    rows = [line.partition("  ") for line in (folder / SUMS).read_text(errors="replace").splitlines()]
+    sums = read_bounded(folder / SUMS, LONGEST_SUMS).decode(errors="replace")
+    rows = [line.partition("  ") for line in sums.splitlines()]
     named = {name: digest for digest, _, name in rows}
     missing = [f"{name} is missing" for name in (*SAID, CRATE) if name not in named or not (folder / name).is_file()]
     damaged = [f"{name} differs from its digest" for name, digest in named.items() if name in (*SAID, CRATE) and (folder / name).is_file() and _digest(folder / name) != digest]  # fmt: skip
@@ -159,7 +181,8 @@ def _faults(folder: Path) -> list[str]:
 
 
 def _digest(path: Path) -> str:
-    return sha256(path.read_bytes()).hexdigest()
+    with path.open("rb") as file:
+        return file_digest(file, "sha256").hexdigest()
 
 
 def _write(path: Path, text: str) -> None:

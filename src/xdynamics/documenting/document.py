@@ -11,7 +11,7 @@ from xdynamics import archive
 from xdynamics.archive.target import check_target, taking_name
 from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED
 from xdynamics.budgeting.told import doubt_of, known_to, with_doubt
-from xdynamics.bundling import CERTIFICATE, LEDGER, MODEL, RUN
+from xdynamics.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
 from xdynamics.documenting import blocks
 from xdynamics.documenting.blocks import Code, Picture, Section, Table, Words
 from xdynamics.documenting.equations import of_model
@@ -57,6 +57,7 @@ def document(folder: str | Path, path: str | Path) -> Path:
             f"'{folder}' is no bundle: there is no {missing[0]} in it; `bundle` makes one of a certificate"
         )
     check_target(path)
+    check_files(folder)
     with archive.open_run(folder / CERTIFICATE) as found, archive.open_run(folder / RUN) as run, archive.open_run(folder / LEDGER) as ledger:  # fmt: skip
         model = Model.from_text(str(found["model_toml"].values))
         sections = [

@@ -16,7 +16,7 @@ DEEPEST_KEY = 8  # names that dots join
 # texts and comments, in which everything else may stand; one that is not closed ends where its line or the file does;
 # nothing is given back (`++`): where each letter may be, all their places are kept
 _TEXTS = re.compile(r'"""(?:[^"\\]++|\\.|"(?!""))*+(?:"{3,5}|\Z)|\'\'\'.*?(?:\'{3,5}|\Z)|"(?:[^"\\\n]++|\\.)*+"?|\'[^\'\n]*\'?|#[^\n]*', re.DOTALL)  # fmt: skip
-_DEEP = re.compile(rf"(?:[\w-]+[ \t]*\.[ \t]*){{{DEEPEST_KEY}}}")
+_DEEP = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}")
 _SIZES = "; so many numbers belong into a table"
 
 

@@ -1,0 +1,121 @@
+"""Folders that are whole or not there: built beside, under another name, and renamed when every file is on the disk."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from xdynamics.archive.leftovers import LONGEST
+from xdynamics.faults import ArchiveError, InputError
+from xdynamics.files import asked, kind_of, made_folder, synced
+
+BUILT = ".building"
+
+
+@contextmanager
+def taking_folder(path: Path) -> Iterator[Path]:
+    """Lend a folder beside a path; when what follows is done, it takes the path's name, whole.
+
+    What a killed process left of the same name is removed. Of two processes the first takes the name.
+
+    Raises
+    ------
+    InputError
+        If there is something under that name: before anything is done, or in the end where another was faster.
+    ArchiveError
+        If it cannot be written.
+    """
+    target = asked(path, Path.resolve)
+    check_empty(path)
+    made_folder(target.parent)
+    try:
+        _sweep(target)
+        built, handle = _begun(target)
+        try:
+            yield built
+            _finish(built, target)
+        finally:
+            os.close(handle)
+            shutil.rmtree(built, ignore_errors=True)
+    except OSError as error:
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+            check_empty(path)
+        raise ArchiveError(
+            f"'{path}' cannot be written: {error.strerror or error}; nothing is changed there"
+        ) from error
+
+
+def check_empty(path: Path) -> None:
+    """Refuse a path that is no folder, or one with something in it; there may be nothing at all.
+
+    Raises
+    ------
+    InputError
+    """
+    kind = asked(path, kind_of)
+    if kind not in ("", "a directory"):
+        raise InputError(f"'{path}' is {kind or 'a file'}; name a folder")
+    if kind and (there := sorted(one.name for one in path.iterdir())):
+        raise InputError(f"'{path}' holds '{there[0]}' already; name a folder that is empty, or not there")
+
+
+def _finish(built: Path, target: Path) -> None:
+    if target.is_dir():
+        shutil.copymode(target, built)
+    for one in built.iterdir():
+        with synced(one):
+            pass
+    with synced(built):
+        pass
+    built.rename(target)  # an empty folder gives way, another does not
+    with synced(target.parent):
+        pass
+
+
+def _begun(target: Path) -> tuple[Path, int]:
+    """Make a folder beside a path, locked as long as this process lives."""
+    while True:
+        built = target.with_name(f"{_stem(target)}{secrets.token_hex(4)}{BUILT}")
+        built.mkdir()
+        handle = os.open(built, os.O_RDONLY | os.O_CLOEXEC)
+        if _is_taken(handle) and built.exists():  # else another process swept it away before it was locked
+            return built, handle
+        os.close(handle)
+
+
+def _sweep(target: Path) -> None:
+    """Remove what processes that are no more had begun under the same name."""
+    names = re.compile(re.escape(_stem(target)) + r"[0-9a-f]{8}" + re.escape(BUILT))
+    for one in target.parent.iterdir():
+        if not names.fullmatch(one.name) or one.is_symlink() or not one.is_dir():
+            continue
+        with suppress(OSError):
+            handle = os.open(one, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+            try:
+                if _is_taken(handle):
+                    shutil.rmtree(one, ignore_errors=True)
+            finally:
+                os.close(handle)
+
+
+def _is_taken(handle: int) -> bool:
+    """Lock a folder, unless another process has it locked; where a file system has no locks, it is this one's."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def _stem(target: Path) -> str:
+    room = LONGEST - len(BUILT) - 8 - 2
+    return f".{os.fsdecode(os.fsencode(target.name)[:room])}."
