@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics.archive.seals import Seal, root_digest, slabs
+from xdynamics.cached import cached_property
 from xdynamics.record import own_attributes
 from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 

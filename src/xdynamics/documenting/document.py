@@ -52,12 +52,13 @@ def document(folder: str | Path, path: str | Path) -> Path:
     folder, path = Path(folder), Path(path)
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"report '{path}' has the ending '{path.suffix}'; there are {', '.join(FORMATS)}")
+    if folder.is_dir():
+        check_files(folder)
     if missing := [name for name in (CERTIFICATE, RUN, LEDGER, MODEL) if not (folder / name).is_file()]:
         raise InputError(
             f"'{folder}' is no bundle: there is no {missing[0]} in it; `bundle` makes one of a certificate"
         )
     check_target(path)
-    check_files(folder)
     with archive.open_run(folder / CERTIFICATE) as found, archive.open_run(folder / RUN) as run, archive.open_run(folder / LEDGER) as ledger:  # fmt: skip
         model = Model.from_text(str(found["model_toml"].values))
         sections = [

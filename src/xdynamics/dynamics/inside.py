@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
+from xdynamics.cached import cached_property
 from xdynamics.elementary import kept_set
 from xdynamics.entrance import load_dask_whole
 from xdynamics.faults import InputError

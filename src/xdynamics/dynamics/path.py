@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
+from xdynamics.cached import cached_property
 from xdynamics.dynamics.growth import Law, Rows
 from xdynamics.dynamics.inside import Inside
 from xdynamics.dynamics.saltation import Met

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.cached import cached_property
 from xdynamics.dynamics.variational import Along, NotVariedError, varying
 from xdynamics.elementary.arrays import dot, product, solved
 from xdynamics.expressions import Node, derivatives, free_names

@@ -6,7 +6,7 @@ import hashlib
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import count
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
+from xdynamics.cached import cached_property
 from xdynamics.elementary import NAME, SETS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import machine, quantities, stepping

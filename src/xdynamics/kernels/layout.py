@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 from xdynamics import schema
+from xdynamics.cached import cached_property
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.methods.scheme import DIFFERENCES, Scheme
 from xdynamics.model import Model, motion

@@ -10,9 +10,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite.binding import ffi
 from numba import config, from_dtype, types
+from numba.core.compiler_lock import global_compiler_lock
 
 from xdynamics.faults import InputError
+from xdynamics.forking import waited_for
 from xdynamics.kernels import cache
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.march import entries, loop, proposing
@@ -37,7 +40,9 @@ NEWTON, RADAU, ENCLOSING, PARTING, HAPPENING, TOUCHING = (
     -5,
     -6,
 )  # keys of steps where nothing is compiled
-_LOCK = threading.Lock()
+_LOCK = waited_for(threading.RLock())
+for _of, _name in ((global_compiler_lock, "_lock"), (ffi.lib._lock, "_lock")):  # noqa: SLF001
+    waited_for(getattr(_of, _name))  # numba's and LLVM's own, which a child needs to compile
 _FOUND: dict[str, Any] = {}
 _KEPT: list[Any] = []
 

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cached_property
 from math import inf, isfinite
 from operator import itemgetter
 from types import FrameType
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.cached import cached_property
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine

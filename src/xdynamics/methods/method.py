@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import takewhile
 from textwrap import dedent
 
+from xdynamics.cached import cached_property
 from xdynamics.expressions import Node, free_names, parse
 from xdynamics.faults import InputError
 from xdynamics.model import Model, Trait, traits_of

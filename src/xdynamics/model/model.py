@@ -6,10 +6,10 @@ import hashlib
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from xdynamics.cached import cached_property
 from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names
 from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import InputError, ModelError

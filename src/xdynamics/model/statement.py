@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
+from xdynamics.cached import cached_property
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.model.lagrangian import Lagrangian

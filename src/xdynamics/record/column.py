@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.cached import cached_property
 from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
 from xdynamics.march import Block, Tolerances

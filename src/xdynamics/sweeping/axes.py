@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.cached import cached_property
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
 from xdynamics.model.spread import deviations, matrix_of

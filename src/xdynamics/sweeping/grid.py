@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.cached import cached_property
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.march import Settings

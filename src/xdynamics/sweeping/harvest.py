@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
+from xdynamics.cached import cached_property
 from xdynamics.evidence.observing import modes_behind, rate_tree
 from xdynamics.expressions import Name, Node
 from xdynamics.kernels import Layout, law_of

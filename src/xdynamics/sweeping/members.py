@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
+from xdynamics.cached import cached_property
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs, march_many
 from xdynamics.march.diagnosis import ending

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.cached import cached_property
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.model import Model

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
+from xdynamics.cached import cached_property
 from xdynamics.evidence.exhibit import about, exhibit
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.matching import met
