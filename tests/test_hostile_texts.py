@@ -29,7 +29,7 @@ LARGE: dict[str, tuple[Callable[[], str], str]] = {
                    "it has 200009 entries, over the limit of 10000"),
     "sections": (lambda: HEAD + "".join(f"[events.e{k}]\n" for k in range(200_000)), "entries, over the limit of 10000"),
     "a chain": (lambda: HEAD + '[definitions]\nd0 = "x"\n' + "".join(f'd{k} = "d{k - 1} + x"\n' for k in range(1, 2_000)),
-                "definitions d151, .* and 1839 more stand on over 150 others in one another; shorten the chain"),
+                "definitions d151, .* and 1839 more are nested too deeply, over 150 levels; shorten the chain"),
     "a fan": (lambda: HEAD + '[definitions]\nd0 = "x"\n' + "".join(f'd{k} = "d{k - 1} + d{k - 1}"\n' for k in range(1, 2_000)),
               "to over 1000000 nodes; shorten them"),
     "a list": (lambda: HEAD + "[parameters]\na = [" + "1," * 5_000_000 + "]\n", "5000000 values, over the limit of 500000"),

@@ -128,7 +128,10 @@ class _Look:
 
     @classmethod
     def at(cls, path: Path) -> _Look:
-        return cls(identity_of(path), tail_of(path))
+        try:
+            return cls(identity_of(path), tail_of(path))
+        except OSError as error:
+            raise ArchiveError(f"'{path}' cannot be read: {error.strerror or error}") from None
 
 
 def _examined(path: Path, look: _Look | None = None) -> Examination:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.archive import segment
-from xdynamics.archive.leftovers import take
+from xdynamics.archive.leftovers import LONGEST, take
 from xdynamics.archive.seals import Seal
 from xdynamics.archive.segment import Part, Segment
 from xdynamics.archive.target import check_target
@@ -162,7 +163,10 @@ class Segments:
 def folder_of(archive: Path) -> Path:
     """Return where the segments of an archive are."""
     archive = Path(os.path.realpath(archive))
-    return archive.parent / f".{archive.name}.segments"
+    name = os.fsencode(archive.name)
+    if len(name) > LONGEST - len(b"..segments"):  # the name of the folder is no longer than any may be
+        name = name[: LONGEST - 32] + b"~" + hashlib.sha256(name).hexdigest()[:16].encode()
+    return archive.parent / f".{os.fsdecode(name)}.segments"
 
 
 def has_segments(archive: Path) -> bool:

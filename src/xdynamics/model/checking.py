@@ -148,7 +148,9 @@ def _define(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -
             ledger.note(f"definitions {_few(waiting)} are defined by one another")
             return
         if levels > MOST_LEVELS:
-            ledger.note(f"definitions {_few(waiting)} stand on over {MOST_LEVELS} others in one another; shorten the chain")  # fmt: skip
+            ledger.note(
+                f"definitions {_few(waiting)} are nested too deeply, over {MOST_LEVELS} levels; shorten the chain"
+            )
             return
         for name in ready:
             node = waiting.pop(name)
