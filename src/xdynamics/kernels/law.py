@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from xdynamics.cached import cached_property
 from xdynamics.elementary import NAME, SETS
 from xdynamics.elementary.text import declarations, definitions
+from xdynamics.forking import waited_for
 from xdynamics.kernels import machine, quantities, stepping
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.enclosing import CALLED
@@ -39,7 +40,7 @@ HEADER = (
 )
 
 _KEYS = count(1)
-_LOCK = threading.RLock()
+_LOCK = waited_for(threading.RLock())
 
 
 @dataclass(frozen=True)
