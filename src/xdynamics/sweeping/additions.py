@@ -63,7 +63,9 @@ class Additions:
             }
             with archive.open_run(self.catalogue, check=False) as old:
                 for one in plan.variables:
-                    part = old[one.name].isel({dim: which[dim] for dim in self.along})
+                    part = (
+                        old[one.name].isel({dim: which[dim] for dim in self.along}).load()
+                    )  # texts turn in memory alone
                     new = {dim: places.size for dim, places in which.items() if dim not in self.along}
                     values = part.expand_dims(new).transpose(*self.dims, *one.dims).values
                     found[one.name][there] = values[there]
