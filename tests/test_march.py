@@ -261,12 +261,13 @@ SHAPES: dict[str, Callable[[float], float]] = {
     "(t - {0}*second)/second": lambda off: off,
     "exp(3*(t - {0}*second)/second) - 1": lambda off: float(np.exp(3.0 * off)) - 1.0,
     "1 - exp(8*(t - {0}*second)/second)": lambda off: 1.0 - float(np.exp(8.0 * off)),
+    "((t - {0}*second)/second)**3": lambda off: off**3,
 }
 
 
 @pytest.mark.cases(100)
 def test_many_events_in_a_step_are_located_one_by_one(case: int) -> None:
-    """Assert times, brackets, order and residuals of up to six crossings in two steps, far apart, close, and at one time."""
+    """Assert times, brackets, order and residuals of up to six crossings in two steps, flat ones too, far apart and at one time."""
     rng = np.random.default_rng(case)
     count = int(rng.integers(2, 7))
     roots = np.round(rng.uniform(0.05, 0.95, count), 6)
@@ -292,7 +293,8 @@ def test_many_events_in_a_step_are_located_one_by_one(case: int) -> None:
     assert (np.diff(times) >= 0.0).all()
     assert (times >= roots[found] - 2e-16).all()
     for row, k in enumerate(found.tolist()[1:], 1):  # what follows within half its tolerance is waited for
-        if roots[k] <= times[row - 1] + 0.5 * tolerances[k]:
+        flat = any(shapes[e].endswith("**3") for e in found[row - 1 : row + 1])  # is found when it leaves zero
+        if roots[k] <= times[row - 1] + 0.5 * tolerances[k] and not flat:
             assert run.event_row_before[row] == run.event_row_before[row - 1]
     assert run.x.values == pytest.approx(run.time.values, abs=1e-15)
     assert (np.diff(run.event_row_before.values) >= 0).all()

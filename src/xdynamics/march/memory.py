@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 # behind a node forces are evaluated anew, and a method starts as it does at the beginning: nothing of these is asked for
 _OF_A_STEP = (
-    "at", "z", "e", "region", "piece", "resets", "near", "full", "full_e", "near_g", "far", "far_g", "branches", "under", "over", "flaws", "samples", "w", "trial", "located", "g1", "half", "whole", "located_z", "located_e", "located_g",
+    "at", "z", "e", "region", "piece", "resets", "near", "full", "full_e", "near_g", "far", "far_g", "entered", "pending", "branches", "under", "over", "flaws", "samples", "w", "trial", "located", "g1", "half", "whole", "located_z", "located_e", "located_g",
     "located_samples", "slopes", "places", "matrix", "right", "kept", "stage", "shifted", "stages", "turned",
     "defects", "past", "pivots", "links", "problem", "basis", "solution", "effects", "square", "column", "chosen", "entry", "approach", "slowed", "pulled", "balance",
 )  # fmt: skip

@@ -134,7 +134,7 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     n, events = len(layout.used), len(layout.watched)
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
     lengths |= dict.fromkeys(("e", "located_e", "full_e", "largest"), n)
-    lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g"), events)
+    lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g", "entered", "pending"), events)
     lengths["slopes"] = events + len(layout.followed)
     lengths |= dict.fromkeys(("near", "far", "full"), len(layout.record) if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)

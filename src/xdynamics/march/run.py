@@ -182,6 +182,8 @@ class Run:
     near_g: Floats
     far: Floats
     far_g: Floats
+    entered: Floats  # the side of every event function where the piece begins
+    pending: Floats  # how long before the step its zero may be, where another event was landed on beside it
     branches: Columns  # right ends of pieces that are still to be looked at: step, state, event functions
     rows: Lists  # what `enclosing` printed: the event functions, to be computed with intervals
     numbers: Floats

@@ -113,6 +113,7 @@ def isolate(run: Run, final: bool) -> bool:
             step_to(run, middle)
             grow_branch(run, last, middle)
         elif decide(run, start, s, last == 0 and final):
+            hold(run, start)
             return True
         else:
             last, start = last - 1, s
@@ -189,7 +190,7 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
     found = False
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
-        watch.hit = NONE
+        watch.hit, run.entered[i] = NONE, watch.armed
         if not watch.alive:
             continue
         before, after = sign(run.near_g[i]), sign(run.far_g[i])
@@ -219,9 +220,18 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
                 strike(run, i, left, start, TOUCHED)
             watch.ever = max(watch.ever, abs(watch.armed))
             if watch.hit == NONE:
-                watch.zone, watch.forced, watch.broken = -1.0, 0, SMOOTH
+                watch.zone, watch.forced, watch.broken, run.pending[i] = -1.0, 0, SMOOTH, 0.0
         found = found or watch.hit != NONE
     return found
+
+
+@shared
+def hold(run: Run, start: float) -> None:
+    """Leave the other functions on the sides that they entered a piece on: the motion ends at an event in it."""
+    for i in range(run.detectors.shape[0]):
+        watch = run.watches[i]
+        if watch.hit == NONE and run.plan[0].apart == 0:
+            watch.armed, watch.left = int(run.entered[i]), watch.zone if watch.zone >= 0.0 else start
 
 
 @shared

@@ -17,7 +17,7 @@ from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.control import grow
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.events.certainty import NONE, resolution, sign, uncertainty
+from xdynamics.march.events.certainty import NONE, murk, resolution, sign, uncertainty
 from xdynamics.march.events.isolation import arm, arrives, forget, isolate, quiet
 from xdynamics.march.events.locating import kind_of, locate
 from xdynamics.march.events.sides import keep_sides, slides, take_sides
@@ -203,8 +203,9 @@ def cross(run: Run, before: int) -> bool:
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     changed = act(run, before)
     if plan.reactions > 0:
+        row = -1 if changed or plan.kinetic < 0 else before - run.base[0].rows
         changed = True
-        if plan.stepping == 0 and not touch(run):
+        if plan.stepping == 0 and not touch(run, row):
             break_off(run, before)
             return False
     note_offsets(run, before)
@@ -225,9 +226,12 @@ def cross(run: Run, before: int) -> bool:
 
 
 @shared
-def touch(run: Run) -> bool:
-    """Change the trial's state by what contacts do; whether they have an answer, and one that agrees with the record."""
-    run.balance[BEFORE] = kinetic_energy(run, run.z)
+def touch(run: Run, row: int) -> bool:
+    """Change the trial's state by what contacts do; whether they have an answer, and one that agrees with the record.
+
+    `row` of the log has the state before, -1 where an action has changed it.
+    """
+    run.balance[BEFORE] = run.log_rows[run.plan[0].kinetic, row] if row >= 0 else kinetic_energy(run, run.z)
     entered_by(run.functions[TOUCHED], run, run.trial[0].t, RESOLVE)
     if run.now[0].status in (CONTACT_PENETRATED, REASON_CONTACT, CONTACT_INCONSISTENT):
         return False
@@ -320,7 +324,8 @@ def note_events(run: Run, row: int, substeps: int) -> None:
         if watch.hit == NONE:
             continue
         one = run.log_events[now.events - run.base[0].events]
-        one.time, one.left, one.residual, one.slope = trial.t, now.t + watch.left, run.g1[i], run.slopes[i]
+        left = now.t + watch.left if watch.left > 0.0 else now.t - run.pending[i]
+        one.time, one.left, one.residual, one.slope = trial.t, left, run.g1[i], run.slopes[i]
         if run.detectors[i].sampled:
             one.slope = -watch.armed * watch.up
         one.uncertainty, one.substeps = uncertainty(run, i, run.z), substeps
@@ -378,5 +383,23 @@ def rearm(run: Run) -> None:
     run.at[T] = run.now[0].t
     called(run.law[DETECT], run, run.y, run.g, 0)
     for i in range(run.detectors.shape[0]):
-        if run.watches[i].hit != NONE or sign(run.g[i]) != run.watches[i].armed:
-            arm(run, i, run.g[i])
+        watch, pending = run.watches[i], 0.0
+        if watch.hit != NONE or sign(run.g[i]) != watch.armed:
+            if is_pending(run, i):
+                pending = run.pending[i] + run.trial[0].h - watch.left
+            else:
+                arm(run, i, run.g[i])
+        run.pending[i] = pending
+
+
+@shared
+def is_pending(run: Run, i: int) -> bool:
+    """Whether an event is so near to another that was landed on that its own zero may be passed, and is to be found in the next step.
+
+    It is on the side that it came from, for all that is known: nothing but motion has changed its function.
+    """
+    watch, detector = run.watches[i], run.detectors[i]
+    if run.plan[0].apart or watch.hit != NONE or watch.armed == 0 or detector.reaction >= 0 or run.g[i] != run.g1[i]:
+        return False
+    watched = detector.direction == 0 or detector.direction == -watch.armed
+    return bool(watched or abs(run.g[i]) <= murk(run, i, run.y))
