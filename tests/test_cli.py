@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -216,10 +217,11 @@ def test_many_events_are_one_line(tmp_path: Path) -> None:
     assert len(events) < 5
     assert "floor (impact): 99 times, the last at t = " in done.output
     assert "floor (rest) at t = " in done.output
-    assert (
-        "1201 rows, 0 rejected trials, 100 events, 1201 force samples; 1288 steps shortened to find events"
-        in done.output
+    shortened = re.search(
+        r"1201 rows, 0 rejected trials, 100 events, 1201 force samples; (\d+) steps shortened to find", done.output
     )
+    assert shortened
+    assert 100 <= int(shortened[1]) <= 900
 
 
 def test_start_imports_little() -> None:

@@ -39,7 +39,8 @@ def test_a_run_of_one_block_is_as_long_as_it_is(tmp_path: Path) -> None:
     dims = (STEPS, EVENTS, SAMPLES, TRIALS)
     with netCDF4.Dataset(path) as file:
         found = {dim: (len(file.dimensions[dim]), file.dimensions[dim].isunlimited()) for dim in dims}
-        assert found == {dim: (run.sizes[dim], False) for dim in dims}
+        assert found == {dim: (run.sizes[dim], run.sizes[dim] == 0) for dim in dims}
+        assert run.sizes[TRIALS] == 0
         assert [file[name].chunking() for name in ("theta", "event_time")] == [[run.sizes[STEPS]], [1]]
         assert file["theta"].coordinates == "time"
         assert "coordinates" not in [*file["time"].ncattrs(), *file["event_time"].ncattrs(), *file["g"].ncattrs()]

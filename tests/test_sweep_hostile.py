@@ -66,7 +66,8 @@ def test_times_along_an_axis_have_their_units(axis: str, values: Any, same: list
     )
     assert told.end_y.values.tolist() == bare.end_y.values.tolist()
     np.testing.assert_array_equal(told.event_time_apex.values, bare.event_time_apex.values)
-    assert len({*told.run_digest.values.tolist()}) == 2
+    if axis != "time_tolerance":  # which may both be met by the same place
+        assert len({*told.run_digest.values.tolist()}) == 2
     assert xd.member(told, **{axis: values[0] if isinstance(values, list) else "100 ms"}).attrs["run_outcome"]
 
 

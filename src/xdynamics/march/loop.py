@@ -63,7 +63,6 @@ def march(address: Any, rows: int) -> None:
     now = run.now[0]
     if run.detectors.shape[0] > 0:
         renew_constants(run)
-        end_region(run)
     if now.rows == 0 and now.status == RUNNING and has_room(run):
         start(run)
     elif run.plan[0].follows:

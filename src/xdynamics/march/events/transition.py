@@ -98,6 +98,7 @@ def happen(address: Any, _number: float, reason: int) -> None:
 @shared
 def begin(run: Run) -> None:
     """Look on which side of zero every event function is at the start."""
+    end_region(run)  # that of another run
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
         watch.seen, watch.greatest = 0, 0.0  # of another run that was marched before in this place
