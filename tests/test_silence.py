@@ -1,0 +1,60 @@
+"""A box around where the motion goes: what bounds a step in few operations, and which steps are inside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from plain import made_by_hand, plain
+from xdynamics.march import March
+from xdynamics.march.asking import settings_for
+from xdynamics.march.events import silence
+from xdynamics.march.events.enclosures import coordinate
+
+
+@pytest.mark.cases(400)
+def test_the_way_of_a_step_holds_its_enclosure(case: int) -> None:
+    """Assert quick bounds of a random step outside those of the enclosure, by no more than signs that differ may cost."""
+    random = np.random.default_rng([26, 8, case])
+    run = made_by_hand(n=2, under=np.zeros(1), over=np.zeros(1), flaws=np.zeros(1))
+    h, a = 10.0 ** random.uniform(-3, 1), random.normal(size=2) * (case % 3 > 0)
+    run.y[4:], run.z[4:], run.y[2:4], run.y[:2] = a, a, random.normal(size=2), random.normal(size=2)
+    run.z[2:4], run.z[:2] = run.y[2:4] + h * a, run.y[:2] + h * run.y[2:4] + h * h / 2 * a
+    run.z[:] += random.normal(size=6) * 10.0 ** random.uniform(-9, -1) * (case % 2)
+    run.trial[0].h = run.piece[0].width = h
+    for i in range(2):
+        low, high = plain(silence.way)(run, i)
+        plain(coordinate)(run, run.y, run.z, 0, i, 0)
+        (q0, v0, a0), (q1, v1, a1) = run.y[i::2], run.z[i::2]
+        apart = max(min(0.4 * h * abs(v0), h * h * abs(a0) / 20), min(0.4 * h * abs(v1), h * h * abs(a1) / 20))
+        apart += 3e-9 * (max(abs(q0), abs(q1)) + h * (abs(v0) + abs(v1)) + h * h * (abs(a0) + abs(a1)))
+        assert low < run.under[0] <= low + apart
+        assert high > run.over[0] >= high - apart
+
+
+def test_a_step_is_inside_by_all_that_functions_are_made_of() -> None:
+    """Assert for two positions and the time that a step is inside a box, and is not once any side of it is too near."""
+    model = xd.Model(
+        name="plane", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg", "k": "1 N m-1"}, mass={"x": "m", "y": "m"},
+        forces={"spring": {"potential": "k*(x**2 + y**2)/2"}},
+        initial={"x": "1 m", "v_x": "0 m s-1", "y": "0 m", "v_y": "0.5 m s-1"},
+        events={"far": {"function": "x - 3*metre"}, "wide": {"function": "y + 2*metre"}, "late": {"function": "t - 90*second"}},
+    )  # fmt: skip
+    run, inside = March(model, settings_for(model, method="rk4", step=0.05, until=0.5)).run, plain(silence.stays_inside)
+    run.y[:6], run.z[:6] = (1.0, 0.0, 0.0, 0.5, -1.0, 0.0), (0.99875, 0.025, -0.05, 0.499, -0.99875, -0.025)
+    run.now[0].t, run.trial[0].t, run.trial[0].h = 2.0, 2.05, 0.05
+    n, first = len(run.leaves), silence.BOX
+    assert sorted(run.leaves[:, 0].tolist()) == [silence.POSITION, silence.POSITION, silence.INSTANT]
+    for j, (sort, k, _) in enumerate(run.leaves.tolist()):
+        bounds = plain(silence.way)(run, k) if sort == silence.POSITION else (run.now[0].t, run.trial[0].t)
+        run.region[first + j], run.region[first + n + j] = min(bounds), max(bounds)
+    run.region[silence.STANDS] = 1.0
+    assert inside(run)
+    for side in range(2 * n):
+        held = run.region[first + side]
+        run.region[first + side] = np.nextafter(held, np.inf if side < n else -np.inf)
+        assert not inside(run)
+        run.region[first + side] = held
+    run.region[silence.STANDS] = 0.0
+    assert not inside(run)
