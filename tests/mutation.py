@@ -157,7 +157,7 @@ TOUCHED = {
         "test_verdicts.py -k missed",
     ),
     "evidence/refining/convergence.py": (
-        "test_convergence.py",
+        "test_convergence.py -k not smooth_cases",
         "test_refinement.py -k verdicts or near",
         "test_verdicts.py -k lucky",
     ),

@@ -134,6 +134,8 @@ def test_everything_is_set_from_the_state_before() -> None:
     assert len(set(run.event_row_before.values.tolist())) == 1
     end = [float(run[name][-1]) for name in ("x", "v_x", "y", "v_y", "count")]
     assert end == pytest.approx([5.0, 0.0, 2.5, 1.0, 3.0], abs=1e-11)
+    offsets = [run[f"event_offset_{name}"].values.tolist() for name in ("x", "y")]
+    assert offsets == [pytest.approx([3.0, 0.0], abs=1e-11), pytest.approx([-3.0, 0.0], abs=1e-11)]
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [

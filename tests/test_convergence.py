@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from math import e, sqrt
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from xdynamics.evidence.refining.convergence import (
+    VERDICTS,
     convergence_index,
     extrapolated,
     fitted,
     fitted_uncertainty,
+    judge,
     observed_orders,
 )
 
@@ -106,3 +111,67 @@ def test_the_uncertainty_holds_the_error_of_smooth_cases() -> None:
         uncertainty, _ = fitted_uncertainty(0.3 + error, h, formal)
         held += abs(error[-1]) <= uncertainty
     assert held >= 950
+
+
+H = np.array([0.4, 0.2, 0.1, 0.05])
+SQUARES = 10.0 - 3.0 * H**2  # the last differences are 0.09 and 0.0225, the finest value is 0.0075 below the limit
+OFF = {"rounding": 1e-5, "interpolation": 2e-5, "events": 4e-5}
+BEHIND = 7e-5  # their sum
+THREE = "three times the last difference"
+RICHARDSON = "three times Richardson's error"
+STEPPED = "three times the last differences: a switch was stepped over"
+LEAST = "least squares"
+
+
+@pytest.mark.parametrize(
+    ("values", "steps", "asked", "verdict", "limit", "uncertainty", "rule"),
+    [
+        (SQUARES, H, {}, "asymptotic", 10.0, 1.25 * 0.0075 + BEHIND, "grid convergence index"),
+        (SQUARES[1:], H[1:], {}, "asymptotic", 10.0, 1.25 * 0.0075 + BEHIND, "grid convergence index"),
+        (SQUARES, H, {"formal": 2.1}, "pre_asymptotic", 10.0, BEHIND + 1.25 * 0.0075, LEAST),
+        (2.0 + 100 * H**4, H, {}, "asymptotic", 2.0, 125 * 0.05**4 + BEHIND, "grid convergence index"),
+        (2.0 + 100 * H[1:] ** 4, H[1:], {}, "pre_asymptotic", np.nan, 100 * (0.2**4 - 0.1**4) / 4 + BEHIND, RICHARDSON),
+        (SQUARES, H, {"rounding": 0.0226}, "roundoff", np.nan, 0.0226 + 6e-5 + 0.0225, "rounding"),
+        (SQUARES, H, {"interpolation": 0.0226}, "interpolation_limited", np.nan, 0.0226 + 5e-5 + 3 * 0.0225, THREE),
+        (SQUARES, H, {"events": 0.0068}, "event_limited", np.nan, 0.0068 + 3e-5 + 3 * 0.0225, THREE),
+        (SQUARES, H, {"events": 0.0067}, "asymptotic", 10.0, 0.0067 + 3e-5 + 1.25 * 0.0075, "grid convergence index"),
+        (1 + H**0.1, H, {"events": 0.1}, "event_limited", np.nan, 0.1 + 3e-5 + 3 * (0.1**0.1 - 0.05**0.1) / (sqrt(2) - 1), THREE),
+        (SQUARES, H, {"kink": 1.0}, "event_limited", np.nan, 3 * 0.09 / 2 + BEHIND, STEPPED),
+        (SQUARES, H, {"kink": 3.0, "formal": 4.0}, "event_limited", np.nan, 3 * 0.0075 + BEHIND, STEPPED),
+        (SQUARES, H, {"kink": 3.0}, "asymptotic", 10.0, 1.25 * 0.0075 + BEHIND, "grid convergence index"),
+        (SQUARES[2:], H[2:], {}, "pre_asymptotic", np.nan, 3 * 0.0225 / (sqrt(2) - 1) + BEHIND, RICHARDSON),
+        (1 / H, H, {}, "not_converging", np.nan, None, None),
+        ([1.0, 2.0, np.nan], H[1:], {}, "not_converging", np.nan, np.nan, "none: a value is missing"),
+    ],
+)  # fmt: skip
+def test_levels_are_judged(values: Any, steps: Any, asked: dict[str, float], verdict: str, limit: float, uncertainty: float | None, rule: str | None) -> None:  # fmt: skip
+    """Assert verdict, limit, uncertainty and rule of powers of the step, by what is known of all that is left."""
+    found = judge(np.array(values), steps, **{"formal": 2.0} | OFF | asked)
+    assert VERDICTS[found.verdict] == verdict
+    assert found.limit == pytest.approx(limit, rel=1e-9, nan_ok=True)
+    assert uncertainty is None or found.uncertainty == pytest.approx(uncertainty, rel=1e-6, nan_ok=True)
+    assert rule is None or found.rule == rule
+
+
+TOLERANCES = 10.0 ** -np.arange(4.0, 8.0)
+
+
+@pytest.mark.parametrize(
+    ("errors", "asked", "verdict", "limit", "uncertainty"),
+    [
+        (5 * TOLERANCES, {}, "asymptotic", 1.0, 1.25 * e**0.05 * 5e-7 + 3e-9),
+        (5 * TOLERANCES, {"accepted": 1}, "asymptotic", 1.0, 1.25 * 20 * 5e-7 + 3e-9),
+        (5 * TOLERANCES, {"kink": 1.0}, "event_limited", np.nan, 3 * (1.25 * e**0.05 * 5e-7 + 3e-9)),
+        (5 * TOLERANCES[1:], {}, "pre_asymptotic", np.nan, 1.25 * e**0.05 * 5e-7 + 3e-9),
+        # an exponent that is 0.5 off: a factor of the root of 10 of what the larger of both differences leaves
+        (1000 * TOLERANCES**1.5, {}, "pre_asymptotic", np.nan, 1250 * sqrt(10) * (10**-7.5 - 1e-9) / 90 + 3e-9),
+        (1 / TOLERANCES, {}, "not_converging", np.nan, None),
+    ],
+)  # fmt: skip
+def test_levels_of_tolerances_are_judged(errors: Any, asked: dict[str, Any], verdict: str, limit: float, uncertainty: float | None) -> None:  # fmt: skip
+    """Assert that an error in proportion to the tolerance is trusted as far as a choice of steps can be."""
+    given = {"formal": 1.0, "rounding": 1e-9, "interpolation": 1e-9, "events": 1e-9, "accepted": 10_000, "order": 5.0}
+    found = judge(1.0 + errors, TOLERANCES[-len(errors) :], **given | asked, smooth=False)
+    assert VERDICTS[found.verdict] == verdict
+    assert found.limit == pytest.approx(limit, abs=1e-12, nan_ok=True)
+    assert uncertainty is None or found.uncertainty == pytest.approx(uncertainty, rel=1e-6)
