@@ -157,7 +157,8 @@ TOUCHED = {
         "test_verdicts.py -k missed",
     ),
     "evidence/refining/convergence.py": (
-        "test_convergence.py -k not smooth_cases",
+        "test_convergence.py -k not smooth_cases and not power",
+        "test_convergence.py -k power",
         "test_refinement.py -k verdicts or near",
         "test_verdicts.py -k lucky",
     ),

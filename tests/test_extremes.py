@@ -105,6 +105,24 @@ def test_forces_in_python_are_sampled_and_say_how_far_that_may_be_off() -> None:
     assert 0.5 * off <= float(found.maximum_force_push_x_uncertainty) <= 2.0 * off
 
 
+@pytest.mark.parametrize(("peak", "node"), [(1.3, 1.2), (0.95, 1.17), (-0.5, 1.0)])
+def test_a_parabola_in_python_is_off_by_what_its_rows_tell(peak: float, node: float) -> None:
+    """Assert its height above the highest row, by steps of other lengths on either side; 0 where it is at either end."""
+
+    def push(t: float, peak: float) -> float:
+        return 2.0 - 3.0 * (t - peak) ** 2
+
+    model = xd.Model(
+        name="pushed", coordinates={"x": "m"}, parameters={"m": "1 kg", "peak": f"{peak} s"}, mass={"x": "m"}, forces={"push": {"x": push}},
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    run = xd.simulate(model, method="rk4", step="0.35 s", until="3 s", nodes=[node])
+    found = xd.diagnose(run, companion=False, functions={"push": push})
+    above = 2.0 - float(run.force_push_x.max()) if 0.0 < peak < 3.0 else 0.0
+    assert float(found.maximum_force_push_x_uncertainty) == pytest.approx(above, abs=1e-12)
+    assert float(found.minimum_force_push_x_uncertainty) == 0.0
+
+
 def test_a_sweep_has_what_a_diagnosis_has() -> None:
     """Assert the same bits of extremes of forces, contact forces and energies, of every member."""
     for model, axis, names, settings in (
