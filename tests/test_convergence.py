@@ -59,6 +59,15 @@ def test_values_that_swing_round_their_limit_have_an_order_too() -> None:
     assert observed_orders(swinging, np.array([1.0, 0.5, 0.25, 0.125]))[1:-1] == pytest.approx([2.0, 2.0], rel=1e-12)
 
 
+@pytest.mark.parametrize("order", [0.5, 1.0, 2.0, 4.0, -1.0])
+@pytest.mark.parametrize(("coarse", "fine"), [(1.5, 2.0), (3.0, 1.2)])
+def test_what_swings_has_its_order_at_any_ratios(order: float, coarse: float, fine: float) -> None:
+    """Assert Celik's equation with s = -1: errors of a power of the step, each on the other side of the limit."""
+    steps = np.array([coarse * fine, fine, 1.0])
+    found = observed_orders(3.0 + np.array([1.0, -1.0, 1.0]) * steps**order, steps)
+    assert found[1] == pytest.approx(order, rel=1e-9)
+
+
 def test_equal_values_have_no_order() -> None:
     """Assert nan where a difference is zero, and that other axes are taken one by one."""
     values = np.array([[1.0, 1.0, 2.0], [3.0, 2.0, 1.5]])
