@@ -120,12 +120,12 @@ def test_a_run_is_stopped_after_some(count: int, crossing: int) -> None:
 def test_everything_is_set_from_the_state_before() -> None:
     """Assert that two coordinates can be exchanged, that first-order states are set too, and in the order declared."""
     model = xd.Model(
-        name="exchange", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg"}, mass={"x": "m", "y": "m"}, forces={},
+        name="exchange", coordinates={"x": "m", "y": "m", "z": "m"}, parameters={"m": "1 kg"}, mass=dict.fromkeys("xyz", "m"), forces={},
         states={"count": {"unit": "1", "rate": "0/second"}},
-        initial={"x": "1 m", "v_x": "1 m s-1", "y": "5 m", "v_y": "0 m s-1", "count": "0"},
+        initial={"x": "1 m", "v_x": "1 m s-1", "y": "5 m", "v_y": "0 m s-1", "z": "1 m", "v_z": "0 m s-1", "count": "0"},
         events={
             "swap": {"function": "x - 2*metre", "direction": "rising", "action": "reset",
-                     "set": {"x": "y", "y": "x", "v_x": "v_y", "v_y": "v_x", "count": "2*count + 1"}},
+                     "set": {"x": "y", "y": "x", "z": "x + y", "v_x": "v_y", "v_y": "v_x", "count": "2*count + 1"}},
             "tie": {"function": "t - 1*second", "direction": "rising", "action": "reset", "set": {"count": "2*count + 1"}},
         },
     )  # fmt: skip
@@ -134,8 +134,8 @@ def test_everything_is_set_from_the_state_before() -> None:
     assert len(set(run.event_row_before.values.tolist())) == 1
     end = [float(run[name][-1]) for name in ("x", "v_x", "y", "v_y", "count")]
     assert end == pytest.approx([5.0, 0.0, 2.5, 1.0, 3.0], abs=1e-11)
-    offsets = [run[f"event_offset_{name}"].values.tolist() for name in ("x", "y")]
-    assert offsets == [pytest.approx([3.0, 0.0], abs=1e-11), pytest.approx([-3.0, 0.0], abs=1e-11)]
+    offsets = [run[f"event_offset_{name}"].values.tolist() for name in ("x", "y", "z")]
+    assert offsets == [pytest.approx([shift, 0.0], abs=1e-11) for shift in (3.0, -3.0, 6.0)]
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [

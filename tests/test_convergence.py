@@ -106,6 +106,11 @@ def test_values_that_scatter_are_uncertain_by_their_scatter() -> None:
     uncertainty, one = fitted_uncertainty(1.0 + noise, h, 2.0)
     assert uncertainty > abs(1.0 + noise[-1] - 1.0)
     assert uncertainty >= one.spread
+    away = 1.0 + noise - one.limit - sum(slope * h**p for slope, p in zip(one.slopes, one.orders, strict=True))
+    assert (one.residual, one.error) == pytest.approx((away[-1], 1.0 + noise[-1] - one.limit), rel=1e-9)
+    left = [len(h) - 1 - len(one.orders) - free for free in (0, 1)]
+    weights = [np.ones(8), 8 / h / np.sum(1 / h)]
+    assert any(one.spread == pytest.approx(np.sqrt(np.sum(w * away**2) / n), rel=1e-9) for w in weights for n in left)
     still, _ = fitted_uncertainty(np.ones(5), h[:5], 2.0)
     assert still < 1e-14
 
@@ -149,6 +154,9 @@ LEAST = "least squares"
         (SQUARES, H, {"kink": 3.0, "formal": 4.0}, "event_limited", np.nan, 3 * 0.0075 + BEHIND, STEPPED),
         (SQUARES, H, {"kink": 3.0}, "asymptotic", 10.0, 1.25 * 0.0075 + BEHIND, "grid convergence index"),
         (SQUARES[2:], H[2:], {}, "pre_asymptotic", np.nan, 3 * 0.0225 / (sqrt(2) - 1) + BEHIND, RICHARDSON),
+        # differences that fall by more than a half, and by less, at no order of the method
+        ([0.0, 0.3, 0.4], H[1:], {"formal": 4.0}, "pre_asymptotic", np.nan, 3 * 0.1 / 2 + BEHIND, RICHARDSON),
+        ([0.0, 0.18, 0.28], H[1:], {"formal": 4.0}, "not_converging", np.nan, None, None),
         (1 / H, H, {}, "not_converging", np.nan, None, None),
         ([1.0, 2.0, np.nan], H[1:], {}, "not_converging", np.nan, np.nan, "none: a value is missing"),
     ],
