@@ -11,6 +11,7 @@ from xdynamics.march import March
 from xdynamics.march.asking import settings_for
 from xdynamics.march.events import silence
 from xdynamics.march.events.enclosures import coordinate
+from xdynamics.march.run import DETECTOR, WATCH
 
 
 @pytest.mark.cases(400)
@@ -58,3 +59,31 @@ def test_a_step_is_inside_by_all_that_functions_are_made_of() -> None:
         run.region[first + side] = held
     run.region[silence.STANDS] = 0.0
     assert not inside(run)
+
+
+@pytest.mark.parametrize(
+    ("joined", "low", "high"),
+    [(False, [-0.5, 8.0, -3.5], [1.5, 16.0, 0.5]), (True, [-1.0, 9.0, -3.5], [1.5, 20.0, 0.0])],
+)
+@pytest.mark.parametrize(
+    ("armed", "guard", "asleep", "value", "silent"),
+    [(1, 0, 0, (0.1, 2.0), True), (-1, 0, 0, (-2.0, -0.1), True), (1, 1, 0, (0.1, 2.0), True), (1, -1, 0, (0.1, 2.0), False),
+     (-1, 0, 0, (0.1, 2.0), False), (1, 0, 0, (-2.0, -0.1), False), (1, 0, 0, (0.0, 2.0), False), (-1, 0, 0, (-2.0, 0.0), False),
+     (0, 0, 0, (0.1, 2.0), False), (0, 0, 1, (-1.0, 2.0), True)],
+)  # fmt: skip
+def test_a_box_reaches_beyond_a_step(monkeypatch: pytest.MonkeyPatch, joined: bool, low: list[float], high: list[float], armed: int, guard: int, asleep: int, value: tuple[float, float], silent: bool) -> None:  # fmt: skip
+    """Assert half a width beyond bounds on every side, or where they leave the last box, if nothing is zero in it."""
+    positions = np.array([[silence.POSITION, j, 1 + j] for j in range(3)])
+    run = made_by_hand(
+        leaves=positions, region=np.zeros(silence.BOX + 12), under=np.zeros(4), over=np.zeros(4), detectors=np.zeros(1, DETECTOR),
+        watches=np.zeros(1, WATCH), parts=np.zeros(4, np.int64), functions=np.zeros(20, np.int64),
+    )  # fmt: skip
+    is_silent = plain(silence.is_silent)
+    monkeypatch.setitem(is_silent.__globals__, "enclosed_by", lambda *_: None)
+    (run.under[0], run.over[0]), watch = value, run.watches[0]
+    watch.armed, watch.guard, watch.asleep = armed, guard, asleep
+    before = [-1.0, 9.0, -2.0, 0.8, 20.0, 0.0]
+    run.region[silence.BOX :] = [*before, 0.0, 10.0, -2.5, 1.0, 14.0, -0.5]
+    assert is_silent(run, 0.5, joined) == silent
+    wanted = [*low, *high] if silent else before
+    assert run.region[silence.BOX :][:6].tolist() == pytest.approx(wanted)
