@@ -126,7 +126,7 @@ def test_everything_is_set_from_the_state_before() -> None:
         events={
             "swap": {"function": "x - 2*metre", "direction": "rising", "action": "reset",
                      "set": {"x": "y", "y": "x", "z": "x + y", "v_x": "v_y", "v_y": "v_x", "count": "2*count + 1"}},
-            "tie": {"function": "t - 1*second", "direction": "rising", "action": "reset", "set": {"count": "2*count + 1"}},
+            "tie": {"function": "t - 1*second", "direction": "rising", "action": "reset", "set": {"count": "2*count + 1", "z": "z + y"}},
         },
     )  # fmt: skip
     run = xd.simulate(model, method="rk4", step=0.3, until=1.5)
@@ -135,7 +135,7 @@ def test_everything_is_set_from_the_state_before() -> None:
     end = [float(run[name][-1]) for name in ("x", "v_x", "y", "v_y", "count")]
     assert end == pytest.approx([5.0, 0.0, 2.5, 1.0, 3.0], abs=1e-11)
     offsets = [run[f"event_offset_{name}"].values.tolist() for name in ("x", "y", "z")]
-    assert offsets == [pytest.approx([shift, 0.0], abs=1e-11) for shift in (3.0, -3.0, 6.0)]
+    assert offsets == [pytest.approx(shifts, abs=1e-11) for shifts in ([3.0, 0.0], [-3.0, 0.0], [6.0, 2.0])]
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [
