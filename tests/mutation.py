@@ -70,6 +70,8 @@ TOUCHED = {
         MANY,
         f"test_march.py -k {EVENTS}",
         "test_position_tolerance.py -k as_near and (40 or 60)",
+        "test_python_detectors.py -k jump or slopes",
+        "test_root_state.py -k bogacki or dormand",
     ),
     "march/events/certainty.py": (PHASES, "test_isolation.py -k walls or slab or crest", "test_python_detectors.py"),
     "march/events/isolation.py": (

@@ -19,10 +19,11 @@ def test_the_way_of_a_step_holds_its_enclosure(case: int) -> None:
     """Assert quick bounds of a random step outside those of the enclosure, by no more than signs that differ may cost."""
     random = np.random.default_rng([26, 8, case])
     run = made_by_hand(n=2, under=np.zeros(1), over=np.zeros(1), flaws=np.zeros(1))
-    h, a = 10.0 ** random.uniform(-3, 1), random.normal(size=2) * (case % 3 > 0)
+    h = 10.0 ** random.uniform(-3, 1)
+    a = random.normal(size=2) * [0, 1, 3 / h][case % 3]  # the last ones turn within the step
     run.y[4:], run.z[4:], run.y[2:4], run.y[:2] = a, a, random.normal(size=2), random.normal(size=2)
     run.z[2:4], run.z[:2] = run.y[2:4] + h * a, run.y[:2] + h * run.y[2:4] + h * h / 2 * a
-    run.z[:] += random.normal(size=6) * 10.0 ** random.uniform(-9, -1) * (case % 2)
+    run.z[:] += random.normal(size=6) * 10.0 ** random.uniform(-9, 1)
     run.trial[0].h = run.piece[0].width = h
     for i in range(2):
         low, high = plain(silence.way)(run, i)
