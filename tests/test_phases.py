@@ -191,7 +191,7 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
     detectors = np.zeros(1, DETECTOR)
     detectors[0].direction, detectors[0].tolerance, detectors[0].action = -1, tolerance, stops
     detectors["position"] = np.inf  # no place is asked for, only a time
-    arrays = dict.fromkeys(("g", "g1", "located_g", "slopes"))
+    arrays = dict.fromkeys(("g", "g1", "located_g", "slopes", "entered", "pending"))
     watches = np.zeros(1, WATCH)
     watches["armed"] = watches["ever"] = watches["alive"] = 1
     law = law_of(nothing, watched, nothing, nothing, nothing, kept, nothing, falling)
