@@ -37,7 +37,7 @@ def random_model(rng: np.random.Generator) -> xd.Model:
             str(rng.choice(["previous", "linear", "pchip"])),
         )
         rows = "".join(f"{float(t)!r},{float(f)!r}\n" for t, f in zip(times, rng.normal(size=times.size), strict=True))
-        more["drives"] = {"push": {"table": "p.csv", "csv": f"t [s],p [N]\n0,0\n{rows}9,0\n", "interpolation": kind}}
+        more["drives"] = {"push": {"table": "p.csv", "csv": f"t [s],p [N]\n0,0\n{rows}19,0\n", "interpolation": kind}}
         forces["push"] = {"x": "push"}
     if rng.random() < 0.3:
         more["events"] = {"level": {"function": "x - 0.2*metre", "direction": "rising"}}
