@@ -283,13 +283,19 @@ def enter(run: Run, t: float, states: Floats, k: int, behind: bool) -> None:
 
 
 @shared
-def enter_here(run: Run, t: float) -> None:
-    """Let forces, sides and contacts be those of a time and of the state that `y` has."""
+def stand(run: Run, t: float) -> None:
+    """Let tables and switches be those of a time and of the state that `y` has."""
     enter_pieces(t, run.tables, run.places, run.of_time)
     run.at[REGIME] = run.now[0].regime
     run.now[0].t = t
     if run.plan[0].switches > 0:
         entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
+
+
+@shared
+def enter_here(run: Run, t: float) -> None:
+    """Let forces, sides and contacts be those of a time and of the state that `y` has."""
+    stand(run, t)
     if run.plan[0].reactions > 0:
         entered_by(run.functions[TOUCHED], run, t, INFORM)
     evaluate(run, t, run.y)

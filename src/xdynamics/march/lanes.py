@@ -16,12 +16,12 @@ from xdynamics.kernels.program import REGIME, T1, H, T
 from xdynamics.kernels.striding import LANE
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.contacts.holding import choose
-from xdynamics.march.entries import begin, keep_last, keep_passed
+from xdynamics.march.entries import begin, keep_last, keep_passed, stand
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.handle import entered_by, march_by, run_at, strode_by
+from xdynamics.march.handle import march_by, run_at, strode_by
 from xdynamics.march.log import has_room, note
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.run import HAPPEN, MOVED, SIDES, Run
+from xdynamics.march.run import MOVED, Run
 from xdynamics.model.detectors import GAP
 from xdynamics.schema import NODE, STEP
 
@@ -445,16 +445,6 @@ def parts_of_steps(address: Any, forces_at: Any, propose_at: Any, table: Whole, 
                 for i in range(n):
                     found[i, whose[lane]] = (z[i, lane] + 0.0) * factors[1 + i]
             filled = 0
-
-
-@shared
-def stand(run: Run, t: float) -> None:
-    """Let tables and switches be those of a time and of the state that `y` has."""
-    enter_pieces(t, run.tables, run.places, run.of_time)
-    run.at[REGIME] = run.now[0].regime
-    run.now[0].t = t
-    if run.plan[0].switches > 0:
-        entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
 
 
 @shared
