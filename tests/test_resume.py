@@ -125,10 +125,10 @@ def test_interrupted_is_resumed(tmp_path: Path) -> None:
 def test_a_full_disk_is_resumed(tmp_path: Path) -> None:
     """Assert that segments outlive a write that fails, and the run goes on from them once there is room."""
     script = (
-        "import resource, signal, sys\nimport xdynamics as xd\nfrom xdynamics.archive import segments, streaming\n"
-        "from test_resume import ASKED, PENDULUM\n"
+        "import resource, signal, sys\nimport xdynamics as xd\nfrom xdynamics.archive import segments, streaming, writer\n"
+        "from test_resume import ASKED, PENDULUM\nwriter.CHUNKS = writer.CHUNKS | {'step': 5_000}  # each block reaches the disk\n"
         "segments.EVERY, segments.Segments.patience = 0.0, float('inf')\nstreaming.BLOCK_ROWS = 5_000\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (6_000_000, 6_000_000))\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, 2_000_000))\n"
         "try:\n    xd.simulate(PENDULUM, **ASKED, path=sys.argv[1])\n"
         "except xd.ArchiveError as error:\n    print(error)"
     )
@@ -137,8 +137,10 @@ def test_a_full_disk_is_resumed(tmp_path: Path) -> None:
         [sys.executable, "-c", script, path], capture_output=True, text=True, check=True, env=environment
     )
     assert f"'{path}' cannot be written" in done.stdout
-    assert 0 < len(names(path)) < 8
-    xd.simulate(PENDULUM, **ASKED, path=path, resume=True)
+    assert 0 < len(names(path)) < 8  # of nine blocks, the last of which do not fit
+    with warnings.catch_warnings():  # a last segment may hold what the full disk lost, which its digests tell
+        warnings.simplefilter("ignore", xd.ResumeWarning)
+        xd.simulate(PENDULUM, **ASKED, path=path, resume=True)
     assert xd.verify(path) == whole()
 
 
