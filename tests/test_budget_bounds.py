@@ -17,7 +17,7 @@ from xdynamics.budgeting.numerical import allowance
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 EMBEDDED = ("bogacki_shampine", "dormand_prince", "dop853")
-CASES, SHARE = 400, 20  # and of how many each is run without --whole
+CASES, SHARE = 400, 23  # and of how many each is run without --whole
 
 
 class Number(NamedTuple):

@@ -25,7 +25,7 @@ def failed(run: Any, model: xd.Model) -> set[str]:
 @pytest.mark.filterwarnings("ignore:.*energy was created")
 def test_rods_of_every_law_pass(case: int) -> None:
     """Assert that impulses, rates, friction and energies of a rod's impact are those of its law, by any law."""
-    rod, law = random_rod(case), IMPACT_LAWS[case // 20 % len(IMPACT_LAWS)]
+    rod, law = random_rod(case), IMPACT_LAWS[case % len(IMPACT_LAWS)]
     found = list(checks_of(rod.struck(law), rod.model(law)))
     assert [one.name for one in found] == [
         "impulse_x", "impulse_y", "impulse_theta", "kinetic_energy", "floor.direction", "floor.restitution", "floor.friction", "floor.energy_lost",

@@ -34,7 +34,7 @@ def test_scales_of_random_oscillations(case: int) -> None:
     draw = np.random.default_rng(case)
     size, middle = 10.0 ** draw.uniform(-6, 6), draw.choice([0.0, 1.0, -0.5])
     amplitude = float(size * draw.uniform(0.5, 2.0))
-    unit, factor = [("m", 1.0), ("mm", 1e-3), ("km", 1e3)][case // 20 % 3]
+    unit, factor = [("m", 1.0), ("mm", 1e-3), ("km", 1e3)][case % 3]
     run = swing(amplitude, float(middle * size), unit, until=float(draw.uniform(0.1, 3.0)))
     found = xd.diagnose(run, companion=False, exact={"x": "c + A*cos(sqrt(k/m)*t)"})
     expected = (middle * size + amplitude * np.cos(2.0 * run.time.values)) / factor

@@ -60,7 +60,11 @@ def drawn(case: int) -> tuple[xd.Model, float, dict[str, float]]:
 
 @pytest.mark.cases(200)
 def test_lost_and_kept_motions(case: int) -> None:
-    """Assert a warning wherever 3 in 100 of a motion are lost by absolute tolerances, and none where less than 1e-5 is."""
+    """Assert a warning wherever 3 in 100 of a motion are lost by absolute tolerances, and none where less than 1e-8 is.
+
+    It goes by what each of them allows: where that of one variable is 1e4 times the other's, a step as short as the other
+    asks for errs by less than is allowed, and a warning may be needless.
+    """
     rng = np.random.default_rng(50_000 + case)
     model, rate, large = drawn(case)
     names = [*model.coordinates]
@@ -79,7 +83,8 @@ def test_lost_and_kept_motions(case: int) -> None:
     relative = marched(model, method=method, rtol=rtol, until=until)[0]
     own = max(float(np.abs(xd.compare(relative, finest)[f"difference_{one}"]).max()) for one in names) / large["x"]
     assert not (lost > 0.03 + 10 * own and not said), (lost, own, run.attrs[ATOL_EFFECT])
-    assert not (said and lost < 1e-8), (lost, run.attrs[ATOL_EFFECT])
+    alike = max(part.values()) < 1e4 * min(part.values())
+    assert not (said and lost < 1e-8 and alike), (lost, run.attrs[ATOL_EFFECT])
     assert run.attrs[ATOL_EFFECT]
 
 
