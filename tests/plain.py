@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.law import CONTROL
-from xdynamics.kernels.program import AT, UNSOUND
+from xdynamics.kernels.program import AT, UNSOUND, H
 from xdynamics.march.handle import applied_plainly, called_plainly, noted_plainly
-from xdynamics.march.run import ARRAYS, HAPPEN, KINDS, NOW, PLAN, SUBSTEP, Run
+from xdynamics.march.run import ARRAYS, DETECTOR, EVENT_ROW, HAPPEN, KINDS, NOW, PLAN, SUBSTEP, WATCH, Run
 
 _KNOWN: dict[Any, Callable[..., Any]] = {}
 
@@ -79,6 +80,65 @@ def kept(*arrays: Any) -> None:
     row[0], row[1], row[2:5], at[UNSOUND] = at[0], at[2], y[:3], 0.0
 
 
+class Seen(NamedTuple):
+    """An event function of the time since the step began, with its rate."""
+
+    value: Callable[[float], float]
+    rate: Callable[[float], float]
+
+
+def uniform(*arrays: Any) -> None:
+    """Motion at unit speed: the position is the time since the step began."""
+    arrays[5][:3], arrays[0][UNSOUND] = [arrays[0][H], 1.0, 0.0], 0.0
+
+
+def nothing(*_arrays: Any) -> None:
+    """A program that computes nothing."""
+
+
+def watching(
+    *functions: Seen, t: float = 0.0, h: float = 1.0, tolerance: float = 1e-9, place: float = inf
+) -> tuple[Run, list[float]]:
+    """A run whose trial each function is known to cross zero in, and the list of where they will be looked at."""
+    import numpy as np
+
+    from xdynamics.march import proposing
+    from xdynamics.march.events import certainty
+
+    n = len(functions)
+    looks: list[float] = []
+
+    def detect(*arrays: Any) -> None:
+        looks.append(float(arrays[1][0]))
+        arrays[5][:n], arrays[0][UNSOUND] = [seen.value(arrays[1][0]) for seen in functions], 0.0
+
+    def rates(*arrays: Any) -> None:
+        arrays[5][:n] = [seen.rate(arrays[1][0]) for seen in functions]
+
+    detectors, watches = np.zeros(n, DETECTOR), np.zeros(n, WATCH)
+    detectors["tolerance"], detectors["position"], detectors["reaction"] = tolerance, place, -1
+    arrays = {name: np.zeros(n) for name in ("g", "g1", "located_g", "near_g", "slopes", "entered", "pending")}
+    run = made_by_hand(
+        y=np.array([0.0, 1.0, 0.0]),
+        near=np.array([0.0, 1.0, 0.0]),
+        law=law_of(nothing, detect, rates, nothing, nothing, kept, nothing, uniform),
+        detectors=detectors,
+        watches=watches,
+        functions=entries(),
+        log_events=np.zeros(5, EVENT_ROW),
+        **arrays,
+    )
+    run.plan[0].stages, run.now[0].t = 1, t
+    run.g[:] = run.near_g[:] = [seen.value(0.0) for seen in functions]
+    plain(proposing.propose)(run, t + h, h)
+    plain(proposing.look)(run)
+    plain(proposing.keep)(run)
+    watches["armed"], watches["before"], watches["alive"] = np.sign(run.g), run.g, 1
+    watches["hit"], watches["right"] = certainty.CROSSED, h
+    looks.clear()
+    return run, looks
+
+
 def law_of(*functions: Callable[..., None]) -> Any:
     """Put plain functions behind addresses."""
     import numpy as np
@@ -100,4 +160,4 @@ def entries() -> Any:
     return found
 
 
-__all__ = ["NOW", "PLAN", "entries", "kept", "law_of", "made_by_hand", "plain"]
+__all__ = ["NOW", "PLAN", "Seen", "entries", "kept", "law_of", "made_by_hand", "nothing", "plain", "watching"]
