@@ -116,6 +116,15 @@ def test_a_look_for_one_event_raises_the_bracket_of_another() -> None:
         assert [watch.hit for watch in run.watches] == [hits[one] for one in functions]
 
 
+def test_a_value_that_is_not_known_is_looked_at_again() -> None:
+    """Assert that the left end of a bracket inside the step is looked at first, and that the step's start is not."""
+    for left, first in ((0.25, 0.25), (0.0, 0.3 + EPS / 8.0)):
+        run, looks = watching(inverse_cubic(0.3, 1.0, 3.0))
+        run.watches[0].before = math.nan
+        plain(locating.bracket)(run, 0, left)
+        assert looks[0] == pytest.approx(first, abs=4 * EPS)
+
+
 @pytest.mark.parametrize("t", [-1.0, 0.0, 1.0])
 def test_events_at_one_time_but_for_rounding_are_one_group(t: float) -> None:
     """Assert that an event 6 roundings behind the first is in its trial, whatever the tolerance; one at 40 is left for later."""

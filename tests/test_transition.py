@@ -74,26 +74,23 @@ def test_an_event_that_is_past_but_not_found_is_pending(monkeypatch: pytest.Monk
     assert armed == ([(i, run.g1[i]) for i in range(2)] if apart else [])
 
 
-def test_what_is_no_event_to_come_is_armed_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Assert that a met event, a contact's, one whose value an action changed and one not watched for are not pending."""
+def test_what_is_no_event_to_come_is_not_pending(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a met event, a contact's, one whose value an action changed and one not watched for are none."""
     changes: list[tuple[str, Any]] = [("hit", certainty.CROSSED), ("armed", 0), ("reaction", 0), ("direction", 1), ("g1", 0.0), ("", 0)]  # fmt: skip
     for what, value in changes:
         run, _ = watching(FALLING, t=2.0)
         run.y[0], run.watches[0].hit = 0.625, certainty.NONE
-        run.g1[0] = FALLING.value(0.625)
+        run.g[0] = run.g1[0] = FALLING.value(0.625)
         where: Any = run.watches if what in ("hit", "armed") else run.detectors
         if what == "g1":
             run.g1[0] = value
         elif what:
             where[what] = value
-        armed: list[int] = []
-        monkeypatch.setitem(
-            plain(transition.rearm).__globals__, "arm", lambda _run, i, _value, armed=armed: armed.append(i)
-        )
         monkeypatch.setitem(plain(transition.is_pending).__globals__, "murk", lambda *_: 1e-9)
-        plain(transition.rearm)(run)
-        assert armed == ([0] if what else [])
-        assert bool(run.pending[0]) == (not what)
+        assert plain(transition.is_pending)(run, 0) == (not what)
+    monkeypatch.setitem(plain(transition.is_pending).__globals__, "murk", lambda *_: 10.0)
+    run.detectors[0].direction = 1  # of one that is not watched for, what is too small to have a side
+    assert plain(transition.is_pending)(run, 0)
 
 
 @pytest.mark.parametrize(
@@ -183,8 +180,9 @@ def test_an_event_at_a_grid_time_is_at_that_time() -> None:
     model = xd.Model(
         name="clock", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
         initial={"x": "0 m", "v_x": "1 m s-1"},
-        events={"one": {"function": "t - 0.5999999999999*second"}, "other": {"function": f"t - {6 * 0.1!r}*second"}},
+        events={"one": {"function": "t - 0.59999999999995*second"}, "other": {"function": "x - 0.5999999999999*metre"}},
     )  # fmt: skip
     run = xd.simulate(model, method="rk4", step=0.1, until=1.0)
     assert run.time.values[run.event_row_before.values].tolist() == [6 * 0.1] * 2
     assert run.time.values[-5:].tolist() == [6 * 0.1, 7 * 0.1, 0.8, 0.9, 1.0]
+    assert run.sizes["sample"] == 4 * 10 + 1  # no force is evaluated behind events without an action
