@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import json
 import os
 import random
 import resource
@@ -36,6 +37,7 @@ IMPORTED = ("pytest", "hypothesis", "numpy", "xarray", "dask.array", "netCDF4", 
 AGAIN = "-Wignore::pytest.PytestAssertRewriteWarning"  # a second call of pytest finds its plugins imported
 MEMORY = 8 << 30
 PATIENCE = 5.0  # times what the tests take on the source as it is
+LEAST = 5.0  # s of the processor that a group of tests may have in any case
 
 # the tests that touch a file, the quickest first; each may be followed by a choice, as for -k
 EVENTS = "event and not outside and not many or root or stop_at or bracket"
@@ -74,8 +76,14 @@ TOUCHED = {
         "test_python_detectors.py -k jump or slopes",
         "test_root_state.py -k bogacki or dormand",
     ),
-    "march/events/certainty.py": (PHASES, "test_isolation.py -k walls or slab or crest", "test_python_detectors.py"),
+    "march/events/certainty.py": (
+        "test_certainty.py",
+        PHASES,
+        "test_isolation.py -k walls or slab or crest",
+        "test_python_detectors.py",
+    ),
     "march/events/isolation.py": (
+        "test_certainty.py",
         PHASES,
         "test_isolation.py -k walls or slab or crest or rejected or classes and long",
     ),
@@ -481,14 +489,17 @@ def statements(node: ast.stmt) -> Iterator[ast.stmt]:
             yield ast.Pass()
 
 
-def passed(module: str, code: CodeType | None, tests: tuple[str, ...], timeout: float) -> bool:
-    """Run tests in a forked process, a module replaced; tell whether all of them passed in time."""
+def passed(module: str, code: CodeType | None, tests: tuple[str, ...], timeout: float, taken: Path) -> bool:
+    """Run tests in a forked process, a module replaced; tell whether all of them passed in time.
+
+    What each group of them takes on the source as it is stands in `taken` then, and limits those on mutants.
+    """
     pid = os.fork()
     if not pid:
         ended = 3
         try:
             os.setsid()
-            ended = run(module, code, tests)
+            ended = run(module, code, tests, taken)
         finally:  # never on in the parent's place
             os._exit(ended)
     end, status = time.monotonic() + timeout, None
@@ -500,7 +511,7 @@ def passed(module: str, code: CodeType | None, tests: tuple[str, ...], timeout: 
     return status == 0
 
 
-def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
+def run(module: str, code: CodeType | None, tests: tuple[str, ...], taken: Path) -> int:
     """Run tests in this process, to their first failure."""
     import numba
     import pytest
@@ -515,9 +526,16 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
     SourceFileLoader.get_code = lambda self, name: code if code and name == module else found(self, name)  # type: ignore[method-assign]
     plain = module.startswith(tuple(f"xdynamics.{one[:-1]}." for one in PLAIN))
     numba.config.DISABLE_JIT = plain
+    spent: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
-        for one in tests:
+        for k, one in enumerate(tests):
             name, *choice = one.split(" ", 2)
+            begun = time.process_time()
+            if code:
+                allowed = max(LEAST, PATIENCE * json.loads(taken.read_text())[k])
+                resource.setrlimit(resource.RLIMIT_CPU, (int(begun + allowed) + 1, resource.RLIM_INFINITY))
+            else:
+                spent.append(0.0)
             asked = [
                 str(HERE / name),
                 *choice,
@@ -533,23 +551,26 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...]) -> int:
             ]
             if ended := int(pytest.main(asked)):
                 return ended
+            if not code:
+                spent[k] = time.process_time() - begun
+                taken.write_text(json.dumps(spent))
     return 0
 
 
-def survey(name: str, most: int, seed: int, lines: list[int]) -> None:
+def survey(name: str, most: int, seed: int, lines: list[int], taken: Path) -> None:
     """Try a sample of a file's mutants, and tell what became of each."""
     module = f"xdynamics.{name[:-3].replace('/', '.')}"
     examples = (f"{SOURCE / name} --assert=plain",) if ">>>" in (SOURCE / name).read_text(encoding="utf-8") else ()
     tests = (*examples, *TOUCHED[name])
     before = time.monotonic()
-    if not passed(module, None, tests, 600.0):
+    if not passed(module, None, tests, 600.0, taken):
         raise SystemExit(f"{name}: its tests fail without a mutant: {', '.join(tests)}")
     timeout = max(10.0, PATIENCE * (time.monotonic() - before))
     known = [one for one in mutants(SOURCE / name) if not lines or one.line in lines]
     tried = sorted(random.Random(seed).sample(range(len(known)), min(most, len(known))))
     survivors = 0
     for one in (known[i] for i in tried):
-        survived = passed(module, one.code, tests, timeout)
+        survived = passed(module, one.code, tests, timeout, taken)
         survivors += survived
         about = f"{name}:{one.line}: {'survived' if survived else 'found   '}  {one.before!r:.90} -> {one.after!r:.90}"
         print(about, flush=True)
@@ -570,7 +591,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:  # what forked processes compile, one for the next
         sys.dont_write_bytecode, sys.pycache_prefix = False, folder
         for name in given.files:
-            survey(name, given.most, given.seed, given.lines)
+            survey(name, given.most, given.seed, given.lines, Path(folder) / "taken.json")
 
 
 if __name__ == "__main__":
