@@ -613,3 +613,92 @@ def test_switches_that_were_stepped_over_are_known_from_their_step_on() -> None:
     assert past.kink_before(1.0) < math.inf
     assert past.kink_before(0.0) == math.inf
     assert past.kink_before(max(first - 0.2, 0.0)) == math.inf
+
+
+class Timed(Study):
+    """A study without located switches, in which the order that switches leave before a time is that time."""
+
+    def _with_switches_located(self, numbers: list[Watched]) -> None:  # noqa: ARG002
+        return None
+
+    def kink_before(self, time: float) -> float:
+        """Return the time."""
+        return time
+
+
+def test_switches_count_from_when_a_number_is_of() -> None:
+    """Assert the times of comparison, those of occurrences in the finest level, and the end for what a whole run has one of."""
+    study = bounced([0.1, 0.05], 2.0)
+    last = study.runs[-1]
+    timed = Timed(study.levels, study.runs, ("y", "v_y", "period_y"), [0.4, 1.1])
+    found = {one.name: one.kinks for one in timed.watched()}
+    assert all(kinks is not None for kinks in found.values())
+    times = last.event_time.values.tolist()
+    assert {name: kinks.tolist() for name, kinks in found.items() if kinks is not None} == {
+        "y": [0.4, 1.1], "v_y": [0.4, 1.1], "period_y": [float(last.time[-1])],
+        "event_time_back": times, "after_back_y": times, "after_back_v_y": times,
+    }  # fmt: skip
+    fewer = Timed(study.levels, [study.runs[0], bounced([0.1, 0.05], 0.3).runs[1]], ("y",), [0.2])
+    (missed, _) = [one.kinks for one in fewer.watched() if "back" in one.name]
+    assert missed is not None
+    assert missed.tolist() == [math.inf, math.inf]
+
+
+def test_what_located_switches_change_is_added_once_and_a_quarter() -> None:
+    """Assert 1.25 times the larger change of the two finest levels, not of the coarsest."""
+    model = xd.Model(
+        name="drag", coordinates={"y": "m"}, parameters={"c": "1 kg m-1"}, mass={"y": "1*kilogram"},
+        forces={"weight": {"y": "-10*newton"}, "drag": {"y": "-c*v_y*abs(v_y)", "smooth": True}}, initial={"y": "0 m", "v_y": "3 m s-1"},
+    )  # fmt: skip
+    study = studied(model, [0.16, 0.08, 0.05], 0.8, ("y",))
+    located = study.levels.located()
+    assert located is not None
+    (plain,), (watched,) = study.numbers(), study.watched()
+    exact = [float(observe(located.marched(k), located.model, ["y"], study.times, located.rule(k))["y"][0][0]) for k in range(3)]  # fmt: skip
+    off = np.abs(exact - plain.values[0])
+    assert off[0] > off[1:].max() > 0.0
+    assert watched.moved == pytest.approx(plain.moved + 1.25 * off[1:].max(), rel=1e-12)
+
+
+def test_a_smooth_table_leaves_the_second_order() -> None:
+    """Assert it from the start on, of a force that reads a table which bends."""
+    model = xd.Model(
+        name="bent", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, initial={"x": "0 m", "v_x": "1 m s-1"},
+        drives={"f": {"table": "f.csv", "argument": "x", "csv": "x [m],f [N]\n0,0\n1,1\n2,0\n"}},
+        forces={"table": {"x": "f", "smooth": True}},
+    )  # fmt: skip
+    assert studied(model, [0.2, 0.1], 0.4, ("x",)).kink_before(0.0) == 2.0
+
+
+def test_sizes_are_of_all_parts_and_never_0(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert scales from values that come a part at a time, rounding of values below 1, and 1 for what is 0 throughout."""
+    study = studied(OSCILLATOR, [0.2, 0.1], 9.0, ("x", "v_x", "energy_range", "period_x"), [0.6, 2.6])
+    whole = list(study.numbers())
+    eps, rows = float(np.finfo(float).eps), study.runs[-1].sizes["step"]
+    for one in whole[:2]:
+        assert one.rounding == pytest.approx(4.0 * eps * np.abs(one.values).max(axis=1) * math.sqrt(rows))
+    assert (np.abs(whole[0].values) < 1.0).all()
+    assert whole[-1].scale == float(whole[-1].values.max()) > 2.0
+    monkeypatch.setitem(
+        Study.numbers.__globals__,
+        "slabs",
+        lambda variable: (variable.values[k : k + 7] for k in range(0, variable.shape[0], 7)),
+    )
+    assert [one.scale for one in study.numbers()] == [one.scale for one in whole]
+    still = OSCILLATOR.replace(initial={"x": "0 m"})
+    assert [one.scale for one in studied(still, [0.2, 0.1], 1.0, ("x", "energy_range"), [0.5]).numbers()] == [1.0, 1.0]
+
+
+def test_an_event_in_the_first_step_moves_what_follows() -> None:
+    """Assert the mean rates of the finest level from the start to the event, times its uncertainty, of a place and a speed."""
+    model = xd.Model(
+        name="thrown", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, forces={"gravity": {"y": "-10*newton"}}, initial={"y": "1 m", "v_y": "1 m s-1"},
+        events={"low": {"function": "y - 1.04*metre", "direction": "rising", "time_tolerance": "1e-6 s"}},
+    )  # fmt: skip
+    study = studied(model, [0.1, 0.06], 0.3, ("y", "v_y"), [0.2])
+    run = study.runs[-1]
+    assert run.event_row_before.values.tolist() == [1]
+    time, doubt = float(run.event_time[0]), float(run.event_time_uncertainty[0])
+    place, speed = [one for one in study.numbers() if one.dims == ("at",)]
+    assert place.moved == pytest.approx(abs(1.0 - 5.0 * time) * doubt, rel=1e-9)
+    assert speed.moved == pytest.approx(10.0 * doubt, rel=1e-9)
