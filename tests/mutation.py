@@ -44,6 +44,7 @@ EVENTS = "event and not outside and not many or root or stop_at or bracket"
 MANY = "test_march.py -k many_events"
 ENCLOSED = "test_enclosures.py -k rows_of or hull or tight or value or waves or poles or undefined or between"
 PHASES = "test_phases.py -k not hand_over"  # which is of what is compiled
+CLASSES = "test_isolation.py -k walls or slab or (classes and long and not (63 or 318))"
 CONTROL = "first_step or norm or keep_to or growth or own_step or near or every_ or collision or minimum or step_doubling or root"
 CONTACTS = (
     "test_contacts.py -k not finite and (exact_where or plastic or speed_of_approach or law_tells or impulses or corner or rest_height or"
@@ -76,17 +77,8 @@ TOUCHED = {
         "test_python_detectors.py -k jump or slopes",
         "test_root_state.py -k bogacki or dormand",
     ),
-    "march/events/certainty.py": (
-        "test_certainty.py",
-        PHASES,
-        "test_isolation.py -k walls or slab or crest",
-        "test_python_detectors.py",
-    ),
-    "march/events/isolation.py": (
-        "test_certainty.py",
-        PHASES,
-        "test_isolation.py -k walls or slab or crest or rejected or classes and long",
-    ),
+    "march/events/certainty.py": ("test_certainty.py", CLASSES, "test_python_detectors.py -k jump"),
+    "march/events/isolation.py": ("test_certainty.py", "test_isolation.py -k rejected", CLASSES),
     "march/events/sides.py": (
         "test_pieces.py",
         "test_switches.py -k (relay and not midpoint) or stop or start or sliding or sides_are",
@@ -128,7 +120,7 @@ TOUCHED = {
         "test_verdicts.py -k names",
     ),
     "evidence/refining/study.py": (
-        "test_evidence_parts.py -k study or events_before or end_apart or occurrences or ended_before or stepped_over",
+        "test_evidence_parts.py -k study or events_before or end_apart or occurrences or ended_before or stepped_over or count_from or once_and_a or smooth_table or never_0 or first_step",
         "test_signs_of_studies.py -k behind or ended or errors_of",
         "test_refinement.py -k energies or period",
         "test_smooth_switches.py -k before or clean or located",
@@ -219,6 +211,7 @@ TOUCHED = {
         "test_ledger.py -k trajectories or full_masses",
     ),
     "evidence/validating/ledger.py": ("test_ledger.py -k not (planted or manufactured or limit)",),
+    "evidence/diagnosing/summits.py": ("test_summits.py -k not random_sweeps",),
     "evidence/diagnosing/extremes.py": ("test_extremes.py -k not (budget or certified or named or sweep)",),
     "budgeting/budget.py": (QUANTITIES, "test_budget.py -k cannot_be or declared or none_are or not_smooth or warned"),
     "budgeting/certificate.py": (

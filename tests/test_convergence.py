@@ -192,3 +192,17 @@ def test_levels_of_tolerances_are_judged(errors: Any, asked: dict[str, Any], ver
     assert VERDICTS[found.verdict] == verdict
     assert found.limit == pytest.approx(limit, abs=1e-12, nan_ok=True)
     assert uncertainty is None or found.uncertainty == pytest.approx(uncertainty, rel=1e-6)
+
+
+@pytest.mark.parametrize("formal", [2.0, 4.0])
+def test_an_order_a_tenth_beyond_the_formal_one_is_free(formal: float) -> None:
+    """Assert that a fit takes an order up to 0.1 above that of the method, and that of the method in the place of a higher one."""
+    h = 0.5 * 0.5 ** np.arange(5)
+    for beyond, order in ((0.09, formal + 0.09), (0.15, formal)):
+        assert fitted(1.0 + h ** (formal + beyond), h, formal).orders == pytest.approx((order,), abs=1e-6)
+
+
+def test_what_is_not_known_of_a_choice_of_steps_is_taken_as_erratic() -> None:
+    """Assert the factor of a method of order 8 in 100 steps where neither is said."""
+    found = judge(1.0 + 5 * TOLERANCES, TOLERANCES, 1.0, 1e-9, 1e-9, 1e-9, smooth=False)
+    assert found.uncertainty == pytest.approx(1.25 * e**1.28 * 5e-7 + 3e-9, rel=1e-6)

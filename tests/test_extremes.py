@@ -180,3 +180,38 @@ def test_an_extreme_that_is_none_is_named(quantity: str) -> None:
     """Assert one clear error that shows how extremes are called."""
     with pytest.raises(xd.InputError, match="or neither of an extreme like 'maximum_y'"):
         xd.error_budget(BALL, quantity, **FINE)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("mm", 1e-3), ("km", 1e3)])
+def test_an_extreme_is_uncertain_by_all_that_it_reads(unit: str, factor: float) -> None:
+    """Assert value, time and what the errors of place and speed there come to, in any unit, of a power and of a place."""
+    model = swinging(2.0, 1.5, 1.0, 0.7).replace(coordinates={"x": unit}, initial={"x": f"{1.0 / factor!r} {unit}", "v_x": f"{0.7 / factor!r} {unit} s-1"})  # fmt: skip
+    run = xd.simulate(model, method="rk4", step=0.5, until=5.0)
+    found, scale = xd.diagnose(run, companion=False), float(run.power.attrs["units"] == "W") or factor**2
+    w, size = math.sqrt(2.0 / 1.5), math.hypot(1.0, 0.7 / math.sqrt(2.0 / 1.5))
+    assert float(found.maximum_x) * factor == pytest.approx(size, rel=2e-2)
+    assert float(found.minimum_power) * scale == pytest.approx(-w * size**2, rel=5e-2)
+    for name in ("maximum_power", "minimum_power"):
+        at = xd.sample(run, [float(found[f"{name}_time"])], side="before")
+        x, v, ex, ev = (float(at[one][0]) * factor for one in ("x", "v_x", "error_x", "error_v_x"))
+        assert rule(found, name) == "interpolated"
+        assert float(found[name]) * scale == pytest.approx(2.0 * x * v, rel=1e-12)
+        assert float(found[f"{name}_uncertainty"]) * scale == pytest.approx(2.0 * (abs(ex * v) + abs(x * ev)), rel=1e-6)
+    at = xd.sample(run, [float(found.maximum_x_time)], side="before")
+    assert float(found.maximum_x_uncertainty) == abs(float(at.error_x[0])) > 0.0
+    assert abs(float(at.v_x[0])) * factor < 1e-7
+    assert float(found.maximum_x) == float(at.x[0])
+
+
+def test_extremes_at_events_are_located() -> None:
+    """Assert the speed before a reset as the largest, the one behind it as the least, without uncertainty, and when."""
+    model = xd.Model(
+        name="back", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, forces={"gravity": {"y": "-10*newton"}}, initial={"y": "1 m", "v_y": "0 m s-1"},
+        events={"back": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-v_y"}}},
+    )  # fmt: skip
+    found = xd.diagnose(xd.simulate(model, method="rk4", step=0.1, until=0.8), companion=False)
+    for name, sign in (("maximum_v_y", 1.0), ("minimum_v_y", -1.0)):
+        assert (rule(found, name), float(found[f"{name}_uncertainty"])) == ("located", 0.0)
+        assert float(found[name]) == pytest.approx(sign * math.sqrt(20.0))
+        assert float(found[f"{name}_time"]) == pytest.approx(math.sqrt(0.2))
+    assert (rule(found, "maximum_y"), float(found.maximum_y_time)) == ("sampled", 0.0)

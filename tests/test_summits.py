@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.evidence.diagnosing.summits import ROUNDS, crests, humps, summits
+from xdynamics.evidence.diagnosing.summits import ROUNDS, Summits, crests, humps, summits
 from xdynamics.march import march_many
 from xdynamics.march.asking import settings_for
 
@@ -111,3 +111,113 @@ def test_summits_of_curves(case: int) -> None:
     assert search.best[0] == value(search.when)[0]
     assert case % 3 == 0 or search.best[0] - value(fine).max() >= -1e-15
     assert rounds <= (12 if case % 3 else ROUNDS)
+
+
+def test_crests_are_no_lower_than_their_neighbours() -> None:
+    """Assert rows and members of peaks, plateaus and ends, of two members beside one another and of one with gaps."""
+    nan = np.nan
+    for values, first, wanted, members in (
+        ([1.0, 3.0, 2.0, 2.0, 5.0, 5.0, 1.0, 0.0, 4.0], [0, 9], [1, 4, 5, 8], [0, 0, 0, 0]),
+        ([5.0, 1.0, 9.0, 2.0, 3.0, 3.0], [0, 3, 6], [0, 2, 4, 5], [0, 0, 1, 1]),
+        ([1.0, 1.0, 1.0], [0, 3], [0, 2], [0, 0]),
+        ([nan, 2.0, nan, 1.0, nan], [0, 5], [1, 3], [0, 0]),
+        ([-5.0, -3.0, -4.0], [0, 3], [1], [0]),
+    ):
+        rows, own = crests(np.array(values), np.array(first))
+        assert (rows.tolist(), own.tolist()) == (wanted, members)
+
+
+def test_the_highest_humps_are_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that crests without a step about them are left out, and of too many in a member the lower ones."""
+    monkeypatch.setitem(humps.__globals__, "MOST_HUMPS", 2)
+    values = np.array([3.0, 0.0, 5.0, 0.0, 4.0, 0.0, 4.0, 7.0, 0.0, 1.0])
+    time, first = np.array([0.0, 1, 2, 3, 4, 5, 6, 0, 0, 0.5]), np.array([0, 7, 10])
+    rows, members = humps(values, time, first, *crests(values, first))
+    assert (rows.tolist(), members.tolist()) == (
+        [2, 6, 9],
+        [0, 0, 1],
+    )  # of equal ones the later; one at 0 s has no step
+
+
+def begun(sign: float, values: list[float], time: list[float], rates: list[list[float]] | None, rows: list[int]) -> Summits:  # fmt: skip
+    """A search about humps of one member."""
+    best = int(np.argmax(sign * np.array(values)))
+    given = None if rates is None else np.array(rates).T
+    first, where = np.array([0, len(values)]), np.array(rows)
+    return summits(sign, np.array(values)[[best]], np.array(time)[[best]], np.array(values), np.array(time), first, given, where, 0 * where)  # fmt: skip
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_brackets_are_where_the_rate_changes_its_sign(sign: float) -> None:
+    """Assert the step to the hump or from it, by the rate there; and that the rest is looked through, or is no place to look."""
+    values, time = [sign * one for one in (0.0, 2.0, 1.0)], [1.0, 2.0, 4.0]
+    before, behind = begun(sign, values, time, [[3 * sign, -sign, -sign]], [1]), begun(sign, values, time, [[3 * sign, sign, -sign]], [1])  # fmt: skip
+    assert (before.ends.ravel().tolist(), before.rows.tolist()) == ([1.0, 2.0], [0])
+    assert (before.values.ravel().tolist(), before.rates.ravel().tolist()) == ([0.0, 2.0], [3.0, -1.0])
+    assert (behind.ends.ravel().tolist(), behind.rows.tolist()) == ([2.0, 4.0], [1])
+    assert (behind.values.ravel().tolist(), behind.rates.ravel().tolist()) == ([2.0, 1.0], [1.0, -1.0])
+    assert before.blind.size == behind.blind.size == 0
+    for rates, borders in (([-3.0, -1.0, -1.0], [1.0, 4.0]), ([3.0, 1.0, 1.0], [1.0, 4.0]), ([3.0, 0.0, -1.0], [])):
+        search = begun(sign, values, time, [[sign * one for one in rates]], [1])
+        assert (search.members.size, search.borders.ravel().tolist()) == (0, borders)
+    unknown = begun(sign, values, time, None, [1])
+    assert (unknown.members.size, unknown.blind.tolist(), unknown.borders.ravel().tolist()) == (0, [0], [1.0, 4.0])
+    assert unknown.asked.tolist() == [0] * 9
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_summit_of_a_cubic_is_where_is_looked_first(sign: float) -> None:
+    """Assert the first place for a cubic with a summit at 0.4, and that the search ends there."""
+
+    def value(t: Any) -> Any:
+        return sign * (7.0 - (t - 0.4) ** 2 * (3.0 - t))
+
+    def rate(t: Any) -> Any:
+        return sign * (-2.0 * (t - 0.4) * (3.0 - t) + (t - 0.4) ** 2)
+
+    time = [-0.5, 0.3, 1.0]
+    search = begun(sign, [value(t) for t in time], time, [[rate(t) for t in time]], [1])
+    places = search.places()
+    assert places == pytest.approx([0.4], abs=1e-14)
+    search.narrow(value(places), rate(places))
+    assert search.places().size == 0
+    assert (search.best.tolist(), search.when.tolist()) == (value(places).tolist(), places.tolist())
+    assert search.best[0] == pytest.approx(sign * 7.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_has_no_rate_is_looked_through(sign: float) -> None:
+    """Assert nine places over a bracket, then nine between the neighbours of the best, twelve times; no number is lowest."""
+
+    def value(t: Any) -> Any:
+        return np.where(np.abs(t - 0.7) < 0.05, np.nan, -sign * np.abs(t - 0.3))
+
+    search = begun(sign, [-sign, -sign * 0.5, -sign], [0.0, 0.5, 2.0], None, [1])
+    first = search.places()
+    assert first.tolist() == np.linspace(0.0, 2.0, 9).tolist()
+    search.narrow(value(first), np.zeros(9))
+    assert search.places().tolist() == np.linspace(0.0, 0.5, 9).tolist()
+    rounds = 1
+    while (places := search.places()).size:
+        search.narrow(value(places), np.zeros(9))
+        rounds += 1
+    assert rounds == 11  # and one before, of which the places were asked for twice
+    assert search.when[0] == pytest.approx(0.3, abs=2.0 / 4**10)
+    assert search.best[0] == value(search.when)[0]
+    lost = begun(sign, [-sign, -sign, -sign], [0.0, 1.0, 2.0], None, [1])
+    lost.narrow(np.full(lost.places().size, np.nan), np.zeros(9))
+    assert (lost.best.tolist(), lost.when.tolist()) == ([-sign], [0.0])
+
+
+def test_the_first_of_equal_summits_is_taken() -> None:
+    """Assert time and value of two summits of one height, and that one that cannot come up to the best is not searched."""
+    value, rate = (lambda t: -((np.cos(np.pi * t)) ** 2)), (lambda t: np.pi * np.sin(2 * np.pi * t))
+    time = [0.25, 0.5 - 1e-9, 0.75, 1.0, 1.25, 1.5 - 1e-9, 1.75]
+    rows, at = [1, 5], np.array(time)
+    search = begun(1.0, value(at).tolist(), time, [rate(at[k - 1 : k + 2]).tolist() for k in rows], rows)
+    while (places := search.places()).size:
+        search.narrow(value(places), rate(places))
+    assert search.when[0] < 1.0
+    for steep, searched in ((0.9, 0), (1.1, 1)):  # its tangents meet half as high above it as they are steep
+        there = begun(1.0, [0.0, 9.0, 0.0, 8.0, 8.0], [0.0, 1.0, 2.0, 3.0, 4.0], [[1.0, steep / 2, -steep / 2]], [3])
+        assert there.places().size == searched
