@@ -107,7 +107,7 @@ TOUCHED = {
         "test_refinement.py -k kept_in_files or interrupt",
     ),
     "evidence/observing.py": ("test_evidence_parts.py -k derived or contacts_do", "test_curves.py -k contact_forces"),
-    "evidence/refining/defects.py": ("test_refinement.py -k local_errors",),
+    "evidence/refining/defects.py": ("test_evidence_parts.py -k defects", "test_refinement.py -k local_errors"),
     "evidence/refining/forecast.py": ("test_evidence_parts.py -k next_level or needed or no_level or rows_of",),
     "evidence/refining/levels.py": (
         "test_evidence_parts.py -k levels or finer",
@@ -126,6 +126,7 @@ TOUCHED = {
         "test_smooth_switches.py -k before or clean or located",
     ),
     "evidence/sampling.py": (
+        "test_evidence_parts.py -k the_side",
         "test_sampling.py -k other_faults or wrong_times or accepted_states",
         "test_signs.py -k global",
     ),
@@ -180,7 +181,7 @@ TOUCHED = {
         "test_comparison.py -k measured or wrong_data or columns or datasets",
     ),
     "evidence/companion.py": (
-        "test_evidence_parts.py -k tighter or tenth or own_error",
+        "test_evidence_parts.py -k tighter or tenth or own_error or only_one or by_the_order or the_side",
         "test_signs.py -k global or comes_late",
         "test_diagnosis.py -k companions or global or tighter or only_one or edited",
     ),

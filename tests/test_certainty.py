@@ -57,6 +57,7 @@ def test_a_tent_under_values_and_slopes(side: float) -> None:
     ("size", "low", "high", "flaw", "slopes", "within"),
     [
         (1.0, -0.9, 0.9, SMOOTH, (0.0, 1.0), True),
+        (1.0, -1.0, 1.0, SMOOTH, (0.0, 1.0), True),
         (1.0, -0.9, 1.1, SMOOTH, (0.0, 1.0), False),
         (1.0, -1.1, 0.9, SMOOTH, (0.0, 1.0), False),
         (1.0, -50.0, 50.0, SMOOTH, (-1.0, 1.0), True),  # from 0.5 and 0.6 no farther than 0.8 and 0.3
@@ -105,6 +106,38 @@ def test_values_alone_may_do(low: float, high: float, known: int) -> None:
     """Assert that bounds beyond zero are enough, of a function with jumps too, and bounds at zero are not."""
     run = on_a_piece(1.0, 1.0, low=low, high=high, flaw=BREAKS, down=0.5, up=0.6)
     assert plain(certainty.known)(run, 0) == known
+
+
+@pytest.mark.parametrize(
+    ("bend", "flaw", "alive", "slopes"),
+    [
+        (0, SMOOTH, 1, (-2.0, 2.5)),
+        (-1, SMOOTH, 1, (-5.0, 7.0)),
+        (0, BREAKS, 1, (-5.0, 7.0)),
+        (0, SMOOTH, 0, (-5.0, 7.0)),
+    ],
+)
+def test_slopes_of_gaps_are_those_at_the_start_and_their_change(
+    monkeypatch: pytest.MonkeyPatch, bend: int, flaw: int, alive: int, slopes: tuple[float, float]
+) -> None:
+    """Assert bounds by slopes from -1 to 1 at the start and bends from -2 to 3 over half a second, where both are known."""
+    run = on_a_piece(down=-5.0, up=7.0, least_bend=-2.0, most_bend=3.0, flaw=flaw, alive=alive)
+    run.put(under=np.array([9.0, -1.0]), over=np.array([9.0, 1.0]), parts=np.zeros(4, np.int64), functions=np.zeros(20, np.int64))  # fmt: skip
+    run.detectors[0].bend, run.detectors[0].slope = bend, 1
+    tighten, seen = plain(certainty.tighten), []
+    monkeypatch.setitem(
+        tighten.__globals__, "enclosed_by", lambda *_: seen.append((run.piece[0].end, run.piece[0].width))
+    )
+    tighten(run)
+    assert seen == [(2.25, 0.0)]
+    assert (run.piece[0].end, run.piece[0].width) == (2.75, 0.5)
+    assert (run.watches[0].down, run.watches[0].up) == pytest.approx(slopes, rel=1e-15)
+    for name in ("least_bend", "most_bend"):
+        run.watches[name], run.watches["down"], run.watches["up"] = 0.5 if name == "least_bend" else -0.5, -5.0, 7.0
+    tighten(run)  # of a slope that only rises at least, the start's is the least
+    assert (run.watches[0].down, run.watches[0].up) == (
+        (-1.0, 1.0) if bend == 0 and flaw == SMOOTH and alive else (-5.0, 7.0)
+    )
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -183,7 +216,7 @@ def test_a_slow_end_near_zero_lingers(monkeypatch: pytest.MonkeyPatch, far: floa
 
 @pytest.mark.parametrize(
     ("role", "lingering", "guard", "armed", "near", "expected"),
-    [(OCCASION, 0.0, 1, 0, 0.1, True), (OCCASION, 0.0, 0, 0, 0.1, False), (OCCASION, 0.0, 1, 1, 0.1, False), (OCCASION, 0.0, 1, 0, -0.3, False),
+    [(OCCASION, 0.0, 1, 0, 0.1, True), (OCCASION, 0.0, 0, 0, 0.1, False), (OCCASION, 0.0, 1, 1, 0.1, False), (OCCASION, 0.0, 1, 0, -0.3, False), (OCCASION, 0.0, 1, 0, -0.2, True),
      (GAP, 0.0, 1, 0, 0.1, False), (GAP, 0.1, 1, 0, 0.1, True)],
 )  # fmt: skip
 def test_what_presses_nothing_idles(role: int, lingering: float, guard: int, armed: int, near: float, expected: bool) -> None:  # fmt: skip
@@ -251,6 +284,25 @@ def test_a_trial_is_quiet_on_the_armed_side(monkeypatch: pytest.MonkeyPatch, und
     assert quiet(run) == silent
     assert run.watches[0].alive == (not silent)
     assert run.touches[0].largest == max(under, 0.05)
+
+
+@pytest.mark.parametrize("inside", [True, False])
+@pytest.mark.parametrize("silent", [True, False])
+def test_a_region_is_put_around_what_is_quiet(monkeypatch: pytest.MonkeyPatch, silent: bool, inside: bool) -> None:
+    """Assert that a step inside the region is quiet without a look, and that one that was looked at has a new region if it is."""
+    run = on_a_piece(armed=1 if silent else -1)
+    run.put(leaves=np.zeros((1, 3), np.int64), under=np.array([0.1]), over=np.array([2.0]), parts=np.zeros(4, np.int64), functions=np.zeros(20, np.int64))  # fmt: skip
+    quiet, seen = plain(isolation.quiet), []
+    for name, answer in (("stays_inside", inside), ("set_region", None), ("enclosed_by", None)):
+        monkeypatch.setitem(
+            quiet.__globals__, name, lambda *_, name=name, answer=answer: (seen.append(name), answer)[1]
+        )
+    assert quiet(run) == (silent or inside)
+    assert seen == [
+        "stays_inside",
+        *([] if inside else ["enclosed_by"]),
+        *(["set_region"] if silent and not inside else []),
+    ]
 
 
 @pytest.mark.parametrize(

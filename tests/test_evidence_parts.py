@@ -13,12 +13,13 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
-from xdynamics.evidence.companion import companion, companion_of, lines_of
+from xdynamics.evidence.companion import Companion, companion, companion_of, lines_of
 from xdynamics.evidence.comparing.bits import bitwise, reproduced
 from xdynamics.evidence.exhibit import exhibit
 from xdynamics.evidence.matching import matched, met
 from xdynamics.evidence.observing import comparable, modes_behind, observe
 from xdynamics.evidence.refining.convergence import judge, observed_orders
+from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import Watched, family
 from xdynamics.evidence.refining.forecast import Bounds, obstacle
 from xdynamics.evidence.refining.levels import CHOICES, RTOLS, STEPS, TIME_TOLERANCES, Levels, Varied
@@ -377,7 +378,8 @@ def test_events_before_a_time_move_what_is_compared_there() -> None:
     assert speed.moved.tolist() == pytest.approx([0.0, rate * float(run.event_time_uncertainty[0])])
     assert (speed.moved[1] > 0.0, speed.scale) == (True, float(np.abs(run.v_y).max()))
     eps = float(np.finfo(float).eps)
-    assert speed.rounding == pytest.approx(4.0 * eps * np.abs(speed.values).max(axis=1) * math.sqrt(run.sizes["step"]))
+    largest = np.abs(speed.values).max(axis=1)
+    assert speed.rounding == pytest.approx(4.0 * eps * largest * math.sqrt(run.sizes["step"]), rel=1e-12, abs=0.0)
     first, last = (float(one.event_time[0]) for one in study.runs)
     between = studied(xd.Model.from_text(text), [0.1, 0.05], 5.0, ("v_y",), [(first + last) / 2, last])
     assert np.isinf(next(between.numbers()).moved).all()
@@ -392,7 +394,7 @@ def test_a_study_of_events_scales_by_the_span_of_the_run() -> None:
             row = study.met()[name][k]
             assert one.values[0, k] == float(run.event_time[row][0])
             assert one.errors[0, k] == float(run.event_time_uncertainty[row][0])
-        assert one.rounding == pytest.approx(4.0 * float(np.finfo(float).eps) * one.values[:, -1])
+        assert one.rounding == pytest.approx(4.0 * float(np.finfo(float).eps) * one.values[:, -1], rel=1e-12, abs=0.0)
         assert one.scale == float(study.runs[-1].time[-1] - study.runs[-1].time[0])
         assert (one.dims, one.units) == (("occurrence",), "s")
 
@@ -530,6 +532,63 @@ def test_every_event_has_its_own_error() -> None:
     assert len(lines) == 1 + 2 + run.sizes["event"]
     assert lines[-1].startswith(f"event at t = {float(run.event_time[-1]):.2f}")
     assert lines[-1].endswith(f" s, off by {late[-1]:.2g} s")
+
+
+def test_events_that_only_one_run_has_met_have_no_error() -> None:
+    """Assert the difference times the factor of each event that both have, in its own row, and none of one that is missing."""
+    model = xd.Model(
+        name="passing", coordinates={"x": "m"}, parameters={"v": "1 m s-1"}, mass={"x": "1*kilogram"}, forces={}, initial={"x": "0 m", "v_x": "1 m s-1"},
+        events={"late": {"function": "x - 0.8*metre"}, "early": {"function": "x - 0.2*metre"}},
+    )  # fmt: skip
+    run = xd.simulate(model, method="rk4", step=0.1, until=1.0)
+    faster = xd.simulate(model.replace(initial={"v_x": "1.25 m s-1"}), method="rk4", step=0.1, until=0.5)
+    for one, other, errors in ((run, faster, [3.0 * (0.2 - 0.16), math.nan]), (faster, run, [3.0 * (0.16 - 0.2)])):
+        found = Companion(one, other, 3.0, "another speed", None).event_errors()
+        assert found == pytest.approx(errors, rel=1e-9, nan_ok=True)
+    none = xd.simulate(model, method="rk4", step=0.1, until=0.1)
+    assert Companion(none, run, 3.0, "more", None).event_errors().shape == (0,)
+    assert np.isnan(Companion(run, none, 3.0, "less", None).event_errors()).tolist() == [True, True]
+
+
+@pytest.mark.parametrize(("method", "factor"), [("rk4", 16 / 15), ("heun", 4 / 3), ("forward_euler", 2.0)])
+def test_half_the_steps_tell_by_the_order(method: str, factor: float) -> None:
+    """Assert the difference from the run with half the steps, times 2**p/(2**p - 1), with its sign."""
+    run, half = (xd.simulate(OSCILLATOR, method=method, step=h, until=1.0) for h in (0.1, 0.05))
+    found = companion(run)
+    assert float(found.global_error_x[0]) == pytest.approx(factor * float(run.x[-1] - half.x[-1]), rel=1e-12)
+
+
+@pytest.mark.parametrize(("side", "sign"), [("before", -1.0), ("after", 1.0)])
+def test_states_at_an_event_are_those_of_the_side_asked_for(side: str, sign: float) -> None:
+    """Assert the speed on either side of a reset at its very time; a companion's is the one behind. No error unless asked for."""
+    run = bounced([0.1, 0.05], 1.0).runs[0]
+    time = float(run.event_time[0])
+    found = xd.sample(run, time, side=side)
+    assert found.v_y.values == pytest.approx([sign * math.sqrt(20.0)])
+    assert "global_error_v_y" not in found
+    assert companion(run, time).v_y.values == pytest.approx([math.sqrt(20.0)])
+
+
+def test_defects_of_steps_have_their_sign_and_are_spread() -> None:
+    """Assert what one step of Euler is short of sixteen under gravity, of all steps that have a length, or of some spread over them."""
+    study = bounced([0.1], 1.0)
+    model = study.levels.model_of(0.1)
+    euler = xd.simulate(model, method="forward_euler", step=0.1, until=1.0)
+    steps = np.diff(euler.time.values)
+    steps = steps[steps > 0.0]
+    assert euler.sizes["event"] >= 1
+    assert len(steps) == euler.sizes["step"] - 1 - euler.sizes["event"]
+    found = step_defects(euler)
+    assert found["y"] == pytest.approx(10.0 * steps**2 / 2 * 15 / 16, rel=1e-9)
+    assert found["v_y"] == pytest.approx(0.0, abs=1e-12)
+    few = step_defects(euler, most=4)
+    assert few["y"].tolist() == found["y"][np.linspace(0, len(steps) - 1, 4).astype(int)].tolist()
+    many = xd.simulate(model, method="forward_euler", step=0.001, until=0.3)
+    assert step_defects(many)["y"].shape == (256,)
+    with pytest.raises(
+        xd.InputError, match="steps of 'radau_iia' depend on those before: none of them is repeated alone"
+    ):
+        step_defects(xd.simulate(OSCILLATOR, method="radau_iia", step=0.1, until=0.5))
 
 
 def test_a_tenth_of_the_tolerances_tells_ten_ninths() -> None:
@@ -676,7 +735,9 @@ def test_sizes_are_of_all_parts_and_never_0(monkeypatch: pytest.MonkeyPatch) -> 
     whole = list(study.numbers())
     eps, rows = float(np.finfo(float).eps), study.runs[-1].sizes["step"]
     for one in whole[:2]:
-        assert one.rounding == pytest.approx(4.0 * eps * np.abs(one.values).max(axis=1) * math.sqrt(rows))
+        assert one.rounding == pytest.approx(
+            4.0 * eps * np.abs(one.values).max(axis=1) * math.sqrt(rows), rel=1e-12, abs=0.0
+        )
     assert (np.abs(whole[0].values) < 1.0).all()
     assert whole[-1].scale == float(whole[-1].values.max()) > 2.0
     monkeypatch.setitem(

@@ -221,3 +221,17 @@ def test_the_first_of_equal_summits_is_taken() -> None:
     for steep, searched in ((0.9, 0), (1.1, 1)):  # its tangents meet half as high above it as they are steep
         there = begun(1.0, [0.0, 9.0, 0.0, 8.0, 8.0], [0.0, 1.0, 2.0, 3.0, 4.0], [[1.0, steep / 2, -steep / 2]], [3])
         assert there.places().size == searched
+
+
+@pytest.mark.parametrize("kink", [0.6, 0.35])
+def test_a_kink_is_where_tangents_meet(kink: float) -> None:
+    """Assert that the fourth place, at the latest, is the kink between two straight lines."""
+
+    def value(t: Any) -> Any:
+        return np.where(t < kink, t - kink, 2.0 * (kink - t))
+
+    search = begun(1.0, [value(0.0), value(1.0), -9.0], [0.0, 1.0, 2.0], [[1.0, -2.0, -2.0]], [1])
+    for _ in range(4):
+        places = search.places()
+        search.narrow(value(places), np.where(places < kink, 1.0, -2.0))
+    assert float(search.when[0]) == pytest.approx(kink, abs=1e-15)
