@@ -106,7 +106,11 @@ TOUCHED = {
         "test_signs_of_studies.py -k room or beyond",
         "test_refinement.py -k kept_in_files or interrupt",
     ),
-    "evidence/observing.py": ("test_evidence_parts.py -k derived or contacts_do", "test_curves.py -k contact_forces"),
+    "evidence/observing.py": (
+        "test_observing.py",
+        "test_evidence_parts.py -k derived or contacts_do",
+        "test_curves.py -k contact_forces",
+    ),
     "evidence/refining/defects.py": ("test_evidence_parts.py -k defects", "test_refinement.py -k local_errors"),
     "evidence/refining/forecast.py": ("test_evidence_parts.py -k next_level or needed or no_level or rows_of",),
     "evidence/refining/levels.py": (

@@ -11,7 +11,7 @@ from xdynamics.march import March
 from xdynamics.march.asking import settings_for
 from xdynamics.march.events import silence
 from xdynamics.march.events.enclosures import coordinate
-from xdynamics.march.run import DETECTOR, WATCH
+from xdynamics.march.run import DETECTOR, WATCH, Run
 
 
 @pytest.mark.cases(400)
@@ -64,7 +64,7 @@ def test_a_step_is_inside_by_all_that_functions_are_made_of() -> None:
 
 @pytest.mark.parametrize(
     ("joined", "low", "high"),
-    [(False, [-0.5, 8.0, -3.5], [1.5, 16.0, 0.5]), (True, [-1.0, 9.0, -3.5], [1.5, 20.0, 0.0])],
+    [(False, [-0.5, 8.0, -3.5], [1.5, 16.0, 0.5]), (True, [-1.0, 9.0, -3.5], [1.5, 20.0, -0.5])],
 )
 @pytest.mark.parametrize(
     ("armed", "guard", "asleep", "value", "silent"),
@@ -83,8 +83,58 @@ def test_a_box_reaches_beyond_a_step(monkeypatch: pytest.MonkeyPatch, joined: bo
     monkeypatch.setitem(is_silent.__globals__, "enclosed_by", lambda *_: None)
     (run.under[0], run.over[0]), watch = value, run.watches[0]
     watch.armed, watch.guard, watch.asleep = armed, guard, asleep
-    before = [-1.0, 9.0, -2.0, 0.8, 20.0, 0.0]
+    before = [-1.0, 9.0, -2.0, 0.8, 20.0, -0.5]
     run.region[silence.BOX :] = [*before, 0.0, 10.0, -2.5, 1.0, 14.0, -0.5]
     assert is_silent(run, 0.5, joined) == silent
     wanted = [*low, *high] if silent else before
     assert run.region[silence.BOX :][:6].tolist() == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(
+    ("before", "answers", "asked", "after"),
+    [  # whether there is one, how far it reaches, the last pause and how long it still is; tries; the same behind
+        ((0, 0, 0, 3), [], [], (0, 0, 0, 2)),
+        ((0, 0, 0, 0), [1], [(0.5, False)], (1, 1, 1, 0)),
+        ((0, 8, 4, 0), [1], [(8.0, False)], (1, 16, 1, 0)),
+        ((0, 48, 4, 0), [1], [(48.0, False)], (1, 64, 1, 0)),
+        ((0, 8, 4, 0), [0], [(8.0, False)], (0, 2, 8, 8)),
+        ((0, 0, 0, 0), [0], [(0.5, False)], (0, 0, 2, 2)),
+        ((0, 8, 12, 0), [0], [(8.0, False)], (0, 2, 16, 16)),
+        ((1, 8, 1, 0), [1], [(0.5, True)], (1, 8, 1, 0)),
+        ((1, 8, 1, 0), [0, 1], [(0.5, True), (0.0625, True)], (1, 8, 1, 0)),
+        ((1, 8, 1, 0), [0, 0, 1], [(0.5, True), (0.0625, True), (8.0, False)], (1, 16, 1, 0)),
+        ((1, 8, 1, 0), [0, 0, 0], [(0.5, True), (0.0625, True), (8.0, False)], (0, 2, 2, 2)),
+    ],
+)
+def test_a_box_grows_or_another_one_is_tried(
+    monkeypatch: pytest.MonkeyPatch, before: tuple[float, ...], answers: list[int], asked: list[tuple[float, bool]], after: tuple[float, ...]
+) -> None:  # fmt: skip
+    """Assert which boxes are tried, how far the next one reaches, and for how long none is tried where none would do."""
+    leaves = np.array([[silence.POSITION, 0, 1], [silence.OTHER, 1, 0]])
+    run = made_by_hand(
+        leaves=leaves, region=np.zeros(silence.BOX + 8), under=np.array([-2.0, 7.0]), over=np.array([3.0, 8.0])
+    )
+    set_region, tried, left = plain(silence.set_region), [], list(answers)
+
+    def is_silent(run: Run, reach: float, joined: bool) -> bool:
+        tried.append((reach, joined, int(run.piece[0].rough)))
+        return bool(left.pop(0))
+
+    monkeypatch.setitem(set_region.__globals__, "is_silent", is_silent)
+    monkeypatch.setitem(set_region.__globals__, "way", lambda _run, k: (10.0 + k, 20.0 + k))
+    run.region[: silence.BOX] = before
+    set_region(run)
+    assert tried == [(*one, 2) for one in asked]
+    assert run.region[: silence.BOX].tolist() == list(after)
+    assert run.piece[0].rough == 0
+    assert run.region[silence.BOX + 4 :].tolist() == ([10.0, -2.0, 20.0, 3.0] if asked else [0.0] * 4)
+
+
+def test_a_region_ends_where_there_is_one() -> None:
+    """Assert that the box is forgotten of a run whose event functions have one, and that others are left alone."""
+    run = made_by_hand(leaves=np.zeros((1, 3), np.int64), region=np.ones(silence.BOX))
+    plain(silence.end_region)(run)
+    assert run.region[silence.STANDS] == 0.0
+    run = made_by_hand(leaves=np.zeros((0, 3), np.int64), region=np.ones(silence.BOX))
+    plain(silence.end_region)(run)
+    assert run.region[silence.STANDS] == 1.0

@@ -1,0 +1,107 @@
+"""Rates of what a record has, and what is computed between rows: by regimes, contacts and friction behind each row."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from xdynamics.evidence.observing import (
+    comparable,
+    evaluated_on,
+    modes_behind,
+    observables_of,
+    observe,
+    rate_tree,
+    tree_of,
+)
+from xdynamics.schema import BACKWARD, FORWARD, STICKING
+
+SPRING: dict[str, Any] = {
+    "name": "spring", "coordinates": {"x": "m"}, "parameters": {"k": "2 N m-1"}, "mass": {"x": "1*kilogram"}, "forces": {"spring": {"x": "-k*x"}},
+    "observables": {"power": "k*x*v_x", "pull": "a_x*second"}, "states": {"q": {"unit": "m", "rate": "v_x - q/(4*second)"}},
+    "initial": {"x": "1 m", "v_x": "0 m s-1", "q": "0.5 m"},
+}  # fmt: skip
+FLOOR = SPRING | {"contacts": {"floor": {"gap": "x + 3*metre", "restitution": "0.5"}}}
+RUBBED = SPRING | {
+    "frictions": {"belt": {"slip": "v_x - 0.1*metre/second", "kinetic": "1*newton", "static": "2*newton"}}
+}
+
+
+def push(t: float) -> float:
+    """A force in Python."""
+    return t
+
+
+def test_rates_are_those_along_the_motion() -> None:
+    """Assert in numbers the rate of a place, a speed, a state, a force, an energy and an observable; none where none is known."""
+    model = xd.Model(**SPRING)
+    run = xd.simulate(model, method="rk4", step=0.1, until=0.4)
+    x, v, q = (run[name].values for name in ("x", "v_x", "q"))
+    states, rows = {"x": x, "v_x": v, "q": q}, np.arange(5)
+    wanted = {
+        "x": v, "v_x": -2.0 * x, "q": v - q / 4.0, "force_spring_x": -2.0 * v, "kinetic_energy": -2.0 * x * v, "power": 2.0 * v**2 - 4.0 * x**2,
+    }  # fmt: skip
+    for name, values in wanted.items():
+        tree = rate_tree(model, name)
+        assert tree is not None, name
+        assert evaluated_on(run, model, [tree], states, run.time.values, rows)[0] == pytest.approx(values, rel=1e-14)
+    for name in ("pull", "a_x", "none"):
+        assert rate_tree(model, name) is None
+    for other in (xd.Model(**FLOOR), xd.Model(**SPRING | {"forces": {"spring": {"x": "-k*x"}, "push": {"x": push}}})):
+        assert {name: rate_tree(other, name) is None for name in wanted} == {name: name != "x" for name in wanted}
+
+
+def test_what_contacts_change_is_not_compared() -> None:
+    """Assert which observables there are, and that those of accelerations are refused where contacts change these."""
+    for table, compared in ((SPRING, True), (FLOOR, False)):
+        model = xd.Model(**table)
+        assert {"x", "v_x", "q", "kinetic_energy", "power", "pull"} <= {*observables_of(model)}
+        assert "floor" not in " ".join(observables_of(model))
+        assert ("pull" in comparable(model)) == compared
+        assert {"x", "v_x", "q", "kinetic_energy", "power"} <= {*comparable(model)}
+    run = xd.simulate(model, method="rk4", step=0.1, until=0.4)
+    with pytest.raises(xd.InputError, match="observable 'pull' reads accelerations, which contacts change; ask for"):
+        observe(run, model, ["power", "pull"], np.array([0.2]))
+    with pytest.raises(xd.InputError, match="observable 'pul' is none of the model's; there are x, v_x"):
+        observe(run, model, ["pul"], np.array([0.2]))
+    assert observe(run, model, [], np.array([0.2])) == {}
+
+
+def test_friction_holds_or_has_a_way() -> None:
+    """Assert 1 and 0 where it sticks, else 0 and the sign of the slip, by the rows from which steps go."""
+    model = xd.Model(**RUBBED)
+    columns = {"friction_state_belt": np.array([STICKING, FORWARD, BACKWARD]), "friction_force_belt": np.array([1.0, 1.0, 1.0])}  # fmt: skip
+    rows = np.array([0, 2, 1, 0])
+    holds, way = modes_behind(model, columns, rows, np.minimum(rows + 1, 2)).values()
+    assert (holds.tolist(), way.tolist()) == ([1.0, 0.0, 0.0, 1.0], [0.0, -1.0, 1.0, 0.0])
+    columns["friction_force_belt"] = np.array([0.0, 1.0, 0.0])
+    holds, _ = modes_behind(model, columns, np.array([0, 0]), np.array([1, 2])).values()
+    assert holds.tolist() == [1.0, 0.0]  # a force of 0 at both ends of a step holds nothing
+
+
+def test_forces_between_rows_are_those_behind_their_row() -> None:
+    """Assert the push of the regime, and the friction of the side, that hold behind each row, and what is needed for that."""
+    model = xd.Model(
+        **SPRING | {"forces": {"spring": {"x": "-k*x"}, "push": {"x": "3*newton"}}}, regimes={"pushed": {"forces": ["spring", "push"]}, "free": {"forces": ["spring"]}},
+        events={"off": {"function": "t - 0.25*second", "action": "switch", "to": "free"}},
+    )  # fmt: skip
+    run = xd.simulate(model, method="rk4", step=0.1, until=0.5)
+    rows = np.arange(run.sizes["step"] - 1)
+    states = {name: run[name].values[rows] for name in ("x", "v_x", "q")}
+    found = evaluated_on(run, model, [tree_of(model, "a_x")], states, run.time.values[rows], rows)[0]
+    pushed = (run.time.values[rows] < 0.25) | (rows == int(run.event_row_before[0]))
+    assert found == pytest.approx(3.0 * pushed - 2.0 * run.x.values[rows])
+    rubbed = xd.Model(**RUBBED)
+    slid = xd.simulate(rubbed, method="rk4", step=0.1, until=0.5)
+    assert (slid.friction_state_belt.values[1:] == BACKWARD).all()
+    states = {name: slid[name].values[1:5] for name in ("x", "v_x", "q")}
+    found = evaluated_on(
+        slid, rubbed, [tree_of(rubbed, "friction_force_belt")], states, slid.time.values[1:5], np.arange(1, 5)
+    )[0]
+    assert found == pytest.approx(slid.friction_force_belt.values[1:5])
+    assert found == pytest.approx(1.0)
+    with pytest.raises(xd.InputError, match="needs friction_state_belt; take the whole record"):
+        evaluated_on(slid.drop_vars("friction_state_belt"), rubbed, [tree_of(rubbed, "a_x")], states, slid.time.values[1:5], np.arange(1, 5))  # fmt: skip
