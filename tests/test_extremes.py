@@ -12,6 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
+from xdynamics.evidence.diagnosing.extremes import extreme
 from xdynamics.summary import summary
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -197,6 +198,9 @@ def test_an_extreme_is_uncertain_by_all_that_it_reads(unit: str, factor: float) 
         assert rule(found, name) == "interpolated"
         assert float(found[name]) * scale == pytest.approx(2.0 * x * v, rel=1e-12)
         assert float(found[f"{name}_uncertainty"]) * scale == pytest.approx(2.0 * (abs(ex * v) + abs(x * ev)), rel=1e-6)
+        sign = 1.0 if name.startswith("max") else -1.0
+        alone = extreme(run, "power", sign, None)
+        assert (alone.value, alone.time) == (float(found[name]), float(found[f"{name}_time"]))
     at = xd.sample(run, [float(found.maximum_x_time)], side="before")
     assert float(found.maximum_x_uncertainty) == abs(float(at.error_x[0])) > 0.0
     assert abs(float(at.v_x[0])) * factor < 1e-7

@@ -387,6 +387,22 @@ def test_distances_are_values_less_the_limit() -> None:
     assert float(found.limit_y[0]) == pytest.approx(-5.0)
 
 
+def test_distances_have_an_order_where_they_get_nearer_by_a_hundredth() -> None:
+    """Assert order 1 of distances 1.5 % apart and none of those 0.5 % apart, and in what it is where one value is 0 or far off."""
+    asked: dict[str, Any] = {"at": [1.0], "method": "velocity_verlet", "step": 0.5, "until": 1.0}
+    near = xd.limiting(falling(), "g", [11.0, 10.0 + np.exp(-0.015), 10.0 + np.exp(-0.02)], 10.0, **asked)
+    assert near.order_y.values[1:, 0] == pytest.approx([1.0, np.nan], nan_ok=True, abs=1e-6)
+    for values, order_in in (([0.0, 10.0, 20.0], "g"), ([5.0, 10.0, 20.0], "1/g"), ([5.0, 10.0, 9.9e5], "1/g"), ([1e5, 8e5, 9.9e5], "g")):  # fmt: skip
+        far = xd.limiting(falling(), "g", values, 1e6, **asked)
+        assert far.attrs["order_in"] == order_in
+    with pytest.raises(xd.InputError, match="need 2 or more that come closer to 10"):
+        xd.limiting(falling(), "g", [12.0, 11.0, 10.0], 10.0, **asked)
+    low = '\n[events.low]\nfunction = "y + 5*metre"\naction = "stop"\n'
+    stopped = xd.Model.from_text(falling().to_toml() + low)
+    with pytest.raises(xd.InputError, match="with g = 13.0 m s-2 the run ends before: event 'low' stopped"):
+        xd.limiting(stopped, "g", [13.0, 11.0], 9.0, **asked | {"at": [0.1, 1.0]})
+
+
 def test_the_manufactured_force_is_what_is_missing() -> None:
     """Assert that for y = A sin(t) the force added is m a less all others: -m A sin(t) + m g."""
     from xdynamics.evidence.validating.manufacturing import manufactured
