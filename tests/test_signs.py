@@ -379,12 +379,15 @@ def test_frequencies_are_in_radians() -> None:
 
 def test_distances_are_values_less_the_limit() -> None:
     """Assert that with less gravity a body falls less: distances -(g - g0) t**2/2, below 0 where g is above its limit."""
-    from xdynamics.evidence.validating.limiting import limiting
+    from xdynamics.evidence.validating.limiting import limiting, lines_of
 
     found = limiting(falling(), "g", [12.0, 11.0, 10.5], 10.0, at=[1.0], method="velocity_verlet", step=0.1, until=1.0)
     assert found.distance_y.values[:, 0] == pytest.approx([-1.0, -0.5, -0.25], rel=1e-9)
     assert found.order_y.values[1:, 0] == pytest.approx(1.0, abs=1e-9)
     assert float(found.limit_y[0]) == pytest.approx(-5.0)
+    assert next(iter(lines_of(found))) == "y at t = 1 s: -0.25 m from its limit, order 1, approached"
+    apart = found.assign(approached_y=0 * found.approached_y, order_y=np.nan * found.order_y)
+    assert next(iter(lines_of(apart))) == "y at t = 1 s: -0.25 m from its limit, not approached"
 
 
 def test_distances_have_an_order_where_they_get_nearer_by_a_hundredth() -> None:
