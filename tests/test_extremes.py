@@ -106,7 +106,7 @@ def test_forces_in_python_are_sampled_and_say_how_far_that_may_be_off() -> None:
     assert 0.5 * off <= float(found.maximum_force_push_x_uncertainty) <= 2.0 * off
 
 
-@pytest.mark.parametrize(("peak", "node"), [(1.3, 1.2), (0.95, 1.17), (-0.5, 1.0)])
+@pytest.mark.parametrize(("peak", "node"), [(1.3, 1.2), (0.95, 1.17), (0.4, 1.2), (-0.5, 1.0)])
 def test_a_parabola_in_python_is_off_by_what_its_rows_tell(peak: float, node: float) -> None:
     """Assert its height above the highest row, by steps of other lengths on either side; 0 where it is at either end."""
 
@@ -122,6 +122,21 @@ def test_a_parabola_in_python_is_off_by_what_its_rows_tell(peak: float, node: fl
     above = 2.0 - float(run.force_push_x.max()) if 0.0 < peak < 3.0 else 0.0
     assert float(found.maximum_force_push_x_uncertainty) == pytest.approx(above, abs=1e-12)
     assert float(found.minimum_force_push_x_uncertainty) == 0.0
+
+
+def test_an_event_at_the_top_of_a_force_in_python_is_all_there_is_to_know() -> None:
+    """Assert value and rule of a force that is largest at an event, and that it is not uncertain by a parabola."""
+
+    def push(t: float) -> float:
+        return 2.0 - 3.0 * (t - 1.3) ** 2
+
+    model = xd.Model(
+        name="pushed", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={"push": {"x": push}},
+        initial={"x": "0 m", "v_x": "0 m s-1"}, events={"top": {"function": "t - 1.3*second"}},
+    )  # fmt: skip
+    found = xd.diagnose(xd.simulate(model, method="rk4", step="0.35 s", until="3 s"), companion=False, functions={"push": push})  # fmt: skip
+    assert (rule(found, "maximum_force_push_x"), float(found.maximum_force_push_x)) == ("located", pytest.approx(2.0))
+    assert float(found.maximum_force_push_x_uncertainty) == 0.0
 
 
 def test_a_sweep_has_what_a_diagnosis_has() -> None:

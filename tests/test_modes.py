@@ -202,3 +202,17 @@ def test_forces_in_python_have_no_derivative() -> None:
     """Assert that the function is named."""
     with pytest.raises(xd.InputError, match="forces written in Python, 'push', which have no derivative"):
         modes(particle(forces={"push": {"x": push}}))
+
+
+@pytest.mark.parametrize(("x", "fits"), [(-1.0, True), (0.5, True), (2.0, True), (-1.01, False), (2.01, False)])
+def test_no_modes_beyond_a_table(x: float, fits: bool) -> None:
+    """Assert stiffness from a table's slope wherever it reaches, its ends among them, and that it is named beyond."""
+    model = xd.Model(
+        name="bent", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, initial={"x": f"{x!r} m", "v_x": "0 m s-1"},
+        drives={"f": {"table": "f.csv", "argument": "x", "csv": "x [m],f [N]\n-1,4\n2,-8\n"}}, forces={"table": {"x": "f"}},
+    )  # fmt: skip
+    if fits:
+        assert xd.modes(model).frequency.values == pytest.approx([2.0])
+        return
+    with pytest.raises(xd.InputError, match=f"drive 'f' has no value at x = {x!r}, its table reaches from -1 to 2"):
+        xd.modes(model)

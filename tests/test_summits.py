@@ -133,10 +133,12 @@ def test_the_highest_humps_are_searched(monkeypatch: pytest.MonkeyPatch) -> None
     values = np.array([3.0, 0.0, 5.0, 0.0, 4.0, 0.0, 4.0, 7.0, 0.0, 1.0])
     time, first = np.array([0.0, 1, 2, 3, 4, 5, 6, 0, 0, 0.5]), np.array([0, 7, 10])
     rows, members = humps(values, time, first, *crests(values, first))
-    assert (rows.tolist(), members.tolist()) == (
-        [2, 6, 9],
-        [0, 0, 1],
-    )  # of equal ones the later; one at 0 s has no step
+    # of equal ones the later; one at 0 s has no step
+    assert (rows.tolist(), members.tolist()) == ([2, 6, 9], [0, 0, 1])
+    monkeypatch.undo()
+    values = np.where(np.arange(2401) % 2, np.arange(2401.0), -1.0)
+    rows, _ = humps(values, np.arange(2401.0), np.array([0, 2401]), *crests(values, np.array([0, 2401])))
+    assert rows.tolist() == list(range(401, 2400, 2))
 
 
 def begun(sign: float, values: list[float], time: list[float], rates: list[list[float]] | None, rows: list[int]) -> Summits:  # fmt: skip
