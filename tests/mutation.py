@@ -167,8 +167,6 @@ TOUCHED = {
     "evidence/refining/convergence.py": (
         "test_convergence.py -k not smooth_cases and not power",
         "test_convergence.py -k power",
-        "test_refinement.py -k verdicts or near",
-        "test_verdicts.py -k lucky",
     ),
     "evidence/comparing/bits.py": (
         "test_evidence_parts.py -k first_row or lengths or largest_difference",

@@ -129,6 +129,13 @@ def test_states_alone_have_eigenvalues_and_no_modes() -> None:
     assert found.eigenvalue_real.values.tolist() == [-5.0]
     assert of(found, "forward_euler", "largest_stable_step") == pytest.approx(0.4, rel=1e-9)
     assert np.isnan(of(found, "euler_cromer", "largest_stable_step"))
+    rates = {"slow": "1", "fast": "1.5"}
+    both = xd.Model(name="decays", states={n: {"unit": "mol", "rate": f"-{k}*{n}/(1*second)"} for n, k in rates.items()}, initial=dict.fromkeys(rates, "1 mol"))  # fmt: skip
+    assert of(modes(both), "rk4", "suggested_step") == pytest.approx(2 * math.pi / 20, rel=1e-12)  # of the slowest
+    growing = xd.Model(name="grows", states={"up": {"unit": "mol", "rate": "2*up/second"}, "down": {"unit": "mol", "rate": "-0.1*down/second"}}, initial={"up": "1 mol", "down": "1 mol"})  # fmt: skip
+    assert of(modes(growing), "rk4", "suggested_step") == pytest.approx(
+        2 * math.pi / 2 / 20, rel=1e-12
+    )  # of what grows
 
 
 def of(found: xr.Dataset, method: str, name: str) -> float:
