@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from contacts import ball
+from contacts import ball, cradle
 from impacts import random_rod
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.model.parts import IMPACT_LAWS
@@ -99,3 +99,47 @@ def test_a_method_that_locates_nothing_is_refused() -> None:
     found = xd.validate(model=xd.Model(**table))
     assert found.case_note.values.tolist() == ["the method locates no events"]
     assert not np.isfinite(found.bound.values).any()
+
+
+@pytest.mark.parametrize("tolerance", [None, "1e-9 s", "1e-14 s"])
+def test_bounds_are_rounding_and_what_is_located(tolerance: str | None) -> None:
+    """Assert the bounds of one impact of a ball: 256 roundings of all terms, and what acts within the time tolerance."""
+    table = tomllib.loads(ball(0.5).to_toml())
+    if tolerance:
+        table["contacts"]["floor"]["time_tolerance"] = tolerance
+    model = xd.Model(**table)
+    run = xd.simulate(model, method="rk4", step=0.01, until=0.6)
+    assert run.sizes["event"] == 1
+    rows, share = [int(run[f"event_row_{side}"][0]) for side in ("before", "after")], 256 * np.finfo(float).eps
+    time = max([float(run.attrs["solver_time_tolerance"])] + ([float(tolerance.split()[0])] if tolerance else []))
+    m = float(run.event_impulse_y[0]) / float(run.v_y[rows[1]] - run.v_y[rows[0]])
+    speeds, pulls = (sum(abs(float(run[name][row])) for row in rows) for name in ("v_y", "a_y"))
+    impulse = abs(float(run.event_impulse_y[0]))
+    bound = share * (m * speeds + impulse) + time * m * pulls
+    found = {one.name: one for one in checks_of(run, model)}
+    rate = 2.0 * share * speeds + time * pulls
+    wanted = {"impulse_y": bound, "kinetic_energy": bound * speeds, "floor.direction": share, "floor.restitution": rate, "floor.energy_lost": impulse * rate}  # fmt: skip
+    assert {name: one.bound for name, one in found.items()} == pytest.approx(wanted, rel=1e-6, abs=0.0)
+
+
+@pytest.mark.parametrize("law", ["newton", "sequential", "poisson"])
+def test_balls_that_are_struck_together_pass(law: str) -> None:
+    """Assert that of contacts beside one another none is held to its coefficient alone, and that parting balls are no fault."""
+    model = cradle(law, 0.5)
+    run = xd.simulate(model, method="rk4", step=0.05, until=1.5)
+    assert run.sizes["event"] >= 1
+    found = {one.name: one for one in checks_of(run, model)}
+    assert not failed(run, model)
+    notes = {name for name, one in found.items() if one.note}
+    assert notes == ({"first.energy_lost", "second.energy_lost"} if law == "sequential" else set())
+    assert all(one.residual >= 0.0 for name, one in found.items() if name not in notes)
+
+
+def test_a_contact_that_is_struck_alone_is_held_to_its_energy_by_every_law() -> None:
+    """Assert that a ball by sequential impacts is compared, and a wrong energy found."""
+    model = ball(0.5, law="sequential")
+    run = xd.simulate(model, method="rk4", step=0.05, until=0.6)
+    assert not failed(run, model)
+    wrong = run.assign(event_energy_lost=run.event_energy_lost * 1.001)
+    wrong.event_energy_lost.attrs = run.event_energy_lost.attrs
+    assert failed(wrong, model) == {"floor.energy_lost"}
