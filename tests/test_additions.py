@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from click.testing import CliRunner
 
 import xdynamics as xd
 from problems import MODELS
+from xdynamics.cli import main
 from xdynamics.faults import InputError
-from xdynamics.sweeping import members
+from xdynamics.sweeping import catalogue, members
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 ASKED: dict[str, Any] = {"rtol": 1e-6, "until": "5 s"}
@@ -118,6 +120,29 @@ def test_what_does_not_fit_is_refused(changed: dict[str, Any], words: str, tmp_p
     with pytest.raises(InputError, match=words):
         xd.sweep(changed.get("model", BALL), changed.get("axes", {"v_y": [10.0, 15.0, 20.0]}), path=tmp_path / "a", **(asked | more))  # fmt: skip
     assert xd.open_sweep(tmp_path / "a").attrs["content_digest"] == found.attrs["content_digest"]
+
+
+def test_an_addition_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that runs of members that were being added are no damage, that `verify` says so, and that the same call goes on."""
+    folder, axes = tmp_path / "s", {"v_y": "10, 20, 30 m s-1"}
+    asked = ASKED | {"method": "heun", "keep": ["log"], "path": folder}
+    xd.sweep(BALL, {"v_y": "10 m s-1"}, **asked)
+
+    def stopped(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(catalogue, "_joined", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            xd.sweep(BALL, axes, **asked)
+    assert xd.open_sweep(folder).sizes["v_y"] == 1
+    said = CliRunner().invoke(main, ["verify", str(folder)])
+    assert said.exit_code == 0
+    assert "its 1 archived run; members were being added to it: the same sweep, called again, goes on" in said.output
+    assert xd.sweep(BALL, axes, **asked).sizes["v_y"] == 3
+    (folder / "runs" / "added.nc").write_bytes(b"")
+    with pytest.raises(xd.ArchiveError, match="added.nc is no run of the sweep"):
+        xd.verify(folder)
 
 
 @pytest.mark.parametrize("dim", ["v_y", "vt", "method"])

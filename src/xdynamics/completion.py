@@ -33,6 +33,7 @@ def complete(
     path: str | Path | None = None,
     functions: Mapping[str, Callable[..., float]] | None = None,
     progress: Progress | None = None,
+    resume: bool = False,
 ) -> xr.Dataset:
     """Add what `log` and `keep_every` left out of a record, to the bits of the whole run.
 
@@ -51,6 +52,8 @@ def complete(
         The Python functions its forces call.
     progress : callable, optional
         Called now and then with the fraction done, the time in s and the rows so far.
+    resume : bool
+        Go on from the segments of `path` that a process left behind, as in `simulate`.
 
     Returns
     -------
@@ -77,10 +80,10 @@ def complete(
         if path is not None and Path(path).exists() and Path(path).samefile(run):
             raise InputError(f"'{path}' is the archive that is completed; name another file")
         with archive.open_run(run) as kept:
-            return _completed(kept, keep_every, path, functions, progress)
+            return _completed(kept, keep_every, path, functions, progress, resume=resume)
     record.check_kind(run)
     archive.check_unchanged(run)
-    return _completed(run, keep_every, path, functions, progress)
+    return _completed(run, keep_every, path, functions, progress, resume=resume)
 
 
 def _completed(
@@ -89,6 +92,8 @@ def _completed(
     path: str | Path | None,
     functions: Mapping[str, Callable[..., float]] | None,
     progress: Progress | None,
+    *,
+    resume: bool,
 ) -> xr.Dataset:
     record.check_kind(kept)
     if said_of(kept.attrs):
@@ -97,7 +102,7 @@ def _completed(
         raise InputError("the run cannot be completed, it is 'interrupted': resume it first")
     model = Model.from_text(str(kept["model_toml"].values), functions=functions)
     asked = asked_of(kept) | {"log": "full", "keep_every": keep_every}
-    whole = simulate(model, **asked, path=path, progress=progress)
+    whole = simulate(model, **asked, path=path, progress=progress, resume=resume)
     if other := _first_other(kept, whole):
         raise ArchiveError(
             f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']}, '{other}' comes to other"

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import codecs
+import errno
 import os
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import IO, TypeVar
 
 from xdynamics.faults import InputError
 
@@ -115,3 +116,46 @@ def synced(path: Path) -> Iterator[int]:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def write_new(path: Path, content: bytes, mode: int = 0o666) -> None:
+    """Write a file whole under a name that is free, and have it reach the disk; nothing is left of one that is not whole.
+
+    It has no name before it is whole, so that neither a kill nor a disk that is full leaves a part of it; where the system
+    has no files without names, a kill may.
+
+    Raises
+    ------
+    FileExistsError
+        If there is something under the name.
+    OSError
+        If it cannot be written.
+    """
+    with synced(path.parent) as folder:
+        if os.path.lexists(path):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+        try:
+            handle = os.open(path.parent, os.O_WRONLY | os.O_CLOEXEC | os.O_TMPFILE, mode)
+        except (OSError, AttributeError):  # a file system, or a system, without them
+            _write_exclusive(path, content, mode)
+            return
+        with os.fdopen(handle, "wb") as file:
+            _write_synced(file, content)
+            # of a file descriptor, which a folder's beside it has linkat follow
+            os.link(f"/proc/self/fd/{handle}", path.name, dst_dir_fd=folder, follow_symlinks=True)
+
+
+def _write_exclusive(path: Path, content: bytes, mode: int) -> None:
+    handle = os.open(path, os.O_WRONLY | os.O_CLOEXEC | os.O_CREAT | os.O_EXCL, mode)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            _write_synced(file, content)
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+
+
+def _write_synced(file: IO[bytes], content: bytes) -> None:
+    file.write(content)
+    file.flush()
+    os.fsync(file.fileno())

@@ -212,6 +212,7 @@ def simulate(
     check_room(march, memory, path)
     if path is not None:
         if resume and _is_whole(march, Path(path)):
+            archive.clear_rest(Path(path))
             return _at(archive.open_run(path, check=False), wanted, model)
         finished = archive.open_run(archive.stream(march, path, resume=resume), check=False)
     else:

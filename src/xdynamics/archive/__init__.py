@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from xdynamics.archive.origin import marched
     from xdynamics.archive.reading import open_run, verify
     from xdynamics.archive.seals import content_digest
-    from xdynamics.archive.segments import discard, has_segments
+    from xdynamics.archive.segments import clear_rest, discard, has_segments
     from xdynamics.archive.source import check_source
     from xdynamics.archive.standing import check_unchanged, digest_of_run, selected_like
     from xdynamics.archive.streaming import stream
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # name -> its room, entered when the name is first used: who only reads, like the examining process, loads no engine
 _ROOMS = {
-    "check_source": "source", "check_target": "target", "check_unchanged": "standing", "content_digest": "seals", "digest_of_run": "standing", "discard": "segments", "has_segments": "segments",
+    "check_source": "source", "clear_rest": "segments", "check_target": "target", "check_unchanged": "standing", "content_digest": "seals", "digest_of_run": "standing", "discard": "segments", "has_segments": "segments",
     "marched": "origin", "open_run": "reading", "save": "writing", "save_many": "writing",
     "selected_like": "standing", "stream": "streaming", "verify": "reading",
 }  # fmt: skip
@@ -28,6 +28,7 @@ __all__ = [
     "check_source",
     "check_target",
     "check_unchanged",
+    "clear_rest",
     "content_digest",
     "digest_of_run",
     "discard",

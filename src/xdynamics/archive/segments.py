@@ -6,6 +6,7 @@ import hashlib
 import os
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.archive import segment
-from xdynamics.archive.leftovers import LONGEST, take
+from xdynamics.archive.leftovers import LONGEST, sweep, take
 from xdynamics.archive.seals import Seal
 from xdynamics.archive.segment import Part, Segment
 from xdynamics.archive.target import check_target
@@ -205,6 +206,23 @@ def discard(archive: str | Path) -> int:
     finally:
         os.close(lock)
     return len(names)
+
+
+def clear_rest(archive: Path) -> None:
+    """Remove what a process that was killed left beside an archive that is whole; see `clear_segments`."""
+    sweep(Path(os.path.realpath(archive)).parent)
+    clear_segments(archive)
+
+
+def clear_segments(archive: Path) -> None:
+    """Remove what is left of the segments of an archive that is whole; what cannot be removed, or is written, stays."""
+    folder = folder_of(archive)
+    with suppress(OSError, InputError):
+        lock = _locked(folder, archive)
+        try:
+            _emptied(folder)
+        finally:
+            os.close(lock)
 
 
 def _names(folder: Path) -> list[Path]:

@@ -18,6 +18,7 @@ from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import bytes_digest
 from xdynamics.archive.target import taking_name
 from xdynamics.faults import ArchiveError, InputError, SignatureWarning, warn
+from xdynamics.files import write_new
 from xdynamics.schema import VOLATILE_DIGEST
 
 if TYPE_CHECKING:
@@ -144,12 +145,12 @@ def new_key(path: str | Path) -> Path:
     }
     for name in texts:
         if os.path.lexists(name):
-            raise InputError(f"'{name}' is there already, and a key is not written over; name another")
+            alone = name == private and not os.path.lexists(public)
+            remedy = f", or make its public one by `openssl pkey -in {name} -pubout -out {public}`" if alone else ""
+            raise InputError(f"'{name}' is there already, and a key is not written over; name another{remedy}")
     for name, text in texts.items():
         try:
-            handle = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if name == private else 0o644)
-            with os.fdopen(handle, "wb") as file:
-                file.write(text)
+            write_new(name, text, 0o600 if name == private else 0o644)
         except OSError as error:
             raise ArchiveError(f"the key '{name}' cannot be written: {error.strerror or error}") from None
     return public

@@ -165,12 +165,13 @@ def extend(archive: str, until: str, output: str, resume: bool) -> None:
 @click.argument("archive", metavar="RUN.nc")
 @click.option("-o", "--output", required=True, metavar="WHOLE.nc", help="The archive to write.")
 @click.option("--keep-every", type=int, default=1, metavar="N", help="Every N-th row alone, of all columns.")
-def complete(archive: str, output: str, keep_every: int) -> None:
+@click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
+def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
     """Add what --log and --keep-every left out of a run, to the bits: it is marched again and compared."""
     from xdynamics.completion import complete as completed
 
     with progress() as told:
-        whole = completed(archive, keep_every=keep_every, path=output, progress=told)
+        whole = completed(archive, keep_every=keep_every, path=output, progress=told, resume=resume)
     _close(whole, output)
 
 

@@ -49,10 +49,12 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
 
 def _verified_sweep(folder: str) -> Iterator[str]:
     """Verify a sweep's catalogue and every run that it names."""
-    from xdynamics.sweeping.catalogue import verify_sweep
+    from xdynamics.sweeping.catalogue import unfinished, verify_sweep
 
     digest, files = verify_sweep(folder)
-    yield f"verified  {folder}  {digest}: a sweep{f' and its {files} archived runs' if files else ''}"
+    more = "; members were being added to it: the same sweep, called again, goes on" if unfinished(Path(folder)) else ""
+    runs = f" and its {files} archived run{'s' if files > 1 else ''}" if files else ""
+    yield f"verified  {folder}  {digest}: a sweep{runs}{more}"
 
 
 @main.command()

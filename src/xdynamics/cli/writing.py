@@ -26,13 +26,13 @@ def new(path: str) -> None:
     """Write a model to begin with: a driven pendulum, with a word on each section."""
     from xdynamics.documenting.guide import STARTER
     from xdynamics.faults import ArchiveError, InputError
+    from xdynamics.files import write_new
 
     target = Path(path)
     if target.suffix != ".toml":
         raise InputError(f"'{path}' is no name for a model file, needs one like pendulum.toml")
     try:
-        with target.open("x", encoding="utf-8") as file:
-            file.write(STARTER)
+        write_new(target, STARTER.encode())
     except FileExistsError:
         raise InputError(f"'{path}' is there already, and is not written over; give another name") from None
     except FileNotFoundError:

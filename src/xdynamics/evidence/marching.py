@@ -31,7 +31,7 @@ def march(model: Model, path: Path | None = None, memory: str | float | None = N
     one = March(model, unthinned_settings_for(model, **asked))
     check_room(one, memory, path)
     if path is not None:
-        found = archive.open_run(archive.stream(one, path), check=False)
+        found = archive.open_run(archive.stream(one, path, resume=archive.has_segments(path)), check=False)
     else:
         found = archive.marched(record.dataset(one, one.blocks()))
     if found.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:

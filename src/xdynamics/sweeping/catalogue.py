@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive
+from xdynamics.archive import leftovers
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.target import taking_name
 from xdynamics.evidence.exhibit import about, exhibit
@@ -142,12 +143,19 @@ def verify_sweep(path: str | Path) -> tuple[str, int]:
     with open_sweep(folder) as sweep:
         faults, files = _faults(folder, sweep), int(sweep[FILE].size) if FILE in sweep else 0
     if faults:
-        raise ArchiveError(f"'{folder}' is damaged:{numbered(faults)}\n{REMEDY}", tuple(faults))
+        raise _damaged(folder, faults)
     return digest, files
 
 
+def _damaged(folder: Path, faults: list[str]) -> ArchiveError:
+    return ArchiveError(f"'{folder}' is damaged:{numbered(faults)}\n{REMEDY}", tuple(faults))
+
+
 def _faults(folder: Path, sweep: xr.Dataset) -> list[str]:
-    """Compare the files of whole runs with the seals that the catalogue tells; name those that are none of its runs."""
+    """Compare the files of whole runs with the seals that the catalogue tells; name those that are none of its runs.
+
+    Where members are being added, or were until their process was stopped, other runs are theirs.
+    """
     if FILE not in sweep:
         return []
     named = dict(zip(map(str, sweep[FILE].values.ravel()), map(str, sweep[SEAL].values.ravel()), strict=True))
@@ -157,7 +165,8 @@ def _faults(folder: Path, sweep: xr.Dataset) -> list[str]:
         if (folder / RUNS).is_dir()
         else set()
     )
-    added = [f"{name} is no run of the sweep" for name in sorted(there - {*named})]
+    others = [] if unfinished(folder) else sorted(there - {*named})
+    added = [f"{name} is no run of the sweep" for name in others]
     with ThreadPoolExecutor() as pool:
         return [one for one in pool.map(partial(_fault_of, folder), named.items()) if one] + added
 
@@ -192,35 +201,52 @@ def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | N
     InputError
         If the folder holds another sweep that is no part of this one, or is none.
     """
-    made_folder(folder)
+    for place in (made_folder(folder), folder / RUNS):
+        leftovers.sweep(place)
     there = None
     if (folder / CATALOGUE).is_file():
         found = _whole(folder)
+        _forget(folder, str(found.attrs[DIGEST]))  # of a process that was stopped when all was done
         if found.attrs[DIGEST] == plan.digest:
-            shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # of a process that was stopped when all was done
             return found
         there = additions(plan, found, folder / CATALOGUE)
         found.close()
         archive.check_target(folder / CATALOGUE)  # nobody reads what is to be replaced
-    work = folder / UNFINISHED / plan.digest[:16]
-    others = sorted(one.name for one in work.parent.iterdir() if one.is_dir() and one != work) if work.parent.is_dir() else []  # fmt: skip
-    if others:
-        raise InputError(f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give it up by removing '{work.parent / others[0]}'")  # fmt: skip
+    work = folder / UNFINISHED / _work(plan.digest)
+    if others := [one for one in unfinished(folder) if one != work]:
+        raise InputError(f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give it up by removing '{others[0]}'")  # fmt: skip
     with _alone_in(made_folder(work)):
         blocks = [block for _, block in blocks_of(_begun(plan, members, work))]
         parts = [work / f"{_said(block)}.nc" for block in blocks]
         _march(plan, blocks, parts, progress, there)
         archive.save(collected(plan, _joined(plan, blocks, parts)), folder / CATALOGUE)
-        shutil.rmtree(work.parent, ignore_errors=True)
+        _forget(folder, plan.digest)
     return open_sweep(folder)
+
+
+def _forget(folder: Path, digest: str) -> None:
+    """Remove the blocks of a sweep whose catalogue is whole; those of another one stay."""
+    shutil.rmtree(folder / UNFINISHED / _work(digest), ignore_errors=True)
+    with suppress(OSError):
+        (folder / UNFINISHED).rmdir()
+
+
+def _work(digest: str) -> str:
+    return digest[:16]
 
 
 def _whole(folder: Path) -> xr.Dataset:
     """Open a sweep that was marched before, with all its runs."""
     found = open_sweep(folder)
     if faults := _faults(folder, found):
-        raise ArchiveError(f"'{folder}' is damaged:{numbered(faults)}\n{REMEDY}", tuple(faults))
+        raise _damaged(folder, faults)
     return found
+
+
+def unfinished(folder: Path) -> list[Path]:
+    """List the folders of sweeps that were begun in a folder, and are not finished."""
+    place = folder / UNFINISHED
+    return sorted(one for one in place.iterdir() if one.is_dir()) if place.is_dir() else []
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from xdynamics import record
 from xdynamics.archive.reading import open_run, verified
 from xdynamics.archive.seals import tail_of
+from xdynamics.archive.segments import clear_segments, has_segments
 from xdynamics.archive.streaming import streamed
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import March
@@ -51,8 +52,10 @@ def archived(plan: Plan, block: Block, folder: Path, found: Values, known: NDArr
             continue
         file = folder / f"{input_digest(march)}.nc"
         digest, seal = digests_of(file, partial(record.comes_of, march=march))
-        if not digest:
-            written = streamed(march, file)
+        if digest:
+            clear_segments(file)  # of a process that was stopped when the file was whole
+        else:
+            written = streamed(march, file, resume=has_segments(file))
             digest, seal = written.digest, written.seal
             if apart := _apart(march, {name: values[where] for name, values in found.items()}):
                 raise InputError(f"member {grid.said(at)}: {apart}: this is a fault of xdynamics; please report it")
