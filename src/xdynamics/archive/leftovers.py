@@ -15,6 +15,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 PART, LOCK = ".part", ".part.lock"
@@ -77,6 +78,14 @@ def _locked(target: Path) -> tuple[Path, int]:
 
 def _lock_of(part: Path) -> Path:
     return part.with_suffix(LOCK)
+
+
+def fitting(name: str, *, before: str = "", behind: str = "") -> str:
+    """Return a file's name with something before and behind it, no longer than names may be: its beginning and a digest then."""
+    own = os.fsencode(name)
+    if len(own) + len(before) + len(behind) > LONGEST:
+        own = own[: LONGEST - 32] + b"~" + sha256(own).hexdigest()[:16].encode()
+    return f"{before}{os.fsdecode(own)}{behind}"
 
 
 def sweep(folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.archive import segment
-from xdynamics.archive.leftovers import LONGEST, sweep, take
+from xdynamics.archive.leftovers import fitting, sweep, take
 from xdynamics.archive.seals import Seal
 from xdynamics.archive.segment import Part, Segment
 from xdynamics.archive.target import check_target
@@ -164,10 +163,7 @@ class Segments:
 def folder_of(archive: Path) -> Path:
     """Return where the segments of an archive are."""
     archive = Path(os.path.realpath(archive))
-    name = os.fsencode(archive.name)
-    if len(name) > LONGEST - len(b"..segments"):  # the name of the folder is no longer than any may be
-        name = name[: LONGEST - 32] + b"~" + hashlib.sha256(name).hexdigest()[:16].encode()
-    return archive.parent / f".{os.fsdecode(name)}.segments"
+    return archive.parent / fitting(archive.name, before=".", behind=".segments")
 
 
 def has_segments(archive: Path) -> bool:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.archive.leftovers import fitting
 from xdynamics.archive.lending import identity_of
 from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import bytes_digest
@@ -30,6 +31,7 @@ COVERED = {
     KIND: {"content": "content digest", "circumstances": "digest of date, versions and machine", "bytes": "digest of the file's bytes"},
     KIND_OF_0_2: {"content": "content digest", "circumstances": "digest of date, versions and machine"},
 }  # fmt: skip
+SUFFIX = ".sig"
 NARROW = "a signature of version 0.2: of numbers, attributes and date, not of the file's bytes; sign anew"
 _LONGEST = 65_536  # bytes of a key or a signature
 _WAY_TO_PUBLIC = "openssl pkey -in KEY.pem -pubout -out PUBLIC.pem"
@@ -52,7 +54,8 @@ def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None =
     Returns
     -------
     Path
-        The signature, the archive's name with `.sig` behind it; it travels with the archive.
+        The signature, the archive's name with `.sig` behind it (of a name of over 251 bytes its beginning and a digest
+        of it); it travels with the archive.
 
     Raises
     ------
@@ -157,8 +160,8 @@ def new_key(path: str | Path) -> Path:
 
 
 def signature_of(path: Path) -> Path:
-    """Return where the signature of an archive is."""
-    return path.with_name(path.name + ".sig")
+    """Return where the signature of an archive is: under a shortened name where that of the archive leaves no room for more."""
+    return path.with_name(fitting(path.name, behind=SUFFIX))
 
 
 def protection(path: Path) -> str:
