@@ -341,7 +341,7 @@ def test_missing_columns_are_named_with_what_adds_them() -> None:
     """Assert that stages which need a column that was left out name it, and `complete`."""
     asked: dict[str, Any] = {"method": "rk4", "step": 1e-2, "until": 2.0}
     run = xd.simulate(PENDULUM, **asked, log=["theta"])
-    said = r"it was marched with log = \['theta'\]: xdynamics.complete\(run\)"
+    said = r"it was marched with log = \['theta'\]: `xdynamics complete RUN.nc -o WHOLE.nc`, or xdynamics.complete\(run\) in Python"
     with pytest.raises(xd.InputError, match=f"has no variable 'v_theta' of its model; {said}"):
         xd.sample(run, 0.5)
     with pytest.raises(

@@ -21,7 +21,9 @@ from xdynamics.schema import (
     SELECTION_OF,
 )
 
-COMPLETED = "xdynamics.complete(run) marches it again to its whole log"
+COMPLETED = (
+    "`xdynamics complete RUN.nc -o WHOLE.nc`, or xdynamics.complete(run) in Python, marches it again to its whole log"
+)
 RARE = f"one in {{0}} (keep_every = {{0}}): {COMPLETED}"
 
 
