@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import pickle
 import shutil
 from pathlib import Path
@@ -66,12 +67,17 @@ def test_another_file_is_closed_again(archived: Path, tmp_path: Path) -> None:
         (device, *rest[:2], rest[2] + 1),
     ):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(lending, "file_at", lambda path: opened.append(library.file_at(path)) or opened[-1])
-            with pytest.raises(
-                ArchiveError, match="run.nc' is another file than the one that was opened; open it again"
-            ):
+            patch.setattr(lending, "file_at", opened.append)
+            with pytest.raises(ArchiveError, match="run.nc' is another file than the one that was opened; open it"):
                 Lent(path, other).acquire()
-        assert not opened[-1].isopen()
+        assert opened == []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            lending, "file_at", lambda path: opened.append(library.file_at(path)) or os.utime(path) or opened[-1]
+        )
+        with pytest.raises(ArchiveError, match="run.nc' is another file than the one that was opened; open it again"):
+            Lent(path).acquire()
+    assert not opened[-1].isopen()
     assert list(lending._open) == []
 
 

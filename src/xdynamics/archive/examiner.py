@@ -13,12 +13,15 @@ import threading
 from collections import OrderedDict
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from xdynamics.archive.bounds import MOST_PACKED
 from xdynamics.archive.examination import Examination, compare, examine
 from xdynamics.archive.examining import READY
+from xdynamics.archive.lending import Identity
 from xdynamics.archive.seals import Tail
+
+Key = TypeVar("Key")
 
 SECONDS = 1.5  # of processor time for a small file
 BYTES_PER_SECOND = 20_000_000  # of processor time for a large one, a tenth of what it takes
@@ -32,16 +35,31 @@ MOST_KNOWN = 50_000  # files whose digests are remembered
 
 # digests of files that were written here, or read whole without a fault, the one used longest ago first
 _known: OrderedDict[str, None] = OrderedDict()
+_seen: OrderedDict[Identity, None] = OrderedDict()  # and files whose objects are known
 _lock = threading.Lock()
 
 
 def know(digest: str) -> None:
     """Take down the seal of a file that was written here, in the place of the one used longest ago where there are many."""
+    _take_down(_known, digest)
+
+
+def see(identity: Identity) -> None:
+    """Take down that a file, as it is now, has no object that the netCDF library would follow out of it."""
+    _take_down(_seen, identity)
+
+
+def is_seen(identity: Identity) -> bool:
+    """Tell whether that is known of a file."""
+    return identity in _seen
+
+
+def _take_down(table: OrderedDict[Key, None], key: Key) -> None:
     with _lock:
-        _known[digest] = None
-        _known.move_to_end(digest)
-        if len(_known) > MOST_KNOWN:
-            _known.popitem(last=False)
+        table[key] = None
+        table.move_to_end(key)
+        if len(table) > MOST_KNOWN:
+            table.popitem(last=False)
 
 
 def is_known(tail: Tail) -> bool:

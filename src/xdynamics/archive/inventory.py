@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.archive.library import alone
+from xdynamics.archive.openings import openings
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # attributes by which netCDF keeps dimensions, and which it does not show
@@ -112,10 +113,13 @@ def inventory(path: Path) -> Inventory:
     ------
     OSError
         If it is no HDF5 file, or one whose objects cannot be listed.
+    ArchiveError
+        If the library still has the file open as it was before it was overwritten.
     """
     with path.open("rb") as file:
         if file.read(len(SIGNATURE)) != SIGNATURE:
             raise OSError("it does not begin as an HDF5 file does")
+    openings.of(path)  # refuses one that was overwritten while the library has it open
     found = Inventory()
     with _held("H5Fopen", os.fsencode(path.absolute()), 0, 0, close="H5Fclose") as root:
         found.attributes[""] = _attributes(root, "", found.faults)

@@ -83,11 +83,18 @@ class Lent:
             raise ArchiveError(f"'{self.path}' was overwritten while it was open; open it again")
 
     def _reopened(self) -> netCDF4.Dataset:
+        self._check_identity()  # before, too: the library follows what is in a file, and nobody has looked at another one
         file = file_at(self.path)
-        if identity_of(self.path)[1:] != self.identity[1:]:  # a device has another number on another machine
+        try:
+            self._check_identity()
+        except ArchiveError:
             file.close()
-            raise ArchiveError(f"'{self.path}' is another file than the one that was opened; open it again")
+            raise
         return file
+
+    def _check_identity(self) -> None:
+        if identity_of(self.path)[1:] != self.identity[1:]:  # a device has another number on another machine
+            raise ArchiveError(f"'{self.path}' is another file than the one that was opened; open it again")
 
     def __del__(self) -> None:
         # in whatever thread, and in the midst of whatever: it must not wait
@@ -102,13 +109,25 @@ class Lent:
 
 
 @alone
-def lent(path: Path) -> xr.Dataset:
-    """Open an archive as a Dataset whose variables are read when they are used, by any thread."""
+def lent(path: Path, identity: Identity | None = None) -> xr.Dataset:
+    """Open an archive as a Dataset whose variables are read when they are used, by any thread.
+
+    Parameters
+    ----------
+    path : Path
+    identity : optional
+        Of the file that it has to be, where it was looked at before.
+
+    Raises
+    ------
+    ArchiveError
+        If it is another file, or larger than it can be.
+    """
     import xarray as xr
 
     from xdynamics.archive.values import Store
 
-    one = _settled(path)
+    one = _settled(path) if identity is None else Lent(path, identity)
     if faults := oversize(path, one.acquire()):
         raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(faults)}", tuple(faults))
     store = Store(one, mode="r")  # type: ignore[no-untyped-call]

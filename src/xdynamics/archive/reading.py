@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from xdynamics.archive.examination import Examination
-from xdynamics.archive.examiner import examined, is_known
+from xdynamics.archive.examiner import examined, is_known, is_seen, see
+from xdynamics.archive.inventory import inventory
 from xdynamics.archive.lending import MOST_REPLACED, Identity, identity_of, lent
 from xdynamics.archive.library import DAMAGE, words_of
 from xdynamics.archive.origin import read
@@ -33,7 +34,8 @@ def open_run(path: str | Path, *, check: bool = True, quantify: bool = False) ->
     check : bool
         Whether to compare the file with its seal and its digests first. This reads the whole file: once where this
         process has seen the same bytes before, else twice, the second time in a process of its own, which a file made
-        to hurt its reader may hang or end.
+        to hurt its reader may hang or end. Without, the objects of an unknown file are listed all the same, so that
+        nothing is followed out of it.
     quantify : bool
         Whether to return numbers with units in their arrays, by pint-xarray. They are read then, not when they are used.
 
@@ -46,20 +48,58 @@ def open_run(path: str | Path, *, check: bool = True, quantify: bool = False) ->
     """
     path = Path(path)
     check_source(path)
-    look = _Look.at(path) if check else None
-    foreign = look is not None and not is_known(look.tail)  # its bytes were not written or read here before
-    if foreign:
-        _examined(path, look)
-    try:
-        run = lent(path)
-    except DAMAGE as error:
-        if isinstance(error, ArchiveError):
-            raise
-        raise ArchiveError(f"'{path}' cannot be opened as a run archive: {words_of(error)}") from None
+    run, foreign = _opened(path, check=check)
     run.attrs.pop(SEALED, None)  # it is said of the file, not of the run
     _check_record(run, path, values=foreign)
     opened = read(run, partial(_again, path, str(run.attrs.get(ROOT_DIGEST, ""))))
     return quantified(opened) if quantify else opened
+
+
+def _opened(path: Path, *, check: bool) -> tuple[xr.Dataset, bool]:
+    """Look at a file, and open that very one, anew where its name went to another in between; tell whether it was unknown here."""
+    for _ in range(MOST_REPLACED):
+        identity, foreign = _checked(path) if check else (_listed(path), False)
+        try:
+            return lent(path, identity), foreign
+        except DAMAGE as error:
+            if _identity(path) == identity:
+                raise _unreadable(path, error) from None
+    raise ArchiveError(f"'{path}' was another file each time that it was opened; try again when nobody replaces it")
+
+
+def _unreadable(path: Path, error: Exception) -> ArchiveError:
+    if isinstance(error, ArchiveError):
+        return error
+    return ArchiveError(f"'{path}' cannot be opened as a run archive: {words_of(error)}")
+
+
+def _checked(path: Path) -> tuple[Identity, bool]:
+    """Compare a file with all that it says of itself; return which one it is, and whether its bytes were unknown here."""
+    look = _Look.at(path)
+    if is_known(look.tail):
+        see(look.identity)
+        return look.identity, False
+    return _examined(path, look)[1], True
+
+
+def _listed(path: Path) -> Identity:
+    """See that a file has no objects that lead out of it, which the netCDF library follows; return which one it is."""
+    identity = _identity(path)
+    if not is_seen(identity):
+        try:
+            objects = inventory(path)
+        except DAMAGE as error:
+            raise _unreadable(path, error) from None
+        Examination(tuple(objects.faults)).settle(path)
+        see(identity)
+    return identity
+
+
+def _identity(path: Path) -> Identity:
+    try:
+        return identity_of(path)
+    except OSError as error:
+        raise ArchiveError(f"'{path}' cannot be read: {error.strerror or error}") from None
 
 
 def _again(path: Path, digest: str) -> xr.Dataset | None:
@@ -116,7 +156,7 @@ def verify(path: str | Path) -> str:
 def verified(path: Path) -> str:
     """Compare with the digests alone; see `verify`."""
     check_source(path)
-    return _examined(path).digest
+    return _examined(path)[0].digest
 
 
 @dataclass(frozen=True)
@@ -128,19 +168,25 @@ class _Look:
 
     @classmethod
     def at(cls, path: Path) -> _Look:
+        identity = _identity(path)
         try:
-            return cls(identity_of(path), tail_of(path))
+            return cls(identity, tail_of(path))
         except OSError as error:
             raise ArchiveError(f"'{path}' cannot be read: {error.strerror or error}") from None
 
 
-def _examined(path: Path, look: _Look | None = None) -> Examination:
-    """Compare a file with everything that it says of itself; one whose name another file took meanwhile is begun anew."""
+def _examined(path: Path, look: _Look | None = None) -> tuple[Examination, Identity]:
+    """Compare a file with everything that it says of itself; one whose name another file took meanwhile is begun anew.
+
+    The second of what is returned is which file that was.
+    """
     for _ in range(MOST_REPLACED):
         look = look or _Look.at(path)
         found = examined(path, look.tail)
-        if not found.faults or identity_of(path) == look.identity:
+        identity = look.identity
+        if not found.faults or identity_of(path) == identity:
             break
         look = None
     found.settle(path)
-    return found
+    see(identity)
+    return found, identity

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.archive.examination import compare
-from xdynamics.archive.examiner import examined, know
+from xdynamics.archive.examiner import examined, know, see
 from xdynamics.archive.leftovers import LONGEST
+from xdynamics.archive.lending import identity_of
 from xdynamics.archive.library import alone, opened
 from xdynamics.archive.seals import Tail, seal_file, slabs, tail_of
 from xdynamics.archive.standing import standing
@@ -262,6 +263,7 @@ def _finish(part: Path) -> str:
         with opened(part):
             pass
     know(digest)
+    see(identity_of(part))
     return digest
 
 
