@@ -55,6 +55,14 @@ def test_a_lost_report_ends_a_verb_that_only_reports(redirected: str, code: int,
     assert shell(tmp_path, f"{COMMAND} methods {redirected}")[0] == code
 
 
+@pytest.mark.parametrize("verb", ["new model.toml", "sign --new-key key.pem"])
+def test_a_lost_report_does_not_end_a_verb_that_makes_a_file(verb: str, tmp_path: Path) -> None:
+    """Assert exit code 0 and one line, though no option names the file."""
+    code, _, said = shell(tmp_path, f"{COMMAND} {verb} >&-")
+    assert (code, len(said.splitlines())) == (0, 1)
+    assert list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("megabytes", [300, 512, 600])
 def test_too_little_memory_is_said_at_once(megabytes: int, tmp_path: Path) -> None:
     """Assert one line that says how much is needed, exit code 1, within seconds; verbs that need little still work."""

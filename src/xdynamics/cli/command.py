@@ -24,10 +24,11 @@ QUIET = "xdynamics.quiet"
 
 
 class _Verb(click.Command):
-    """A verb; every one can be quiet."""
+    """A verb; every one can be quiet. It `makes` something where it has no option that names the file either."""
 
-    def __init__(self, *given: Any, **named: Any) -> None:
+    def __init__(self, *given: Any, makes: bool = False, **named: Any) -> None:
         super().__init__(*given, **named)
+        self.makes = makes
         self.params.append(
             click.Option(
                 ["--quiet"], is_flag=True, expose_value=False, callback=_hush, help="Print nothing but errors."
@@ -37,7 +38,7 @@ class _Verb(click.Command):
     @property
     def writes(self) -> bool:
         """Whether it makes a file, and its report is beside the point."""
-        return any(parameter.name == "output" for parameter in self.params)
+        return self.makes or any(parameter.name == "output" for parameter in self.params)
 
 
 def _hush(ctx: click.Context, _option: click.Parameter, quiet: bool) -> None:

@@ -114,7 +114,7 @@ def run(
         "switches": switches,
         "time_tolerance": time_tolerance,
         "keep_every": keep_every,
-        "log": log if log in (None, "full", "states") else [one.strip() for one in str(log).split(",")],
+        "log": columns(log),
         "compress": compress,
     }
     if times is not None:
@@ -137,7 +137,7 @@ def run(
     _close(finished, output, as_json=as_json)
 
 
-@main.command()
+@main.command(makes=True)
 @click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
 def discard(archives: tuple[str, ...]) -> None:
     """Remove the segments of runs that were not finished; archives stay."""
@@ -213,7 +213,12 @@ def pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
     return found
 
 
-def asked_of(settings: Mapping[str, str | None], atols: tuple[str, ...]) -> dict[str, Any]:
+def columns(text: str | None) -> str | list[str] | None:
+    """Read which columns are to be recorded: a word for many, or their names."""
+    return text if text in (None, "full", "states") else [one.strip() for one in str(text).split(",")]
+
+
+def asked_of(settings: Mapping[str, Any], atols: tuple[str, ...]) -> dict[str, Any]:
     """Return the settings that were given on the command line."""
     given: dict[str, Any] = {name: one for name, one in settings.items() if one is not None}
     return given | ({"atol": absolute(atols)} if atols else {})

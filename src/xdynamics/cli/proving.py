@@ -57,7 +57,7 @@ def _verified_sweep(folder: str) -> Iterator[str]:
     yield f"verified  {folder}  {digest}: a sweep{runs}{more}"
 
 
-@main.command()
+@main.command(makes=True)
 @click.argument("archives", nargs=-1, metavar="RUN.nc…")
 @click.option("--key", metavar="KEY.pem", help="Your private Ed25519 key.")
 @click.option("--new-key", metavar="KEY.pem", help="Make a pair of keys first: KEY.pem and KEY.public.pem.")

@@ -20,7 +20,7 @@ def help_on(topic: str | None) -> None:
     say(guide(topic))
 
 
-@main.command()
+@main.command(makes=True)
 @click.argument("path", metavar="MODEL.toml")
 def new(path: str) -> None:
     """Write a model to begin with: a driven pendulum, with a word on each section."""
