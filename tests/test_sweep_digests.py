@@ -80,3 +80,48 @@ def test_seals_of_files_are_among_the_circumstances(first: Path, tmp_path: Path)
     path.write_bytes(again.read_bytes())
     with pytest.raises(xd.ArchiveError, match=said):
         verify_sweep(first)
+
+
+THINNED: dict[str, Any] = {"keep_every": 5, "log": ["y", "kinetic_energy"], "compress": True}
+
+
+def test_whole_runs_are_recorded_as_asked(first: Path, tmp_path: Path) -> None:
+    """Assert that files are those of `simulate` with the same words, all else that is kept is of every row, and a member comes again."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    with dask.config.set(scheduler="synchronous"):
+        found = xd.sweep(model, AXES, path=tmp_path / "thin", **ASKED, **THINNED)
+    alone = model.replace(parameters={"vt": "20 m s-1"})
+    run = xd.simulate(alone, method="heun", rtol=1e-6, **THINNED)
+    with xd.member(found, vt="20 m s-1") as one:
+        assert xd.content_digest(one) == xd.content_digest(run) == str(found.run_digest.values[0])
+        assert one.sizes["step"] == run.sizes["step"] < found.run_accepted_steps.values[0]
+    moved = found.load().copy()
+    moved.encoding.clear()
+    assert xd.content_digest(xd.member(moved, vt="20 m s-1")) == xd.content_digest(run)
+    with xd.open_sweep(first) as whole:
+        assert found.end_y.identical(whole.end_y)
+        assert (found.run_digest.values != whole.run_digest.values).all()
+    assert xd.sweep(found, keep=["end"]).end_y.identical(found.end_y)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (
+            {"keep_every": 5},
+            r"keep_every says how whole runs are recorded, and keep has none: add 'log' to keep with path=",
+        ),
+        (
+            {"log": "states", "compress": True},
+            r"log and compress say how .* or leave log and compress out; what else is",
+        ),
+        ({"keep": ["log"], "keep_every": 0}, r"keep_every is 0, needs a whole number from 1"),
+        ({"keep": ["log"], "log": ["none"]}, r"log names 'none', which is no column of this run's log"),
+    ],
+)
+def test_words_on_records_that_mean_nothing_are_refused(asked: dict[str, Any], words: str, tmp_path: Path) -> None:
+    """Assert one line, and that nothing is marched or written."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    with pytest.raises(xd.InputError, match=words):
+        xd.sweep(model, AXES, path=tmp_path / "s", method="heun", rtol=1e-6, **asked)
+    assert not (tmp_path / "s").exists()

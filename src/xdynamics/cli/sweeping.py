@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from xdynamics.cli.command import BADLY, DONE, complain, main, say
-from xdynamics.cli.marching import asked_of, changed_model, pairs
+from xdynamics.cli.marching import asked_of, changed_model, columns, pairs
 from xdynamics.faults import InputError
 
 
@@ -48,6 +48,11 @@ from xdynamics.faults import InputError
 @click.option("--summation")
 @click.option("--switches")
 @click.option("--time-tolerance")
+@click.option("--keep-every", metavar="N", help="Of whole runs (--keep log): record every N-th row of the grid.")
+@click.option(
+    "--log", metavar="COLUMNS", help="Of whole runs: full (default), states, or variables, like x,total_energy."
+)
+@click.option("--compress", is_flag=True, default=None, help="Compress whole runs, without loss.")
 def sweep(
     model_file: str,
     output: str,
@@ -64,7 +69,8 @@ def sweep(
     scheduler: str | None,
     atols: tuple[str, ...],
     changes: tuple[str, ...],
-    **settings: str | None,
+    log: str | None,
+    **settings: Any,
 ) -> None:
     """March a model over a grid of parameters, initial values, methods or steps; every member is kept with its outcome."""
     from xdynamics.march.outcomes import GOOD
@@ -84,7 +90,7 @@ def sweep(
     with _cluster(scheduler), _told() as told:
         try:
             found = swept(model, given, keep=words, times=list(times) or None, occurrences=occurrences, path=output,
-                          check=check, progress=told, **asked_of(settings, atols))  # fmt: skip
+                          check=check, progress=told, **asked_of(settings | {"log": columns(log)}, atols))  # fmt: skip
         except KeyboardInterrupt:
             complain(f"interrupted; what is done is kept in '{output}', and the same command goes on with it")
             raise

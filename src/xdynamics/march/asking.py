@@ -26,6 +26,11 @@ from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, ti
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
 THINNING = ("keep_every", "log")  # settings that leave something out of a record
+RECORDING: dict[str, Any] = {
+    "keep_every": 1,
+    "log": FULL,
+    "compress": False,
+}  # settings of a record alone, and what they are of a whole one
 KNOWN = (*RUN_KEYS, "nodes", "math_functions", "event_root_method")  # a model file has all but the last three
 PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 
@@ -93,7 +98,7 @@ def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
     """
     if left := [name for name in THINNING if asked.get(name) is not None]:
         raise InputError(f"{' and '.join(left)} {'is' if len(left) == 1 else 'are'} of `simulate` and `xdynamics run`: here all rows and columns of a march are needed")  # fmt: skip
-    return replace(settings_for(model, **asked), keep_every=1, log=FULL, compress=False)
+    return replace(settings_for(model, **asked), **RECORDING)
 
 
 def _joined(defaults: Mapping[str, Any], asked: dict[str, Any]) -> dict[str, Any]:

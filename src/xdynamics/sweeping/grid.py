@@ -15,7 +15,7 @@ from xdynamics.cached import cached_property
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.march import Settings
-from xdynamics.march.asking import unthinned_settings_for
+from xdynamics.march.asking import RECORDING, settings_for, unthinned_settings_for
 from xdynamics.march.settings import EARLIEST_FIRST
 from xdynamics.model import Model
 from xdynamics.sweeping.axes import INITIAL, NUMBERS, OF_MODEL, PARAMETER, RTOL, START, STEP, TABLE, Axis, Column
@@ -109,7 +109,7 @@ class Grid:
         sizes = [size if k in self.words else 1 for k, size in enumerate(self.shape)]
         for at in np.ndindex(*sizes):
             try:
-                self.settings_of(at)
+                self.recorded_settings_of(at) if self.recording else self.settings_of(at)
             except InputError as error:
                 if not self.words:
                     raise
@@ -129,13 +129,27 @@ class Grid:
         return model.replace(**sections) if sections else model
 
     def asked_of(self, at: At) -> dict[str, Any]:
-        """Return a member's own arguments of `simulate`."""
+        """Return a member's own arguments of `simulate`, but for what says how whole runs are recorded."""
         own = {one.name: one.quantity(at[k]) for k, one in self.columns if one.kind not in (*OF_MODEL, TABLE)}
-        return self.asked | own
+        return {name: one for name, one in self.asked.items() if name not in RECORDING} | own
 
     def settings_of(self, at: At) -> Settings:
-        """Return a member's settings."""
+        """Return a member's settings; what its model file leaves out of records is kept."""
         return unthinned_settings_for(self._common(at), **self.asked_of(at))
+
+    @property
+    def recording(self) -> dict[str, Any]:
+        """What was asked for of the records of whole runs."""
+        return {name: one for name, one in self.asked.items() if name in RECORDING}
+
+    def recorded_settings_of(self, at: At) -> Settings:
+        """Return the settings of a member's whole run, with what is asked for of its record."""
+        return settings_for(self._common(at), **self.asked_of(at), **(RECORDING | self.recording))
+
+    @property
+    def unrecorded(self) -> Grid:
+        """The same members, of which no whole runs are recorded."""
+        return replace(self, asked={name: one for name, one in self.asked.items() if name not in RECORDING})
 
     @property
     def math_functions(self) -> str:

@@ -6,11 +6,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from xdynamics import archive
+from xdynamics import archive, record
 from xdynamics.evidence.marching import march
 from xdynamics.faults import ArchiveError
+from xdynamics.march import March
 from xdynamics.schema import ROOT_DIGEST
 from xdynamics.sweeping.collection import plan_of
+from xdynamics.sweeping.grid import At, Grid
 from xdynamics.sweeping.labels import places_of
 from xdynamics.sweeping.members import DIGEST, FILE, OUTCOME, digest_of_end
 
@@ -61,15 +63,22 @@ def member(
     said = sweep[[one for one in (DIGEST, OUTCOME, FILE, *ends) if one in sweep]].isel(where).compute()
     if FILE in said and str(said[FILE].values) and (folder := _folder_of(sweep)):
         return _opened(folder / str(said[FILE].values), str(said[DIGEST].values))
-    run = march(grid.model_of(at), **grid.asked_of(at))
-    digest = archive.digest_of_run(run) if FILE in said else digest_of_end(run, list(grid.model.units))
+    whole = FILE in said
+    run = _recorded(grid, at) if whole and grid.recording else march(grid.model_of(at), **grid.asked_of(at))
+    digest = archive.digest_of_run(run) if whole else digest_of_end(run, list(grid.model.units))
     came_to = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
-        one: str(run[one.removeprefix("end_")].values[-1]) for one in ends
+        one: str(run[one.removeprefix("end_")].values[-1]) for one in ends if one.removeprefix("end_") in run
     }
     apart = [f"{name} is {one}, in the sweep {value}" for name, one in came_to.items() if name in said and (value := str(said[name].values)) != one]  # fmt: skip
     if apart:
         raise ArchiveError(f"member {grid.said(at)}, marched again, comes to something else: {'; '.join(apart)}")
     return run
+
+
+def _recorded(grid: Grid, at: At) -> xr.Dataset:
+    """March a member again, and record of it what was recorded."""
+    one = March(grid.model_of(at), grid.recorded_settings_of(at))
+    return archive.marched(record.dataset(one, one.blocks()))
 
 
 def _folder_of(sweep: xr.Dataset) -> Path | None:

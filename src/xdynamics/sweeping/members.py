@@ -22,7 +22,7 @@ from xdynamics.march.uncontrolled import uncontrolled
 from xdynamics.model.switches import smooth_switches
 from xdynamics.record.provenance import xdynamics_version
 from xdynamics.schema import CIRCUMSTANCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
-from xdynamics.sweeping.grid import Grid, Group
+from xdynamics.sweeping.grid import At, Grid, Group
 from xdynamics.sweeping.harvest import Harvest, parts_of
 from xdynamics.sweeping.keeping import COUNT, DIAGNOSTIC, Keeping, Kept
 
@@ -296,10 +296,10 @@ def _settle(plan: Plan, block: Block, found: Mapping[str, Values], known: NDArra
         _check(grid, at[i], {name: found[name][i] for name in (DIGEST, OUTCOME)})
 
 
-def march_of(grid: Grid, at: Values) -> March | None:
-    """Return the march of a member alone; none of one whose model is refused, whose outcome tells why it could not go on."""
+def march_of(grid: Grid, at: At) -> March | None:
+    """Return the march of a member alone, as its run is recorded; none of one whose model is refused, whose outcome tells why it could not go on."""
     try:
-        return March(grid.model_of(at), grid.settings_of(at))
+        return March(grid.model_of(at), grid.recorded_settings_of(at))
     except ModelError:
         return None
 
@@ -312,7 +312,7 @@ def chosen(numbers: Values, part: float) -> Values:
 
 def _check(grid: Grid, at: Values, found: Mapping[str, Any]) -> None:
     """Compare a member with its run alone."""
-    march = march_of(grid, at)
+    march = march_of(grid.unrecorded, at)
     if march is None:
         return
     run = record.dataset(march, march.blocks())

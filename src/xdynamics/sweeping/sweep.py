@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics import record
 from xdynamics.entrance import load_dask_whole
 from xdynamics.faults import InputError
 from xdynamics.model import Model
@@ -17,7 +18,7 @@ from xdynamics.sweeping.axes import axes_of
 from xdynamics.sweeping.collection import collected, plan_of
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.keeping import END, keeping_of
-from xdynamics.sweeping.members import Plan
+from xdynamics.sweeping.members import Plan, march_of
 from xdynamics.sweeping.tasks import arrays_of, chunks_of
 from xdynamics.units import Quantity, behind
 
@@ -72,7 +73,9 @@ def sweep(
     progress : callable, optional
         Called with the part done, 0 and the tasks done, of a sweep into a folder.
     **settings
-        Of `simulate`, for all members.
+        Of `simulate`, for all members; ``keep_every``, ``log`` and ``compress`` are of the records of ``keep=["log"]``, and
+        all else that is kept is of every row. What a model file's `[run]` leaves out of records is recorded here, unless
+        it is asked for.
 
     Returns
     -------
@@ -100,9 +103,14 @@ def sweep(
     """
     load_dask_whole()
     grid = _grid(model, axes, settings)
+    keeping = keeping_of(keep, times, occurrences, grid.model.time_unit)
+    if not keeping.whole:
+        grid = _unrecorded(grid, settings)
     grid.check()
-    plan = Plan(grid, keeping_of(keep, times, occurrences, grid.model.time_unit), _part(check))
+    plan = Plan(grid, keeping, _part(check))
     collected(plan, {})  # refuses words that mean nothing
+    if grid.recording and (first := march_of(grid, (0,) * len(grid.shape))):
+        record.columns(first)  # and columns that are none
     _check_times(plan)
     if plan.keeping.whole and path is None:
         raise InputError("keep has 'log', and whole runs are kept in files; give path='a folder'")
@@ -129,6 +137,14 @@ def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:
     if grid.size > MOST_MEMBERS:
         raise InputError(f"the axes make {grid.size} members, and {MOST_MEMBERS} are the most; take fewer values")
     return grid
+
+
+def _unrecorded(grid: Grid, asked: Mapping[str, Any]) -> Grid:
+    """Leave out what an earlier sweep recorded of whole runs, where none are kept; refuse it where it is asked for."""
+    if left := [name for name in grid.recording if asked.get(name) is not None]:
+        say = "says" if len(left) == 1 else "say"
+        raise InputError(f"{' and '.join(left)} {say} how whole runs are recorded, and keep has none: add 'log' to keep with path='a folder', or leave {' and '.join(left)} out; what else is kept is of every row")  # fmt: skip
+    return grid.unrecorded
 
 
 def _check_times(plan: Plan) -> None:
