@@ -156,6 +156,23 @@ def test_segments_without_room_do_not_end_the_run(often: None, tmp_path: Path) -
     assert xd.verify(tmp_path / "run.nc") == whole()
 
 
+def test_a_second_process_does_not_end_the_run(often: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
+    """Assert that a run into whose archive another process has begun to march says so once and is finished."""
+    keep, folder = segments.Segments.keep, segments.folder_of(tmp_path / "run.nc")
+
+    def kept(one: segments.Segments, *given: Any) -> None:
+        folder.mkdir(exist_ok=True)
+        keep(one, *given)
+
+    monkeypatch.setattr(segments.Segments, "keep", kept)
+    with pytest.warns(
+        xd.ResumeWarning, match="can be kept: another process marches into it too; the run goes on"
+    ) as told:
+        xd.simulate(PENDULUM, **ASKED, path=tmp_path / "run.nc")
+    assert len(told) == 1
+    assert xd.verify(tmp_path / "run.nc") == whole()
+
+
 def test_a_run_that_broke_off_while_it_was_sealed(often: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
     """Assert that no segment is of a run that is over, so that what stopped it is found out again."""
     rocket, path = xd.Model.from_toml(MODELS / "rocket_c6.toml"), tmp_path / "run.nc"

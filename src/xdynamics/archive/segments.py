@@ -146,7 +146,10 @@ class Segments:
             self._number += 1
         except (OSError, InputError) as error:
             self.failed = True
-            why = getattr(error, "strerror", None) or error
+            other = (
+                isinstance(error, FileExistsError) and self.folder.is_dir()
+            )  # which was not there when this one began
+            why = "another process marches into it too" if other else getattr(error, "strerror", None) or error
             warn(f"no more segments of '{self.archive}' can be kept: {why}; the run goes on", ResumeWarning)
         self._kept, self._last = filled, time.monotonic()
 
