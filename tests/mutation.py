@@ -102,7 +102,7 @@ TOUCHED = {
     "evidence/diagnosing/chaos.py": ("test_lyapunov.py -k units_of or damped or saddle or power_of_time or wrong",),
     "evidence/exhibit.py": ("test_evidence_parts.py -k exhibit", "test_scaling.py -k units"),
     "evidence/marching.py": (
-        "test_evidence_parts.py -k location or study",
+        "test_evidence_parts.py -k location or study or interrupted",
         "test_signs_of_studies.py -k room or beyond",
         "test_refinement.py -k kept_in_files or interrupt",
     ),
@@ -213,7 +213,10 @@ TOUCHED = {
         "test_signs.py -k manufactured",
         "test_ledger.py -k trajectories or full_masses",
     ),
-    "evidence/validating/ledger.py": ("test_ledger.py -k not (planted or manufactured or limit)",),
+    "evidence/validating/ledger.py": (
+        "test_ledger.py -k notes_say or wrong_closed or not_met or other_units or died",
+        "test_ledger.py -k not (planted or manufactured or limit)",
+    ),
     "evidence/diagnosing/summits.py": ("test_summits.py -k not random_sweeps",),
     "evidence/diagnosing/extremes.py": ("test_extremes.py -k not (budget or certified or named or sweep)",),
     "budgeting/budget.py": (QUANTITIES, "test_budget.py -k cannot_be or declared or none_are or not_smooth or warned"),

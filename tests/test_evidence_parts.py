@@ -16,6 +16,7 @@ from problems import MODELS
 from xdynamics.evidence.companion import Companion, companion, companion_of, lines_of
 from xdynamics.evidence.comparing.bits import bitwise, reproduced
 from xdynamics.evidence.exhibit import exhibit
+from xdynamics.evidence.marching import march
 from xdynamics.evidence.matching import matched, met
 from xdynamics.evidence.observing import comparable, modes_behind, observe
 from xdynamics.evidence.refining.convergence import judge, observed_orders
@@ -763,3 +764,13 @@ def test_an_event_in_the_first_step_moves_what_follows() -> None:
     place, speed = [one for one in study.numbers() if one.dims == ("at",)]
     assert place.moved == pytest.approx(abs(1.0 - 5.0 * time) * doubt, rel=1e-9)
     assert speed.moved == pytest.approx(10.0 * doubt, rel=1e-9)
+
+
+def test_an_interrupted_run_is_no_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that what was interrupted ends the evidence that it was to be a part of."""
+    asked = {"method": "rk4", "step": 0.1, "until": 1.0}
+    assert march(OSCILLATOR, **asked).attrs["run_outcome"] == "completed"
+    half = SimpleNamespace(marched=lambda run: run.assign_attrs(run_outcome="interrupted"))
+    monkeypatch.setitem(march.__globals__, "archive", half)
+    with pytest.raises(KeyboardInterrupt):
+        march(OSCILLATOR, **asked)

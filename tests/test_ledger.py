@@ -393,3 +393,26 @@ def test_other_units_are_refused() -> None:
     model = xd.Model.from_text(text.replace("METHOD", "rk4").replace("STEP", "0.1 s"))
     with pytest.raises(xd.InputError, match="has units 's', needs 'm' of 'h'"):
         xd.validate(model=model)
+
+
+@pytest.mark.filterwarnings("ignore:no step of")
+@pytest.mark.parametrize(
+    ("bound", "method", "step"),
+    [("band", "velocity_verlet", "0.1 s"), ("band", "velocity_verlet", "0.6 s"), ("order", "rk4", "0.2 s"), ("order", "forward_euler", "0.3 s"), ("rounding", "heun", "0.1 s")],
+)  # fmt: skip
+def test_bounds_are_what_the_notes_say(bound: str, method: str, step: str) -> None:
+    """Assert residual and bound of the closed form of a swing from the run's own rows, by each rule, its caps among them."""
+    model = swing("metre*cos(t/second)", bound, method, step)
+    found = xd.validate(model=model)
+    run, coarse = (xd.simulate(model, step=float(step[:-2]) * k) for k in (1, 2))
+    off, off_coarse = (np.abs(one.x.values - np.cos(one.time.values)) for one in (run, coarse))
+    size = float(np.abs(run.x).max()) + 30.0 * float(np.abs(run.v_x).max())
+    rounding = (xd.METHODS[method].evaluations + 2) * run.sizes["step"] * float(np.finfo(float).eps) * size
+    part, order = off.size // 10, xd.METHODS[method].order
+    wanted = {
+        "band": min(1.5 * off[:part].max(), 0.2 * float(np.abs(run.x).max())), "rounding": 0.0,
+        "order": min(off_coarse.max() / 2 ** (order - 0.5), 0.5),
+    }[bound] + rounding  # fmt: skip
+    assert found.bound.values == pytest.approx([wanted], rel=1e-9)
+    assert found.residual.values == pytest.approx([off[-part:].max() if bound == "band" else off.max()], rel=1e-9)
+    assert found.residual_scale.values == pytest.approx([1.0], rel=0.2)
