@@ -294,3 +294,32 @@ def test_datasets_with_two_dimensions() -> None:
         xd.compare(made(0.01), xd.compare(made(0.01), made(0.02)))
     with pytest.raises(xd.InputError, match="'model_toml' was left out"):
         xd.compare(made(0.01), made(0.01).drop_vars("model_toml"))
+
+
+def test_what_two_falls_differ_in_is_said() -> None:
+    """Assert counts of variables, the likely cause with how many more, and where which difference is largest, in lines."""
+
+    def fall(g: float, m: float) -> xr.Dataset:
+        model = xd.Model(
+            name="fall", coordinates={"y": "m"}, parameters={"m": f"{m!r} kg", "g": f"{g!r} m s-2"}, mass={"y": "m"}, forces={"gravity": {"y": "-m*g"}},
+            initial={"y": "0 m", "v_y": "4 m s-1"}, events={"mark": {"function": "y + 1*metre"}, "level": {"function": "y - 0.5*metre"}},
+        )  # fmt: skip
+        return xd.simulate(model, method="rk4", step=0.1, until=1.5)
+
+    first, second = fall(10.0, 1.0), fall(9.0, 1.0)
+    table = xd.compare(first, second)
+    assert table.attrs["cause"] == "parameters: g: 10.0 m s-2 | 9.0 m s-2"
+    assert xd.compare(first, fall(9.0, 2.0)).attrs["cause"].endswith(", and 1 more")
+    said = lines_of(table)
+    assert said[0].startswith(f"{int((table.same == 0).sum())} of {table.sizes['variable']} variables differ; first: ")
+    times = table.difference_event_time_level
+    worst = int(np.abs(times.values).argmax())
+    assert worst == 1  # the way down
+    (line,) = [one for one in said if "difference_event_time_level" in one]
+    assert f"= {float(times[1]):.6g} s occurrence 2, scaled" in line
+    place = table.difference_y
+    (line,) = [one for one in said if one.startswith("largest   difference_y ")]
+    k = int(np.abs(place.values).argmax())
+    assert f"= {float(place[k]):.6g} m at t = {float(table.at_time[k]):.9g} s" in line
+    with pytest.raises(xd.InputError, match=r"'run\.nc' is a path; open it first, with open_run"):
+        xd.compare("run.nc", first)

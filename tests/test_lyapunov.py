@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.evidence.diagnosing.chaos import lyapunov
+from xdynamics.evidence.diagnosing.chaos import exponents_in_words, lyapunov
 from xdynamics.evidence.diagnosing.diagnosis import lines_of
 
 MODELS = Path(__file__).parents[1] / "data" / "models"
@@ -106,6 +106,17 @@ def test_saddle_at_rest_and_stiff_decay() -> None:
     agree(saddle, [2.0, -2.0], 1e-7)
     assert float(saddle.lyapunov_time) == pytest.approx(0.5)
     assert float(saddle.finite_time_growth) == pytest.approx(2.0, abs=0.03)
+    said = [*exponents_in_words(saddle)]
+    assert said[1] == "lyapunov_time = 0.5"
+    assert said[-1].startswith("finite_time_growth = ")
+    assert {str(name): one.attrs["role"] for name, one in saddle.data_vars.items() if "lyapunov" in str(name)} == {
+        "lyapunov_exponents": "diagnostic", "lyapunov_exponent": "diagnostic", "lyapunov_time": "diagnostic", "lyapunov_uncertainty": "error",
+    }  # fmt: skip
+    short = exponents(marched(oscillator("4*x", (0.0, 0.0)), 3.0))  # e**6 is less than a thousand
+    assert math.isinf(short.lyapunov_time)
+    assert any(
+        line.startswith("lyapunov_time = inf: the largest exponent is not") for line in exponents_in_words(short)
+    )
     stiff = flow("stiff", {"x": "-30000*(x - y)", "y": "-y"}, {"x": 1.0, "y": 1.0})
     found = exponents(marched(stiff, 20.0, method="radau_iia", rtol=1e-5))  # less than 1e-100 in each of 2,048 parts
     agree(found, [-1.0, -30000.0], 1e-2)
