@@ -9,7 +9,9 @@ import pytest
 
 import xdynamics as xd
 from problems import MODELS, particle
+from xdynamics.kernels import law_of
 from xdynamics.march import Runs, march_many
+from xdynamics.march.abreast import lanes_for
 from xdynamics.march.asking import settings_for
 from xdynamics.march.settings import Settings
 from xdynamics.methods import METHODS
@@ -184,6 +186,37 @@ def test_events_contacts_and_switches(name: str, more: dict[str, Any]) -> None:
         assert_same(found, alone)
         assert found.kept.log.rates.tobytes() == alone.kept.log.rates.tobytes()
         assert found.kept.log.impulses.tobytes() == alone.kept.log.impulses.tobytes()
+
+
+DETECTORS = 10
+
+
+def crowded() -> xd.Model:
+    """Return an oscillator with ten detectors, whose places are parameters, and a floor that it bounces on."""
+    places = {f"p{i}": f"{0.1 * i} m" for i in range(DETECTORS)}
+    events = {f"e{i}": {"function": f"x - p{i}", "direction": ["rising", "falling", "either"][i % 3]} for i in range(DETECTORS)}  # fmt: skip
+    return xd.Model(
+        name="crowded", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "depth": "0.9 m", **places},
+        mass={"x": "m"}, forces={"spring": {"potential": "newton/metre*x**2/2"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
+        events=events, contacts={"floor": {"gap": "x + depth", "restitution": 0.8}},
+    )  # fmt: skip
+
+
+@pytest.mark.cases(100)
+def test_many_events_close_together(case: int) -> None:
+    """Assert the bits of one lane of members with dense events and impacts, logs and ends alone, for several numbers of lanes."""
+    draw, model = np.random.default_rng(case), crowded()
+    width = 10.0 ** draw.uniform(-6.0, 0.0, N)  # of the stretch in which all detectors of a member are
+    given = {f"p{i}": draw.uniform(-0.7, 0.7) + width * draw.uniform(-0.5, 0.5, N) for i in range(DETECTORS)}
+    given = {"parameters": given | {"depth": draw.uniform(0.2, 1.5, N)}}
+    adaptive = case // 20 % 2 == 0  # of every twentieth case some are
+    way = {"method": "dop853", "rtol": 1e-8, "atol": 1e-8} if adaptive else {"method": "rk4", "step": 0.05}
+    settings = asked(model, until=7.0, **way)
+    lanes, logs = int(draw.choice([2, 4, 8])), bool(draw.integers(2))
+    assert lanes_for(law_of(settings.layout(model), sampled=False), settings, N, lanes) == lanes
+    alone = march_many(model, settings, lanes=1, logs=logs, **given)
+    assert len(alone.events) > 10 * N
+    assert_same(march_many(model, settings, lanes=lanes, logs=logs, **given), alone)
 
 
 @pytest.mark.parametrize("function", [

@@ -17,7 +17,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from xdynamics.faults import InputError
 from xdynamics.forking import waited_for
 from xdynamics.kernels import cache
-from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.compiling import PLAIN, UNCOUNTED
 from xdynamics.march import entries, loop, proposing
 from xdynamics.march.contacts import touch
 from xdynamics.march.events import enclosures, transition
@@ -216,7 +216,8 @@ def _contacts(kept: Kept) -> int:
 
 def _lanes(kept: Kept) -> Lanes:
     """The same for marches side by side."""
-    march, gather, parts = (kept.function(one, signature) for one, signature in zip((march_lanes, gather_rows, parts_of_steps), _LANES, strict=True))  # fmt: skip
+    march = kept.function(march_lanes, _LANES[0], **UNCOUNTED)
+    gather, parts = (kept.function(one, kind) for one, kind in zip((gather_rows, parts_of_steps), _LANES[1:], strict=True))  # fmt: skip
     return Lanes(march, gather, lambda run, *given: parts(run.address, *given))
 
 

@@ -45,9 +45,9 @@ class Kept:
         made.take(_Place(self._functions, function.__name__, complete=self._complete))
         return made
 
-    def function(self, function: Any, signature: Any) -> Any:
+    def function(self, function: Any, signature: Any, **options: Any) -> Any:
         """Compile a function that is called from Python, or take what was kept of it."""
-        made: Any = njit(**OPTIONS)(function)
+        made: Any = njit(**OPTIONS, **options)(function)
         made._cache = _Place(self._functions, function.__name__, complete=self._complete)  # noqa: SLF001 - as its `enable_caching` does
         made.compile(signature)
         return made

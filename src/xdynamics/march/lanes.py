@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import borrowing
 from xdynamics.kernels.program import REGIME, T1, H, T
 from xdynamics.kernels.striding import LANE
 from xdynamics.kernels.tables import enter_pieces
@@ -109,7 +109,7 @@ def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, a
     return True
 
 
-@shared
+@borrowing
 def serve(address: Any, march_at: Any, lane: int, members: Whole, standing: Whole, blocks: Any, given: Any, results: Any, events: Any, keeping: Any) -> bool:  # fmt: skip
     """Have the single march make the step of a lane, and the next run take its place where one is over; False without room."""
     run, (_, y, before, _, _, w) = run_at(address), blocks
@@ -140,7 +140,7 @@ def serve(address: Any, march_at: Any, lane: int, members: Whole, standing: Whol
     return True
 
 
-@shared
+@borrowing
 def lacks_room(run: Run, lanes: int, standing: Whole, events: Any, keeping: Any) -> bool:
     """Whether events of so many lanes, or rows that the single march may write, would have no place."""
     if standing[EVENTS] + lanes * run.log_events.shape[0] > events[0].shape[0]:
@@ -148,7 +148,7 @@ def lacks_room(run: Run, lanes: int, standing: Whole, events: Any, keeping: Any)
     return keeping[0].shape[0] > 0 and standing[ROWS] + run.log_rows.shape[1] + 2 > keeping[1].shape[0]
 
 
-@shared
+@borrowing
 def cross(run: Run, y: Floats, before: Floats, pieces: Whole, w: Floats, lane: int) -> None:
     """Behind a node, have a lane go on with the forces of its far side, as `loop.cross_node` does; before it is kept."""
     now, t = run.now[0], w[L_T, lane]
@@ -170,7 +170,7 @@ def cross(run: Run, y: Floats, before: Floats, pieces: Whole, w: Floats, lane: i
     aim_behind(run, w, lane)
 
 
-@shared
+@borrowing
 def aim_behind(run: Run, w: Floats, lane: int) -> None:
     """Tell a lane which node is next."""
     now = run.now[0]
@@ -179,7 +179,7 @@ def aim_behind(run: Run, w: Floats, lane: int) -> None:
     w[L_INNER, lane] = 1.0 if inner else 0.0
 
 
-@shared
+@borrowing
 def take(standing: Whole, members: Whole, reached: Floats, marks: Flags, y: Floats, w: Floats, noted: Floats, keeping: Any) -> None:  # fmt: skip
     """Keep the rows that a step in all lanes led to; what is of a lane that did not move is no run's."""
     to, lanes, (columns, rows, flags, owners) = standing[ROWS], members.shape[0], keeping
@@ -203,7 +203,7 @@ def take(standing: Whole, members: Whole, reached: Floats, marks: Flags, y: Floa
     standing[ROWS] += 1
 
 
-@shared
+@borrowing
 def take_noted(run: Run, first: int, member: int, standing: Whole, keeping: Any) -> None:
     """Keep rows that the single march has written, from one on."""
     columns, rows, flags, owners = keeping
@@ -221,7 +221,7 @@ def take_noted(run: Run, first: int, member: int, standing: Whole, keeping: Any)
         standing[ROWS] += 1
 
 
-@shared
+@borrowing
 def hand_out(run: Run, member: int, standing: Whole, events: Any) -> None:
     """Take the events out of a run's log, and note whose they are."""
     now, base, (met, rates, impulses, owners) = run.now[0], run.base[0], events
@@ -237,14 +237,18 @@ def hand_out(run: Run, member: int, standing: Whole, events: Any) -> None:
     base.events = now.events
 
 
-@shared
+@borrowing
 def go_on(run: Run, march_at: Any, address: Any, member: int, standing: Whole, keeping: Any) -> None:
-    """Make a step by the single march, and further ones where forces are other ones behind a node, or contacts hold."""
-    first, room = run.now[0].rows, keeping[1].shape[0] - run.log_rows.shape[1]
+    """Make a step by the single march, and further ones where forces are other ones behind a node, or contacts hold.
+
+    Behind a step with an event too: another one is often near, and the way into a lane and out of it costs five steps.
+    """
+    now, first, room = run.now[0], run.now[0].rows, keeping[1].shape[0] - run.log_rows.shape[1]
+    met = now.events
     march_by(march_at, address, 1)
-    while run.now[0].status == RUNNING and waits(run) and has_room(run):
+    while now.status == RUNNING and (now.events > met or waits(run)) and has_room(run):
         take_noted(run, first, member, standing, keeping)
-        first = run.now[0].rows
+        first, met = now.rows, now.events
         if keeping[0].shape[0] > 0 and standing[ROWS] > room:
             return
         rebase(run)
@@ -252,13 +256,13 @@ def go_on(run: Run, march_at: Any, address: Any, member: int, standing: Whole, k
     take_noted(run, first, member, standing, keeping)
 
 
-@shared
+@borrowing
 def waits(run: Run) -> bool:
     """Whether forces are to be evaluated behind a node, or a contact or friction holds the state, behind every step."""
     return run.now[0].crossed != run.now[0].node or (run.touches.shape[0] > 0 and choose(run, True) > 0)
 
 
-@shared
+@borrowing
 def rebase(run: Run) -> None:
     """Let the log begin with the last row that was written."""
     now, base = run.now[0], run.base[0]
@@ -270,7 +274,7 @@ def rebase(run: Run) -> None:
     base.rows, base.trials, base.samples = now.rows - 1, now.trials, now.samples
 
 
-@shared
+@borrowing
 def enter(run: Run, blocks: Any, lane: int) -> None:
     """Put a run into a lane, from where it stands."""
     now, plan, used, (at, y, _, p, pieces, w) = run.now[0], run.plan[0], run.plan[0].used, blocks
@@ -299,7 +303,7 @@ def enter(run: Run, blocks: Any, lane: int) -> None:
         w[first + i, lane] = run.w[run.w.shape[0] - (w.shape[0] - first) + i]
 
 
-@shared
+@borrowing
 def watch_sides(run: Run, w: Floats, first: int, lane: int) -> None:
     """Tell a lane on which side of zero each event function is to stay, and how large gaps were."""
     events = run.detectors.shape[0]
@@ -311,7 +315,7 @@ def watch_sides(run: Run, w: Floats, first: int, lane: int) -> None:
             w[first + events + i, lane] = run.touches[run.detectors[i].reaction].largest
 
 
-@shared
+@borrowing
 def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
     """Take a run out of its lane, so that the single march goes on from where it stands; its last row is written."""
     now, plan, used = run.now[0], run.plan[0], run.plan[0].used
@@ -351,7 +355,7 @@ def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
     now.norm = w[L_TRIED, lane]
 
 
-@shared
+@borrowing
 def close(run: Run, member: int, results: Any) -> None:
     """Keep what became of a run that is over."""
     ends, lasts, largest, passed = results
@@ -447,7 +451,7 @@ def parts_of_steps(address: Any, forces_at: Any, propose_at: Any, table: Whole, 
             filled = 0
 
 
-@shared
+@borrowing
 def lend(run: Run, at: Floats, y: Floats, p: Floats, pieces: Whole, lane: int) -> None:
     """Put state, parameters and tables of a run into a lane."""
     at[REGIME, lane] = run.at[REGIME]
