@@ -10,11 +10,10 @@ from xdynamics import schema
 
 def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
     """Return the attributes that belong to a variable itself, not to the way it is kept."""
-    return {
-        str(key): value
-        for key, value in attributes.items()
-        if key not in (schema.DIGEST, "coordinates", "_FillValue", "_Encoding")
-    }
+    kept_as = {schema.DIGEST, "coordinates", "_FillValue", "_Encoding"}
+    if schema.TEXT_FORM in attributes:  # a text whose flags are of the file alone
+        kept_as |= {schema.TEXT_FORM, *schema.FLAG_ATTRIBUTES}
+    return {str(key): value for key, value in attributes.items() if key not in kept_as}
 
 
 def plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:

@@ -93,6 +93,9 @@ NUMBERS = (
 )  # fmt: skip
 PAIRS = ("solver_growth_limits",)
 DIGEST, ROOT_DIGEST, VOLATILE_DIGEST = "sha256", "content_digest", "volatile_digest"
+# of a variable in a file whose numbers stand for texts, as which they are read; the attributes that say which
+TEXT_FORM = "text_form"
+FLAG_ATTRIBUTES = ("flag_values", "flag_meanings")
 # what a record in memory was before anybody could edit it; not in files
 ORIGIN = "origin"
 # of what is no run: a text that says how it was made, and of a part of a run which part; content digests of the run
@@ -152,7 +155,7 @@ def flags(words: Mapping[int, str]) -> dict[str, Any]:
     """Return the CF attributes of a flag variable."""
     import numpy as np
 
-    return {"flag_values": np.array(list(words), np.int8), "flag_meanings": " ".join(words.values())}
+    return dict(zip(FLAG_ATTRIBUTES, (np.array(list(words), np.int8), " ".join(words.values())), strict=True))
 
 
 def coordinates_of(name: str, dims: Sequence[str]) -> str | None:

@@ -12,6 +12,7 @@ from xdynamics.archive.inventory import Inventory, inventory
 from xdynamics.archive.library import DAMAGE, alone, opened, read, words_of
 from xdynamics.archive.library import attributes as attributes_of
 from xdynamics.archive.seals import Tail, letters_of, root_digest, stored_digest, volatile_digest
+from xdynamics.archive.texts import bytes_of, form_of
 from xdynamics.attributes import own_attributes
 from xdynamics.faults import ArchiveError, numbered
 from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST, coordinates_of
@@ -119,7 +120,8 @@ def _fault_of(name: str, variable: Any, digests: dict[str, str], own: dict[str, 
     try:
         digests[name] = stored_digest(variable)
         attributes = attributes_of(variable)
-        dims, is_text = alone(lambda: (variable.dimensions, variable.dtype == "S1"))()
+        dims, shape, dtype = alone(lambda: (variable.dimensions, variable.shape, variable.dtype))()
+        form, is_text = form_of(attributes, dtype, dims, shape), dtype == "S1"
         text = read(variable, ...).tobytes() if is_text else b""
     except DAMAGE as error:
         return f"cannot be read: {words_of(error)}"
@@ -130,9 +132,10 @@ def _fault_of(name: str, variable: Any, digests: dict[str, str], own: dict[str, 
     own[name] = own_attributes(attributes)
     if attributes.get(DIGEST) != digests[name]:
         return "differs from its digest"
-    own_dims = dims[:-1] if is_text else dims
+    further = letters_of(name) if is_text else bytes_of(name) if form and form.further else ""
+    own_dims = dims[:-1] if further else dims
     as_written = {"coordinates": coordinates_of(name, own_dims)} | ({"_Encoding": "utf-8"} if is_text else {})
     added = any(attributes.get(key, value) != value for key, value in as_written.items())
-    if added or "_FillValue" in attributes or (is_text and dims != (*own_dims, letters_of(name))):
+    if added or "_FillValue" in attributes or (further and dims != (*own_dims, further)):
         return "is not stored as it was written"
     return ""

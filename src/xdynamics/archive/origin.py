@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive.seals import Seal, root_digest, slabs
+from xdynamics.archive.seals import Seal, root_digest, stored_slabs
 from xdynamics.cached import cached_property
 from xdynamics.record import own_attributes
 from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
@@ -157,6 +157,6 @@ def read(run: xr.Dataset, source: Source) -> xr.Dataset:
 def digest_of(name: str, variable: Any) -> str:
     """Return the digest that a variable has in a file."""
     seal = Seal(name, tuple(map(str, variable.dims)), variable.dtype)
-    for part in slabs(variable):
+    for part in stored_slabs(variable):
         seal.update(part)
     return seal.hexdigest()

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from xarray import Variable
 from xarray.backends import BackendArray, NetCDF4DataStore
 from xarray.core import indexing
 
 from xdynamics.archive.library import alone
 from xdynamics.archive.stretches import chosen
+from xdynamics.archive.texts import Form, form_of
+from xdynamics.attributes import own_attributes
 from xdynamics.faults import ArchiveError
+from xdynamics.schema import DIGEST
 
 
 class Store(NetCDF4DataStore):
@@ -21,8 +25,13 @@ class Store(NetCDF4DataStore):
     def open_store_variable(self, name: str, var: Any) -> Variable:
         """Return a variable, of which nothing is read yet."""
         found = super().open_store_variable(name, var)
-        values = indexing.LazilyIndexedArray(Values(self._manager, name, found.shape, found.dtype))
-        return Variable(found.dims, values, found.attrs, found.encoding)
+        values = Values(self._manager, name, found.shape, found.dtype)
+        form = form_of(found.attrs, found.dtype, found.dims, found.shape)
+        if form is None:
+            return Variable(found.dims, indexing.LazilyIndexedArray(values), found.attrs, found.encoding)
+        texts = indexing.LazilyIndexedArray(Texts(values, form))
+        about = own_attributes(found.attrs) | {DIGEST: found.attrs.get(DIGEST, "")}
+        return Variable(found.dims[: len(texts.shape)], texts, about)
 
 
 class Values(BackendArray):
@@ -59,3 +68,21 @@ class Values(BackendArray):
                 raise ArchiveError(
                     f"variable '{self.name}' of '{self.lent.path}' is no text in UTF-8: {error.reason} at {error.start}"
                 ) from None
+
+
+class Texts(BackendArray):
+    """The texts of one variable that are numbers in the file."""
+
+    def __init__(self, numbers: Values, form: Form) -> None:
+        self.numbers, self.form, self.dtype = numbers, form, np.dtype(f"U{form.width}")
+        self.shape: tuple[int, ...] = numbers.shape[: len(numbers.shape) - form.further]
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+
+    def _read(self, key: tuple[Any, ...]) -> Any:
+        whole = indexing.OuterIndexer((*key, *(slice(None),) * self.form.further))
+        try:
+            return self.form.texts(np.asarray(self.numbers[whole]))
+        except ValueError as error:  # of a file that was opened unchecked
+            raise ArchiveError(f"texts of '{self.numbers.name}' cannot be read: {error}") from None

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from xdynamics.archive.bounds import packed
 from xdynamics.archive.library import alone
 from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, letters_of, root_digest, volatile_digest
+from xdynamics.archive.texts import Numbers, numbers_of
 from xdynamics.attributes import own_attributes
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.kinds import is_evidence
@@ -134,6 +135,7 @@ class Writer:
 
     def append(self, name: str, values: Array) -> None:
         """Write and hash the next values of a variable."""
+        values = letters(values) if self._seals[name].is_text else values
         self.write([(name, values)])
         self.hash([(name, values)])
 
@@ -154,13 +156,27 @@ class Writer:
             self._filled[name] = start + values.shape[0]
 
     def _write_text(self, name: str, letters: Array) -> None:
-        """Write texts as characters: variable-length strings crash the library when a file is open twice."""
+        """Write texts as numbers or characters: variable-length strings crash the library when a file is open twice."""
+        numbers = numbers_of(name, self._attributes[name].get("role"), letters)
+        if numbers is not None:
+            self._write_numbers(name, numbers)
+            return
         dim = letters_of(name)
         self._file.createDimension(dim, letters.shape[-1])
         variable = self._file.createVariable(name, "S1", (*self._seals[name].dims, dim), fill_value=False)
         variable.set_auto_chartostring(False)
         variable[...] = letters
         variable.setncattr("_Encoding", "utf-8")
+
+    def _write_numbers(self, name: str, numbers: Numbers) -> None:
+        dims, values = self._seals[name].dims, numbers.values
+        if numbers.dim:
+            self._file.createDimension(numbers.dim, values.shape[-1])
+            dims = (*dims, numbers.dim)
+        variable = self._file.createVariable(name, values.dtype, dims, fill_value=False)
+        variable.set_auto_maskandscale(False)
+        variable[...] = values
+        variable.setncatts(numbers.attributes)
 
     def hash(self, parts: list[tuple[str, Array]]) -> None:
         """Add the next values of variables to their digests."""

@@ -18,7 +18,7 @@ from xdynamics.archive.examiner import examined, know, see
 from xdynamics.archive.leftovers import LONGEST
 from xdynamics.archive.lending import identity_of
 from xdynamics.archive.library import alone, opened
-from xdynamics.archive.seals import Tail, seal_file, slabs, tail_of
+from xdynamics.archive.seals import Tail, seal_file, stored_slabs, tail_of
 from xdynamics.archive.standing import standing
 from xdynamics.archive.target import Batch, check_no_table, check_target, taking_name
 from xdynamics.archive.writer import Writer
@@ -175,7 +175,7 @@ def _written(run: xr.Dataset, path: Path, *, compress: bool | None, batch: Batch
             sizes = {str(dim): n for dim, n in zip(variable.dims, variable.shape, strict=True) if n}
             writer.define(str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), sizes)
         for name, variable in run.variables.items():
-            for part in slabs(variable):
+            for part in stored_slabs(variable):
                 writer.append(str(name), part)
         writer.finish(dict(run.attrs))
     return writer.path

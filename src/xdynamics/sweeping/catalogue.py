@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics import archive
 from xdynamics.archive import leftovers
+from xdynamics.archive.reading import values_of
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.target import taking_name
 from xdynamics.evidence.exhibit import about, exhibit
@@ -314,13 +316,31 @@ def _said(block: Block) -> str:
 
 
 def _joined(plan: Plan, blocks: list[Block], parts: list[Path]) -> dict[str, Any]:
-    """Read the blocks into whole arrays."""
-    found = {one.name: np.empty((*plan.grid.shape, *one.sizes), one.dtype) for one in plan.variables}
+    """Read the blocks into whole arrays; texts are bytes, and become texts a part at a time, as they are used."""
+    import dask.array
+
+    da: Any = dask.array  # its functions are not typed
+    shapes = {one.name: (*plan.grid.shape, *one.sizes) for one in plan.variables}
+    texts = {one.name: np.dtype(one.dtype) for one in plan.variables if np.dtype(one.dtype).kind == "U"}
+    types = {one.name: one.dtype for one in plan.variables} | {name: f"S{one.itemsize // 4}" for name, one in texts.items()}  # fmt: skip
+    found: dict[str, Any] = {name: np.empty(shape, types[name]) for name, shape in shapes.items()}
     for block, part in zip(blocks, parts, strict=True):
-        with archive.open_run(part, check=False) as one:
-            for name, whole in found.items():
-                whole[tuple(block)] = one[name].values
-    return found
+        values = values_of(part)
+        for name, whole in found.items():
+            whole[tuple(block)] = values[name]
+    lazy = {name: _Texts(found[name], one) for name, one in texts.items()}
+    return found | {name: da.from_array(one, chunks=one.shape, name=False) for name, one in lazy.items()}
+
+
+class _Texts:
+    """Bytes as an array of texts, of which those are made that are asked for."""
+
+    def __init__(self, found: NDArray[Any], dtype: np.dtype[Any]) -> None:
+        self.found, self.dtype, self.shape, self.ndim = found, dtype, found.shape, found.ndim
+
+    def __getitem__(self, key: Any) -> NDArray[Any]:
+        texts: NDArray[Any] = self.found[key].astype(self.dtype)
+        return texts
 
 
 class _watching:  # noqa: N801 - used as a statement

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from functools import partial
 from hashlib import sha256
@@ -18,19 +17,24 @@ from xdynamics.sweeping.members import Block, Plan, marched
 SECOND = 1.0  # of work in a task, of which a scheduler costs a millisecond
 LEAST = 0.05  # s, where there are few members for many workers
 EACH = 4  # tasks a worker, so that none is idle for long
-MOST = 1 << 16  # members of a task
-PROBED = 8
+MOST = 1 << 15  # members of a task, each of which takes a kilobyte while it is marched
+PROBED, FURTHER = (
+    8,
+    16,
+)  # members that are marched to see what one costs, and how many times as many where they cost little
 
 Chunks = tuple[tuple[int, ...], ...]
 
 
 def chunks_of(plan: Plan, members: int | None = None) -> Chunks:
     """Cut a sweep into tasks of so many members, else of as many as fill about a second; no number depends on it."""
+    from dask.system import CPU_COUNT  # those that this process may use
+
     grid = plan.grid
     if members is not None:
         return cut(grid, members)
     cost = _cost(plan)
-    fewest = max(grid.size // (EACH * (os.cpu_count() or 1)), int(LEAST / cost))
+    fewest = max(grid.size // (EACH * CPU_COUNT), int(LEAST / cost))
     return cut(grid, max(1, min(MOST, int(SECOND / cost), fewest)))
 
 
@@ -115,21 +119,33 @@ def _digest(values: Any) -> str:
 
 
 def _cost(plan: Plan) -> float:
-    """March a member, and if that is short some more, spread over the grid; return how long one takes, s."""
+    """March a member, and if that is short some more, spread over the grid; return how long one takes, s.
+
+    By the processor's time: on a machine that is busy with other things a sweep is cut no finer.
+    """
     grid = plan.grid
     first = tuple(slice(0, 1) for _ in grid.shape)
     marched(plan, first)  # compiles
-    started = time.perf_counter()
+    started = time.thread_time()
     marched(plan, first)
-    taken = time.perf_counter() - started
+    taken = time.thread_time() - started
     if taken * PROBED > SECOND or grid.size == 1:
-        return taken
+        return max(1e-7, taken)
     k = max((i for i in range(len(grid.shape)) if i not in grid.words), key=lambda i: grid.shape[i], default=0)
-    spread = max(1, grid.shape[k] // PROBED)
-    some = tuple(
-        slice(None, None, spread) if i == k and i not in grid.words else slice(0, 1) for i in range(len(grid.shape))
+    probed = PROBED
+    while True:  # of few members the cost is that of a call, not theirs
+        some = _spread(grid, k, probed)
+        started = time.thread_time()
+        marched(plan, some)
+        taken, count = time.thread_time() - started, int(np.prod(grid.shape_of(some)))
+        if taken > LEAST or FURTHER * FURTHER * count > grid.size or FURTHER * probed > grid.shape[k]:
+            return max(1e-7, taken / max(1, count))
+        probed *= FURTHER
+
+
+def _spread(grid: Grid, k: int, count: int) -> Block:
+    """Choose so many members, spread over one axis."""
+    step = max(1, grid.shape[k] // count)
+    return tuple(
+        slice(None, None, step) if i == k and i not in grid.words else slice(0, 1) for i in range(len(grid.shape))
     )
-    started = time.perf_counter()
-    marched(plan, some)
-    taken = time.perf_counter() - started
-    return max(1e-7, taken / max(1, int(np.prod(grid.shape_of(some)))))

@@ -1,0 +1,170 @@
+"""Texts of many members as numbers in a file: outcomes as flags, digests as bytes; what is read are the texts.
+
+A digest of 32 digits takes 16 bytes, an outcome one; in memory, as texts of one width, 128 and 80. The digest of such a
+variable is that of its texts, so that an archive has the same content digest in whatever form it keeps them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.schema import FLAG_ATTRIBUTES, TEXT_FORM, flags
+
+Array = NDArray[Any]
+
+FLAGS, HEXADECIMAL = "flag_meanings", "hexadecimal"
+NUMBERED = ("outcome", "digest")  # roles of the variables that are kept so
+NO_WORD = -1  # of an empty text, which no flag can mean
+MOST_WORDS, LONGEST_WORD = 64, 64
+DIGITS = b"0123456789abcdef"
+AT_ONCE = 1 << 16  # texts that are turned into bytes
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Texts as a file keeps them.
+
+    Attributes
+    ----------
+    values : ndarray of int8 or uint8
+    dim : str
+        Of the bytes of each, behind the dimensions of the texts; empty where each is one number.
+    attributes : dict
+        Which say what the numbers mean.
+    """
+
+    values: Array
+    dim: str
+    attributes: Mapping[str, Any]
+
+
+def bytes_of(name: str) -> str:
+    """Name the dimension of the bytes of digests in a file."""
+    return f"{name}_bytes"
+
+
+def numbers_of(name: str, role: Any, letters: Array) -> Numbers | None:
+    """Return texts as numbers; None where they stay letters, being others than words or digests, or a single one.
+
+    Parameters
+    ----------
+    name : str
+    role : str
+        Of the variable.
+    letters : ndarray of S1
+        Along the last dimension, as `seals.letters` gives them.
+    """
+    if role not in NUMBERED or letters.ndim < 2 or not letters.size:
+        return None
+    if role == "digest":
+        values = _from_hexadecimal(np.ascontiguousarray(letters).view(np.uint8))
+        return None if values is None else Numbers(values, bytes_of(name), {TEXT_FORM: HEXADECIMAL})
+    width = letters.shape[-1]
+    texts = np.ascontiguousarray(letters).view(f"S{width}")[..., 0]
+    words = _words(texts.ravel())
+    if words is None:
+        return None
+    values = np.full(texts.shape, NO_WORD, np.int8)
+    for number, word in enumerate(words):
+        values[texts == word] = number
+    return Numbers(values, "", {TEXT_FORM: FLAGS, **flags(dict(enumerate(one.decode() for one in words)))})
+
+
+def _words(texts: Array) -> list[bytes] | None:
+    """List the words among many texts, sorted; None where there are too many, or some that are no flag's meaning."""
+    found: list[bytes] = []
+    left = texts[texts != b""]
+    while left.size:
+        word = bytes(left[0])
+        if len(found) == MOST_WORDS or not _is_word(word):
+            return None
+        found.append(word)
+        left = left[left != word]
+    return sorted(found) or None
+
+
+def _is_word(word: bytes) -> bool:
+    return len(word) <= LONGEST_WORD and word.isascii() and word.decode("ascii").isprintable() and b" " not in word
+
+
+_VALUES = np.full(256, 255, np.uint8)
+_VALUES[np.frombuffer(DIGITS, np.uint8)] = np.arange(16)
+_PAIRS = np.frombuffer(b"".join(b"%02x" % one for one in range(256)), np.uint16)  # of letters, as they stand in memory
+
+
+def _from_hexadecimal(codes: Array) -> Array | None:
+    """Return lower-case hexadecimal digits as bytes; None where there are others, or not two for each byte."""
+    if codes.shape[-1] % 2:
+        return None
+    flat = codes.reshape(-1, codes.shape[-1])
+    found = np.empty((len(flat), codes.shape[-1] // 2), np.uint8)
+    for start in range(0, len(flat), AT_ONCE):
+        digits = _VALUES[flat[start : start + AT_ONCE]]
+        if digits.max() >= len(DIGITS):
+            return None
+        found[start : start + AT_ONCE] = (digits[:, ::2] << 4) | digits[:, 1::2]
+    return found.reshape(*codes.shape[:-1], -1)
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a variable of an open file keeps texts as numbers.
+
+    Attributes
+    ----------
+    words : ndarray of S, shape (n,)
+        Of flags: the words by their numbers, an empty one last; of digests nothing.
+    width : int
+        Letters of the longest text.
+    """
+
+    words: Array | None
+    width: int
+
+    @property
+    def further(self) -> int:
+        """How many dimensions the numbers have behind those of the texts."""
+        return int(self.words is None)
+
+    def letters(self, numbers: Array) -> Array:
+        """Return the texts of numbers as letters along a further dimension."""
+        if self.words is None:
+            found = _PAIRS[np.asarray(numbers)]
+            return np.ascontiguousarray(found).view("S1").reshape(*numbers.shape[:-1], self.width)
+        if numbers.size and not (numbers.min() >= NO_WORD and numbers.max() < len(self.words) - 1):
+            raise ValueError("a flag of it has no meaning")
+        # with a further dimension one number is an array too, whose words have this width
+        return np.take(self.words, numbers[..., None]).view("S1").reshape(*numbers.shape, self.width)
+
+    def texts(self, numbers: Array) -> Array:
+        """Return the texts of numbers."""
+        letters = self.letters(numbers)
+        codes = np.ascontiguousarray(letters.view(np.uint8).astype(np.uint32))
+        return codes.view(f"U{self.width}")[..., 0]
+
+
+def form_of(attributes: Mapping[str, Any], dtype: Any, dims: tuple[str, ...], shape: tuple[int, ...]) -> Form | None:
+    """Return how a variable keeps texts as numbers; None where it keeps none.
+
+    Raises
+    ------
+    ValueError
+        If it says so, and its numbers are none.
+    """
+    form = attributes.get(TEXT_FORM)
+    if form is None:
+        return None
+    flagged = FLAG_ATTRIBUTES[0] in attributes or FLAG_ATTRIBUTES[1] in attributes
+    if form == HEXADECIMAL and dtype == np.uint8 and len(dims) > 1 and 0 < shape[-1] <= LONGEST_WORD and not flagged:
+        return Form(None, 2 * shape[-1])
+    words = str(attributes.get("flag_meanings", "")).encode().split(b" ")
+    numbers = np.atleast_1d(attributes.get("flag_values", -1)).tolist()
+    sound = 0 < len(words) <= MOST_WORDS and all(map(_is_word, words)) and numbers == [*range(len(words))]
+    if form != FLAGS or dtype != np.int8 or not dims or not sound or b"" in words:
+        raise ValueError(f"it is no text in the form '{form}'")
+    return Form(np.array([*words, b""]), max(map(len, words)))
