@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.llvm_text import UNROLLED
+from xdynamics.kernels.printed import key_of
 from xdynamics.kernels.program import AT, TABLE, WORDS, Compute, Load, Place, Program, Store
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.tables import flattened
@@ -275,3 +278,33 @@ def test_minus_zero_is_another_number() -> None:
         method="midpoint", step=0.5, until=1.0,
     )  # fmt: skip
     assert float(run.force_up_x[0]) == -float(run.force_down_x[0]) > 0.0
+
+
+@pytest.mark.parametrize("method", ["rk4", "dop853", "implicit_midpoint", "radau_iia"])
+def test_a_law_that_is_kept_is_not_printed_again(method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that another process finds code, text and equations by the model's form, whatever its numbers are."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    tmp_path.chmod(0o700)
+    scheme, model = Scheme(xd.METHODS[method]), model_named("pendulum")
+    first = Law(layout_of(model, scheme), sampled=True)
+    assert (first.addresses != 0).sum() == len(first.addresses) - 1  # nothing inside a step yet
+    for name in ("python_of", "llvm_of"):
+        monkeypatch.setattr(f"xdynamics.kernels.law.{name}", lambda *_, **__: pytest.fail("printed again"))
+    second = Law(layout_of(model.replace(parameters={"l": 2.0}), scheme), sampled=True)
+    assert (second.addresses != 0).tolist() == (first.addresses != 0).tolist()
+    assert (second.source, second.memory, second.equations) == (first.source, first.memory, first.equations)
+    assert second.printed.names == tuple(one.name for one in first.entries)
+
+
+def test_what_laws_are_kept_by() -> None:
+    """Assert that another form, method, estimator, summation or set of functions is another law, and other numbers are none."""
+    model = model_named("pendulum")
+    scheme = Scheme(xd.METHODS["rk4"])
+    others = [
+        Scheme(xd.METHODS["heun"]),
+        *(replace(scheme, **{key: "another"}) for key in ("estimator", "summation", "math_functions")),
+    ]
+    layouts = [layout_of(model, one) for one in (scheme, *others)] + [layout_of(model_named("kepler"), scheme)]
+    keys = [key_of(one, sampled=sampled) for one in layouts for sampled in (True, False)]
+    assert len(set(keys)) == len(keys) == 12
+    assert key_of(layout_of(model.replace(parameters={"l": 2.0}), scheme), sampled=True) == keys[0]

@@ -18,12 +18,13 @@ from xdynamics.cached import cached_property
 from xdynamics.elementary import NAME, SETS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.forking import waited_for
-from xdynamics.kernels import machine, quantities, stepping
+from xdynamics.kernels import machine, printed, quantities, stepping
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.enclosing import CALLED
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.operations import python_of_set
+from xdynamics.kernels.printed import Printed
 from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.stepping import Equations, Steps
@@ -91,14 +92,35 @@ class Law:
     @cached_property
     def programs(self) -> tuple[Program, ...]:
         """Every program, each behind those that it calls."""
-        inner = (quantities.linearised(self.layout),) if self.equations else ()
+        inner = (quantities.linearised(self.layout),) if self.steps.equations else ()
         return (self.entries[0], *inner, *self.entries[1:])
 
     @cached_property
+    def printed(self) -> Printed:
+        """What a march has of the law beside its machine code: kept with that, or printed now."""
+        if self._kept is not None:
+            return self._kept[0]
+        title = f"A step by {self.scheme.method.name}, and the forces that it asks for."
+        source = "\n\n".join([HEADER.format(title=title), *map(python_of, self.programs)])
+        return Printed(source, tuple(one.name for one in self.entries), self.steps.memory, self.steps.equations)
+
+    @property
     def source(self) -> str:
         """The law as Python: quoted in the record, and what runs where nothing is compiled."""
-        title = f"A step by {self.scheme.method.name}, and the forces that it asks for."
-        return "\n\n".join([HEADER.format(title=title), *map(python_of, self.programs)])
+        return self.printed.source
+
+    @cached_property
+    def _kept(self) -> tuple[Printed, bytes] | None:
+        """What a process before printed and compiled of the same form; functions in Python are of this one alone."""
+        return printed.read(self._key) if self._can_be_kept else None
+
+    @cached_property
+    def _key(self) -> str:
+        return printed.key_of(self.layout, sampled=self.sampled)
+
+    @property
+    def _can_be_kept(self) -> bool:
+        return not (config.DISABLE_JIT or self.layout.model.python_functions)  # type: ignore[attr-defined]
 
     @cached_property
     def source_digest(self) -> str:
@@ -108,7 +130,12 @@ class Law:
     @property
     def equations(self) -> tuple[Equations, ...]:
         """What the step solves by Newton's method."""
-        return self.steps.equations
+        return self.printed.equations
+
+    @property
+    def memory(self) -> int:
+        """Numbers of the working memory of a step."""
+        return self.printed.memory
 
     @property
     def addresses(self) -> NDArray[np.int64]:
@@ -126,8 +153,8 @@ class Law:
     def _addresses(self) -> NDArray[np.int64]:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return self.plain
-        found = self._marching.addresses | {self.entries[INSIDE - FORCES].name: 0}
-        return np.array([*_alone(CONTROL).addresses.values(), *(found[one.name] for one in self.entries)], np.int64)
+        found = self._marching.addresses
+        return np.array([*_alone(CONTROL).addresses.values(), *(found.get(name, 0) for name in self.printed.names)], np.int64)  # fmt: skip
 
     @cached_property
     def _addresses_inside(self) -> NDArray[np.int64]:
@@ -208,7 +235,15 @@ class Law:
 
     @cached_property
     def _marching(self) -> machine.Code:
-        return self.compiled(without=[self.entries[INSIDE - FORCES]])
+        """All but the program for times inside a step."""
+        if not self._can_be_kept:
+            return self.compiled(without=[self.entries[INSIDE - FORCES]])
+        names = [name for i, name in enumerate(self.printed.names, FORCES) if i != INSIDE]
+        if self._kept is not None:
+            return machine.Code(self._kept[1], names)
+        code = machine.built(self.text(without=[self.entries[INSIDE - FORCES]]))
+        printed.write(self._key, self.printed, code)
+        return machine.Code(code, names)
 
     @cached_property
     def _inside(self) -> machine.Code:

@@ -55,13 +55,18 @@ def compiled(text: str, names: Iterable[str], functions: Mapping[str, Callable[.
     if functions:
         symbols = _symbols(text, functions)
         return Code(_object(symbols), names)
-    key = cache.digest(text, *_processor())
+    key = cache.digest(text, *processor())
     kept = cache.read(f"law-{key}.o")
     if kept is None:
-        with _told(text):
-            kept = _object(text)
+        kept = built(text)
         cache.write(f"law-{key}.o", kept)
     return Code(kept, names)
+
+
+def built(text: str) -> bytes:
+    """Compile LLVM text to an object file, and say so where that takes long."""
+    with _told(text):
+        return _object(text)
 
 
 @contextmanager
@@ -127,7 +132,7 @@ def _object(text: str) -> bytes:
 
 
 @lru_cache
-def _processor() -> tuple[str, str, str]:
+def processor() -> tuple[str, str, str]:
     """What machine code depends on besides its text: LLVM's version, the processor and what it can do."""
     version = ".".join(map(str, llvm.llvm_version_info))
     return version, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
@@ -143,6 +148,6 @@ def vector_lanes() -> int:
 def _machine(level: int = 2) -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    _, name, features = _processor()
+    _, name, features = processor()
     # no contraction: LLVM fuses a product and a sum only where a text asks for it, and none does
     return llvm.Target.from_default_triple().create_target_machine(cpu=name, features=features, opt=level, jit=True)

@@ -105,7 +105,7 @@ class PartsAbreast:
         self._factors = np.array([settings.scales.of(TIME), *factors])
         self._blocks = {name: np.zeros((len(getattr(run, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
         self._blocks["pieces"] = np.zeros((len(run.places), lanes), np.int64)
-        self._blocks["w"] = np.zeros((max(1, law.steps.memory), lanes))
+        self._blocks["w"] = np.zeros((max(1, law.memory), lanes))
         self._table, self._addresses = table_of(self._blocks | {"tables": run.tables}), law.parting(lanes)
 
     def states(self, runs: Runs, jobs: NDArray[np.int64], times: Floats) -> Floats:
