@@ -24,7 +24,7 @@ from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.enclosing import CALLED, COORDINATE, STATE
 from xdynamics.kernels.tables import _found, _slope, _value
 from xdynamics.march.events.enclosures import BREAKS, SMOOTH, UNBOUNDED, companion, coordinate, enclose, put
-from xdynamics.march.run import Run
+from xdynamics.march.run import ALL, Run
 from xdynamics.march.runner import March
 from xdynamics.march.settings import Settings
 from xdynamics.model.drives import INTERPOLATIONS, OUTSIDE
@@ -57,7 +57,7 @@ def machine(function: str, interpolation: str = "linear", outside: str = "hold")
     run = March(model, Settings(xd.METHODS["rk4"], until=1.0, step=0.1)).run
     PLAIN.update({-1000 - i: FUNCTIONS[name] for i, name in enumerate(CALLED)})
     run.put(functions=-1000 - np.arange(len(CALLED)))
-    plain(enclose)(run, run.y, run.y, 0, run.parts[0])
+    plain(enclose)(run, run.y, run.y, 0, run.parts[0], ALL)
     return run
 
 
@@ -69,7 +69,7 @@ def enclosed(run: Run, *given: tuple[float, float], slope: bool = False) -> Boun
             plain(put)(run, place, *((1.0, 1.0) if order else given[number]), SMOOTH)
         else:
             with np.errstate(all="ignore"):
-                plain(enclose)(run, run.y, run.y, k, k + 1)
+                plain(enclose)(run, run.y, run.y, k, k + 1, ALL)
     place = run.detectors[0].slope if slope else run.detectors[0].value
     return float(run.under[place]), float(run.over[place]), int(run.flaws[place])
 
@@ -378,7 +378,7 @@ def test_rows_of_a_piece_are_enclosed_by_what_they_read() -> None:
         n, used = run.plan[0].coordinates, run.plan[0].used
         for state, at in ((run.y, 0.0), (run.z, 0.25)):
             state[[0, n, used, 2 * n, used + n]] = 1.0 + at, 1.0, 0.0, 5.0 + 2.0 * at, 2.0
-        plain(enclose)(run, run.y, run.z, 0, run.parts[1])
+        plain(enclose)(run, run.y, run.z, 0, run.parts[1], ALL)
         place = run.detectors[0].value
         assert (run.under[place], run.over[place]) == pytest.approx((low, high), abs=1e-12), function
 

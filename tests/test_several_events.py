@@ -18,6 +18,7 @@ METHODS = [
     {"method": "rk4", "step": 0.5}, {"method": "dop853", "rtol": 1e-8}, {"method": "velocity_verlet", "step": 0.13},
     {"method": "dormand_prince", "rtol": 1e-6, "atol": 1e-6}, {"method": "kahan_li8", "step": 0.25},
 ]  # fmt: skip
+DAMPED = [METHODS[0], METHODS[1], METHODS[3], {"method": "heun", "step": 0.1}]  # which take any force
 MOST = 9  # substeps of an event, on the average over a run
 
 
@@ -137,11 +138,37 @@ def test_a_region_without_events_hides_none(case: int) -> None:
         initial={"u": "1 m", "v_u": "0 m s-1", "q": "0 m"},
         events={f"e{i}": {"function": one} for i, one in enumerate(functions[: random.integers(1, 7)])},
     )  # fmt: skip
-    asked = METHODS[(0, 1, 3)[case % 3]] | {"until": 60.0, "force_samples": "none"}
+    asked = DAMPED[case % len(DAMPED)] | {"until": 60.0, "force_samples": "none"}
     boxed, plain = (marched(model, asked, boxed=one) for one in (True, False))
     assert len(boxed[1].run.leaves) > 0
     for name in ("time", "u", "v_u", "q", "event_time", "event_detector", "event_time_bounds", "event_substeps"):
         assert boxed[0][name].values.tobytes() == plain[0][name].values.tobytes(), name
+
+
+def damped(function: str = "") -> xd.Model:
+    """A damped oscillator that is let go, with an event function."""
+    return xd.Model(
+        name="damped", coordinates={"u": "m"}, parameters={"m": "1 kg", "k": "4 N m-1", "d": "0.05 N s m-1"}, mass={"u": "m"},
+        forces={"spring": {"u": "-k*u - d*v_u"}}, initial={"u": "1 m", "v_u": "0 m s-1"},
+        events={"level": {"function": function}} if function else {},
+    )  # fmt: skip
+
+
+@pytest.mark.cases(200)
+def test_a_touch_is_found_once(case: int) -> None:
+    """Assert that a function which comes as near to zero as a step is uncertain is not found to touch it again and again."""
+    random = np.random.default_rng([31, case])
+    a, b = random.uniform(-1, 1, 2).tolist()
+    asked = {"method": ("heun", "bogacki_shampine", "midpoint", "rk4")[case % 4], "step": random.uniform(0.02, 0.1)}
+    run = xd.simulate(damped(), **asked, until=60.0)
+    value = a * run.u.values + b * run.v_u.values
+    minima = np.flatnonzero((value[1:-1] < value[:-2]) & (value[1:-1] < value[2:])) + 1
+    level = float(value[random.choice(minima)] + random.uniform(-1, 1) * 10.0 ** random.uniform(-8, -2))
+    run = xd.simulate(damped(f"{a!r}*u + {b!r}*v_u*second - {level!r}*metre"), **asked, until=60.0)
+    assert run.attrs["run_outcome"] == "completed"
+    sides = np.sign((value - level)[np.abs(value - level) > 0.2])  # more than a step of Heun's method is uncertain
+    assert np.count_nonzero(np.diff(sides)) <= run.sizes["event"] <= 2 * len(minima) + 1
+    assert np.diff(run.event_time.values).min(initial=1.0) > 1e-9
 
 
 def test_a_box_stands_where_nothing_is_near() -> None:

@@ -18,6 +18,8 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import Compute, Load, Operand, Place
 from xdynamics.model.detectors import GAP, followed, function_bend, function_rate, python_values
 from xdynamics.model.motion import REGIME_NUMBER, constants, slope
+from xdynamics.model.reactions import modes
+from xdynamics.model.switches import told
 from xdynamics.schema import acceleration, rate, velocity
 
 # the functions that are called at the ends of an interval, by their place in a run's `functions`
@@ -42,8 +44,8 @@ class Enclosing:
     numbers : ndarray of float64
         The literals.
     parts : (int, int, int, int)
-        Rows up to which numbers and parameters are, then the functions, then their derivatives, then those of the second
-        order.
+        Rows up to which numbers and parameters are, and what follows from those alone; then the functions, their
+        derivatives, and those of the second order.
     values : int
         How many places there are for values.
     functions, slopes, bends : tuple of int
@@ -75,9 +77,11 @@ class _Printer:
         self._layout = layout
         self._places: dict[Operand, int] = {}
         self._numbers: list[float] = []
-        self._first: list[tuple[int, ...]] = []  # numbers and parameters, which a march does not change
+        self._first: list[tuple[int, ...]] = []  # of numbers and parameters alone, which a march does not change
+        self._constant: set[int] = set()  # the places of their values
         self._rows: list[tuple[int, ...]] = []
         self._constants = {name: i for i, name in enumerate(constants(layout.model))}
+        self._fixed = len(self._constants) - len(modes(layout.model)) - len(told(layout.model))
         self._python = python_values(layout.model)
         self._moving = self._variables()
         self._inner = {one.name: one.value for one in followed(layout.model)}
@@ -140,7 +144,12 @@ class _Printer:
     def _load(self, line: Load) -> None:
         at = self._new(line.target)
         if line.place.array == "p":
-            self._first.append((CONSTANT, at, line.place.index, 0, 0))
+            row = (CONSTANT, at, line.place.index, 0, 0)
+            if line.place.index < self._fixed:
+                self._first.append(row)
+                self._constant.add(at)
+            else:
+                self._rows.append(row)
         else:
             self._rows.append(list(self._moving.values())[line.place.index](at))
 
@@ -151,14 +160,19 @@ class _Printer:
             row = (VALUE if line.operation == "value_at" else SLOPE, self._new(line.target), self._place(argument), int(number), int(drive.argument == "t"))  # fmt: skip
             self._rows.append(row)
             return
-        given = [self._place(one) for one in line.arguments]
-        self._rows.append((OPERATION[line.operation], self._new(line.target), *given, *[0] * (3 - len(given))))
+        given = [self._place(argument) for argument in line.arguments]
+        rows = self._first if self._constant.issuperset(given) else self._rows
+        target = self._new(line.target)
+        rows.append((OPERATION[line.operation], target, *given, *[0] * (3 - len(given))))
+        if rows is self._first:
+            self._constant.add(target)
 
     def _place(self, value: Operand) -> int:
         """Return the place of a value; a number gets one when it is first met."""
         key = value if isinstance(value, str) else repr(float(value))
         if key not in self._places:
             self._first.append((NUMBER, self._new(key), len(self._numbers), 0, 0))
+            self._constant.add(self._places[key])
             self._numbers.append(float(value))
         return self._places[key]
 

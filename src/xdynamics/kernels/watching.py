@@ -36,8 +36,8 @@ NUMBERS: dict[str, Operand] = {
 # Lines that end in `low` and `high`, of what an operation is given in a_low, a_high, b_low, b_high: bounds, rounded outward
 # where `outward` comes next. What is no interval may be anything.
 _OUTWARD = """
-low = where(low > most, most, low - (abs(low)*eps + least))
-high = where(high < -most, -most, high + (abs(high)*eps + least))
+low = where(low > most, most, low - (abs(low) + least)*eps)
+high = where(high < -most, -most, high + (abs(high) + least)*eps)
 """
 _SETTLED = """
 under = where(low <= high, low, -inf)
@@ -57,9 +57,9 @@ high = where(sound > 0, high, inf)
 """
 _INVERSE = """
 c_low = 1/b_high
-c_low = where(c_low > most, most, c_low - (abs(c_low)*eps + least))
+c_low = where(c_low > most, most, c_low - (abs(c_low) + least)*eps)
 c_high = 1/b_low
-c_high = where(c_high < -most, -most, c_high + (abs(c_high)*eps + least))
+c_high = where(c_high < -most, -most, c_high + (abs(c_high) + least)*eps)
 spans = where(b_low <= 0, where(0 <= b_high, 1, 0), 0)
 flaw = where(spans > 0, unbounded, flaw)
 a_low = where(spans > 0, -inf, a_low)
@@ -87,10 +87,10 @@ flaw = where(finite > 0, flaw, unbounded)
 """
 _SQRT = """
 low = sqrt(a_low)
-low = where(a_low < 0, 0, max(0, low - (abs(low)*eps + least)))
+low = where(a_low < 0, 0, max(0, low - (abs(low) + least)*eps))
 flaw = where(a_low < 0, unbounded, flaw)
 high = sqrt(a_high)
-high = high + (abs(high)*eps + least)
+high = high + (abs(high) + least)*eps
 """
 _CHOICE = """
 low = where(a_low == 1, b_low, where(a_high == 0, c_low, min(b_low, c_low)))

@@ -195,7 +195,7 @@ def _plain_watchers() -> Watchers:
 
 def _watchers(kept: Kept) -> Watchers:
     """The same for the search for events."""
-    found: list[Any] = [kept.callback(enclosures.enclose_between, types.void(*[types.int64] * 5))]
+    found: list[Any] = [kept.callback(enclosures.enclose_between, types.void(*[types.int64] * 6))]
     entry = types.void(types.int64, types.float64, types.int64)
     found += [kept.callback(one, entry) for one in (proposing.part_of_step, transition.happen)]
     _KEPT.extend(found)

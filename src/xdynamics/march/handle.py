@@ -265,17 +265,17 @@ def _stepped_by(_typing: Any, step: Any, run: Any, t: Any, t1: Any, h: Any, y: A
     return types.void(step, run, t, t1, h, y, z, sample), generate
 
 
-def _enclosed_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, first: Any, last: Any) -> Any:
+def _enclosed_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, first: Any, last: Any, whose: Any) -> Any:
     """Call the compiled enclosure at an address."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        entry, run, y, z, first, last = arguments
+        entry, run, y, z, first, last, whose = arguments
         run, y, z = (builder.ptrtoint(one, _WORD) for one in (run, y, z))
-        kind = ir.FunctionType(ir.VoidType(), [_WORD] * 5)
-        builder.call(builder.inttoptr(entry, kind.as_pointer()), [run, y, z, first, last])
+        kind = ir.FunctionType(ir.VoidType(), [_WORD] * 6)
+        builder.call(builder.inttoptr(entry, kind.as_pointer()), [run, y, z, first, last, whose])
         return context.get_dummy_value()
 
-    return types.void(entry, run, y, z, first, last), generate
+    return types.void(entry, run, y, z, first, last, whose), generate
 
 
 def _entered_by(_typing: Any, entry: Any, run: Any, number: Any, count: Any) -> Any:

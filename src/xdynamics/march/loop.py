@@ -17,7 +17,7 @@ from xdynamics.kernels.striding import STRETCH
 from xdynamics.kernels.tables import enter_pieces
 from xdynamics.march.control import first_step, grow, reduce, shortest
 from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.events.certainty import renew_constants
+from xdynamics.march.events.certainty import enclose_constants
 from xdynamics.march.events.isolation import quiet
 from xdynamics.march.events.silence import end_region
 from xdynamics.march.handle import called, entered_by, run_at
@@ -62,7 +62,7 @@ def march(address: Any, rows: int) -> None:
     run = run_at(address)
     now = run.now[0]
     if run.detectors.shape[0] > 0:
-        renew_constants(run)
+        enclose_constants(run)
     if now.rows == 0 and now.status == RUNNING and has_room(run):
         start(run)
     elif run.plan[0].follows:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import limits_domain
 from xdynamics.kernels import Law, Layout
+from xdynamics.kernels.doubt import LEAST, LEAST_OF_0_2
 from xdynamics.kernels.enclosing import COORDINATE, STATE, UNKNOWN, Enclosing, enclosing
 from xdynamics.kernels.enclosing import TIME as INSTANTS
 from xdynamics.kernels.law import called_with_intervals
@@ -90,7 +91,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         grid=grid,
         steps=steps,
         **_watching(model, law, settings),
-        w=np.zeros(law.steps.memory + 3 * len(law.layout.smooth)),
+        w=np.zeros(law.memory + 3 * len(law.layout.smooth)),
         kept=np.zeros(1, KEPT),
         **_solving(law),
         law=np.append(addresses, _solver(law)) if law.scheme.method.implicit else addresses,
@@ -202,6 +203,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "switches": sum(one.role in (SWITCH, KINK) for one in layout.watched),
         "stepping": scheme.method.stepping,
         "apart": settings.apart,
+        "margin": LEAST_OF_0_2 if settings.apart else LEAST,
         "pressed": len(layout.state) - len(layout.reactions),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
@@ -245,7 +247,12 @@ def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[A
     """Return how events are looked for, and what that takes."""
     watched = law.layout.watched
     said, deep, events = enclosing(law.layout), DEEPEST if watched else 0, len(watched)
-    places = {"under": np.zeros(said.values), "over": np.zeros(said.values), "flaws": np.zeros(said.values, np.int64)}
+    places = {
+        "under": np.zeros(said.values),
+        "over": np.zeros(said.values),
+        "flaws": np.zeros(said.values, np.int64),
+        "wanted": np.zeros(said.values, np.int64),
+    }
     functions = [*called_with_intervals(law.scheme.math_functions), *watchers()] if watched else []
     return (
         places

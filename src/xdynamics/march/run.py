@@ -22,9 +22,9 @@ def _record(floats: str, whole: str) -> np.dtype[Any]:
 
 # What a march does not change. step_size is 0 where the grid is given or steps are chosen; a grid time that differs from
 # a node by `snap` of its size is that node; `floor` is what an absolute tolerance that follows is at least, over the largest of
-# its kind, and `rest` a time over which the slope of what was at rest counts; `apart` says that events are located one by one, as version 0.2 did; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
+# its kind, and `rest` a time over which the slope of what was at rest counts; `apart` says that events are located one by one, as version 0.2 did; `margin` is added to what rounding widens an interval by; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
 PLAN = _record(
-    "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps divisor",
+    "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps divisor margin",
     "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates kinetic used follows state regime evaluated reactions pressed switches stepping apart",
 )
 # Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried;
@@ -78,6 +78,7 @@ TOUCH = _record(
 )
 # Entries of the engine, behind the elementary functions in `functions`.
 ENCLOSE, SUBSTEP, HAPPEN, TOUCHED = (len(CALLED) + i for i in range(4))
+ALL, ALIVE = -1, -2  # event functions that enclosures are asked for; else the number of one
 BEGIN, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contact.touch` is to do
 SIDES = -3  # in the place of a reason: look on which side of each switch the march is
 # numbers of `Run.balance`: which guard was broken, by which contact or coordinate, a figure and its bound; kinetic
@@ -125,7 +126,7 @@ FLEETING = (
 )  # no part of the memory, nor what begins with log_: addresses belong to a process
 # what the model and the settings say, or follows from the rest whenever it is needed
 FIXED = (
-    "plan", "p", "tables", "of_time", "leaves", "reactions", "atol", "followers", "kinds", "tops", "probe", "turning", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
+    "plan", "p", "tables", "of_time", "leaves", "reactions", "wanted", "atol", "followers", "kinds", "tops", "probe", "turning", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
 )  # fmt: skip
 
 
@@ -191,6 +192,7 @@ class Run:
     under: Floats  # the intervals
     over: Floats
     flaws: Whole
+    wanted: Whole  # 1 where an interval is needed
     slopes: Floats  # time derivatives of the event functions
     reactions: Reactions
     touches: Touches

@@ -29,7 +29,6 @@ from xdynamics.march.contacts.linking import (
     solve_reactions,
     terms,
 )
-from xdynamics.march.events.certainty import renew_constants
 from xdynamics.march.proposing import usual_step
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
@@ -155,7 +154,6 @@ def inform(run: Run) -> None:
     relieve(run)
     for i in range(run.detectors.shape[0]):
         wake(run, i)
-    renew_constants(run)
 
 
 @shared

@@ -122,7 +122,8 @@ def resolve(run: Run, t: float) -> None:
     measure(run)
     first = first_of_group(run, run.now[0].rows - 1)
     for k in range(run.touches.shape[0]):
-        if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -max(width(run, k), spread(run, k)) and run.touches[k].hit == NONE:  # fmt: skip
+        gap, watched = number(run, k, GAP_OF), run.reactions[k].role == NORMAL and run.touches[k].hit == NONE
+        if watched and gap < 0.0 and gap < -max(width(run, k), spread(run, k)):
             end(run, CONTACT_PENETRATED)
             return
     if approaching(run):

@@ -12,7 +12,7 @@ from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.events.intervals import above, below
 from xdynamics.march.handle import called, enclosed_by
-from xdynamics.march.run import ENCLOSE, Run
+from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
 from xdynamics.model.detectors import GAP
 
 State = NDArray[Any]
@@ -34,9 +34,9 @@ def sign(x: float) -> int:
 
 
 @shared
-def renew_constants(run: Run) -> None:
-    """Have enclosures know numbers and parameters, of which modes and sides change behind events."""
-    enclosed_by(run.functions[ENCLOSE], run, run.y, run.y, 0, run.parts[0])
+def enclose_constants(run: Run) -> None:
+    """Have enclosures know numbers and parameters, and what follows from those alone."""
+    enclosed_by(run.functions[ENCLOSE], run, run.y, run.y, 0, run.parts[0], ALL)
 
 
 @shared
@@ -53,7 +53,7 @@ def uncertainty(run: Run, i: int, state: State) -> float:
         0.0,
         1.0 if run.watches[i].guard == 0 else 0.0,
     )
-    enclosed_by(run.functions[ENCLOSE], run, state, state, run.parts[0], run.parts[1])
+    enclosed_by(run.functions[ENCLOSE], run, state, state, run.parts[0], run.parts[1], i)
     piece.start, piece.end, piece.width, piece.wide = start, end, width, 0.0
     if run.detectors[i].sampled:
         return ROUGHLY * run.watches[i].greatest
@@ -91,14 +91,14 @@ def tighten(run: Run) -> None:
     piece, w = run.piece[0], run.piece[0].width
     end = piece.end
     piece.end, piece.width = piece.start, 0.0
-    enclosed_by(run.functions[ENCLOSE], run, run.near, run.near, run.parts[0], run.parts[2])
+    enclosed_by(run.functions[ENCLOSE], run, run.near, run.near, run.parts[0], run.parts[2], ALIVE)
     piece.end, piece.width = end, w
     for i in range(run.detectors.shape[0]):
         watch, detector = run.watches[i], run.detectors[i]
         if watch.alive and detector.bend >= 0 and watch.flaw == SMOOTH:
             at_start, to = run.under[detector.slope], run.over[detector.slope]
-            watch.down = max(watch.down, at_start + min(0.0, below(watch.least_bend * w)))
-            watch.up = min(watch.up, to + max(0.0, above(watch.most_bend * w)))
+            watch.down = max(watch.down, at_start + min(0.0, below(run, watch.least_bend * w)))
+            watch.up = min(watch.up, to + max(0.0, above(run, watch.most_bend * w)))
 
 
 @shared

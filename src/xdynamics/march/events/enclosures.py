@@ -39,13 +39,13 @@ from xdynamics.march.events.intervals import (
     put,
 )
 from xdynamics.march.handle import floats_at, run_at
-from xdynamics.march.run import Run
+from xdynamics.march.run import ALIVE, ALL, Run
 
 State = NDArray[Any]
 
 
 @shared
-def enclose(run: Run, y: State, z: State, first: int, last: int) -> None:
+def enclose(run: Run, y: State, z: State, first: int, last: int, whose: int) -> None:
     """Compute rows of the event functions on the piece between two states.
 
     Parameters
@@ -56,20 +56,21 @@ def enclose(run: Run, y: State, z: State, first: int, last: int) -> None:
         The state at the piece's start and end.
     first, last : int
         Rows.
+    whose : int
+        Of which event function, `ALL`, or `ALIVE`: what no other needs is passed over.
     """
-    given = run.piece[0].rough == 2
+    given, sparse = run.piece[0].rough == 2, whose != ALL
+    if sparse:
+        demand(run, first, last, whose)
     for k in range(first, last):
         row, target, a = run.rows[k, 0], run.rows[k, 1], run.rows[k, 2]
+        if sparse and run.wanted[target] == 0:
+            continue
         if row <= DIVIDE:
             arithmetic(run, row, target, a, run.rows[k, 3])
-        elif given and row in (COORDINATE, STATE, TIME):
-            continue
-        elif row == COORDINATE:
-            coordinate(run, y, z, target, a, run.rows[k, 3])
-        elif row == STATE:
-            companion(run, y, z, target, a, run.rows[k, 3])
-        elif row == TIME:
-            put(run, target, run.piece[0].start, run.piece[0].end, SMOOTH)
+        elif row in (COORDINATE, STATE, TIME):
+            if not given:
+                variable(run, y, z, k)
         elif row == PHASE:
             put(run, target, run.at[REGIME], run.at[REGIME], SMOOTH)
         elif row == UNKNOWN:
@@ -82,6 +83,39 @@ def enclose(run: Run, y: State, z: State, first: int, last: int) -> None:
             looked_up(run, row, target, a, run.rows[k, 3], run.rows[k, 4])
         else:
             function(run, row, target, a, run.rows[k, 3], run.rows[k, 4])
+
+
+@shared
+def demand(run: Run, first: int, last: int, whose: int) -> None:
+    """Mark the values that event functions need, and as far as the rows reach their derivatives."""
+    for k in range(first, last):
+        run.wanted[run.rows[k, 1]] = 0
+    for i in range(run.detectors.shape[0]):
+        if i == whose or (whose == ALIVE and run.watches[i].alive):
+            detector = run.detectors[i]
+            run.wanted[detector.value] = 1
+            if last >= run.parts[2]:
+                run.wanted[detector.slope] = 1
+            if last >= run.parts[3] and detector.bend >= 0:
+                run.wanted[detector.bend] = 1
+    for k in range(last - 1, first - 1, -1):
+        row = run.rows[k, 0]
+        if run.wanted[run.rows[k, 1]] and (row < NUMBER or row >= VALUE):
+            run.wanted[run.rows[k, 2]] = 1
+            if row < NUMBER:  # a place that is not used is 0, of which nobody minds the value
+                run.wanted[run.rows[k, 3]] = run.wanted[run.rows[k, 4]] = 1
+
+
+@compiled
+def variable(run: Run, y: State, z: State, k: int) -> None:
+    """Enclose the time, or a variable of the state, or its derivative."""
+    row, target = run.rows[k, 0], run.rows[k, 1]
+    if row == COORDINATE:
+        coordinate(run, y, z, target, run.rows[k, 2], run.rows[k, 3])
+    elif row == STATE:
+        companion(run, y, z, target, run.rows[k, 2], run.rows[k, 3])
+    else:
+        put(run, target, run.piece[0].start, run.piece[0].end, SMOOTH)
 
 
 @compiled
@@ -118,7 +152,7 @@ def coordinate(run: Run, y: State, z: State, target: int, i: int, order: int) ->
             bent = min(bent, abs(a1 - a0))
         off = bent + 2.0 * even / w if w > 0.0 else 0.0
         off = off + ROUNDED * max(abs(a0), abs(a1))
-    put(run, target, below(low - off), above(high + off), SMOOTH)
+    put(run, target, below(run, low - off), above(run, high + off), SMOOTH)
 
 
 @compiled
@@ -136,7 +170,7 @@ def companion(run: Run, y: State, z: State, target: int, i: int, order: int) -> 
         low, high = min(r0, r1), max(r0, r1)
         off = (ARCHED * odd + BENT * even) / w if w > 0.0 else 0.0
         off = off + ROUNDED * max(abs(r0), abs(r1))
-    put(run, target, below(low - off), above(high + off), SMOOTH)
+    put(run, target, below(run, low - off), above(run, high + off), SMOOTH)
 
 
 @shared
@@ -170,10 +204,10 @@ def looked_up(run: Run, row: int, target: int, a: int, drive: int, of_time: int)
         off = ULPS * (abs(c3 * to * to * to) + abs(c2 * to * to) + abs(c1 * to) + abs(c0))
         least = min(least, least_of(b0, b1, b2, z0) - off)
         most = max(most, most_of(b0, b1, b2, z0) + off)
-    put(run, target, below(least), above(most), flaw if begin == end else max(flaw, BREAKS))
+    put(run, target, below(run, least), above(run, most), flaw if begin == end else max(flaw, BREAKS))
 
 
-def enclose_between(address: Any, y: Any, z: Any, first: int, last: int) -> None:
+def enclose_between(address: Any, y: Any, z: Any, first: int, last: int, whose: int) -> None:
     """Make enclosures, for who calls by address: no caller compiles it again.
 
     Parameters
@@ -184,5 +218,7 @@ def enclose_between(address: Any, y: Any, z: Any, first: int, last: int) -> None
         Where the places of two of its states stand.
     first, last : int
         Rows.
+    whose : int
+        Of which event function, `ALL`, or `ALIVE`.
     """
-    enclose(run_at(address), floats_at(y), floats_at(z), first, last)
+    enclose(run_at(address), floats_at(y), floats_at(z), first, last, whose)

@@ -12,7 +12,7 @@ import numpy as np
 
 from xdynamics.kernels import enclosing
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.doubt import BREAKS, EPS, LEAST, MOST, SMOOTH, ULPS, UNBOUNDED
+from xdynamics.kernels.doubt import BREAKS, EPS, MOST, SMOOTH, ULPS, UNBOUNDED
 from xdynamics.kernels.enclosing import ARITHMETIC, COMPARED, OPERATION
 from xdynamics.march.handle import applied
 from xdynamics.march.run import Run
@@ -24,15 +24,15 @@ SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, EXP, LOG = (OPERATION[name] f
 
 
 @shared
-def below(x: float) -> float:
+def below(run: Run, x: float) -> float:
     """A number under x, or x where it is that already."""
-    return MOST if x == inf else x - (abs(x) * EPS + LEAST)
+    return MOST if x == inf else x - (abs(x) + run.plan[0].margin) * EPS
 
 
 @shared
-def above(x: float) -> float:
+def above(run: Run, x: float) -> float:
     """A number over x."""
-    return -MOST if x == -inf else x + (abs(x) * EPS + LEAST)
+    return -MOST if x == -inf else x + (abs(x) + run.plan[0].margin) * EPS
 
 
 @shared
@@ -70,7 +70,7 @@ def arithmetic(run: Run, row: int, target: int, a: int, b: int) -> None:
             if from_ <= 0.0 <= to:
                 low, high, from_, to, flaw = -inf, inf, 1.0, 1.0, UNBOUNDED
             else:
-                from_, to = below(1.0 / to), above(1.0 / from_)
+                from_, to = below(run, 1.0 / to), above(run, 1.0 / from_)
         if a == b and row == MULTIPLY:
             low, high = abs(low), abs(high)
             if low > high:
@@ -83,7 +83,7 @@ def arithmetic(run: Run, row: int, target: int, a: int, b: int) -> None:
             low, high = least_of(w, x, y, z), most_of(w, x, y, z)
             if not (w == w and x == x and y == y and z == z):
                 low, high = -inf, inf
-    put(run, target, below(low), above(high), flaw)
+    put(run, target, below(run, low), above(run, high), flaw)
 
 
 @shared
@@ -98,8 +98,8 @@ def function(run: Run, row: int, target: int, a: int, b: int, c: int) -> None:
         put(run, target, 0.0 if inside else least, most, flaw)
     elif row == SQRT:
         undefined = low < 0.0
-        least = 0.0 if undefined else max(0.0, below(np.sqrt(low)))
-        put(run, target, least, above(np.sqrt(high)), UNBOUNDED if undefined else flaw)
+        least = 0.0 if undefined else max(0.0, below(run, np.sqrt(low)))
+        put(run, target, least, above(run, np.sqrt(high)), UNBOUNDED if undefined else flaw)
     elif row == SIGN:
         least, most = np.sign(low), np.sign(high)
         put(run, target, least, most, flaw if least == most else max(flaw, BREAKS))
@@ -190,7 +190,7 @@ def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
         low, high = computed(run, row, low), computed(run, row, high)
     if low > high:
         low, high = high, low
-    put(run, target, below(low - ULPS * abs(low)), above(high + ULPS * abs(high)), flaw)
+    put(run, target, below(run, low - ULPS * abs(low)), above(run, high + ULPS * abs(high)), flaw)
 
 
 @shared
@@ -221,7 +221,7 @@ def wave(run: Run, target: int, low: float, high: float, flaw: int, shift: float
         most = 1.0
     if np.floor((last - 1.0) / 2.0) >= np.ceil((first - 1.0) / 2.0):
         least = -1.0
-    least, most = below(least - ULPS * abs(least)), above(most + ULPS * abs(most))
+    least, most = below(run, least - ULPS * abs(least)), above(run, most + ULPS * abs(most))
     put(run, target, max(-1.0, least), min(1.0, most), flaw)
 
 
@@ -234,14 +234,14 @@ def in_plane(run: Run, row: int, target: int, a: int, b: int) -> None:
         x = 0.0 if low < 0.0 < high else min(abs(low), abs(high))
         y = 0.0 if from_ < 0.0 < to else min(abs(from_), abs(to))
         least, most = length(x, y), length(max(abs(low), abs(high)), max(abs(from_), abs(to)))
-        put(run, target, max(0.0, below(least - ULPS * least)), above(most + ULPS * most), flaw)
+        put(run, target, max(0.0, below(run, least - ULPS * least)), above(run, most + ULPS * most), flaw)
     elif from_ <= 0.0 and low <= 0.0 <= high:  # the angle's cut, or the origin
         put(run, target, -pi - ULPS, pi + ULPS, max(flaw, BREAKS))
     else:
         w, x = angle(run, low, from_), angle(run, low, to)
         y, z = angle(run, high, from_), angle(run, high, to)
         least, most = least_of(w, x, y, z), most_of(w, x, y, z)
-        put(run, target, below(least - ULPS * abs(least)), above(most + ULPS * abs(most)), flaw)
+        put(run, target, below(run, least - ULPS * abs(least)), above(run, most + ULPS * abs(most)), flaw)
 
 
 @shared

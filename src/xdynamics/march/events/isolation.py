@@ -40,7 +40,7 @@ from xdynamics.march.events.silence import set_region, stays_inside
 from xdynamics.march.handle import called, enclosed_by
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.proposing import copy, substep
-from xdynamics.march.run import ENCLOSE, Run
+from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
 from xdynamics.model.detectors import GAP
 
 
@@ -71,7 +71,7 @@ def quiet(run: Run) -> bool:
         return True
     piece.start, piece.end, piece.width, piece.wide = now.t, trial.t, trial.h, 0.0
     piece.rough, piece.part = 1, 0
-    enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1])
+    enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1], ALL)
     piece.rough, silent = 0, True
     for i in range(run.detectors.shape[0]):
         place, watch = run.detectors[i].value, run.watches[i]
@@ -141,7 +141,7 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
     piece, t, cut = run.piece[0], run.now[0].t, False
     piece.start, piece.end, piece.width, piece.wide = t + start, t + end, end - start, 0.0
     piece.part = int(end - start < run.located[0].h)
-    enclosed_by(run.functions[ENCLOSE], run, run.near, run.far, run.parts[0], run.parts[3])
+    enclosed_by(run.functions[ENCLOSE], run, run.near, run.far, run.parts[0], run.parts[3], ALIVE)
     bent = False
     for i in range(run.detectors.shape[0]):
         watch, detector = run.watches[i], run.detectors[i]

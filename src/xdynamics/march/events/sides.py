@@ -14,7 +14,7 @@ from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.kernels.tables import find_piece
 from xdynamics.march.evaluating import evaluate
-from xdynamics.march.events.certainty import CROSSED, FORCED, NONE, renew_constants, sign
+from xdynamics.march.events.certainty import CROSSED, FORCED, NONE, sign
 from xdynamics.march.handle import called
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import KINK, SWITCH
@@ -43,7 +43,6 @@ def take_sides(run: Run) -> None:
             break
     if zero:
         leave_zeros(run)
-    renew_constants(run)
 
 
 @shared
@@ -109,8 +108,6 @@ def keep_sides(run: Run, moved: bool) -> bool:
             break
         changed = True
         called(run.law[DETECT], run, run.z, run.slopes, 0)  # what a `where` whose side holds now decides by
-    if changed:
-        renew_constants(run)
     return changed
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.march.handle import enclosed_by
-from xdynamics.march.run import ENCLOSE, Run
+from xdynamics.march.run import ALL, ENCLOSE, Run
 
 # of `Run.region`: whether there is one, how many widths of a step it reaches beyond one, and for how many steps none is
 # tried; the box stands behind, then the bounds of the step
@@ -36,7 +36,7 @@ def stays_inside(run: Run) -> bool:
         if sort == POSITION:
             low, high = way(run, k)
         elif sort == OTHER:
-            enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, k, k + 1)
+            enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, k, k + 1, ALL)
             low, high = run.under[run.rows[k, 1]], run.over[run.rows[k, 1]]
         if not (run.region[BOX + j] <= low and high <= run.region[BOX + n + j]):
             return False
@@ -105,7 +105,7 @@ def is_silent(run: Run, reach: float, joined: bool) -> bool:
         else:
             low, high = low - beyond, high + beyond
         run.under[target], run.over[target] = low, high
-    enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1])
+    enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1], ALL)
     for i in range(run.detectors.shape[0]):
         place, watch = run.detectors[i].value, run.watches[i]
         settled = (watch.armed > 0 and run.under[place] > 0.0) or (watch.armed < 0 and run.over[place] < 0.0)

@@ -18,6 +18,7 @@ from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.control import grow
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.events.certainty import NONE, murk, resolution, sign, uncertainty
+from xdynamics.march.events.certainty import TOUCHED as TANGENT
 from xdynamics.march.events.isolation import arm, arrives, forget, isolate, quiet
 from xdynamics.march.events.locating import kind_of, locate
 from xdynamics.march.events.sides import keep_sides, slides, take_sides
@@ -307,10 +308,12 @@ def leave_out(run: Run) -> None:
     """Forget that a grip is lost where the contact itself opens."""
     for i in range(run.detectors.shape[0]):
         one = run.detectors[i]
+        if one.role not in (GRIP, SLIP) or run.watches[i].hit == NONE:
+            continue
         for j in range(run.detectors.shape[0]):
             other = run.detectors[j]
             opens = other.role == PULL and run.watches[j].hit != NONE
-            if one.role in (GRIP, SLIP) and opens and run.reactions[one.reaction].normal == other.reaction:
+            if opens and run.reactions[one.reaction].normal == other.reaction:
                 run.watches[i].hit = NONE
 
 
@@ -388,9 +391,23 @@ def rearm(run: Run) -> None:
         if watch.hit != NONE or sign(run.g[i]) != watch.armed:
             if is_pending(run, i):
                 pending = run.pending[i] + run.trial[0].h - watch.left
+            elif watch.hit == TANGENT and run.plan[0].apart == 0:
+                rearm_behind_touch(run, i)
             else:
                 arm(run, i, run.g[i])
         run.pending[i] = pending
+
+
+@shared
+def rearm_behind_touch(run: Run, i: int) -> None:
+    """Look for a function that touched zero once it has left, by what the whole step leaves open of it.
+
+    The shortened step that ends at the touch is more certain; the next one is as long as the one before, and would find
+    the same touch again.
+    """
+    copy(run.full_e, run.located_e)
+    arm(run, i, run.g[i])
+    copy(run.e, run.located_e)
 
 
 @shared
