@@ -295,7 +295,7 @@ def test_machine_code_has_the_bits_of_python(lanes: int, processor: str, monkeyp
     if processor != "host":
         if not llvm.get_process_triple().startswith("x86_64"):
             pytest.skip("another architecture")
-        monkeypatch.setattr(machine, "_processor", lambda: ("", processor, ""))
+        monkeypatch.setattr(machine, "processor", lambda: ("", processor, ""))
     code = machine.Code(machine._object(loops(lanes)), [f"run_{name}" for name in NAMES])
     for name in NAMES:
         given = arguments_of(name, 640)

@@ -45,7 +45,7 @@ AT_A_TARGET = """
 import os
 from xdynamics.kernels import machine
 if os.environ.get("TARGET"):
-    machine._processor = lambda: ("", os.environ["TARGET"], "")
+    machine.processor = lambda: ("", os.environ["TARGET"], "")
 """
 
 

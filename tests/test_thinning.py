@@ -222,7 +222,9 @@ def test_evidence_from_marches_of_its_own_needs_every_row() -> None:
     assert xd.refine(thin, **asked)["theta"].values.tolist() == xd.refine(PENDULUM, **asked)["theta"].values.tolist()
     with pytest.raises(xd.InputError, match="keep_every is of `simulate` and `xdynamics run`"):
         xd.refine(thin, **asked, keep_every=5)
-    with pytest.raises(xd.InputError, match="keep_every is of `simulate` and `xdynamics run`"):
+    with pytest.raises(
+        xd.InputError, match="keep_every says how whole runs are recorded, and keep has none: add 'log'"
+    ):
         xd.sweep(thin, {"method": ["rk4", "heun"]}, keep_every=5)
 
 

@@ -44,6 +44,8 @@ class Writer:
     ----------
     path : Path
         Where it will be, once it has taken its name.
+    numbered : bool
+        Whether outcomes and digests are kept as numbers, which other readers see; of a sweep's many members.
     complete : bool
         Whether the run ended well; known when it is finished.
     digest : str
@@ -53,6 +55,7 @@ class Writer:
     """
 
     path: Path
+    numbered = False
     complete: bool
     digest: str
     seal: str
@@ -157,7 +160,7 @@ class Writer:
 
     def _write_text(self, name: str, letters: Array) -> None:
         """Write texts as numbers or characters: variable-length strings crash the library when a file is open twice."""
-        numbers = numbers_of(name, self._attributes[name].get("role"), letters)
+        numbers = numbers_of(name, self._attributes[name].get("role"), letters) if self.numbered else None
         if numbers is not None:
             self._write_numbers(name, numbers)
             return

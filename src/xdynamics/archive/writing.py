@@ -36,6 +36,7 @@ from xdynamics.schema import (
     ORIGIN,
     SELECTION,
     SELECTION_OF,
+    SWEEP,
 )
 
 if TYPE_CHECKING:
@@ -168,6 +169,7 @@ def _checked(run: xr.Dataset, path: Path, derived: str | None) -> xr.Dataset:
 
 def _written(run: xr.Dataset, path: Path, *, compress: bool | None, batch: Batch | None = None) -> Path:
     with new_file(path, batch) as writer:
+        writer.numbered = str(run.attrs.get(EVIDENCE, "")).startswith(SWEEP)
         if COMPRESSION in run.attrs if compress is None else compress:
             writer.pack({str(name): (str(one.dims[0]), one.dtype.itemsize * prod(one.shape[1:])) for name, one in run.variables.items() if one.dims and one.dtype.kind in "fiu"})  # fmt: skip
         # what bears the name of a dimension that it is not along comes behind that, or the library cannot write the file

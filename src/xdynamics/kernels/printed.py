@@ -1,4 +1,7 @@
-"""What was printed of a law, kept with its machine code by what it is printed from: a later process prints nothing again."""
+"""What was printed of a law, kept with its machine code by what it is printed from: a later process prints nothing again.
+
+What a program exchanges in the modules that print, while it runs, is no part of the key: it has to keep nothing either.
+"""
 
 from __future__ import annotations
 
