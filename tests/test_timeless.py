@@ -54,6 +54,8 @@ def test_motion_contacts_and_evidence() -> None:
     assert float(study.y[-1, 0]) == pytest.approx(0.375, rel=1e-9)
     budget = xd.error_budget(model.replace(initial={"y": "0.5 ± 0.001"}), "t", event="floor")
     assert float(budget.sensitivity[4]) == pytest.approx(1.0, rel=1e-9)
+    rounding = float(budget.standard_uncertainty[budget.term_name.values.tolist().index("roundoff")])
+    assert 0.0 < rounding < 1e-14
     found = xd.sweep(model, {"y": [0.3, 0.5]}, keep=["event_time_floor"]).compute()
     assert found.event_time_floor.values.ravel() == pytest.approx(np.sqrt(2 * np.array([0.3, 0.5])), rel=1e-9)
     assert xd.plot(run).axes[0].get_xlabel() == "time"
@@ -63,6 +65,7 @@ def test_motion_contacts_and_evidence() -> None:
     ("change", "asked", "said"),
     [
         ({}, {"until": "20 s"}, "until '20 s' has units 's', and the model's time is a pure number"),
+        ({}, {"scales": {"time": "1.3 s"}}, "the scale of time is 1.3 s, and the model's time is a pure number: leave it out"),
         ({}, {"step": "1 ms", "method": "rk4"}, "step '1 ms' has units 's'"),
         ({"time": {"unit": "ms"}}, {}, "unit is 'ms'; time is in 's', or a pure number"),
         ({"time": {"units": "1"}}, {}, "key 'units' is not known"),

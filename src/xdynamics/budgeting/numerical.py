@@ -22,6 +22,7 @@ from xdynamics.march.asking import settings_for
 from xdynamics.march.settings import LEAST_RTOL
 from xdynamics.methods.scheme import Scheme
 from xdynamics.model import Model
+from xdynamics.units import NONE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -192,6 +193,8 @@ def _roundoff(run: xr.Dataset, model: Model, target: Target, asked: dict[str, An
     in_units = not model.python_functions
     for length, time, mass in exp(rng.uniform(-0.5, 0.5, (COPIES, 3))).tolist():
         scales = {"length": f"{length!r} m", "time": f"{time!r} s", "mass": f"{mass!r} kg"} if in_units else None
+        if scales and model.time_unit.dimension == NONE:
+            del scales["time"]
         copy = _nudged(model, rng)
         off.append(value - target.in_run(march(copy, **settings | {"scales": scales}), copy)[0])
     back, spacing = returned(run, model, target, asked), EPS * abs(value) / 2.0

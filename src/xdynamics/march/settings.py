@@ -19,7 +19,7 @@ from xdynamics.model.motion import variables
 from xdynamics.model.parts import ENERGETIC
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, sided
-from xdynamics.units import UNSCALED, Quantity, Scales, Unit, behind
+from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, behind
 
 EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
@@ -284,12 +284,21 @@ class Settings:
             faults.append(
                 f"method '{self.method.name}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"
             )
-        if self.scales != UNSCALED and model.python_functions:
-            faults.append("scales do not go with functions in Python, which are written in SI units")
+        faults += self._faults_of_scales(model)
         if len(faults) > 1:
             raise InputError(f"the run of '{model.name}' cannot be set up:{numbered(faults)}", tuple(faults))
         if faults:
             raise InputError(faults[0], tuple(faults))
+
+    def _faults_of_scales(self, model: Model) -> list[str]:
+        faults = []
+        if self.scales.time != 1.0 and model.time_unit.dimension == NONE:
+            faults.append(
+                f"the scale of time is {self.scales.time!r} s, and the model's time is a pure number: leave it out"
+            )
+        if self.scales != UNSCALED and model.python_functions:
+            faults.append("scales do not go with functions in Python, which are written in SI units")
+        return faults
 
     def _grid_faults(self, start: float, second: str) -> list[str]:
         if self.step is None:
