@@ -13,6 +13,8 @@ import xarray as xr
 import xdynamics as xd
 from problems import MODELS
 from xdynamics.budgeting.montecarlo import drawn, judged, tolerance_of
+from xdynamics.budgeting.reversal import returned
+from xdynamics.budgeting.target import Target
 from xdynamics.units import parse_quantity
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -399,7 +401,7 @@ def test_bounds_hold_with_absolute_tolerances_on_any_scale(size: float) -> None:
 
 REVERSED = xd.Model(
     name="swing", coordinates={"x": "m", "y": "m"}, parameters={"k": "4 s-2"}, mass={"x": "1*kilogram", "y": "2*kilogram"},
-    forces={"spring": {"potential": "k*1*kilogram*(x**2/2 + (x*y)**2/(1*metre)**2 + y**2/3)"}},
+    forces={"spring": {"potential": "k*1*kilogram*(x**2/2 + (x*y)**2/(1*metre)**2 + y**2/3 + x**3/(5*metre))"}},
     initial={"x": "0.7 m", "v_x": "0.1 m s-1", "y": "0.4 m", "v_y": "-0.2 m s-1"},
 )  # fmt: skip
 
@@ -426,6 +428,21 @@ def test_rounding_of_a_symmetric_method_is_seen_by_marching_back() -> None:
     model = xd.Model.from_text(forced)
     assert "push" in model.forces
     assert "marched back" not in str(xd.error_budget(model, "x", at=4.0, method="velocity_verlet", step=0.05, until=5.0).term_rule.values[1])  # fmt: skip
+
+
+def test_what_steps_do_not_undo_is_not_marched_back() -> None:
+    """Assert that one step is undone as far as rounding, and none of a run with an event, of energy, or of rk4."""
+    asked: dict[str, Any] = {"method": "velocity_verlet", "step": 0.25, "until": 1.0, "summation": "plain"}
+    run = xd.simulate(REVERSED, **asked)
+    for quantity, at in (("x", 0.25), ("x", 0.3), ("v_y", 1.0)):
+        assert returned(run, REVERSED, Target(quantity, at), asked) == pytest.approx(0.0, abs=1e-14)
+    assert returned(run, REVERSED, Target("x", 0.2), asked) is None
+    assert returned(run, REVERSED, Target("total_energy", 1.0), asked) is None
+    assert returned(run, REVERSED, Target("x", None, "never"), asked) is None
+    watched = xd.Model.from_text(REVERSED.to_toml() + '\n[events.never]\nfunction = "x - 9*metre"\n')
+    fourth = asked | {"method": "rk4"}
+    for model, how in ((watched, asked), (REVERSED, fourth)):
+        assert returned(xd.simulate(model, **how), model, Target("x", 1.0), how) is None
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 import xdynamics as xd
 from xdynamics.budgeting import tabulated
+from xdynamics.budgeting.drawing import MOST_DRAWS, Asked, drawn_until, wanted_of
 from xdynamics.budgeting.fitted import lines_of as fit_in_lines
 from xdynamics.budgeting.montecarlo import ADEQUATE, NOT_ADEQUATE, NOT_CHECKED, Drawn, drawn, judged
 from xdynamics.budgeting.searching import drawn_starts, grown, search, searches
@@ -91,6 +92,65 @@ def test_a_linear_interval_has_the_quantile_of_its_coverage() -> None:
     still = Drawn(7.0, 0.0, (7.0, 7.0), (7.0, 7.0), 0.0, 0.0, 0.0)
     assert judged(7.0, 0.0, still, 0.95) == (ADEQUATE, 0.0)
     assert judged(7.5, 0.0, still, 0.95)[0] == NOT_CHECKED
+
+
+def asked_for(model: Any, values: Any = None, **more: Any) -> Asked:
+    """Draws of a number that is 7 where nothing but what is added is uncertain; else those that are given."""
+    lazy = SimpleNamespace(compute=lambda: None)
+    target = SimpleNamespace(said="s at t = 1 s", in_many=lambda *_: lazy, values=lambda _: values)
+    return Asked(model, target, {}, 7.0, **{"added": ()} | more)  # type: ignore[arg-type]
+
+
+def test_what_is_added_to_draws_is_normal() -> None:
+    """Assert sizes and stream of terms that are no inputs, on top of the run's own number or of each draw."""
+    points = norm.ppf(np.random.default_rng([5, 1]).random((40, 2)))
+    wanted = 0.5 * points[:, 0] + 0.25 * points[:, 1]
+    assert asked_for(standing(), added=[0.5, 0.25]).values(40, 5) == pytest.approx(7.0 + wanted, rel=1e-12)
+    uncertain, marched = through("a", a="1 ± 0.1 g"), np.linspace(2.0, 3.0, 40)
+    assert asked_for(uncertain, marched, added=[0.5, 0.25]).values(40, 5) == pytest.approx(marched + wanted, rel=1e-12)
+    assert asked_for(uncertain, marched).values(40, 5).tolist() == marched.tolist()
+    with pytest.raises(xd.InputError, match="nothing in the model has an uncertainty"):
+        asked_for(standing()).values(40, 5)
+    with pytest.raises(xd.InputError, match="s at t = 1 s is not there in 3 of 40 draws"):
+        asked_for(uncertain, np.where(np.arange(40) < 3, np.nan, marched)).values(40, 5)
+
+
+def test_draws_are_doubled_until_the_ends_are_known() -> None:
+    """Assert the first number of draws that does, the last that is tried, and what is said where it does not."""
+    tried: list[int] = []
+
+    def even(draws: int, seed: int) -> np.ndarray:
+        tried.append(draws)
+        assert seed == 3
+        return np.arange(100.0) if draws >= MOST_DRAWS // 2 else np.linspace(0.0, 1.0, draws)
+
+    source: Any = SimpleNamespace(values=even)
+    doubts = {draws: drawn(np.linspace(0.0, 1.0, draws), 0.5).ends_doubt for draws in (100, 200, 400, 800)}
+    for draws, doubt in doubts.items():
+        found, count = drawn_until(source, 100, 3, 0.5, doubt)
+        assert (count, found.ends_doubt) == (draws, doubt)
+    assert tried == [100, 100, 200, 100, 200, 400, 100, 200, 400, 800]
+    tried.clear()
+    with pytest.raises(
+        xd.InputError, match=f"{MOST_DRAWS} draws leave the ends of the interval uncertain by 5, and 4.5 is"
+    ):
+        drawn_until(source, MOST_DRAWS // 2, 3, 0.5, 4.5)
+    assert tried == [MOST_DRAWS // 2, MOST_DRAWS]
+
+
+def test_how_well_ends_are_to_be_known() -> None:
+    """Assert a standard uncertainty in the number's unit from a size and its level, and what is no such size."""
+    unit, target = parse_unit("mm"), Target("y", 1.0)
+    assert wanted_of(None, unit, target, 0.95) == math.inf
+    for told, wanted in (
+        ("2 m", 2000 / 1.9599640),
+        ("2 m at 90 %", 2000 / 1.6448536),
+        ("5 um at 50%", 5e-3 / 0.6744898),
+    ):
+        assert wanted_of(told, unit, target, 0.95) == pytest.approx(wanted, rel=1e-7)
+    for told in ("2 s", "0 m", "-1 m", "2 m at 0 %", "2 m at 100 %", "2 m at most"):
+        with pytest.raises(xd.InputError, match="needs a positive size of y at t = 1 s, like '1 mm at 95 %'"):
+            wanted_of(told, unit, target, 0.95)
 
 
 # --------------------------------------------------------------------------------------------------------------- tables
@@ -494,6 +554,11 @@ def test_a_fit_in_words() -> None:
     assert other[-1].startswith("doubt     the search did not come to an end")
     for square, said in ((60.0, "the model or the uncertainties are not right (a larger one has the probability 7e-06)"), (3.0, "the uncertainties are larger than the residuals (a smaller one has the probability 4e-06)")):  # fmt: skip
         assert list(fit_in_lines(fitted_in_words(chi_square=square)))[2].split("; ")[1] == said
+    for part, said in (
+        (0.0015, "a larger one has the probability 0.00"),
+        (0.9985, "a larger one has the probability 0.99"),
+    ):
+        assert said in list(fit_in_lines(fitted_in_words(chi_square=chi2.isf(part, 20))))[2]
     weak = fitted_in_words().isel(start=[0]).assign(correlation=(("parameter", "other"), np.array([[1.0, 0.9], [0.9, 1.0]])))  # fmt: skip
     assert [line.split()[0] for line in fit_in_lines(weak)] == ["k", "ratio", "fit", "verdict", "search"]
     del weak.attrs["adequate"]

@@ -11,7 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from test_cli import call
-from xdynamics.evidence.diagnosing.cycles import cycles
+from xdynamics.evidence.diagnosing.cycles import Cycles, _chosen, _risen, _turned, cycles
 
 
 class Swing:
@@ -110,6 +110,37 @@ def test_the_level_is_chosen_for_the_swings_and_said(case: int) -> None:
     rises = int(np.count_nonzero((fine[:-1] < missed) & (fine[1:] >= missed)))
     assert bool(doubt) == (rises < swing.maxima - 1)
     assert not doubt or f"has {swing.maxima} maxima and rises through the level" in doubt
+
+
+@pytest.mark.parametrize(("dip", "turns"), [(1.1e-6, [1, -3, 4, -6]), (1.9e-6, [1, -3, 4, -6]), (0.9e-6, [1, 4, -6])])
+def test_swings_of_less_than_a_millionth_are_none(dip: float, turns: list[int]) -> None:
+    """Assert maxima positive and minima negative; one between two swings of less than a millionth of the range is left out."""
+    values = np.array([0.0, 1.0, 1.0 - dip, 1.0, 1.0 - dip, 0.0, 0.5])
+    assert _turned(values, np.array([1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0])).tolist() == turns
+
+
+def test_a_level_is_the_first_that_swings_rise_through() -> None:
+    """Assert 0, the middle of the range, that of the smallest swing, or what is risen through oftenest, with as many rises."""
+    time = np.arange(9.0)
+    turns, zigzag = np.arange(1, 8), np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
+    assert _chosen(zigzag, time, turns, 3) == (0.0, "zero")
+    assert _chosen(5.0 + zigzag, time, turns, 3) == (5.0, "the middle of the range")
+    high = np.array([0.0, 8.0, 7.0, 8.0, 7.0, 8.0, 7.0, 8.0, 6.5])
+    assert _chosen(high, time, turns, 4) == (7.5, "the middle of the smallest swing")
+    assert _chosen(high, time, turns[:1], 4)[0] == 4.0
+    assert _chosen(high[:2], time[:2], turns[:0], 0) == (4.0, "the middle of the range")
+    assert _risen(high, time, 7.5).tolist() == [0, 2, 4, 6]
+    assert _risen(high, np.array([0, 0, 1, 2, 2, 3, 4, 5, 6.0]), 7.0).tolist() == []
+    assert _risen(np.array([7.0, 8.0, 6.0, 7.0]), time[:4], 7.0).tolist() == [2]
+
+
+@pytest.mark.parametrize(("rises", "maxima", "times"), [(0, 2, "never"), (1, 3, "once"), (2, 4, "2 times"), (2, 3, ""), (0, 1, ""), (0, 0, "")])  # fmt: skip
+def test_a_level_that_is_missed_by_two_maxima_is_doubted(rises: int, maxima: int, times: str) -> None:
+    """Assert the words from two maxima more than rises on, and phases of fewer than two rises."""
+    found = Cycles("x", 0.5, np.arange(float(rises)), np.zeros(rises), "given", maxima)
+    assert found.doubt.startswith(f"x has {maxima} maxima and rises through the level {times}: ") if times else not found.doubt  # fmt: skip
+    phases = found.phase(np.array([0.0, 0.5]))
+    assert phases.tolist() == [0.0, np.pi] if rises > 1 else np.isnan(phases).tolist() == [True, True]
 
 
 def test_what_the_command_says_of_levels(tmp_path: Path) -> None:

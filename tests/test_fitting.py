@@ -11,8 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from scipy.stats import chi2
 
 import xdynamics as xd
+from xdynamics.budgeting import residuals
+from xdynamics.budgeting.fitting import Asked, Fitting, _bounds, _covariance, _fitted, _scales, _with_slopes
+from xdynamics.budgeting.searching import Search
+from xdynamics.evidence.comparing.measured import Measured
+from xdynamics.units import Unit, parse_unit
 
 NAMES = ["L", "c", "theta", "v_theta"]
 TRUE = np.array([1.03, 0.08, 0.35, 0.1])
@@ -71,6 +77,129 @@ def test_without_uncertainties_residuals_tell_them() -> None:
     assert untold.standard_uncertainty.values == pytest.approx(told.standard_uncertainty.values, rel=0.1)
     assert math.isnan(untold.attrs["chi_square"])
     assert math.sqrt(untold.attrs["residual_variance"]) == pytest.approx(2e-3, rel=0.1)
+
+
+class ByHand(Asked):
+    """A fit of x = a t + b**3 and v = a, whose numbers are known without a march."""
+
+    def computed(self, values: np.ndarray, *, whole: bool = True) -> np.ndarray:
+        """Rows of x at all times, then of v; nothing of a march is missing, `whole` or not."""
+        assert isinstance(whole, bool)
+        a, b = values[:, :1], values[:, 1:]
+        return np.concatenate([a * self.data.times + b**3, np.tile(a, self.data.times.size)], axis=1)
+
+
+def by_hand(*, told: bool = True) -> ByHand:
+    """Five times from 2 s on, out of order, in cm and m s-1, with uncertainties of 1 to 5 cm and 0.5 m s-1."""
+    mm, speed = parse_unit("mm"), parse_unit("m s-1")
+    values = {"x": (np.array([1.0, 2.0, 3.0, 4.0, 5.0]), parse_unit("cm")), "v": (np.full(5, 3.0), speed)}
+    doubts = {"x": (np.arange(1.0, 6.0), parse_unit("cm")), "v": (np.full(5, 0.5), speed)}
+    data = Measured("bench", np.array([2.0, 12.0, 4.0, 6.0, 8.0]), parse_unit("s"), values, doubts if told else {})
+    model = xd.Model(
+        name="hand", parameters={"a": "2 mm s-1", "b": {"value": "0 g", "uncertainty": 0.25}, "c": "1 ± 0.1 kg", "d": "4 ± 1 m"}, coordinates={"x": "mm"},
+        mass={"x": "c"}, forces={}, initial={"x": {"value": "0 mm", "uncertainty": 3.0}, "v_x": "0 m s-1"}, correlations={"c": {"d": 0.5}, "x": {"d": 0.25}},
+    )  # fmt: skip
+    return ByHand(model, ("a", "b"), data, {"x": mm, "v": speed}, {})
+
+
+def test_what_is_fitted_has_the_models_units_and_its_weights() -> None:
+    """Assert numbers, weights, parts of the time, weighted residuals and slopes, and sums of squares by hand."""
+    asked = by_hand()
+    measured, weights = np.array([10.0, 20, 30, 40, 50, 3, 3, 3, 3, 3]), np.array([0.1, 0.05, 1 / 30, 0.025, 0.02, 2, 2, 2, 2, 2])  # fmt: skip
+    assert asked.measured == pytest.approx(measured)
+    assert asked.weights == pytest.approx(weights)
+    assert by_hand(told=False).weights.tolist() == [1.0] * 10
+    assert asked.within(0.2).tolist() == [True, False, True, False, False] * 2
+    assert asked.within(0.39).sum() == 4
+    assert asked.within(0.4).sum() == 6
+    assert asked.within(1.0).all()
+    problem = Fitting(asked, np.array([2.0, 0.5]))
+    scaled, t = np.array([1.5, 4.0]), asked.data.times
+    rows, slopes = np.concatenate([3.0 * t + 8.0, np.full(5, 3.0)]), np.zeros((10, 2))
+    slopes[:5, 0], slopes[5:, 0], slopes[:5, 1] = t, 1.0, 12.0
+    assert asked.computed(scaled[None] * problem.scales)[0] == pytest.approx(rows)
+    for one, wanted in zip(_with_slopes(asked, scaled * problem.scales, problem.scales), (rows, slopes), strict=True):
+        assert one == pytest.approx(wanted, abs=1e-9)
+    found, steep = problem.looked(scaled)
+    assert found == pytest.approx((rows - measured) * weights)
+    assert steep == pytest.approx(slopes * weights[:, None] * [2.0, 0.5], abs=1e-9)
+    part = asked.within(0.2)
+    assert problem.looked(scaled, 0.2)[0] == pytest.approx(((rows - measured) * weights)[part])
+    assert problem.squares(scaled[None], 0.2) == pytest.approx([np.sum((((rows - measured) * weights)[part]) ** 2)])
+    with pytest.raises(xd.InputError, match="2 numbers are too few"):
+        problem.looked(scaled, 0.0)
+
+
+def test_residuals_are_tested_quantity_by_quantity_in_the_order_of_time() -> None:
+    """Assert degrees of freedom, sum of squares, and runs of signs of data whose rows are out of order."""
+    times = np.concatenate([np.arange(0.0, 20.0, 2.0), np.arange(1.0, 20.0, 2.0)])
+    speed, mm = parse_unit("m s-1"), parse_unit("mm")
+    noise: dict[str, tuple[np.ndarray, Unit]] = {"x": (np.arange(20.0), mm), "v": (np.arange(20.0), speed)}
+    doubts = {name: (np.ones(20), unit) for name, (_, unit) in noise.items()}
+    own = by_hand()
+    asked = Asked(own.model, own.names, Measured("bench", times, parse_unit("s"), noise, doubts), own.quantities, {})
+    signs = np.concatenate([np.where(times < 10, 1.0, -1.0), np.tile([1.0, -1.0], 10)])
+    search = Search("", np.zeros(2), np.zeros(2), 40.0, 1, True, "", signs)
+    found = Fitting(asked, np.ones(2)).tested(search)
+    assert (found.adequate, found.text[:36]) == (False, "residuals are not in a random order ")
+    assert found.chi_square_probability == pytest.approx(float(chi2.sf(40.0, 38)))
+
+
+def test_sizes_and_bounds_of_numbers() -> None:
+    """Assert a number's own size, else half of what bounds leave, its uncertainty, or one; and bounds in its own unit."""
+    own = by_hand()
+    asked = Asked(own.model, ("a", "b", "x", "v_x"), own.data, own.quantities, {})
+    free = np.full(4, np.inf)
+    start = np.array([asked.given(name).value for name in asked.names])
+    assert start.tolist() == [2.0, 0.0, 0.0, 0.0]
+    assert _scales(asked, -start, -free, free).tolist() == [2.0, 0.25, 3.0, 1.0]
+    low, high = _bounds(asked, {"b": ("-1 kg", "3 kg"), "v_x": (0.0, 5.0), "a": ("2 mm s-1", "1 m s-1")})
+    assert low.tolist() == [2.0, -1000.0, -np.inf, 0.0]
+    assert high.tolist() == pytest.approx([1000.0, 3000.0, np.inf, 5.0])
+    assert _scales(asked, start, low, high).tolist() == [2.0, 2000.0, 3.0, 2.5]
+    for ends in ((2.0, 2.0), (3.0, 1.0), (2.1, 3.0), (0.0, 1.9), (0.0, 1.0, 5.0)):
+        with pytest.raises(xd.InputError, match="need the lowest, then the highest, and 2.0 mm s-1 between them"):
+            _bounds(asked, {"a": ends})
+
+
+def test_a_covariance_is_the_inverse_of_the_normal_matrix() -> None:
+    """Assert it and the condition of columns of one length by hand, and who is named where columns tell the same."""
+    asked, slopes = by_hand(), np.array([[3.0, 0.0], [4.0, 2.0]])
+    covariance, condition = _covariance(asked, slopes)
+    assert covariance == pytest.approx(np.linalg.inv(slopes.T @ slopes))
+    assert condition == pytest.approx(math.sqrt(1.8 / 0.2))  # columns of length 1 at an angle whose cosine is 0.8
+    with pytest.raises(xd.InputError, match="do not change with 'b'"):
+        _covariance(asked, np.array([[3.0, 0.0], [4.0, 0.0]]))
+    three = Asked(asked.model, ("a", "b", "c"), asked.data, asked.quantities, {})
+    for off, said in ((1e-9, "do not tell a and c apart"), (3e-8, None)):
+        columns = np.array([[1.0, 0.0, 2.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2 * off]])
+        if said is None:
+            assert _covariance(three, columns)[1] == pytest.approx(2.0 / off, rel=1e-3)
+        else:
+            with pytest.raises(xd.InputError, match=said):
+                _covariance(three, columns)
+
+
+def test_a_fitted_model_has_what_was_found_and_keeps_the_rest() -> None:
+    """Assert values, uncertainties and correlations of what was fitted, 1 at most, and those of others alone."""
+    own = by_hand()
+    asked = Asked(own.model, ("a", "c", "v_x"), own.data, own.quantities, {})
+    correlation = np.array([[1.0, -0.5, 1.0 + 1e-12], [-0.5, 1.0, -0.5], [1.0 + 1e-12, -0.5, 1.0]])
+    mark = residuals.Tested(0.5, 0.5, True, "residuals are no more than noise")
+    found = _fitted(asked, np.array([5.0, 6.0, 7.0]), np.array([0.5, 0.25, 0.125]), correlation, mark)
+    numbers = {name: (found.uncertain[name].quantity.value, found.uncertain[name].uncertainty) for name in ("a", "c", "v_x", "x")}  # fmt: skip
+    assert numbers == {"a": (5.0, 0.5), "c": (6.0, 0.25), "v_x": (7.0, 0.125), "x": (0.0, 3.0)}
+    assert found.initial["v_x"].value == 7.0
+    assert dict(found.statement.correlations) == {
+        ("a", "c"): -0.5,
+        ("a", "v_x"): 1.0,
+        ("c", "v_x"): -0.5,
+        ("x", "d"): 0.25,
+    }
+    assert found.fit is not None
+    assert (found.fit.data, found.fit.adequate, found.fit.description) == ("bench", True, "residuals are no more than noise")  # fmt: skip
+    known = _fitted(asked, np.array([5.0, 6.0, 7.0]), np.array([0.5, 0.0, 0.125]), correlation, mark)
+    assert dict(known.statement.correlations) == {("a", "v_x"): 1.0, ("x", "d"): 0.25}
 
 
 def test_a_straight_line_is_that_of_the_normal_equations() -> None:

@@ -398,6 +398,13 @@ def test_distances_have_an_order_where_they_get_nearer_by_a_hundredth() -> None:
     for values, order_in in (([0.0, 10.0, 20.0], "g"), ([5.0, 10.0, 20.0], "1/g"), ([5.0, 10.0, 9.9e5], "1/g"), ([1e5, 8e5, 9.9e5], "g")):  # fmt: skip
         far = xd.limiting(falling(), "g", values, 1e6, **asked)
         assert far.attrs["order_in"] == order_in
+        size = np.abs(
+            np.array([(1 / one if one else np.nan) - 1e-6 if order_in == "1/g" else one - 1e6 for one in values])
+        )
+        fallen = np.log((1e6 - np.array(values[:-1])) / (1e6 - np.array(values[1:])))
+        ratio = np.log(size[:-1] / size[1:])
+        known = ratio > 0.01
+        assert far.order_y.values[1:, 0][known] == pytest.approx((fallen / ratio)[known], rel=1e-7)
     with pytest.raises(xd.InputError, match="need 2 or more that come closer to 10"):
         xd.limiting(falling(), "g", [12.0, 11.0, 10.0], 10.0, **asked)
     low = '\n[events.low]\nfunction = "y + 5*metre"\naction = "stop"\n'

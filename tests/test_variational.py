@@ -66,6 +66,40 @@ def test_the_tenth_impact_to_rounding() -> None:
     assert found["y"] == pytest.approx(fall * (1 + 2 * sum(e**k for k in range(1, 10))) / 2, rel=3e-14)
 
 
+def bounced(y: complex, v_y: complex, g: complex, e: complex) -> dict[tuple[Any, ...], complex]:
+    """What a ball of 2 kg that a floor at 0 turns by e comes to, SI: by quantity, time, occurrence and side of the bounce."""
+    speed: complex = (v_y**2 + 2 * g * y) ** 0.5
+    met, late = (v_y + speed) / g, 0.95
+    return {
+        ("y", 0.3): y + v_y * 0.3 - g * 0.045, ("v_y", 0.25): v_y - g * 0.25, ("kinetic_energy", 0.25): (v_y - g * 0.25) ** 2,
+        ("t", None, 1, "before"): met, ("t", None, 2, "after"): met + 2 * e * speed / g,
+        ("v_y", None, 1, "before"): -speed, ("v_y", None, 1, "after"): e * speed, ("v_y", None, 2, "before"): -e * speed,
+        ("y", late): e * speed * (late - met) - g * (late - met) ** 2 / 2, ("v_y", late): e * speed - g * (late - met),
+    }  # fmt: skip
+
+
+def test_slopes_of_a_bounce_are_closed_forms_in_their_own_units() -> None:
+    """Assert values before, at and behind a bounce: of mm, mm s-1, s and J by cm, km h-1 and m s-2."""
+    model = xd.Model(
+        name="ball", coordinates={"y": "mm"}, mass={"y": "2*kilogram"}, forces={"gravity": {"potential": "2*kilogram*g*y"}},
+        parameters={"g": {"value": "10 m s-2", "uncertainty": 1e-3}, "e": {"value": "0.8", "uncertainty": 1e-3}},
+        initial={"y": {"value": "100 cm", "uncertainty": 0.1}, "v_y": {"value": "1.8 km h-1", "uncertainty": 1e-3}},
+        events={"ground": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-e*v_y"}}},
+    )  # fmt: skip
+    run = xd.simulate(model, method="rk4", step="0.125 s", until="1.75 s", time_tolerance="1e-13 s")
+    own, tiny = {"y": 1.0, "v_y": 0.5, "g": 10.0, "e": 0.8}, 1e-30
+    factors = {"y": 0.01, "v_y": 1 / 3.6, "g": 1.0, "e": 1.0}
+    slopes_of = {by: bounced(**own | {by: own[by] + tiny * 1j}) for by in own}
+    for place in bounced(**own):
+        quantity, at, *which = place
+        target = Target(quantity, at, "ground" if which else "", *which)
+        found, unit = slopes_along(run, model, target), 1e3 if quantity in ("y", "v_y") else 1.0
+        wanted = {by: slopes_of[by][place].imag / tiny * unit * factors[by] for by in own}
+        assert found == pytest.approx(wanted, rel=1e-8, abs=1e-9), target.said
+    with pytest.raises(NotVariedError, match="an extreme is where"):
+        slopes_along(run, model, Target("maximum_y"))
+
+
 @pytest.mark.parametrize(("quantity", "where"), [("y", {"at": "1.6 s"}), ("v_y", {"event": "floor", "occurrence": 2, "side": "after"}), ("t", {"event": "floor", "occurrence": 3})])  # fmt: skip
 def test_impacts_on_a_moving_floor_by_a_changing_restitution(quantity: str, where: dict[str, Any]) -> None:
     """Assert slopes through impacts whose gap moves and whose restitution knows how fast it closes."""
