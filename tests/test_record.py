@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS, free, oscillator
@@ -133,6 +135,19 @@ def test_a_run_in_one_block_is_not_copied() -> None:
     blocks = list(march.blocks())
     assert len(blocks) == 1
     assert np.shares_memory(dataset(march, blocks).x.values, blocks[0].log.rows)
+
+
+@pytest.mark.parametrize("made", [rocket, lambda: xd.simulate(oscillator().model, step=0.1, until=1.0)])
+def test_a_record_is_what_xarray_would_build(made: Callable[[], xr.Dataset]) -> None:
+    """Assert that variables put together without alignment are the Dataset that xarray makes of them, in every part."""
+    run = made()
+    parts = {name: xr.Variable(one.dims, one.values, one.attrs) for name, one in run.variables.items()}
+    built = xr.Dataset(parts, attrs=run.attrs).set_coords("time")
+    assert built.identical(run)
+    assert (built.sizes, set(built.coords), dict(built.indexes)) == (run.sizes, set(run.coords), dict(run.indexes))
+    assert built.isel(step=slice(2)).identical(run.isel(step=slice(2)))
+    assert run.encoding == {}
+    assert run.copy(deep=True).identical(run)
 
 
 def test_what_is_plainly_no_run_is_named() -> None:

@@ -12,6 +12,11 @@ from click.testing import CliRunner
 import xdynamics as xd
 from problems import MODELS
 from xdynamics.cli import main
+from xdynamics.march import March
+from xdynamics.march.asking import settings_for
+from xdynamics.march.timescales import jacobian_at
+from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.stability import fastest_rate
 
 
 def network(rng: np.random.Generator, n: int) -> xd.Model:
@@ -55,6 +60,21 @@ def test_rates_are_those_of_the_eigenvalues(case: int) -> None:
         assert run.attrs["run_slowest_periods"] == pytest.approx(20 * h / run.attrs["run_slowest_period"], rel=2e-2)
     else:
         assert "run_slowest_period" not in run.attrs
+
+
+@pytest.mark.cases(60)
+def test_derivatives_by_differences_have_the_eigenvalues(case: int) -> None:
+    """Assert that the compiled derivatives bound no less than the fastest eigenvalue, and are similar to the exact ones."""
+    rng = np.random.default_rng(case)
+    model = network(rng, int(rng.integers(1, 7)))
+    march = March(
+        model, settings_for(model, method="rk4", step=1e-4, until=1e-3, scales={"time": "0.1 s"} if case % 2 else None)
+    )
+    list(march.blocks())
+    found, exact = jacobian_at(march, 3), linearise(model, initial_state(model)).jacobian * (0.1 if case % 2 else 1.0)
+    size = np.abs(np.linalg.eigvals(exact)).max()
+    assert fastest_rate(found) >= size * (1.0 - 1e-6)
+    assert np.poly(found / size) == pytest.approx(np.poly(exact / size), abs=1e-5)
 
 
 def test_the_largest_is_found_along_the_run() -> None:

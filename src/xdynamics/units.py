@@ -216,11 +216,17 @@ def parse_unit(text: str) -> Unit:
     shown = repr(text if len(text) <= 40 else text[:40] + "…")
     if len(text) > LONGEST_TEXT:
         raise InputError(f"unit {shown} has {len(text)} characters, {LONGEST_TEXT} at most")
-    dimension, factor, position, sign = NONE, Fraction(1), 0, 1
-    powers: dict[str, int] = {}
     stripped = text.strip()
     if not stripped:
         raise InputError("unit is empty; a pure number has the unit '1'")
+    return _product(stripped, shown)
+
+
+@lru_cache(maxsize=512)
+def _product(stripped: str, shown: str) -> Unit:
+    """Read the factors of a unit."""
+    dimension, factor, position, sign = NONE, Fraction(1), 0, 1
+    powers: dict[str, int] = {}
     while True:
         found = _FACTOR.match(stripped, position)
         if not found:

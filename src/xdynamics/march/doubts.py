@@ -15,6 +15,7 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.gains import energy_dimension
 from xdynamics.march.runner import March
 from xdynamics.march.settings import EPS
+from xdynamics.march.timescales import jacobian_at
 from xdynamics.march.uncontrolled import LOSS, effect_of
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, mass_matrices
@@ -22,13 +23,14 @@ from xdynamics.model.motion import constants
 from xdynamics.model.parts import ENERGETIC, POISSON
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, switches
-from xdynamics.stability import stiffness
+from xdynamics.stability import decay_limit, fastest_rate, stiffness
 from xdynamics.units import TIME, behind, parse_unit, spell
 
 MOST_NAMED = 3
 FEW_ROWS = 100  # of a run, from which on stiffness is looked for
 ALIKE = 1e-6  # of a length: what is left to numbers that were written down
 FEW_LOOKS = 12  # at a mass matrix, 50 microseconds each
+NOT_STIFF = 0.45  # of the limit of decays, from half of which on steps count as held by it: what differences leave
 WELL_CONDITIONED = 1e10  # leaves six digits of the accelerations
 
 
@@ -196,8 +198,11 @@ def advice_on_stiffness(march: March) -> str:
         chosen = rows[:, first:last]
         return stiffness(model, method, _states(march, chosen), (chosen[1] * time).tolist())
 
-    # one row first: it costs a millisecond, and most runs are not stiff
+    # one row first, by a bound from its compiled forces before its exact derivatives: most runs are not stiff
     middle = rows.shape[1] // 2
+    turned = fastest_rate(jacobian_at(march, middle)) * float(rows[1, middle])
+    if turned < NOT_STIFF * decay_limit(method):
+        return ""
     if limited(middle, middle + 1) and limited(0, rows.shape[1]) > 0.5:
         return (
             f"stiffness suspected: stability, not accuracy, limits the steps of '{method.name}' for most of the run;"

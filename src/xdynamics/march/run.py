@@ -274,9 +274,9 @@ class Run:
     def put(self, **arrays: NDArray[Any]) -> None:
         """Put arrays in their places, for compiled code too; new blocks of a log, say."""
         for name, array in arrays.items():
-            place = _PLACES[name]
             setattr(self, name, array)
-            self._table[place] = array.ctypes.data, array.shape[0], array.shape[-1]
+        places = [_PLACES[name] for name in arrays]
+        self._table[places] = [(one.ctypes.data, one.shape[0], one.shape[-1]) for one in arrays.values()]
 
 
 ARRAYS: dict[str, str] = dict(Run.__annotations__)  # name and kind

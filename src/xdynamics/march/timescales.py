@@ -69,11 +69,8 @@ def time_scales(march: March) -> TimeScales | None:
     chosen = _chosen(march)
     states = states_of(witnesses, chosen)
     rates = np.zeros((1, len(chosen)))
-    whole = np.zeros((1 + n, n)) if n <= FEW else np.zeros((1, 1))
     with put_aside(march):
         engine().fastest_rates(run, states, rates)
-        if n <= FEW:
-            engine().fastest_rates(run, states_of(witnesses, [0]), whole)
     if not 0.0 <= rates[0, 0] < np.inf:
         return None
     first = plan[_STEP_SIZE] or (run.steps[0] if len(run.steps) else march.now.first_step)
@@ -81,8 +78,20 @@ def time_scales(march: March) -> TimeScales | None:
     steps[0] = first
     products = rates[0] * steps
     scale = march.settings.scales.of(TIME)
-    period = slowest_period(whole[1:]) * scale if n <= FEW else np.nan
+    period = slowest_period(jacobian_at(march, 0)) * scale if n <= FEW else np.nan
     return TimeScales(float(rates[0, 0]) / scale, float(products[0]), float(products.max()), len(chosen) - 1, period)
+
+
+def jacobian_at(march: March, row: int) -> Floats:
+    """Return the derivatives of the state's rates by the state at one row, each over its size, by differences.
+
+    It has the eigenvalues of the Jacobian, in the march's unit of time, contacts open, by the forces of the first regime.
+    """
+    n = len(march.layout.used)
+    found = np.zeros((1 + n, n))
+    with put_aside(march):
+        engine().fastest_rates(march.run, states_of(march.witnesses, [row]), found)
+    return found[1:]
 
 
 def states_of(witnesses: Floats, chosen: list[int]) -> Floats:

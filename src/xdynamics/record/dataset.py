@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import lru_cache
 from itertools import chain
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -50,38 +49,23 @@ def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, A
     more = followed_tolerances(march)
     filled = [(_described(column.variable, more), _joined(parts.pop(column.variable.name))) for column in spec]
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
-    form = tuple((one.name, one.dims, data.shape) for one, data in filled)
-    # of runs by fixed steps without events one is as long as the next
-    run = (_built if march.settings.adaptive or march.layout.watched else _built_once)(form).copy(
-        data={one.name: data for one, data in filled if one.name != TIME}
-    )
-    run.attrs = provenance.attributes(march)
-    for one, data in filled:
-        variable = run.variables[one.name]
-        variable.attrs = one.attributes
-        if one.name == TIME:
-            variable.data = data
-    return run
+    return _assembled(filled, provenance.attributes(march))
 
 
-Form = tuple[tuple[str, tuple[str, ...], tuple[int, ...]], ...]
+def _assembled(filled: Iterable[tuple[Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:
+    """Return variables of one march as a Dataset, for which nothing has to be aligned, compared or copied.
 
-
-def _built(form: Form) -> xr.Dataset:
-    """Return a Dataset whose variables have these names, dimensions and sizes, to be copied with other values.
-
-    xarray copies and compares variables and their attributes several times where it joins them to a Dataset, and once
-    where it copies one: what is joined has no values of its own and no attributes.
+    xarray's own way takes each of some hundred variables apart several times, longer than a short march lasts; what it
+    makes in the end is this, and dimensions of unlike sizes are refused here too.
     """
     import xarray as xr
 
     # fastpath: xarray would import dask to find out that a numpy array is none of its own
-    parts = {name: xr.Variable(dims, np.broadcast_to(0.0, shape), fastpath=True) for name, dims, shape in form}
-    time = xr.Coordinates({TIME: parts.pop(TIME)}, indexes={})
-    return xr.Dataset(parts, time)
-
-
-_built_once = lru_cache(maxsize=16)(_built)
+    variables = {
+        one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True)
+        for one, data in sorted(filled, key=lambda each: each[0].name == TIME)
+    }
+    return xr.Dataset._construct_direct(variables, {TIME}, attrs=attributes)  # noqa: SLF001
 
 
 def _rest(march: March) -> Iterator[Block]:
