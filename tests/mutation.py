@@ -35,6 +35,11 @@ HERE = Path(__file__).parent
 SOURCE = HERE.parent / "src" / "xdynamics"
 IMPORTED = ("pytest", "hypothesis", "numpy", "xarray", "dask.array", "netCDF4", "numba", "llvmlite.binding", "scipy.interpolate", "pandas")  # fmt: skip
 AGAIN = "-Wignore::pytest.PytestAssertRewriteWarning"  # a second call of pytest finds its plugins imported
+EXAMPLES = (
+    "--assert=plain",
+    "-opython_classes=",
+    "-opython_functions=",
+)  # doctests of a module, and no tests of its own
 MEMORY = 8 << 30
 PATIENCE = 5.0  # times what the tests take on the source as it is
 LEAST = 5.0  # s of the processor that a group of tests may have in any case
@@ -119,6 +124,7 @@ TOUCHED = {
         "test_smooth_switches.py -k clean or located",
     ),
     "evidence/refining/refinement.py": (
+        "test_evidence_parts.py -k numbers_unit or last_level_at or why_none or refinement_in_words",
         "test_signs_of_studies.py -k gates or errors_of or behind or beyond or ended",
         "test_refinement.py -k wrong_studies or energies or added or local_errors",
         "test_verdicts.py -k names",
@@ -189,9 +195,9 @@ TOUCHED = {
     ),
     "evidence/diagnosing/cycles.py": (
         "test_cycles.py -k millionth or first_that or by_two",
+        "test_signs.py -k few_looks",
         "test_cycles.py -k every_number or level_is_chosen",
         "test_signs.py -k cycle or crossing or period or level or phases or coordinates_are",
-        "test_diagnosis.py -k verlet or references or beating",
         "test_budget_quantities.py -k periods",
     ),
     "evidence/diagnosing/diagnosis.py": (
@@ -215,8 +221,9 @@ TOUCHED = {
         "test_ledger.py -k trajectories or full_masses",
     ),
     "evidence/validating/ledger.py": (
-        "test_ledger.py -k notes_say or wrong_closed or not_met or other_units or died",
-        "test_ledger.py -k not (planted or manufactured or limit)",
+        "test_ledger.py -k at_an_event or where_they_are or accepted_times or of_two_runs or at_its_bound or do_not_claim or in_words or over_the_largest",
+        "test_ledger.py -k notes_say or wrong_closed or not_met or other_units or died or own_closed",
+        "test_ledger.py -k wrong_questions",
     ),
     "evidence/diagnosing/summits.py": ("test_summits.py -k not random_sweeps",),
     "evidence/diagnosing/extremes.py": ("test_extremes.py -k not (budget or certified or named or sweep)",),
@@ -545,7 +552,7 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...], taken: Path)
                 spent.append(0.0)
             asked = [
                 str(HERE / name),
-                *choice,
+                *(choice if name.startswith("test_") else EXAMPLES),
                 "-x",
                 "-q",
                 "-p",
@@ -567,11 +574,7 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...], taken: Path)
 def survey(name: str, most: int, seed: int, lines: list[int], taken: Path) -> None:
     """Try a sample of a file's mutants, and tell what became of each."""
     module = f"xdynamics.{name[:-3].replace('/', '.')}"
-    examples = (
-        (f"{SOURCE / name} --assert=plain --override-ini=python_classes=",)
-        if ">>>" in (SOURCE / name).read_text(encoding="utf-8")
-        else ()
-    )
+    examples = (str(SOURCE / name),) if ">>>" in (SOURCE / name).read_text(encoding="utf-8") else ()
     tests = (*examples, *TOUCHED[name])
     before = time.monotonic()
     if not passed(module, None, tests, 600.0, taken):

@@ -24,6 +24,8 @@ from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import Watched, family
 from xdynamics.evidence.refining.forecast import Bounds, obstacle
 from xdynamics.evidence.refining.levels import CHOICES, RTOLS, STEPS, TIME_TOLERANCES, Levels, Varied
+from xdynamics.evidence.refining.refinement import _bounds, _changing, _known, _stopped, _tolerances
+from xdynamics.evidence.refining.refinement import lines_of as refinement_in_words
 from xdynamics.evidence.refining.study import Study
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t
@@ -233,6 +235,87 @@ def test_rows_of_tolerances_grow_as_they_did(tmp_path: Path) -> None:
     kept = forecast([0.0, 0.75, 0.9375], [101, 201, 401], keep=tmp_path)
     assert obstacle(kept, {"x": 1e-3}, Bounds(rows=1e9, memory=1.0)) == ""  # nothing stays in memory
     assert f"and the disk of '{tmp_path}' has" in obstacle(kept, {"x": 1e-60}, Bounds(rows=math.inf))
+
+
+# ----------------------------------------------------------------------------------------------------------- refinement
+
+
+def test_tolerances_of_changes_are_in_the_numbers_unit() -> None:
+    """Assert quantities, bare numbers, and what is refused; and that rules have no finer level."""
+    study = forecast([0.0, 0.75, 0.9375], [101, 201, 401])
+    study.levels.ordered = True
+    assert _tolerances({"x": "3 mm"}, study) == pytest.approx({"x": 3e-3})
+    assert _tolerances({"x": 3.0}, study) == {"x": 3.0}
+    assert _tolerances({}, study) == {}
+    for given, said in (({"y": 1.0}, "names 'y'; there are x"), ({"x": "3 s"}, "needs the unit 'm'"), ({"x": 0.0}, "needs a positive one"), ({"x": "-1 m"}, "needs a positive one"), ({"x": "3"}, "needs the unit 'm'")):  # fmt: skip
+        with pytest.raises(xd.InputError, match=said):
+            _tolerances(given, study)
+    study.levels.ordered = False
+    assert _tolerances({}, study) == {}
+    with pytest.raises(xd.InputError, match="rules have none"):
+        _tolerances({"x": 1.0}, study)
+
+
+def test_changes_are_those_to_the_last_level_at_every_place() -> None:
+    """Assert who still changes by more than its tolerance: by the last change alone, the border is reached, nan is not."""
+    study = forecast([0.0, 0.75, 1.0], [101, 201, 401])
+    assert _changing(study, {"x": 0.25}) == []
+    assert _changing(study, {"x": 0.2499}) == ["x"]
+    assert _changing(study, {"x": 0.25, "y": 1.0}) == ["y"]
+    assert _changing(forecast([0.0], [101]), {"x": 9.0}) == ["x"]
+    two = Watched("x", "m", "x", ("at",), np.array([[1.0, 1.1], [1.0, 0.5], [np.nan, 1.0]]), np.zeros((3, 2)), np.zeros(3), np.zeros(3), 1.0)  # fmt: skip
+    for rows, tolerance, changing in ((slice(2), 0.5, False), (slice(2), 0.49, True), (slice(3), 9.0, True)):
+        some = Watched("x", "m", "x", ("at",), two.values[rows], two.errors[rows], two.rounding[rows], two.moved[rows], 1.0)  # fmt: skip
+        study = SimpleNamespace(runs=[None, None], numbers=lambda one=some: [one])
+        assert _changing(study, {"x": tolerance}) == ["x"] * changing
+
+
+def test_bounds_of_levels_and_why_none_was_added() -> None:
+    """Assert rows and bytes that are asked for, and both endings in words."""
+    assert (_bounds(None, None).rows, _bounds(2, "3 kB").rows, _bounds(2.5, "3 kB").memory) == (10_000_000, 2.0, 3000.0)
+    for rows in (1, "many"):
+        with pytest.raises(xd.InputError, match="most_rows is .*, needs a number of rows"):
+            _bounds(rows, None)  # type: ignore[arg-type]
+    assert _stopped([], 4, "") == "every change under its tolerance from level 2 to level 3"
+    assert _stopped(["x", "y"], 3, "room") == "after 3 levels, with x, y still changing by more than its tolerance: no finer level, room"  # fmt: skip
+    assert _known(OSCILLATOR, "x") == ("x",)
+    assert _known(OSCILLATOR, ["energy_range", "period_x", "phase_x"]) == ("energy_range", "period_x", "phase_x")
+    with pytest.raises(xd.InputError, match="'speed' is none of the model's; there are x, v_x"):
+        _known(OSCILLATOR, ["speed"])
+
+
+def refined_by_hand(**more: Any) -> xr.Dataset:
+    """A study of x at two times, four landings and a range, by hand: three levels."""
+    flag = {"flag_values": np.arange(2), "flag_meanings": "asymptotic not_converging"}
+    found = xr.Dataset({"step_size": ("level", [0.4, 0.2, 0.1], {"units": "s"}), "run_outcome": ("level", np.array(["completed", "completed", "event"]))})  # fmt: skip
+    found["at_time"] = ("at", [1.0, 2.5], {"units": "s"})
+    numbers = {"x": ("at", np.array([[1.0, 2.0], [1.5, np.nan], [1.75, np.nan]]), "m"), "event_time_low": ("occurrence", np.arange(12.0).reshape(3, 4), "s")}  # fmt: skip
+    for name, (place, values, units) in numbers.items():
+        count = values.shape[1]
+        changes = np.vstack([np.diff(values, axis=0), np.full((1, count), np.nan)])
+        found[name], found[f"difference_{name}"] = (("level", place), values, {"units": units}), (("level", place), changes)  # fmt: skip
+        found[f"order_{name}"] = (("level", place), np.array([[np.nan] * count, [1.0] * count, [np.nan] * count]))
+        found[f"verdict_{name}"] = (place, np.zeros(count, np.int8), flag)
+        found[f"uncertainty_{name}"] = (place, np.full(count, 0.25))
+    found["n"], found["difference_n"] = ("level", [3.0, 3.5, 3.625], {"units": "1"}), ("level", [0.5, 0.125, np.nan])
+    return found.assign_attrs({"varied": "step_size", **more})
+
+
+def test_a_refinement_in_words() -> None:
+    """Assert every line of a study by hand: levels, outcomes, the finest values with uncertainty, order and verdict."""
+    assert refinement_in_words(refined_by_hand(stopped="done")) == [
+        "levels    step_size 0.4, 0.2, 0.1 s", "outcomes  completed, event",
+        "±         numerical, at about 95 %; what parameters and the start are uncertain by is not in it",
+        "x at t = 1 s = 1.8 ± 0.25 m, order 1, asymptotic", "x at t = 2.5 s is not there in the finest level",
+        "event_time_low [1] = 8.0 ± 0.25 s, order 1, asymptotic".replace("8.0", "8"), "event_time_low [2] = 9 ± 0.25 s, order 1, asymptotic",
+        "event_time_low [3] = 10 ± 0.25 s, order 1, asymptotic", "event_time_low: 1 further occurrences are in the record",
+        "n = 3.625, changed by 0.125", "stopped   done",
+    ]  # fmt: skip
+    two = refined_by_hand().isel(level=[1, 2], occurrence=[0, 1, 2])
+    lines = refinement_in_words(two.assign(step_size=("level", np.array(["a", "b"]), {"units": "1"})))
+    assert lines[0] == "levels    step_size a, b"
+    assert lines[3] == "x at t = 1 s = 1.8 ± 0.25 m, asymptotic"
+    assert lines[-2:] == ["event_time_low [3] = 10 ± 0.25 s, asymptotic", "n = 3.625, changed by 0.125"]
 
 
 # ------------------------------------------------------------------------------------------------------------ comparing

@@ -10,10 +10,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
-from xdynamics.evidence.validating.ledger import VERDICTS, lines_of
+from xdynamics.evidence.validating.ledger import (
+    FAILED,
+    PASSED,
+    REFUSED,
+    VERDICTS,
+    Marched,
+    Row,
+    _times_in_words,
+    lines_of,
+    validate,
+)
+from xdynamics.expressions import parse
+from xdynamics.model.parts import Validation
 from xdynamics.record.words import words_of
 
 
@@ -158,6 +171,142 @@ def test_a_model_says_its_own_closed_forms(tmp_path: Path) -> None:
     xd.save(found, tmp_path / "l.nc")
     assert xd.open_run(tmp_path / "l.nc").case_method.values.tolist() == ["velocity_verlet"] * 3
     assert xd.validate(["rk4", "dop853"], model).sizes["case"] == 6
+
+
+EPS = float(np.finfo(float).eps)
+
+
+def falling_from(second: float) -> Marched:
+    """A fall of 1 m that begins at some time, by Verlet's method, which is exact: y = h - g (t - t0)**2/2, in mm."""
+    text = OWN.replace("[events.ground]", f't = "{second!r} s"\n[events.ground]').replace('until = "1 s"', f'until = "{second + 1!r} s"')  # fmt: skip
+    return Marched(xd.Model.from_text(text), "velocity_verlet", own=False)
+
+
+def closed(expression: str, quantity: str = "y", times: tuple[float, ...] = (), bound: Any = "rounding", event: str = "", occurrence: int = 1) -> Validation:  # fmt: skip
+    """A closed form of a fall."""
+    return Validation(parse(expression), quantity, times, bound, event, occurrence)
+
+
+def test_rounding_is_of_the_steps_and_at_an_event_of_its_location() -> None:
+    """Assert roundings of the largest values of y over the span, and what the location of the landing is uncertain by at the rate of each."""
+    fall = falling_from(2.0)
+    run, steps, span = fall.run, fall.run.sizes["step"], float(fall.run.time[-1] - 2.0)
+    assert steps > 5
+    once = (xd.METHODS["velocity_verlet"].evaluations + 2) * steps * EPS
+    largest = {name: float(np.abs(run[name]).max()) for name in ("y", "v_y", "kinetic_energy")}
+    size = largest | {"y": largest["y"] + span * largest["v_y"], "t": float(run.time[-1])}
+    doubt, row = float(run.event_time_uncertainty[0]), int(run.event_row_after[0]) - 1
+    rates = {"y": abs(float(run.v_y[row])), "v_y": 9810.0, "kinetic_energy": 0.0, "t": 1.0}
+    assert doubt > 0.0
+    assert abs(float(run.v_y[row])) > 4000.0
+    for name in size:
+        assert fall.rounding(closed("h", name, event="ground")) == pytest.approx(once * size[name] + doubt * rates[name], rel=1e-9)  # fmt: skip
+        if name != "t":
+            assert fall.rounding(closed("h", name)) == pytest.approx(once * size[name], rel=1e-12)
+
+
+def test_residuals_are_taken_where_they_are_asked_for() -> None:
+    """Assert sizes of residuals from wrong closed forms at times, at the landing and at all states, and what is expected there."""
+    fall, landed = falling_from(2.0), 2.0 + float(np.sqrt(2 / 9.81))
+    run = fall.run
+    late = closed("h - g*(t - 2*second)**2/2 + 3*metre", times=(2.1, 2.25))
+    assert fall.residual(run, late) == pytest.approx([3000.0, 3000.0], rel=1e-9)
+    assert fall.expected(run, late) == pytest.approx(4000.0 - 4905.0 * np.array([0.01, 0.0625]), rel=1e-9)
+    assert fall.true(run, late) == pytest.approx(fall.expected(run, late))
+    every = closed("0*metre")
+    assert fall.residual(run, every) == pytest.approx(np.abs(run.y.values), abs=1e-12)
+    assert fall.true(run, every).shape == fall.expected(run, every).shape == run.y.shape
+    for name, wrong, residual, expected in (("y", "2*metre", 2000.0, 2000.0), ("v_y", "1*metre/second", 1000.0 + 9810.0 * (landed - 2.0), 1000.0), ("t", "5*second", 5.0 - landed, 3.0)):  # fmt: skip
+        one = closed(wrong, name, event="ground")
+        assert fall.residual(run, one) == pytest.approx([residual], rel=1e-7)
+        assert fall.expected(run, one) == pytest.approx([expected], rel=1e-12)
+        assert fall.residual(run, one).shape == (1,)
+    with pytest.raises(LookupError, match="ground was met 1 times"):
+        fall.residual(run, closed("h", event="ground", occurrence=2))
+
+
+def test_what_is_no_observable_is_compared_at_accepted_times_alone() -> None:
+    """Assert the row of each time, also a rounding beside it, and what is said of one between."""
+    fall = falling_from(2.0)
+    times = np.array([2.2, 2.3 * (1 - 2e-16), 2.0])
+    assert fall._at(fall.run, "step_size", times) == pytest.approx([0.1, 0.1, 0.0], abs=1e-12)
+    counted = fall.run.assign(step_size=("step", np.arange(fall.run.sizes["step"])))
+    assert fall._at(counted, "step_size", times).tolist() == [2.0, 3.0, 0.0]
+    assert fall._at(fall.run, "y", np.array([2.05])) == pytest.approx([1000 - 4905 * 0.0025], rel=1e-9)
+    for off in (2.2 + 1e-9, 2.2 - 1e-9):
+        with pytest.raises(xd.InputError, match="'step_size' is known at accepted states alone"):
+            fall._at(fall.run, "step_size", np.array([off]))
+
+
+def test_bounds_are_given_derived_or_of_two_runs() -> None:
+    """Assert a bound in the record's unit, that of the unscaled run, and of an order that the method has or has not."""
+    fall = falling_from(0.0)
+    good, bad = "h - g*t**2/2", "h - g*t**2/2 + 4*metre"
+    assert fall.bound(closed(good, bound=xd.units.parse_quantity("3 um"))) == pytest.approx(3e-3)
+    assert fall.bound(closed(good, bound="unscaled")) == 2.0 * fall.rounding(closed(good))
+    assert fall.bound(closed(good, bound="rounding from order 2")) == fall.rounding(closed(good))
+    by_order = closed(bad, bound="rounding from order 3")
+    capped = 0.5 * float(np.abs(fall.true(fall.run, by_order)).max())
+    assert fall.bound(by_order) == pytest.approx(min(4000.0 / 2**1.5, capped) + fall.rounding(by_order), rel=1e-9)
+    small = closed("h - g*t**2/2 + 10*metre", bound="order")
+    assert fall.bound(small) == pytest.approx(10000.0 / 2**1.5 + fall.rounding(small), rel=1e-9)
+    assert float(fall.coarse.attrs["solver_step"]) == 0.2
+
+
+@pytest.mark.parametrize(
+    ("more", "verdict"),
+    [({"residual": 1.0, "bound": 1.0}, PASSED), ({"residual": 1.1, "bound": 1.0}, FAILED), ({"residual": np.nan, "bound": 1.0}, FAILED), ({}, FAILED), ({"note": "no"}, REFUSED), ({"note": "no", "residual": np.inf, "bound": 0.0}, FAILED), ({"note": "no", "residual": 0.0, "bound": 0.0}, PASSED)],
+)  # fmt: skip
+def test_a_row_has_passed_at_its_bound(more: dict[str, Any], verdict: int) -> None:
+    """Assert the verdict of a row: what has no bound and a note is refused, what is no number has failed."""
+    assert Row("a", "rk4", 0, "", "", "", "", **more).verdict == verdict
+
+
+def test_methods_refuse_what_they_do_not_claim() -> None:
+    """Assert who refuses bands, events and models, and with which steps the ledger's own cases are marched."""
+    model = xd.Model.from_text(OWN)
+    for name, case, said in (
+        ("velocity_verlet", closed("h", bound="band"), ""), ("rk4", closed("h", bound="band"), "it claims no band"),
+        ("rk4", closed("h"), ""), ("rk4", closed("h", event="ground"), ""), ("moreau_jean", closed("h", event="ground"), "the method locates no events"),
+        ("moreau_jean", closed("h"), ""),
+    ):  # fmt: skip
+        refusal = Marched(model, name, own=False).refusal(case)
+        assert refusal.endswith(said)
+        assert bool(refusal) is bool(said)
+    for name, part in (("forward_euler", 20), ("velocity_verlet", 4), ("rk4", 1)):
+        assert Marched(model, name, own=True).asked["step"] == pytest.approx(0.1 / part)
+        assert "step" not in Marched(model, name, own=False).asked
+    assert _times_in_words(closed("h", times=(0.5, 1.25)), model) == "t = 0.5, 1.25 s"
+    assert _times_in_words(closed("h"), model) == "accepted states up to 1 s"
+    assert _times_in_words(closed("h", bound="band"), model) == "the last tenth of accepted states up to 1 s"
+
+
+def test_a_ledger_in_words() -> None:
+    """Assert what failed with figures and scale, refusals of a model's own closed forms alone, and counts."""
+    texts = {"name": ["a", "b", "c", "d"], "method": ["rk4"] * 3 + ["heun"], "observable": ["y"] * 4, "where": ["t = 1 s"] * 4, "units": ["mm"] * 4, "note": ["", "late", "never", "own"]}  # fmt: skip
+    found = xr.Dataset({f"case_{name}": ("case", np.array(one)) for name, one in texts.items()})
+    numbers = {"residual": [2.0, np.inf, np.nan, np.nan], "bound": [1.0, 0.0, np.nan, np.nan], "residual_scale": [4.0, np.nan, np.nan, np.nan], "scaled_residual": [0.5, np.nan, np.nan, np.nan]}  # fmt: skip
+    found = found.assign({name: ("case", np.array(one)) for name, one in numbers.items()})
+    found["case_stage"] = ("case", np.array([0, 0, 0, 3]))
+    found["verdict"] = ("case", np.array([1, 1, 2, 2]), {"flag_values": np.arange(3), "flag_meanings": "passed failed refused"})  # fmt: skip
+    assert list(lines_of(found)) == [
+        "failed    a by rk4: y, t = 1 s: residual 2 mm, bound 1 mm, scaled 0.5 by 4 mm",
+        "failed    b by rk4: y, t = 1 s: residual inf mm, bound 0 mm; late",
+        "refused   c by rk4: never", "ledger    4 cases of 2 methods: 0 passed, 2 failed, 2 refused",
+    ]  # fmt: skip
+
+
+def test_scaled_residuals_are_over_the_largest_expected_size() -> None:
+    """Assert scale and scaled residual of a model's own closed forms, and of a landing from the start of its time."""
+    text = OWN.replace("[events.ground]", 't = "2 s"\n[events.ground]').replace('until = "1 s"', 'until = "3 s"')
+    text = text.replace('"h - g*t**2/2"', '"4*metre"').replace('"0.1 s", "0.25 s"', '"2.1 s", "2.25 s"').replace('"sqrt(2*h/g)"', '"6*second"')  # fmt: skip
+    found = validate(xd.Model.from_text(text))
+    landed = float(np.sqrt(2 / 9.81))
+    assert found.residual.values[:2] == pytest.approx([3000 + 4905 * 0.0625, 4.0 - landed], rel=1e-9)
+    assert found.residual_scale.values[:2] == pytest.approx([4000.0, 4.0])
+    assert found.scaled_residual.values[:2] == pytest.approx(found.residual.values[:2] / [4000.0, 4.0])
+    assert found.case_where.values.tolist() == ["t = 2.1, 2.25 s", "at ground 1", f"accepted states up to {2 + landed:.9g} s"]  # fmt: skip
+    assert found.case_bound_rule.values.tolist() == ["given"] * 3
 
 
 def test_an_event_that_was_not_met_has_failed() -> None:

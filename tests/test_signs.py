@@ -140,6 +140,21 @@ def test_a_crossing_is_uncertain_by_the_error_of_the_place_over_the_speed() -> N
     )
 
 
+def test_a_crossing_takes_few_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that Newton's steps come to all crossings of a swing at once in seven looks at the run, where halving takes fifty."""
+    from xdynamics.evidence.diagnosing import cycles as room
+
+    looks: list[int] = []
+
+    def counted(*given: Any, **more: Any) -> xr.Dataset:
+        looks.append(1)
+        return xd.sample(*given, **more)
+
+    monkeypatch.setattr(room, "sample", counted)
+    assert cycles(swing(method="rk4", step=0.1), "x").times.size == 6
+    assert 3 <= len(looks) <= 8
+
+
 def about(middle: float, speed: float = 0.0, start: float = 1.0) -> xr.Dataset:
     """An oscillator of the frequency 2 rad s-1 about a point."""
     model = xd.Model(

@@ -152,7 +152,8 @@ def _located(run: xr.Dataset, name: str, level: float, rows: NDArray[np.int64], 
         low, high = np.where(off < 0.0, here, low), np.where(off < 0.0, high, here)
         with np.errstate(divide="ignore", invalid="ignore"):
             aimed = here - off / slope
-        inside = (aimed > low) & (aimed < high) & (turn % 8 != 7)
+        # a step of rounding ends where it began, which is an end of the bracket: halving from there would begin anew
+        inside = (aimed >= low) & (aimed <= high) & (turn % 8 != 7)
         there = np.where(off == 0.0, here, np.where(inside, aimed, (low + high) / 2.0))
         small = np.abs(there - here) <= 2.0 * EPS * np.maximum(np.abs(here), high - low)
         here = there
