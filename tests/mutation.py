@@ -227,7 +227,11 @@ TOUCHED = {
     ),
     "evidence/diagnosing/summits.py": ("test_summits.py -k not random_sweeps",),
     "evidence/diagnosing/extremes.py": ("test_extremes.py -k not (budget or certified or named or sweep)",),
-    "budgeting/budget.py": (QUANTITIES, "test_budget.py -k cannot_be or declared or none_are or not_smooth or warned"),
+    "budgeting/budget.py": (
+        "test_budget_parts.py -k in_doubt or is_checked or are_declared",
+        QUANTITIES,
+        "test_budget.py -k cannot_be or declared or none_are or not_smooth or warned",
+    ),
     "budgeting/certificate.py": (
         "test_certificate.py -k border or their_words or apart or in_words",
         "test_certificate.py -k all_that_defends or forgeries or changed or open or defended_fails or ledger",
@@ -238,7 +242,7 @@ TOUCHED = {
         "test_fitting.py -k told or warned_of",
     ),
     "budgeting/fitting.py": (
-        "test_fitting.py -k models_units or in_the_order_of_time or sizes_and or inverse_of or keeps_the_rest",
+        "test_fitting.py -k models_units or in_the_order_of_time or ends_before or sizes_and or inverse_of or keeps_the_rest",
         "test_fitting.py -k straight or speak or order_of or named",
     ),
     "budgeting/montecarlo.py": (

@@ -15,6 +15,7 @@ from scipy.stats import chi2, norm
 
 import xdynamics as xd
 from xdynamics.budgeting import tabulated
+from xdynamics.budgeting.budget import _check, _declared, _doubt_slopes
 from xdynamics.budgeting.drawing import MOST_DRAWS, Asked, drawn_until, wanted_of
 from xdynamics.budgeting.fitted import lines_of as fit_in_lines
 from xdynamics.budgeting.montecarlo import ADEQUATE, NOT_ADEQUATE, NOT_CHECKED, Drawn, drawn, judged
@@ -131,9 +132,7 @@ def test_draws_are_doubled_until_the_ends_are_known() -> None:
         assert (count, found.ends_doubt) == (draws, doubt)
     assert tried == [100, 100, 200, 100, 200, 400, 100, 200, 400, 800]
     tried.clear()
-    with pytest.raises(
-        xd.InputError, match=f"{MOST_DRAWS} draws leave the ends of the interval uncertain by 5, and 4.5 is"
-    ):
+    with pytest.raises(xd.InputError, match="4194304 draws leave the ends of the interval uncertain by 5, and 4.5 is"):
         drawn_until(source, MOST_DRAWS // 2, 3, 0.5, 4.5)
     assert tried == [MOST_DRAWS // 2, MOST_DRAWS]
 
@@ -519,6 +518,53 @@ def test_numbers_are_named_with_their_places() -> None:
         "maximum of v_y", "minimum of force_drag_y",
     ]  # fmt: skip
     assert (Target("maximum_v_y").extreme, Target("minimum_y").extreme, Target("y", 1.0).extreme) == (("v_y", 1.0), ("y", -1.0), None)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("off", "standard", "other", "said"),
+    [
+        (0.0199, 1.0, 0.0, None), (0.0201, 1.0, 0.0, "0.02 of itself"), (0.5, 1.0, 0.0, "0.5 of itself"), (0.039, 1.0, 100.0, None),
+        (0.041, 1.0, 100.0, "0.04 of itself"), (0.0025, 0.0, 6.0, "inf of itself"), (0.0023, 0.0, 6.0, None),
+    ],
+)  # fmt: skip
+def test_slopes_that_are_in_doubt_are_warned_of(off: float, standard: float, other: float, said: str | None) -> None:
+    """Assert a fiftieth of a term's size, or of a fiftieth of all, as what a slope may be off by without a word."""
+    inputs: dict[str, Any] = {"sensitivity": 2.0, "input_uncertainty": 0.5, "input_unit": parse_unit("kg")}
+    mine = term_of("a", "physical", standard, **inputs, sensitivity_doubt=2.0 * off)
+    terms = [mine, term_of("b", "physical", other), term_of("c", "physical", 0.0, sensitivity_doubt=9.0, input_uncertainty=9.0)]  # fmt: skip
+    if said is None:
+        _doubt_slopes(terms, Target("s", 1.0))
+        return
+    with pytest.warns(
+        xd.AccuracyWarning, match=f"s at t = 1 s does not change in proportion with 'a'.*off by {said}; draw"
+    ):
+        _doubt_slopes(terms, Target("s", 1.0))
+
+
+@pytest.mark.parametrize(
+    ("draws", "seed", "coverage", "digits", "said"),
+    [
+        (0, 0, 0.95, 1, None), (100, 3, 0.5, 2, None), (99, 0, 0.95, 1, "draws is 99"), (-1, 0, 0.95, 1, "draws is -1"), (100.0, 0, 0.95, 1, "draws is 100.0"),
+        (False, 0, 0.95, 1, "draws is False"), (0, -1, 0.95, 1, "seed is -1"), (0, True, 0.95, 1, "seed is True"), (0, 1.0, 0.95, 1, "seed is 1.0"),
+        (0, 0, 0.0, 1, "coverage is 0.0"), (0, 0, 1.0, 1, "coverage is 1.0"), (0, 0, True, 1, "coverage is True"), (0, 0, "1", 1, "coverage is '1'"),
+        (0, 0, 0.95, 3, "digits is 3"), (0, 0, 0.95, True, "digits is True"), (0, 0, 0.95, 0, "digits is 0"),
+    ],
+)  # fmt: skip
+def test_what_a_budget_is_asked_is_checked(draws: Any, seed: Any, coverage: Any, digits: Any, said: str | None) -> None:
+    """Assert borders and kinds of draws, seed, coverage and digits."""
+    if said is None:
+        _check(draws, seed, coverage, digits)
+        return
+    with pytest.raises(xd.InputError, match=said):
+        _check(draws, seed, coverage, digits)
+
+
+def test_declared_terms_are_declared() -> None:
+    """Assert that nothing else is taken for one."""
+    one = Declared("scale", "s", "1 g", at="1 s")
+    assert _declared(one) is one
+    with pytest.raises(xd.InputError, match="terms has 'scale', needs Declared"):
+        _declared("scale")
 
 
 def fitted_in_words(**more: Any) -> xr.Dataset:

@@ -130,6 +130,25 @@ def test_what_is_fitted_has_the_models_units_and_its_weights() -> None:
         problem.looked(scaled, 0.0)
 
 
+def test_a_run_that_ends_before_is_named_with_its_numbers() -> None:
+    """Assert what a body comes to, out of order, nan where it is stopped before a time, and what is said where all are needed."""
+    model = xd.Model(
+        name="line", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={}, initial={"x": "0 m", "v_x": "1 m s-1"},
+        events={"far": {"function": "x - 4.5*metre", "action": "stop"}},
+    )  # fmt: skip
+    data = Measured("bench", np.array([4.0, 1.0, 2.0]), parse_unit("s"), {"x": (np.zeros(3), parse_unit("m"))}, {})
+    asked = Asked(model, ("x", "v_x"), data, {"x": parse_unit("m")}, {"method": "rk4", "step": 0.5, "until": 4.0})
+    values = np.array([[0.25, 1.0], [0.0, 2.0], [0.5, 0.5]])
+    found = asked.computed(values, whole=False)
+    assert found[[0, 2]] == pytest.approx(np.array([[4.25, 1.25, 2.25], [2.5, 1.0, 1.5]]))
+    assert found[1] == pytest.approx([np.nan, 2.0, 4.0], nan_ok=True)
+    assert asked.computed(values[[0, 2]]) == pytest.approx(found[[0, 2]])
+    with pytest.raises(
+        xd.InputError, match=r"with x = 0.0, v_x = 2.0 the run ends as 'stopped_by_event' at t = 2.25\d* s, before all"
+    ):
+        asked.computed(values)
+
+
 def test_residuals_are_tested_quantity_by_quantity_in_the_order_of_time() -> None:
     """Assert degrees of freedom, sum of squares, and runs of signs of data whose rows are out of order."""
     times = np.concatenate([np.arange(0.0, 20.0, 2.0), np.arange(1.0, 20.0, 2.0)])
@@ -294,7 +313,7 @@ def test_a_fit_is_saved_opened_and_told(tmp_path: Path) -> None:
         (["L"], {"bounds": {"L": (2, 3)}}, "1.0 m between them"),
         (["L"], {"bounds": {"L": ("1 kg", "2 kg")}}, "needs the unit 'm'"),
         (["L"], {"bounds": {"L": 3}}, "need the lowest and the highest"),
-        (["L"], {"until": "5 s"}, "outside the run"),
+        (["L"], {"until": "5 s"}, "row 251: t = 5.0.* s is outside the run"),
         (["L"], {"rtoll": 3}, "no setting 'rtoll'"),
     ],
 )
