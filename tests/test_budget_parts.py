@@ -252,6 +252,7 @@ def test_a_search_ends_in_the_least_sum_of_squares() -> None:
     assert found.evaluations >= 2
     bound = search(line, "own", np.array([9.0, 0.5]), np.array([0.0, 0.0]), np.array([1.0, 5.0]))
     assert bound.end[0] == pytest.approx(1.0, abs=1e-6)
+    assert (found.bounded.tolist(), bound.bounded.tolist()) == ([False, False], [True, False])
     assert bound.square > 2 * found.square
 
 

@@ -246,6 +246,11 @@ def test_a_straight_line_is_that_of_the_normal_equations() -> None:
         float(((design @ right - data.x.values / doubt) ** 2).sum()), rel=1e-8
     )
     assert found.residual_x.values == pytest.approx(data.x.values / 100 - right[0] - right[1] * times, abs=1e-12)
+    assert found.at_bound.values.tolist() == [0, 0]
+    for begin, ends in (("1 m s-1", (0.5, 1.1)), ("2 m s-1", (1.5, 3.0))):
+        with pytest.warns(xd.AccuracyWarning, match="not adequate"):
+            held = xd.fit(model.replace(initial={"v_x": begin}), data, ["x", "v_x"], bounds={"v_x": ends}, starts=1, method="rk4", step="0.1 s", until="4 s")  # fmt: skip
+        assert held.at_bound.values.tolist() == [0, 1]
 
 
 def test_the_fitted_model_goes_on_into_a_budget() -> None:

@@ -13,6 +13,9 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from xdynamics.dynamics import growth
+from xdynamics.dynamics.exponents import exponents_of
+from xdynamics.dynamics.tangents import FEW, Local, _chunks, _scheme, _tangent
 from xdynamics.evidence.diagnosing.chaos import exponents_in_words, lyapunov
 from xdynamics.evidence.diagnosing.diagnosis import lines_of
 
@@ -57,6 +60,155 @@ def oscillator(force: str, start: tuple[float, float], **parameters: float) -> x
 
 
 LORENZ = {"x": "10*(y - x)", "y": "x*(28 - z) - y", "z": "x*y - 8/3*z"}
+
+
+# ------------------------------------------------------------------------------------------------------- the parts
+
+
+def plain(function: Any) -> Any:
+    """Return a compiled function as Python has it."""
+    return getattr(function, "py_func", function)
+
+
+def weighted(times: np.ndarray, grown: np.ndarray, begin: float, end: float) -> np.ndarray:
+    """Return the mean of growth per time, weighted by sin(pi s)**2, of blocks with their middles between."""
+    middles = (times[1:] + times[:-1]) / 2
+    weights = np.where((middles > begin) & (middles < end), np.sin(np.pi * (middles - begin) / (end - begin)) ** 2, 0.0)
+    found: np.ndarray = (weights @ grown) / (weights @ np.diff(times))
+    return found
+
+
+def test_exponents_are_means_behind_the_transient() -> None:
+    """Assert values, order, each part of the uncertainties, and the growth of the start, of logarithms drawn at random."""
+    rng, shift = np.random.default_rng(4), math.log(2.0**332)
+    times = 3.0 + np.cumsum(rng.uniform(0.05, 0.15, 401))
+    logs = rng.normal(0.0, 1.0, (400, 3)) * 0.01 + np.diff(times)[:, None] * [-0.5, 1.5, 0.25]
+    powers, errors = np.zeros((400, 3), np.int64), rng.uniform(0.0, 1e-3, 400)
+    powers[7, 1], powers[300, 2] = 2, -1
+    whole = np.array([[3.0, 1.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 0.1]])
+    found = exponents_of(Local(times, np.exp(logs), powers, errors, whole, 2, 500, 3))
+    begin, end = float(times[0]), float(times[-1])
+    first, grown = begin + 0.1 * (end - begin), logs + powers * shift
+    values = weighted(times, grown, first, end)
+    order = np.argsort(-values)
+    assert values[0] < 0.0 < values[1]
+    assert found.values == pytest.approx(values[order], rel=1e-10)
+    assert (found.begin, found.pieces, found.variables) == (pytest.approx(first), 500, 3)
+    edges = first + (end - first) * np.arange(17) / 16
+    batches = np.stack([weighted(times, grown, *edges[k : k + 2]) for k in range(16)])
+    halves = weighted(times, grown, edges[8], end) - weighted(times, grown, first, edges[8])
+    integrated = weighted(times, errors[:, None], first, end)[0]
+    doubts = np.sqrt(batches.var(axis=0, ddof=1) / 16 + halves**2 + integrated**2)
+    assert found.uncertainties == pytest.approx(doubts[order], rel=1e-9)
+    largest = np.linalg.svd(whole, compute_uv=False)[0]
+    assert found.finite_time == pytest.approx((math.log(largest) + 2 * shift) / (end - begin), rel=1e-9)
+
+
+def test_a_direction_that_is_gone_is_certain() -> None:
+    """Assert minus infinity without an uncertainty, last, and no growth at all of a start that is forgotten whole."""
+    times, factors = np.linspace(0.0, 40.0, 401), np.full((400, 2), math.exp(0.1))
+    factors[200, 0] = 0.0
+    with np.errstate(divide="ignore"):
+        found = exponents_of(Local(times, factors, np.zeros((400, 2), np.int64), np.zeros(400), np.zeros((2, 2)), 0, 400, 2))  # fmt: skip
+    assert found.values == pytest.approx([1.0, -np.inf])
+    assert found.uncertainties == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert found.finite_time == -math.inf
+
+
+def test_vectors_are_taken_apart_as_q_and_r() -> None:
+    """Assert Q R of rows, and 0 with an orthogonal unit vector in the place of one that depends on those before it."""
+    rng = np.random.default_rng(1)
+    vectors, upper = rng.normal(0.0, 3.0, (4, 5)), np.zeros((3, 3))
+    given = vectors.copy()
+    plain(growth.orthonormalise)(vectors, upper)
+    assert vectors[0].tolist() == given[0].tolist()  # the state
+    assert vectors[1:] @ vectors[1:].T == pytest.approx(np.eye(3), abs=1e-14)
+    assert upper.T @ vectors[1:] == pytest.approx(given[1:], rel=1e-12)
+    assert (np.diag(upper) > 0.0).all()
+    for size, gone in ((1e-9, False), (1e-14, True)):
+        upper[:], near = 0.0, np.array([[0.0] * 3, [1.0, 2.0, 2.0], [2.0, 4.0, 4.0], [0.0, 0.0, 1.0]])
+        near[2, 0] += size * 6.0
+        plain(growth.orthonormalise)(near, upper)
+        assert bool(upper[1, 1] == 0.0) is gone
+        assert near[1:] @ near[1:].T == pytest.approx(np.eye(3), abs=1e-6 if not gone else 1e-13)
+
+
+def test_growth_is_noted_of_each_block_and_of_all() -> None:
+    """Assert factors, powers of 2**332 above and below, and the product of all triangles."""
+    tangent = _tangent(3, 2, 7.0)
+    assert tangent.pace.tolist() == [7.0]
+    assert tangent.state[1:] @ tangent.state[1:].T == pytest.approx(np.eye(2), abs=1e-14)
+    assert (tangent.state[1:] != 0.0).all()
+    grown = growth.Grown(np.ones((2, 2)), np.zeros((2, 2), np.int64), np.zeros(2))
+    first, second = np.array([[2.0, 3.0], [0.0, 0.5]]), np.array([[4.0, -1.0], [0.0, 2.0**-200]])
+    for block, upper in ((0, first), (1, second), (1, second)):
+        tangent.upper[:] = upper
+        plain(growth.note)(tangent, grown, block)
+    assert grown.factors.tolist() == [[2.0, 0.5], [16.0, 2.0**-68]]
+    assert grown.exponents.tolist() == [[0, 0], [0, -1]]
+    assert tangent.total == pytest.approx(second @ second @ first)
+    tangent.upper[:] = np.array([[2.0**200, 0.0], [0.0, 2.0**-200]])
+    for _ in range(2):
+        plain(growth.note)(tangent, grown, 0)
+    assert grown.factors[0].tolist() == [2.0**69, 0.5 * 2.0**-68]
+    assert grown.exponents[0].tolist() == [1, -1]
+    assert int(tangent.exponents[0]) == 1
+    assert float(tangent.total[0, 0]) == pytest.approx(32.0 * 2.0**68)
+    small = _tangent(3, 2, 7.0)
+    for _ in range(2):
+        small.upper[:] = np.diag([2.0**-200, 2.0**-210])
+        plain(growth.note)(small, grown, 0)
+    assert int(small.exponents[0]) == -1
+    assert np.diag(small.total).tolist() == [2.0**-68, 2.0**-88]
+
+
+def test_stages_and_ends_are_those_of_dop853() -> None:
+    """Assert sums of weights, what a stage and an end are put together from, the error's norm, and products with derivatives."""
+    scheme, rng = _scheme(10), np.random.default_rng(2)
+    assert scheme.b.sum() == pytest.approx(1.0)
+    assert scheme.a.sum(axis=1) == pytest.approx(scheme.c, abs=1e-14)
+    assert (scheme.fifth.sum(), scheme.third.sum()) == pytest.approx((0.0, 0.0), abs=1e-14)
+    tangent = _tangent(3, 2, 1.0)
+    tangent.state[0] = rng.normal(size=3)
+    tangent.slopes[:] = rng.normal(size=tangent.slopes.shape)
+    error = plain(growth.finish)(scheme, tangent, -0.5)
+    assert tangent.end == pytest.approx(tangent.state - 0.5 * np.tensordot(scheme.b, tangent.slopes, 1))
+    low, lower = (float(np.sum(np.tensordot(one, tangent.slopes[:, 1:], 1) ** 2)) for one in (scheme.fifth, scheme.third))  # fmt: skip
+    assert error == pytest.approx(0.5 * low / math.sqrt(low + 0.01 * lower))
+    tangent.slopes[:] = 0.0
+    assert plain(growth.finish)(scheme, tangent, -0.5) == 0.0
+    tangent.slopes[:] = rng.normal(size=tangent.slopes.shape)
+    plain(growth.combine)(tangent.state, tangent.slopes, scheme.a, 7, 0.25, tangent.stage)
+    assert tangent.stage == pytest.approx(tangent.state + 0.25 * np.tensordot(scheme.a[7, :7], tangent.slopes[:7], 1))
+    entries, weights, e = np.array([[1, 2, 2], [0, 1, 2]]), np.array([2.0, 3.0, -1.0]), np.array([0.5, 4.0, 7.0, 9.0])
+    before = tangent.slopes.copy()
+    plain(growth.multiply)(e, weights, entries, 1, tangent.stage, tangent.slopes, 4)
+    matrix = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 12.0, -7.0]])
+    assert tangent.slopes[4, 1:, 1:] == pytest.approx((tangent.stage[1:] @ matrix.T)[:, 1:])
+    assert tangent.slopes[4, :, 0].tolist() == before[4, :, 0].tolist()
+    assert tangent.slopes[4, 0].tolist() == before[4, 0].tolist()
+
+
+def test_events_act_in_units_of_each_variable() -> None:
+    """Assert the matrix of an event on vectors whose places are over the variables' sizes; the state stays."""
+    tangent, sizes = _tangent(3, 2, 1.0), np.array([2.0, 0.5, 10.0])
+    matrix, before = np.arange(9.0).reshape(3, 3) - 4.0, tangent.state.copy()
+    law = growth.Law(*([None] * 12), sizes, None, 1, 0.0)  # type: ignore[arg-type]
+    plain(growth.cross)(law, matrix, tangent)
+    assert tangent.state[1:] == pytest.approx((before[1:] * sizes) @ matrix.T / sizes)
+    assert tangent.state[0].tolist() == before[0].tolist()
+
+
+def test_rows_are_carried_a_part_at_a_time() -> None:
+    """Assert that parts of 1,024 steps share the row between them, and leave none out."""
+    count, each = 2500, np.arange(2500)
+    rows = growth.Rows(np.arange(count + 1.0), each[:, None] * 1.0, each * 1.0, each[:, None] * 1.0, each[:, None], each, np.eye(2)[None], each, each)  # fmt: skip
+    parts = list(_chunks(rows))
+    assert [len(one.times) - 1 for one in parts] == [1024, 1024, 452]
+    assert [float(one.times[0]) for one in parts] == [0.0, 1024.0, 2048.0]
+    assert all(one.states[0, 0] == one.regimes[0] == one.sides[0, 0] == one.pieces[0, 0] == one.jumps[0] == one.parts[0] == one.blocks[0] == one.times[0] for one in parts)  # fmt: skip
+    assert all(len(one.states) == len(one.jumps) == len(one.blocks) == len(one.times) - 1 for one in parts)
+    assert FEW == 16
 
 
 # ------------------------------------------------------------------------------------------------- linear systems

@@ -254,7 +254,7 @@ def fit(
     if not np.isfinite(best.square):
         raise InputError(found[0].stopped)
     test = problem.tested(best)
-    evidence = _dataset(problem, found, best, test, (low, high), seed)
+    evidence = _dataset(problem, found, best, test, seed)
     if not (test.adequate and best.converged):
         why = test.text if not test.adequate else f"the search did not come to an end: {best.stopped}"
         warn(f"the fit of '{model.name}' to {asked.data.name} is not adequate: {why}", AccuracyWarning)
@@ -336,7 +336,7 @@ def _with_slopes(asked: Asked, values: Floats, scales: Floats) -> tuple[Floats, 
     return found[0], np.stack([WEIGHTS @ beside[i] / (SHIFT * scales[i]) for i in range(n)], axis=1)
 
 
-def _dataset(problem: Fitting, found: list[Search], best: Search, test: Tested, bounds: tuple[Floats, Floats], seed: int) -> xr.Dataset:  # fmt: skip
+def _dataset(problem: Fitting, found: list[Search], best: Search, test: Tested, seed: int) -> xr.Dataset:
     asked, scales, values = problem.asked, problem.scales, best.end * problem.scales
     residual, slopes = best.residual, best.slopes
     rows = residual / asked.weights + asked.measured
@@ -348,14 +348,13 @@ def _dataset(problem: Fitting, found: list[Search], best: Search, test: Tested, 
     correlation = covariance / np.outer(deviations, deviations) if (deviations > 0).all() else np.eye(len(values))
     deviations = deviations * scales
     fitted = _fitted(asked, values, deviations, correlation, test)
-    reached = [(values[i] <= bounds[0][i], values[i] >= bounds[1][i]) for i in range(len(values))]
     units = [asked.given(name).unit.text for name in asked.names]
     variables: dict[str, Any] = {
         "parameter_name": ((PARAMETER,), np.array(asked.names), about("1", "what was found", "name")),
         "parameter_units": ((PARAMETER,), np.array(units), about("1", "unit of the estimate and its uncertainty", "units")),
         "estimate": ((PARAMETER,), values, about("1", "value that fits best, in parameter_units", ROLE)),
         "standard_uncertainty": ((PARAMETER,), deviations, about("1", "standard uncertainty of the estimate, in parameter_units", ROLE)),
-        "at_bound": ((PARAMETER,), np.array([any(one) for one in reached], np.int8), about("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE)),
+        "at_bound": ((PARAMETER,), best.bounded.astype(np.int8), about("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE)),
         "correlation": ((PARAMETER, OTHER), correlation, about("1", "correlation of the estimates", ROLE)),
         AT_TIME: ((AT,), asked.data.times, about(asked.model.time_unit.text, "time of measurement", "time")),
         "model_toml": ((), np.array(fitted.to_toml()), about("1", "the fitted model as TOML, uncertain and correlated by what was found", "model")),

@@ -54,6 +54,8 @@ class Search:
         Why it ended.
     residual, slopes : ndarray, shape (m,) and (m, n)
         Over the uncertainties, at the end.
+    bounded : ndarray of bool, shape (n,)
+        Whether it ended on a bound, but for how closely it searched: it never comes to one whole.
     """
 
     rule: str
@@ -65,6 +67,7 @@ class Search:
     stopped: str
     residual: Floats = field(default_factory=lambda: np.zeros(0), repr=False)
     slopes: Floats = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    bounded: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool), repr=False)
 
 
 def searches(problem: Problem, start: Floats, low: Floats, high: Floats, most: int, seed: int) -> Iterator[Search]:
@@ -127,7 +130,7 @@ def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats
     )  # fmt: skip
     return Search(
         rule, start, found.x, 2.0 * float(found.cost), int(found.nfev), bool(found.status > 0), str(found.message),
-        found.fun, found.jac,
+        found.fun, found.jac, found.active_mask != 0,
     )  # fmt: skip
 
 
