@@ -280,7 +280,7 @@ TOUCHED = {
         "test_fitting.py -k straight or speak or astray",
     ),
     "budgeting/slopes.py": (
-        "test_variational.py -k bounce_are or very_row",
+        "test_variational.py -k bounce_are or very or collocation_bears",
         "test_variational.py -k told or tenth or resets",
     ),
     "budgeting/tables.py": (

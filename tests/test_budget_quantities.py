@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.stats import chi2, norm
 
 import xdynamics as xd
 from problems import MODELS
@@ -226,6 +227,28 @@ def test_residuals_far_below_their_uncertainties_are_no_matter(size: float, adeq
         residuals.tested(float(noise @ noise), 40, [noise], [np.arange(40.0)], known=True).text
         == "residuals are no more than noise"
     )
+
+
+@pytest.mark.parametrize(("probability", "adequate"), [(0.0015, True), (0.00101, True), (0.0009, False)])
+def test_residuals_that_are_less_likely_than_a_thousandth_are_no_noise(probability: float, adequate: bool) -> None:
+    """Assert the border of sums of squares, and that of runs of one sign of as many quantities as there are."""
+    square, noise = float(chi2.isf(probability, 40)), np.tile([1.0, 1.0, -1.0, -1.0], 10)
+    found = residuals.tested(square, 40, [noise], [np.arange(40.0)], known=True)
+    assert found.adequate is adequate
+    assert found.chi_square_probability == pytest.approx(probability, rel=1e-9)
+    for above, below in ((30, 10), (1, 20), (8, 8), (0, 20)):
+        row, n = np.concatenate([np.ones(above), -np.ones(below)]), above + below
+        mean, variance = 1 + 2 * above * below / n, 2 * above * below * (2 * above * below - n) / (n**2 * (n - 1))
+        wanted = norm.cdf((2.5 - mean) / math.sqrt(variance)) if above else 0.5 ** (n - 1)
+        assert residuals.runs_probability(row) == pytest.approx(wanted, rel=1e-9)
+    assert math.isnan(residuals.runs_probability(np.ones(15)))
+    row = np.concatenate([np.repeat([1.0, -1.0], 11), np.tile([1.0, -1.0], 1)])
+    one = residuals.runs_probability(row)
+    assert 1.9e-4 < one < 2e-4
+    for count, fits in ((1, False), (5, False), (6, True)):
+        several = residuals.tested(40.0, 40, [row] * count, [np.arange(24.0)] * count, known=True)
+        assert several.runs_probability == pytest.approx(count * one, rel=1e-12)
+        assert several.adequate is fits
 
 
 @pytest.mark.parametrize(("sizes", "adequate"), [((1e-4, 1e-4), True), ((1e-4, 1e-2), False), ((1e-2, 1e-2), False)])

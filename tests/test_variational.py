@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
 from test_budget import doubtful, slope
 from xdynamics.budgeting.physical import _differences
-from xdynamics.budgeting.slopes import _check_open, slopes_along
+from xdynamics.budgeting.slopes import _check_open, _equations, slopes_along
 from xdynamics.budgeting.target import Target
 from xdynamics.dynamics.variational import NotVariedError, gauss
 
@@ -179,6 +181,32 @@ def test_what_is_not_told(name: str, first: str, where: dict[str, Any], said: st
     budget = xd.error_budget(model, "x", **where)
     rule = str(budget.term_rule.values[budget.term_name.values.tolist().index(first)])
     assert (f"no variational equations: {said}" in rule.replace("'", "")) is (slope(budget, first)[0] != 0.0)
+
+
+def test_a_number_at_the_very_time_of_an_event_is_behind_it() -> None:
+    """Assert the speed -e*v and place of a body that a clock turns at 0.5 s, at that time, and just before it."""
+    turn = {"function": "t - 0.5*second", "direction": "rising", "action": "reset", "set": {"v_y": "-e*v_y"}}
+    model = falling(events={"turn": turn})
+    run = xd.simulate(model, method="rk4", step="0.125 s", until="1 s")
+    assert 0.5 in run.event_time.values
+    behind = {"y": 0.0, "v_y": -0.8, "g": 0.4, "e": 9.81 * 0.5 - 0.5}
+    assert slopes_along(run, model, Target("v_y", 0.5)) == pytest.approx(behind, abs=1e-12)
+    assert slopes_along(run, model, Target("y", 0.5)) == pytest.approx({"y": 1.0, "v_y": 0.5, "g": -0.125, "e": 0.0}, abs=1e-12)  # fmt: skip
+    before = slopes_along(run, model, Target("v_y", 0.5 - 1e-9))
+    assert before == pytest.approx({"y": 0.0, "v_y": 1.0, "g": -0.5, "e": 0.0}, abs=1e-8)
+
+
+@pytest.mark.parametrize(("method", "most"), [("rk4", 24), ("dop853", 16), ("forward_euler", 48)])
+def test_as_many_variables_as_collocation_bears(method: str, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert the largest model of each method: variables times stages of a collocation of its order are 96 at most."""
+    model, run = falling(), xr.Dataset(attrs={"solver_method": method})
+    for size, fits in ((most, True), (most + 1, False)):
+        monkeypatch.setattr("xdynamics.budgeting.slopes.Equations", lambda *_, size=size: SimpleNamespace(size=size))
+        if fits:
+            assert _equations(run, model, ()).size == size
+            continue
+        with pytest.raises(NotVariedError, match=f"{size} variables are too many"):
+            _equations(run, model, ())
 
 
 def test_a_touch_counts_from_its_very_row() -> None:
