@@ -104,7 +104,10 @@ TOUCHED = {
     "march/contacts/touch.py": (CONTACTS, FRICTION),
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
     "dynamics/inside.py": ("test_sampling.py -k not (radau or archive)",),
-    "evidence/diagnosing/chaos.py": ("test_lyapunov.py -k units_of or damped or saddle or power_of_time or wrong",),
+    "evidence/diagnosing/chaos.py": (
+        "test_lyapunov.py -k is_certain or their_digits",
+        "test_lyapunov.py -k units_of or counts_that or without_variational",
+    ),
     "evidence/exhibit.py": ("test_evidence_parts.py -k exhibit", "test_scaling.py -k units"),
     "evidence/marching.py": (
         "test_evidence_parts.py -k location or study or interrupted",
@@ -143,25 +146,29 @@ TOUCHED = {
     "evidence/validating/impacts.py": ("test_impact_ledger.py",),
     "dynamics/exponents.py": (
         "test_lyapunov.py -k behind_the_transient or is_gone",
-        "test_lyapunov.py -k linear or damped or saddle or power_of_time",
+        "test_lyapunov.py -k saddle or power_of_time",
     ),
     "dynamics/growth.py": (
         "test_lyapunov.py -k taken_apart or noted_of or of_dop853 or units_of_each",
-        "test_lyapunov.py -k saddle or same_bits",
+        "test_lyapunov.py -k same_bits",
     ),
     "dynamics/path.py": (
         "test_variational.py -k resets or jumps or impacts",
         "test_lyapunov.py -k kicked or piecewise",
     ),
     "dynamics/saltation.py": (
+        "test_variational.py -k bounce_are or very_time",
         "test_variational.py -k resets or jumps or impact",
         "test_lyapunov.py -k table or kicked",
     ),
     "dynamics/tangents.py": (
         "test_lyapunov.py -k noted_of or of_dop853 or part_at_a_time",
-        "test_lyapunov.py -k linear or damped or saddle or kicked",
+        "test_lyapunov.py -k saddle or some_of or chunks",
     ),
-    "dynamics/variational.py": ("test_variational.py -k gauss or resets or jumps or matrix or drives",),
+    "dynamics/variational.py": (
+        "test_variational.py -k bounce_are or gauss",
+        "test_variational.py -k resets or jumps or matrix or drives",
+    ),
     "march/events/enclosures.py": (ENCLOSED,),
     "march/events/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
     "march/events/transition.py": (

@@ -16,7 +16,7 @@ import xdynamics as xd
 from xdynamics.dynamics import growth
 from xdynamics.dynamics.exponents import exponents_of
 from xdynamics.dynamics.tangents import FEW, Local, _chunks, _scheme, _tangent
-from xdynamics.evidence.diagnosing.chaos import exponents_in_words, lyapunov
+from xdynamics.evidence.diagnosing.chaos import exponents_in_words, lyapunov, with_uncertainty
 from xdynamics.evidence.diagnosing.diagnosis import lines_of
 
 MODELS = Path(__file__).parents[1] / "data" / "models"
@@ -113,6 +113,45 @@ def test_a_direction_that_is_gone_is_certain() -> None:
     assert found.values == pytest.approx([1.0, -np.inf])
     assert found.uncertainties == pytest.approx([0.0, 0.0], abs=1e-12)
     assert found.finite_time == -math.inf
+
+
+@pytest.mark.parametrize(
+    ("rate", "span", "noise", "time"),
+    [(0.5, 20.0, 0.0, 2.0), (0.5, 14.0, 0.0, math.inf), (0.5, 15.4, 0.0, 2.0), (0.5, 20.0, 0.24, 2.0), (0.5, 20.0, 0.26, math.inf), (-0.5, 200.0, 0.0, math.inf)],
+)  # fmt: skip
+def test_a_time_follows_from_growth_that_is_certain(rate: float, span: float, noise: float, time: float, monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
+    """Assert exponents, units, and 1 over the largest: above twice its uncertainty, and grown a thousandfold behind the transient."""
+    times = np.linspace(3.0, 3.0 + span, 3201)
+    grown = np.exp(np.diff(times)[:, None] * [rate - 0.25, rate])
+    local = Local(times, grown, np.zeros(grown.shape, np.int64), np.full(3200, noise * span / 3200), np.diag([1.0, math.exp(0.3 * span)]), 0, 9, 2)  # fmt: skip
+    monkeypatch.setattr("xdynamics.evidence.diagnosing.chaos.local_growth", lambda *_: local)
+    run = xr.Dataset({"time": ("step", times, {"units": "h"})})
+    found = exponents(run)
+    assert found.lyapunov_exponents.values == pytest.approx([rate, rate - 0.25])
+    assert found.lyapunov_uncertainty.values == pytest.approx([noise, noise], abs=1e-9)
+    assert float(found.lyapunov_exponent) == pytest.approx(rate)
+    assert float(found.lyapunov_time) == pytest.approx(time)
+    assert float(found.finite_time_growth) == pytest.approx(0.3)
+    assert {one.attrs["units"] for name, one in found.data_vars.items() if name != "lyapunov_time"} == {"h-1"}
+    about = found.lyapunov_exponents.attrs
+    assert (found.lyapunov_time.attrs["units"], about["transient_end"]) == ("h", pytest.approx(3.0 + span / 10))
+    assert (about["pieces"], about["variables"], about["piece_tolerance"]) == (9, 2, 1e-8)
+    said = list(exponents_in_words(found))
+    assert said[0].startswith("lyapunov_exponents = ")
+    assert said[1].startswith(
+        f"lyapunov_time = {time:.3g} h" if time < math.inf else "lyapunov_time = inf: the largest"
+    )
+    assert said[2] == "finite_time_growth = 0.3 h-1, over the run's own time"
+    pure = exponents(run.assign(time=("step", times, {"units": "1"})))
+    assert {one.attrs["units"] for one in pure.data_vars.values()} == {"1"}
+    assert [line.rpartition(" ")[2] for line in exponents_in_words(pure)][2] == "time"
+    assert list(exponents_in_words(xr.Dataset())) == []
+
+
+@pytest.mark.parametrize(("value", "doubt", "text"), [(0.5, 0.24, "0.50 ± 0.24"), (0.5, 2e6, "0.5 ± 2e+06"), (3.0, 9.4, "3.0 ± 9.4"), (12.0, 13.0, "12 ± 13"), (0.5, 2e-13, "0.500000000000 ± 2.0e-13"), (0.5, 2e-12, "0.500000000000 ± 0.000000000002"), (0.5, math.inf, "0.5 ± inf"), (math.nan, 0.1, "nan")])  # fmt: skip
+def test_exponents_are_written_with_their_digits(value: float, doubt: float, text: str) -> None:
+    """Assert two digits of the uncertainty, twelve places at most."""
+    assert with_uncertainty(value, doubt) == text
 
 
 def test_vectors_are_taken_apart_as_q_and_r(monkeypatch: pytest.MonkeyPatch) -> None:
