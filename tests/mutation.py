@@ -102,6 +102,8 @@ TOUCHED = {
     "march/contacts/noting.py": (CONTACTS, FRICTION),
     "march/contacts/stepping.py": ("test_contacts.py -k second_scheme",),
     "march/contacts/touch.py": (CONTACTS, FRICTION),
+    "march/sizes.py": ("test_sizes.py -k parts",),
+    "figures/curves.py": ("test_curves.py -k parts", "test_curves.py -k joined or closed_form"),
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
     "dynamics/inside.py": ("test_sampling.py -k not (radau or archive)",),
     "evidence/diagnosing/chaos.py": (

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.figures.curves import drawn, has_chords
+from xdynamics.figures.curves import _bent, _hermite, _places, drawn, energy_changes, has_chords, thinned
 from xdynamics.figures.plane import views
 
 Floats = Any
@@ -56,6 +56,77 @@ STEPS: dict[str, Callable[..., tuple[Floats, Floats]]] = {
     "velocity_verlet": verlet,
     "midpoint": midpoint,
 }
+
+
+def test_parts_polynomials_have_values_and_slopes_of_both_ends() -> None:
+    """Assert that Hermite's polynomials are those of degree five and three that they are made from, also of the record's rows."""
+    w, u = np.array([0.5, 2.0]), np.array([0.3, 0.8])
+    for degree in (5, 3):
+        one = np.polynomial.Polynomial(np.arange(1.0, degree + 2.0) * (-1.0) ** np.arange(degree + 1))
+        ends = [[part(x) for part in (one, one.deriv(1), one.deriv(2))[: (degree + 1) // 2]] for x in (1.0 + 0 * w, 1.0 + w)]  # fmt: skip
+        assert _hermite(ends[0], ends[1], w, u) == pytest.approx(one(1.0 + w * u), rel=1e-12)
+    time = np.array([0.0, 0.5, 2.5])
+    flight = np.polynomial.Polynomial([1.0, -2.0, 3.0, 0.5, -0.25, 0.125])
+    run = xr.Dataset({name: ("step", flight.deriv(k)(time)) for k, name in enumerate(("x", "v_x", "a_x"))} | {"time": ("step", time)})  # fmt: skip
+    run["s"], run["rate_s"] = ("step", time**3), ("step", 3.0 * time**2)
+    times, rows = np.array([0.2, 1.0, 2.4]), np.array([0, 1, 1])
+    assert _bent(run, "x", times, rows) == pytest.approx(flight(times), rel=1e-12)
+    assert _bent(run, "s", times, rows) == pytest.approx(times**3, rel=1e-12)
+    speeds = np.polynomial.Polynomial([1.0, -2.0, 3.0, 0.5])
+    moved = run.assign(v_x=("step", speeds(time)), a_x=("step", speeds.deriv()(time)))
+    assert _bent(moved, "v_x", times, rows) == pytest.approx(speeds(times), rel=1e-12)
+    assert _bent(run.drop_vars("a_x"), "x", times, rows) is None
+
+
+def test_parts_points_are_dealt_out_by_rows_and_by_time() -> None:
+    """Assert 40 points in a short step and 2,000 in proportion to time, evenly between both ends, none where time stands."""
+    run = xr.Dataset({"time": ("step", np.array([0.0, 1e-3, 1e-3, 0.5, 1.0]))})
+    times, rows = _places(run)
+    assert [int((rows == k).sum()) for k in range(4)] == [40, 0, 998, 1000]
+    for k, (begin, end) in ((0, (0.0, 1e-3)), (3, (0.5, 1.0))):
+        mine = times[rows == k]
+        assert mine == pytest.approx(np.linspace(begin, end, mine.size + 2)[1:-1], rel=1e-12)
+    assert _places(run.isel(step=[0]))[0].size == 0
+    many = xr.Dataset({"time": ("step", np.arange(1001.0))})
+    assert np.bincount(_places(many)[1]).tolist() == [2] * 1000
+
+
+def test_parts_what_is_thinned_keeps_both_ends_and_every_peak() -> None:
+    """Assert rows of the least and greatest of stretches of rows and of time, in order, and all where they are few."""
+    values = np.zeros(100_000)
+    values[[12_345, 67_890]] = 5.0, -7.0
+    kept = thinned(values)
+    assert {0, 12_345, 67_890, 99_999} <= set(kept.tolist())
+    assert 1990 <= kept.size <= 4003
+    assert (np.diff(kept) > 0).all()
+    assert thinned(values[:4000]).size == 4000
+    assert thinned(values[:4001], most=400).size <= 402
+    times = np.concatenate([np.linspace(0.0, 1e-3, 99_000), np.linspace(0.01, 1.0, 1000)])
+    late = thinned(values, times=times)
+    assert (late >= 99_000).sum() > 900
+    assert np.diff(times[late]).max() < 3e-3 + 9e-3
+
+
+def test_parts_energy_is_changed_by_forces_events_and_the_method() -> None:
+    """Assert drag's loss by its closed form, Euler's gain of a fall, and what bounces lose, in the record's unit."""
+    slide = xd.simulate(spring(0.0, 2.0, 1e-9, 0.4), method="dop853", rtol=1e-11, step=None, until=2.0)
+    found = energy_changes(slide)
+    assert found is not None
+    assert found["forces"] == pytest.approx(2.0 * (1.0 - np.exp(-1.6)), rel=1e-4)
+    assert found["events"] == 0.0
+    assert found["the method's error"] < 1e-4
+    swing = energy_changes(run := xd.simulate(spring(1.0, 0.0, 4.0), method="forward_euler", step=0.01, until=2.0))
+    assert swing is not None
+    assert swing["the method's error"] == pytest.approx(float(run.total_energy[-1] - run.total_energy[0]), rel=1e-9)
+    assert max(swing["forces"], swing["events"]) < 1e-9
+    ball = xd.Model(
+        name="ball", coordinates={"y": "m"}, mass={"y": "2*kilogram"}, parameters={"g": "10 m s-2"}, forces={"gravity": {"potential": "2*kilogram*g*y"}},
+        initial={"y": "1 m"}, contacts={"floor": {"gap": "y", "restitution": 0.5}},
+    )  # fmt: skip
+    bounced = energy_changes(xd.simulate(ball, method="dop853", rtol=1e-9, until=1.0))
+    assert bounced is not None
+    assert bounced["events"] == pytest.approx(20.0 * (1.0 - 1.0 / 16.0), rel=1e-6)  # of two bounces
+    assert max(bounced["forces"], bounced["the method's error"]) < 1e-6
 
 
 @pytest.mark.cases(300)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 
 import xdynamics as xd
+from xdynamics.march import sizes
 from xdynamics.march.asking import settings_for
 from xdynamics.march.many import march_many
 from xdynamics.schema import ATOL_FOLLOWS
@@ -272,3 +276,113 @@ def test_errors_go_with_the_tolerances() -> None:
     of.large["m"] = 1e-9
     study = xd.refine(orbit(np.random.default_rng(2), of), method="dop853", rtols=[1e-5, 1e-6, 1e-7, 1e-8], until="5 s", at=["5 s"])  # fmt: skip
     assert float(abs(study.difference_x[-2, 0])) < 1e-9 * 1e-5
+
+
+# ------------------------------------------------------------------------------------------------------------ the parts
+
+RTOL = 1e-4
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Phases as Python has them, and forces that are a matrix: what is compiled has no way in from Python."""
+    for name in ("tops_of", "natural_sizes", "time_at", "fastest_rate", "recurred", "slope_of"):
+        function = getattr(sizes, name)
+        monkeypatch.setattr(sizes, name, getattr(function, "py_func", function))
+
+    def evaluate(run: Any, t: float, state: np.ndarray) -> None:
+        assert t == 3.0
+        used = run.plan[0].used
+        state[used:] = run.matrix @ state[:used]
+
+    monkeypatch.setattr(sizes, "evaluate", evaluate)
+
+
+def linear(start: list[float], matrix: list[list[float]], coordinates: int, kinds: list[int]) -> Any:
+    """A march that is about to begin: accelerations and rates are a matrix times coordinates, velocities and states."""
+    used, whole = len(start), np.array(matrix, float)
+    plan = SimpleNamespace(coordinates=coordinates, used=used, rtol=RTOL, floor=1e-6 * RTOL, rest=0.5)
+    run = SimpleNamespace(plan=[plan], now=[SimpleNamespace(t=3.0)], matrix=whole, kinds=np.array(kinds), tops=np.zeros(2 * (max(kinds) + 1)))  # fmt: skip
+    run.y, run.probe = (np.concatenate([start, whole @ start]) for _ in "yp")
+    run.turning, run.largest, run.atol, run.followers = np.zeros(4 * used), np.abs(start), np.full(used, -1.0), np.ones(used, bool)  # fmt: skip
+    return run
+
+
+def begun(run: Any) -> float:
+    """Give sizes to a start."""
+    function = sizes.begin_sizes
+    return float(getattr(function, "py_func", function)(run))
+
+
+@pytest.mark.usefixtures("plain")
+def test_parts_tolerances_follow_the_largest_so_far() -> None:
+    """Assert rtol times each size, a millionth of the largest of its kind at least, and given ones as they are."""
+    run = linear([3.0, 1e-9, -5.0, 0.0], [[0.0] * 4] * 4, 0, [0, 0, 1, 1])
+    run.followers[3] = False
+    getattr(sizes.settle_tolerances, "py_func", sizes.settle_tolerances)(run)
+    assert run.atol == pytest.approx([3.0 * RTOL, 3e-6 * RTOL, 5.0 * RTOL, -1.0])
+
+
+@pytest.mark.usefixtures("plain")
+@pytest.mark.parametrize("w", [0.05, 5.0, 2e3])
+@pytest.mark.parametrize("start", [2.0, -3e-7])
+def test_parts_an_oscillator_from_rest(w: float, start: float) -> None:
+    """Assert the first step of 1/w, and velocities of w times the place: the size of what is at rest."""
+    run = linear([start, 0.0], [[-(w**2), 0.0]], 1, [0, 1])
+    assert begun(run) == pytest.approx(1 / w, rel=1e-6)
+    size = abs(start) * np.array([1.0, w])
+    assert run.atol == pytest.approx(RTOL * size, rel=1e-6)
+    assert run.largest == pytest.approx(size * [1.0, 1e-6], rel=1e-6)
+
+
+@pytest.mark.usefixtures("plain")
+@pytest.mark.parametrize(
+    ("matrix", "coordinates", "rate"),
+    [
+        ([[-2.0, 0.0], [0.0, -50.0]], 0, 50.0), ([[0.0, 3.0], [-3.0, 0.0]], 0, 3.0), ([[0.0, 4.0], [4.0, 0.0]], 0, 4.0), ([[-7.0, 0.0], [0.0, -7.0]], 0, 7.0),
+        ([[0.0, 0.0]], 1, 0.0), ([[-9.0, -8.0]], 1, 4.0 + math.sqrt(7.0)), ([[-9.0, -2.0]], 1, 3.0), ([[0.0, -6.0]], 1, 6.0), ([[math.nan, 0.0]], 1, 0.0),
+    ],
+)  # fmt: skip
+def test_parts_the_fastest_rate_is_an_eigenvalue(matrix: list[list[float]], coordinates: int, rate: float) -> None:
+    """Assert the largest size of an eigenvalue: two decays, a turning, a saddle, drag and damping, and none of free flight."""
+    run = linear([1.5, 0.75], matrix, coordinates, [0, 1] if coordinates else [0, 0])
+    run.turning[:2] = [2.0, 1.0]
+    assert sizes.fastest_rate(run, 3.0, run.y) == pytest.approx(rate, rel=1e-3 if rate > 6.5 and coordinates else 1e-9)
+
+
+@pytest.mark.usefixtures("plain")
+def test_parts_a_time_of_state_and_slopes() -> None:
+    """Assert size over slope of states, the root of place over acceleration, speed over acceleration at 0, and their least, by kinds."""
+    for start, matrix, coordinates, kinds, time in (
+        ([4.0, -1.0], [[0.0, 2.0], [0.0, 0.0]], 0, [0, 1], 2.0), ([4.0, -1.0], [[0.0, 2.0], [0.0, 0.0]], 0, [0, 0], 2.0),
+        ([4.0, 10.0], [[0.0, 2.0], [0.0, -1.0]], 0, [0, 1], 0.2), ([8.0, 0.0], [[-0.25, 0.0]], 1, [0, 1], 2.0), ([0.0, 3.0], [[0.0, -0.5]], 1, [0, 1], 2.0),
+        ([8.0, 40.0], [[-0.25, 0.0]], 1, [0, 1], 2.0), ([1e6, 1.0], [[0.0, 0.0]], 1, [0, 1], 50.0), ([0.0, 0.0], [[0.0, 0.0]], 1, [0, 1], 0.5),
+    ):  # fmt: skip
+        run = linear(start, matrix, coordinates, kinds)
+        assert sizes.time_at(run, run.y) == pytest.approx(time), (start, matrix)
+
+
+@pytest.mark.usefixtures("plain")
+def test_parts_natural_sizes_are_what_a_time_would_make() -> None:
+    """Assert places and speeds after a time of the motion's own, a thousandth of their kind at least."""
+    run = linear([8.0, 0.0, 0.0, 0.0], [[-0.25, 0, 0, 0], [0.0, 0, 0, 0]], 2, [0, 0, 1, 1])
+    assert sizes.natural_sizes(run, run.y) == pytest.approx(2.0)
+    assert run.turning[:4] == pytest.approx([8.0, 8e-3, 4.0, 4e-3])
+    assert run.turning[4:8].tolist() == [0.0] * 4
+    still = linear([8.0, 0.0], [[0.0, 0.0]], 1, [0, 1])
+    assert sizes.natural_sizes(still, still.y) == 0.5
+    assert still.turning[:2] == pytest.approx([8.0, 16e-3])
+    falling = linear([0.0, 3.0], [[0.0, -0.5]], 1, [0, 1])
+    assert sizes.natural_sizes(falling, falling.y) == pytest.approx(2.0)
+    assert falling.turning[:2] == pytest.approx([6.0, 3.0])
+
+
+@pytest.mark.usefixtures("plain")
+def test_parts_derivatives_are_over_the_sizes() -> None:
+    """Assert the Jacobian of slopes by the state, each over its size, as a rounding of differences leaves it."""
+    run = linear([1.5, 0.75, 2.0], [[-9.0, -2.0, 1.0], [0.5, 3.0, -4.0]], 1, [0, 1, 2])
+    run.turning[:3] = [2.0, 1.0, 0.25]
+    found = np.full((4, 3), np.nan)
+    getattr(sizes.derivatives, "py_func", sizes.derivatives)(run, 3.0, run.y, found)
+    whole, size = np.array([[0.0, 1.0, 0.0], [-9.0, -2.0, 1.0], [0.5, 3.0, -4.0]]), run.turning[:3]
+    assert found[1:] == pytest.approx(whole * size / size[:, None], rel=1e-9)
