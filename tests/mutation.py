@@ -93,6 +93,7 @@ TOUCHED = {
     ),
     "march/events/silence.py": ("test_silence.py", "test_several_events.py -k box or region and (46 or 69)"),
     "march/contacts/complementarity.py": ("test_complementarity.py", CONTACTS),
+    "march/contacts/balance.py": ("test_balance.py -k parts",),
     "march/contacts/bonds.py": (CONTACTS, FRICTION),
     "march/contacts/bouncing.py": (CONTACTS, FRICTION),
     "march/contacts/gaps.py": (CONTACTS, FRICTION),
