@@ -220,7 +220,9 @@ TOUCHED = {
         "test_budget_quantities.py -k periods",
     ),
     "evidence/diagnosing/diagnosis.py": (
+        "test_cycles.py -k diagnosis_in_words or for_good",
         "test_signs.py -k drift or band or amplitude or turns or behind or ahead or residual or uncertainty_of",
+        "test_cycles.py -k every_number",
         "test_diagnosis.py -k verlet or lazy or wrong or references or residuals or observables or ellipse or saved",
     ),
     "evidence/modes.py": ("test_signs.py -k decay or radians", "test_modes.py -k not compiled_forces"),

@@ -11,6 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from test_cli import call
+from xdynamics.evidence.diagnosing import diagnosis
 from xdynamics.evidence.diagnosing.cycles import Cycles, _chosen, _risen, _turned, cycles
 
 
@@ -141,6 +142,54 @@ def test_a_level_that_is_missed_by_two_maxima_is_doubted(rises: int, maxima: int
     assert found.doubt.startswith(f"x has {maxima} maxima and rises through the level {times}: ") if times else not found.doubt  # fmt: skip
     phases = found.phase(np.array([0.0, 0.5]))
     assert phases.tolist() == [0.0, np.pi] if rises > 1 else np.isnan(phases).tolist() == [True, True]
+
+
+def test_a_diagnosis_in_words() -> None:
+    """Assert numbers with their digits, rule and scale, attention, and the first and the last cycle's."""
+    role = {"role": "diagnostic", "units": "m"}
+    found = xr.Dataset({"energy_band": ((), 0.1234567, role | {"units": "1"}), "maximum_x": ((), 1.23456789, role), "maximum_x_uncertainty": ((), 0.002, {"role": "error", "units": "m"})})  # fmt: skip
+    found["maximum_x_rule"] = ((), 1, {"role": "flag", "units": "1", "flag_meanings": "sampled interpolated"})
+    found["largest_residual_x"] = ((), 0.5, {"role": "residual", "units": "m"})
+    found["scaled_largest_residual_x"], found["residual_scale_x"] = ((), 0.25, {"role": "scaled"}), ((), 2.0, {"role": "scale", "units": "m"})  # fmt: skip
+    for name, values, units in (("period", [2.0, 2.5], "s"), ("phase_offset", [-0.125, 0.25], "rad"), ("amplitude", [1.0, 0.75], "m"), ("phase_space_area", [3.0, 4.0], "m2 s-1")):  # fmt: skip
+        found[name] = ("cycle", values, role | {"units": units})
+    found["period_uncertainty"] = ("cycle", [0.25, 1e-12], {"role": "error", "units": "s"})
+    found.attrs = {"coordinate": "x", "level": 0.5, "level_units": "m", "level_rule": "given", "reference": "none", "cycle_doubt": "few"}  # fmt: skip
+    lines = list(diagnosis.lines_of(found))
+    assert lines == [
+        "energy_band = 0.123457", "maximum_x = 1.235 m, interpolated", "largest_residual_x = 0.5 m, scaled 0.25 by 2 m", "attention: few",
+        "cycles of x, each from one rise through 0.5 m, given, to the next: 2, phases beside none", "period = 2 s in the first cycle, 2.5 s in the last",
+        "phase_offset = -0.125 rad in the first cycle, 0.25 rad in the last", "amplitude = 1 m in the first cycle, 0.75 m in the last",
+        "phase_space_area = 3 m2 s-1 in the first cycle, 4 m2 s-1 in the last",
+    ]  # fmt: skip
+    assert len(list(diagnosis.lines_of(found.isel(cycle=[])))) == 4
+    del found.attrs["level_rule"]
+    assert diagnosis.cycles_said(found) == "x, each from one rise through 0.5 m, to the next"
+
+
+def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert the first time that errors are beyond a tenth of a range and stay there, and the end where they never are."""
+    run = xd.simulate(xd.Model.from_text(str(Swing(np.random.default_rng(7)).run().model_toml.values)), method="rk4", step=0.02, until=8.0)  # fmt: skip
+    span, speeds, end = float(np.ptp(run.x.values)), float(np.ptp(run.v_x.values)), float(run.time[-1])
+
+    def believed(off: Any, companions_end: float = 8.0) -> float:
+        """Return until when, of errors of x and v_x that are functions of time."""
+
+        def beside(states: xr.Dataset) -> xr.Dataset:
+            return xr.Dataset({f"global_error_{name}": ("at", off(states["time"].values if "time" in states else times)[k]) for k, name in enumerate(("x", "v_x"))})  # fmt: skip
+
+        other = xr.Dataset({"time": ("step", [0.0, companions_end])})
+        stub: Any = type("Beside", (), {"run": other, "functions": None, "beside": staticmethod(beside)})()
+        return float(diagnosis._believed(run, stub)["believed_until"][1])
+
+    times = run.time.values
+    monkeypatch.setattr(diagnosis, "sampled", lambda _, t, **__: xr.Dataset({"time": ("at", np.asarray(t))}))
+    step = 2 * 0.02 + 1e-9
+    assert believed(lambda t: (0.099 * span + 0 * t, -0.099 * speeds + 0 * t)) == end
+    assert believed(lambda t: (np.where(t > 3.0, -0.101 * span, 0.0), 0 * t)) == pytest.approx(3.0, abs=step)
+    assert believed(lambda t: (0 * t, np.where(t > 5.0, 0.101 * speeds, 0.0))) == pytest.approx(5.0, abs=step)
+    assert believed(lambda t: (np.where(np.abs(t - 3.0) < 0.011, span, 0.0), 0 * t)) == end
+    assert believed(lambda t: (np.where(t > 7.0, span, 0.0), 0 * t), 6.0) == pytest.approx(6.0, abs=1e-9)
 
 
 def test_what_the_command_says_of_levels(tmp_path: Path) -> None:
