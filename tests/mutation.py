@@ -198,9 +198,10 @@ TOUCHED = {
         "test_comparison.py -k same_runs or rerun or named or schema or parameter",
     ),
     "evidence/comparing/comparison.py": (
+        "test_evidence_parts.py -k first_runs_unit or left_out or so_far or first_of_what or both_reach or comparison_in_words",
         f"test_signs.py -k {COMPARED_RUNS}",
         "test_scaling.py -k units or times_of or lines",
-        "test_comparison.py",
+        "test_comparison.py -k not random",
     ),
     "evidence/comparing/measured.py": (
         "test_signs.py -k measured",

@@ -15,6 +15,18 @@ import xdynamics as xd
 from problems import MODELS
 from xdynamics.evidence.companion import Companion, companion, companion_of, lines_of
 from xdynamics.evidence.comparing.bits import bitwise, reproduced
+from xdynamics.evidence.comparing.comparison import (
+    _between,
+    _cause,
+    _counts,
+    _difference,
+    _flat,
+    _own,
+    _parted,
+    _short,
+    _times,
+)
+from xdynamics.evidence.comparing.comparison import lines_of as comparison_in_words
 from xdynamics.evidence.exhibit import exhibit
 from xdynamics.evidence.marching import march
 from xdynamics.evidence.matching import matched, met
@@ -319,6 +331,114 @@ def test_a_refinement_in_words() -> None:
 
 
 # ------------------------------------------------------------------------------------------------------------ comparing
+
+
+def test_differences_are_in_the_first_runs_unit() -> None:
+    """Assert second less first, errors of both, and the scale of the first, of metres beside millimetres; none of what is not known."""
+    one, other = (xr.DataArray(0.0, attrs={"units": units}) for units in ("m", "mm"))
+    here, there = (np.array([2.0, -4.0]), np.array([0.5, 0.25])), (np.array([2500.0, -3000.0]), np.array([100.0, 200.0]))  # fmt: skip
+    found = _difference("x", one, other, here, there)
+    assert found["difference_x"][1].tolist() == [0.5, 1.0]
+    assert found["interpolation_error_x"][1].tolist() == pytest.approx([0.6, 0.45])
+    assert float(found["difference_scale_x"][1]) == 4.0
+    assert found["scaled_difference_x"][1].tolist() == [0.125, 0.25]
+    assert found["difference_x"][2]["units"] == found["interpolation_error_x"][2]["units"] == "m"
+    back = _difference("x", other, one, there, here)
+    assert back["difference_x"][1].tolist() == [-500.0, -1000.0]
+    assert float(back["difference_scale_x"][1]) == 3000.0
+    zero = _difference("x", one, other, (0.0 * here[0], here[1]), there)
+    assert float(zero["difference_scale_x"][1]) == 3.0
+    assert _difference("x", one, other, None, there) == _difference("x", one, other, here, None) == {}
+
+
+def met_by_hand(times: list[float], doubt: float, detectors: list[int] | None = None) -> xr.Dataset:
+    """A run with events."""
+    flags = {"flag_values": np.arange(2), "flag_meanings": "low high"}
+    kinds = {"flag_values": np.arange(1), "flag_meanings": "crossing"}
+    found = xr.Dataset({"time": ("step", np.linspace(0.0, 5.0, 11), {"units": "s"}), "event_time": ("event", times)})
+    found["event_time_uncertainty"] = ("event", np.full(len(times), doubt))
+    found["event_kind"] = ("event", np.zeros(len(times), int), kinds)
+    found["event_detector"] = ("event", np.array(detectors or [0] * len(times)), flags)
+    return found
+
+
+def test_times_between_two_locations_of_one_event_are_left_out() -> None:
+    """Assert times between both as wide as both are uncertain, ends included, and none where they are farther apart."""
+    first, second = met_by_hand([1.0, 3.0], 0.125), met_by_hand([1.25, 3.5], 0.25)
+    at = np.array([0.62, 0.625, 1.0, 1.25, 1.625, 1.63, 3.0, 3.25])
+    assert _between(first, second, at).tolist() == [False, True, True, True, True, False, False, False]
+    assert _between(second, first, at).tolist() == _between(first, second, at).tolist()
+    assert not _between(first, met_by_hand([1.25, 3.5], 0.25, [1, 1]), at).any()
+    assert list(_counts(first, second)) == []
+    assert list(_counts(first, met_by_hand([1.0, 2.0, 3.0], 0.1, [0, 1, 1]))) == ["low: 2 | 1", "high: 0 | 2"]
+
+
+def test_runs_part_where_interpolation_cannot_be_off_so_far() -> None:
+    """Assert the earliest time of all quantities, beyond their errors and rounding, that is not beside an event."""
+    times = np.array([1.0, 2.0, 3.0, 4.0])
+    first = met_by_hand([], 0.0).assign(x=("step", np.full(11, 2.0)), y=("step", np.full(11, -1.0)))
+
+    def said(x: list[float], y: list[float], passed: tuple[int, ...] = ()) -> str:
+        variables = {"at_time": ((), times), "difference_x": ((), np.array(x), {"units": "m"}), "interpolation_error_x": ((), np.full(4, 0.25))}  # fmt: skip
+        variables |= {"difference_y": ((), np.array(y), {"units": "s"}), "interpolation_error_y": ((), np.zeros(4))}
+        return _parted(variables, first, ["x", "y", "z"], np.isin(np.arange(4), passed))
+
+    assert said([0.0, 0.25, -0.5, 9.0], [0.0] * 4) == "t = 3 s: x by -0.5 m, beyond an interpolation error of 0.25 m"
+    assert said([0.0, 0.25, -0.5, 9.0], [0.0] * 4, (2,)).startswith("t = 4 s: x by 9 m")
+    assert said([0.0, 0.0, 1.0, 0.0], [0.0, 1e-3, 0.0, 0.0]).startswith("t = 2 s: y by 0.001 s, beyond an interpolation error of 0 s")  # fmt: skip
+    assert said([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 1e-3, 0.0]).startswith("t = 3 s: x")
+    assert said([0.25] * 4, [1e-17, -1e-17, 0.0, 0.0]) == ""
+
+
+def test_a_cause_is_the_first_of_what_differs() -> None:
+    """Assert the order from the model to settings, how many more there are, and settings that follow from others left out."""
+    nothing: dict[str, Any] = dict.fromkeys(("model", "parameters", "initial", "settings"), "") | {"identical": False}
+    assert _cause(nothing) == "nothing that is recorded differs but the numbers"
+    assert _cause(nothing | {"identical": True, "model": "x"}) == ""
+    assert _cause(nothing | {"initial": "y: 1 | 2", "settings": "a: 1 | 2"}) == "initial: y: 1 | 2"
+    assert _cause(nothing | {"parameters": "k: 1 | 2\nm: 1 | 3\nc: 0 | 1"}) == "parameters: k: 1 | 2, and 2 more"
+    assert _own(["a: 1 | 'absent'", "b: 1 | 2"]) == ["b: 1 | 2"]
+    assert _own(["a: 1 | 'absent'"]) == ["a: 1 | 'absent'"]
+    assert (_short("a" * 60), _short("a" * 61)) == ("a" * 60, "a" * 57 + "…")
+    assert list(_flat("", {"m": {"value": 2, "unit": "kg", "u": 1}, "n": {"a": 1}})) == [("m.value", "2 kg"), ("m.u", "1"), ("n.a", "1")]  # fmt: skip
+
+
+def test_times_of_comparison_are_those_that_both_reach() -> None:
+    """Assert accepted times of either, those that were kept alone, and what is said where there are none or they go back."""
+
+    def run(times: list[float], apart: int = 1) -> xr.Dataset:
+        return xr.Dataset({"time": ("step", times, {"units": "s"})}, attrs={"keep_every": apart} if apart > 1 else {})
+
+    assert _times(run([0.0, 1.0, 2.0]), run([0.5, 1.5, 2.5])).tolist() == [0.5, 1.0, 1.5, 2.0]
+    assert _times(run([0.0, 1.0]), run([1.0, 2.0])).tolist() == [1.0]
+    with pytest.raises(
+        xd.InputError, match="no time in common: one goes from 0.0 s to 1.0 s, the other from 1.5 s to 2.0 s"
+    ):
+        _times(run([0.0, 1.0]), run([1.5, 2.0]))
+    with pytest.raises(xd.InputError, match="the times of the second run do not increase behind t = 2.0 s"):
+        _times(run([0.0, 1.0]), run([0.0, 2.0, 1.0]))
+
+
+def test_a_comparison_in_words() -> None:
+    """Assert how many variables differ, what differs, and the largest difference of each quantity with its place and scale."""
+    role = {"role": "difference", "units": "m"}
+    found = xr.Dataset({"same": ("variable", [0, 1, 0]), "at_time": ("at", [1.0, 2.0, 3.0], {"units": "s"}), "difference_x": ("at", [1.0, -3.0, 2.0], role)})  # fmt: skip
+    found["difference_event_time_low"] = ("occurrence", [0.25, 0.5], role | {"units": "s"})
+    for name, size, units in (("x", 6.0, "m"), ("event_time_low", 2.0, "s")):
+        found[f"scaled_difference_{name}"] = (
+            found[f"difference_{name}"].dims,
+            found[f"difference_{name}"].values / size,
+        )
+        found[f"difference_scale_{name}"] = ((), size, {"units": units, "role": "scale"})
+    found.attrs = {"identical": False, "first_difference": "x", "model": "", "parameters": "k: 1 | 2\nm: 1 | 2", "initial": "", "events": "low: 1 | 2", "settings": "s: 1 | 2", "cause": "why", "parted": ""}  # fmt: skip
+    lines = comparison_in_words(found)
+    assert lines == [
+        "2 of 3 variables differ; first: x", "parameter k: 1 | 2", "parameter m: 1 | 2", "events    low: 1 | 2", "setting   s: 1 | 2", "cause     why",
+        "times     3 at which both are known", "parted    nowhere by more than interpolation can be off",
+        "largest   difference_x = -3 m at t = 2 s, scaled -0.5 by 6 m", "largest   difference_event_time_low = 0.5 s occurrence 2, scaled 0.25 by 2 s",
+    ]  # fmt: skip
+    found.attrs["identical"] = True
+    assert comparison_in_words(found) == ["the same: 3 variables and every setting, bit for bit"]
 
 
 @pytest.mark.cases(400)
