@@ -121,7 +121,7 @@ def _extended(
         raise InputError(
             f"until is {until!r}, needs a time behind the end of the run at t = {end!r}{behind(model.time_unit)}"
         )
-    settings = settings_for(model, **asked | {"until": until, "nodes": [*(asked["nodes"] or ()), end]})
+    settings = settings_for(model, **asked | {"until": until, "nodes": [*asked.get("nodes", ()), end]})
     march = March(model, settings, progress)
     if not record.is_of(kept, march):
         raise InputError(

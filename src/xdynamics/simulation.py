@@ -17,9 +17,9 @@ from xdynamics.dynamics.inside import wanted_times
 from xdynamics.evidence.comparing.bits import reproduced
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning, warn
+from xdynamics.keywords import FULL, KEYWORDS, STATES
 from xdynamics.march import March, Settings
 from xdynamics.march.asking import settings_for
-from xdynamics.march.settings import FULL, STATES
 from xdynamics.methods import Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
@@ -42,9 +42,12 @@ SAFE_STEP = 0.1  # over the fastest time scale: what every method of order 2 and
 def simulate(
     model: Model,
     *,
+    # the march
     method: str | None = None,
-    step: str | float | Sequence[float] | None = None,
     until: str | float | None = None,
+    step: str | float | Sequence[float] | None = None,
+    nodes: Sequence[str | float] | None = None,
+    # step control
     rtol: float | None = None,
     atol: float | Mapping[str, str | float | Quantity] | None = None,
     estimator: str | None = None,
@@ -53,21 +56,24 @@ def simulate(
     min_step: str | float | None = None,
     max_step: str | float | None = None,
     max_steps: int | None = None,
-    path: str | Path | None = None,
-    resume: bool = False,
-    force_samples: str | None = None,
-    scales: Mapping[str, str] | None = None,
-    jacobian: str | None = None,
-    summation: str | None = None,
-    switches: str | None = None,
-    nodes: Sequence[str | float] | None = None,
+    # events
     time_tolerance: str | float | None = None,
+    switches: str | None = None,
+    event_root_method: str | None = None,
+    # arithmetic
+    scales: Mapping[str, str] | None = None,
+    summation: str | None = None,
+    jacobian: str | None = None,
     math_functions: str | None = None,
+    # the record
+    force_samples: str | None = None,
     keep_every: int | None = None,
     log: str | Sequence[str] | None = None,
     compress: bool | None = None,
-    event_root_method: str | None = None,
+    # what is returned, and where it is kept
     times: Sequence[float | str] | str | float | None = None,
+    path: str | Path | None = None,
+    resume: bool = False,
     memory: str | float | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
@@ -78,11 +84,13 @@ def simulate(
     model : Model
     method : str
         Name of a method; `xdynamics methods` lists them. Like all that follows but arrays, it may stand in `[run]`.
+    until : str or float
+        Time at which to end, unless an event stops the run before.
     step : str, float or array of float
         Step of the grid t0 + n h: ``"1 ms"``, or a number of seconds. An array gives every step, like
         ``step=run.step_size[1:]``. With a tolerance, the first step to try.
-    until : str or float
-        Time at which to end, unless an event stops the run before.
+    nodes : array of str or float
+        Times to land on, besides the breakpoints of measured drives: ``["1 s", "2.5 s"]``.
     rtol, atol : float
         Relative and absolute tolerance: steps are chosen so that no component's estimated local error is larger than
         atol + rtol*max(abs(value before), abs(value after)). `atol` is a number for every coordinate, velocity and
@@ -96,34 +104,29 @@ def simulate(
         Where the error estimate comes from; the method's embedded formula if it has one, else step doubling.
     safety, growth_limits, min_step, max_step, max_steps
         Limits of step control: 0.9, (0.2, 10), none but the spacing of t, the span, 1,000,000.
-    path : str or Path, optional
-        Stream the run to this file, in bounded memory, and return it opened. A run that ends badly does not replace an
-        archive of one that ended well: it is written beside it, with a warning. What is
-        finished of a run that lasts is kept in a folder beside it, `.run.nc.segments`, until it is whole.
-    resume : bool
-        Go on from the segments that a process left behind, to the bits of the uninterrupted run.
-    force_samples : {"all", "none"}
-        Whether to record every force evaluation of the accepted steps.
+    time_tolerance : str or float
+        How well events, impacts and switches are located that do not say so themselves: a picosecond, or of a run below
+        a second 1e-12 of its span; never better than t is spaced.
+    switches : {"located", "stepped over"}
+        Whether the march lands where the argument of an `abs`, `sign`, `min`, `max` or `where` in a force passes through
+        zero, as events of the kind `regime_switch`; not in forces that are declared smooth, nor if there are over 40.
+    event_root_method : {"earliest first", "one by one"}
+        How events are located: of several in a step the earliest before others, its substeps counted in `event_substeps`;
+        or as version 0.2 did, in the order of their declaration, each substep a rejected trial.
     scales : mapping, optional
         Length, time and mass to march in nondimensional variables with: ``{"length": "0.4 m"}``. Everything reported
         has its units again.
-    jacobian : {"exact", "differences"}
-        Where `radau_iia` has the derivatives of the forces from: from their expressions, or, for forces in Python too,
-        from differences of the forces.
     summation : {"compensated", "plain"}
         Whether what rounding takes from the state at each update is carried to the next, so that a long run's error does
         not grow with its steps (Hairer, Lubich, Wanner, section VIII.5); the first for symplectic methods but
         `implicit_midpoint`, which has no such updates, else the second.
-    switches : {"located", "stepped over"}
-        Whether the march lands where the argument of an `abs`, `sign`, `min`, `max` or `where` in a force passes through
-        zero, as events of the kind `regime_switch`; not in forces that are declared smooth, nor if there are over 40.
-    time_tolerance : str or float
-        How well events, impacts and switches are located that do not say so themselves: a picosecond, or of a run below
-        a second 1e-12 of its span; never better than t is spaced.
-    nodes : array of str or float
-        Times to land on, besides the breakpoints of measured drives: ``["1 s", "2.5 s"]``.
+    jacobian : {"exact", "differences"}
+        Where `radau_iia` has the derivatives of the forces from: from their expressions, or, for forces in Python too,
+        from differences of the forces.
     math_functions : {"xdynamics 2", "xdynamics 1"}
         The set of elementary functions; an older one is for the bits of an older archive, which carries its name.
+    force_samples : {"all", "none"}
+        Whether to record every force evaluation of the accepted steps.
     keep_every : int
         Record every n-th row of the grid alone (of chosen and given steps, every n-th row of the march), beside those of
         events, of `nodes` and of both ends; `step_number` says which row of the march each is. The march is the same, and
@@ -136,13 +139,16 @@ def simulate(
     compress : bool
         Whether an archive of the run is compressed, by zlib with shuffled bytes: the same numbers and digests, in half of
         the bytes (a trajectory) to a seventh of them (what hardly changes); see `save` for what it costs.
-    event_root_method : {"earliest first", "one by one"}
-        How events are located: of several in a step the earliest before others, its substeps counted in `event_substeps`;
-        or as version 0.2 did, in the order of their declaration, each substep a rejected trial.
     times : array_like of float, s; or text like ``"0:20:201 s"``
         Return the states at these times, what `sample` gives of the run, along `at`, in the place of the record; those
         behind an early end are left out. Of the log what they are made of is kept in memory, a step for each. Accepted states joined by straight lines may be far off. With `path` the file
         holds the whole record all the same.
+    path : str or Path, optional
+        Stream the run to this file, in bounded memory, and return it opened. A run that ends badly does not replace an
+        archive of one that ended well: it is written beside it, with a warning. What is
+        finished of a run that lasts is kept in a folder beside it, `.run.nc.segments`, until it is whole.
+    resume : bool
+        Go on from the segments that a process left behind, to the bits of the uninterrupted run.
     memory : str or float, optional
         The most that the log may take in memory: ``"2 GB"``, or bytes; by default four fifths of what is free. A fixed
         grid that needs more is refused before it starts; with `path` rows are streamed, and the disk has to have room.
@@ -186,15 +192,7 @@ def simulate(
     >>> run.y.attrs["units"], run.attrs["run_outcome"]
     ('m', 'completed')
     """
-    named = {
-        "method": method, "step": step, "until": until, "rtol": rtol, "atol": atol, "estimator": estimator,
-        "safety": safety, "growth_limits": growth_limits, "min_step": min_step, "max_step": max_step,
-        "max_steps": max_steps, "force_samples": force_samples, "scales": scales,
-        "jacobian": jacobian, "summation": summation, "nodes": nodes, "switches": switches,
-        "time_tolerance": time_tolerance, "math_functions": math_functions, "keep_every": keep_every,
-        "log": log, "compress": compress,
-        "event_root_method": event_root_method,
-    }  # fmt: skip
+    named = {name: value for name, value in locals().items() if name in KEYWORDS}
     settings = settings_for(model, **named)
     if path is not None and not isinstance(path, str | PathLike):
         raise InputError(f"path is {path!r}, needs the name of a file")

@@ -10,7 +10,8 @@ from typing import Any
 import click
 
 from xdynamics.cli.command import BADLY, DONE, main, say
-from xdynamics.cli.marching import asked_of, changed_model
+from xdynamics.cli.marching import changed_model
+from xdynamics.cli.settings import OF_RECORDS, asked, settings
 from xdynamics.cli.sweeping import ends_of
 
 OF_A_NUMBER = (
@@ -22,20 +23,8 @@ OF_A_NUMBER = (
     click.option("--seed", type=int, default=0, show_default=True, help="Of all that is drawn."),
     click.option("--coverage", type=float, default=0.95, show_default=True, help="Of the intervals."),
     click.option("--inadequate-fit", is_flag=True, help="Also of a model whose fit the residuals do not bear out."),
-    click.option("--atol", "atols", multiple=True, metavar="[NAME=]VALUE", help="Absolute tolerance, as of `run`."),
     click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value."),
-    click.option("--method", help="Name of a method."),
-    click.option("--step", help="Step of the time grid."),
-    click.option("--until", help="End of the run."),
-    click.option("--rtol", help="Relative tolerance."),
-    click.option("--estimator", help="As of `run`, like the options that follow."),
-    click.option("--min-step"),
-    click.option("--max-step"),
-    click.option("--max-steps"),
-    click.option("--jacobian"),
-    click.option("--summation"),
-    click.option("--switches"),
-    click.option("--time-tolerance"),
+    settings(without=OF_RECORDS),
 )  # fmt: skip
 
 
@@ -54,14 +43,14 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
 @click.option("-o", "--output", metavar="B.nc", help="Where to keep the budget.")
 def budget(
     model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
-    coverage: float, inadequate_fit: bool, until_uncertainty: str | None, output: str | None, atols: tuple[str, ...], changes: tuple[str, ...],
-    **settings: str | None,
+    coverage: float, inadequate_fit: bool, until_uncertainty: str | None, output: str | None, changes: tuple[str, ...],
+    **named: Any,
 ) -> None:  # fmt: skip
     """Say how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
     from xdynamics.budgeting.budget import error_budget
 
     _found(error_budget, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
-           side=side, draws=draws, seed=seed, coverage=coverage, inadequate_fit=inadequate_fit, until_uncertainty=until_uncertainty, **asked_of(settings, atols))  # fmt: skip
+           side=side, draws=draws, seed=seed, coverage=coverage, inadequate_fit=inadequate_fit, until_uncertainty=until_uncertainty, **asked(named))  # fmt: skip
     if output:
         say([f"budget    {output}"])
     sys.exit(DONE)
@@ -74,13 +63,13 @@ def budget(
 @click.option("-o", "--output", required=True, metavar="C.nc", help="Where to keep the certificate.")
 def certify(
     model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
-    coverage: float, inadequate_fit: bool, output: str, atols: tuple[str, ...], changes: tuple[str, ...], **settings: str | None,
+    coverage: float, inadequate_fit: bool, output: str, changes: tuple[str, ...], **named: Any,
 ) -> None:  # fmt: skip
     """Certify one number with all that defends it: xdynamics certify ball.toml --quantity t --event ground -o C.nc."""
     from xdynamics.budgeting.certificate import certify as certified
 
     found = _found(certified, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
-                   side=side, draws=draws, seed=seed, coverage=coverage, inadequate_fit=inadequate_fit, **asked_of(settings, atols))  # fmt: skip
+                   side=side, draws=draws, seed=seed, coverage=coverage, inadequate_fit=inadequate_fit, **asked(named))  # fmt: skip
     say([f"kept      {output}"])
     sys.exit(DONE if not int(found["gate_verdict"].values.max()) else BADLY)
 
@@ -148,12 +137,8 @@ def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], 
     "--gaps", type=click.Choice(["refuse", "skip"]), default="refuse", help="Rows of data in which a number is missing."
 )
 @click.option("--model", "fitted", metavar="FITTED.toml", help="Where to write the fitted model, with uncertainties.")
-@click.option("--atol", "atols", multiple=True, metavar="[NAME=]VALUE", help="Absolute tolerance, as of `run`.")
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
-@click.option("--method", help="Name of a method.")
-@click.option("--step", help="Step of the time grid.")
-@click.option("--until", help="End of the runs.")
-@click.option("--rtol", help="Relative tolerance.")
+@settings(without=OF_RECORDS)
 def fit(
     model_file: str,
     data: str,
@@ -164,9 +149,8 @@ def fit(
     starts: int,
     seed: int,
     fitted: str | None,
-    atols: tuple[str, ...],
     changes: tuple[str, ...],
-    **settings: str | None,
+    **named: Any,
 ) -> None:
     """Find parameters from measured data: xdynamics fit pendulum.toml bench.csv --parameter L --parameter c -o F.nc.
 
@@ -188,7 +172,7 @@ def fit(
         gaps=gaps,
         starts=starts,
         seed=seed,
-        **asked_of(settings, atols),
+        **asked(named),
     )
     if output:
         archive.save(found, output)

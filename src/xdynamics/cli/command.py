@@ -35,6 +35,17 @@ class _Verb(click.Command):
             )
         )
 
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the verb's own options, then those of the march, by what they belong to."""
+        sections: dict[str, list[tuple[str, str]]] = {"Options": []}
+        for parameter in self.get_params(ctx):
+            told = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
+            if told is not None:
+                sections.setdefault(getattr(parameter, "group", "Options"), []).append(told)
+        for title, rows in sections.items():
+            with formatter.section(title):
+                formatter.write_dl(rows)
+
     @property
     def writes(self) -> bool:
         """Whether it makes a file, and its report is beside the point."""

@@ -10,6 +10,7 @@ import click
 
 from xdynamics.cli.command import BADLY, DONE, main, say
 from xdynamics.cli.marching import changed_model
+from xdynamics.cli.settings import OF_RECORDS, asked, pairs, settings
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
 @click.option("-o", "--output", metavar="R.nc", help="Where to keep the refinement.")
-@click.option("--method", help="Name of a method; see `xdynamics methods`.")
 @click.option("--step", help="The coarsest step, like '10 ms'.")
 @click.option("--rtol", help="The coarsest relative tolerance, like 1e-4, in place of a step.")
 @click.option("--time-tolerance", help="The coarsest tolerance of events, like '1 ms', in place of both: step and rtol then stay.")  # fmt: skip
@@ -31,12 +31,11 @@ if TYPE_CHECKING:
 @click.option("--most-rows", type=float, help="Rows that an added level may have at most.")
 @click.option("--memory", metavar="SIZE", help="The most that a level may take in memory, like '2 GB'.")
 @click.option("--defects", is_flag=True, help="Add the largest local error of a step in each level.")
-@click.option("--until", help="End of the runs.")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+@settings(without=("step", "rtol", "time_tolerance", *OF_RECORDS))
 def refine(
     model_file: str,
     output: str | None,
-    method: str | None,
     step: str | None,
     rtol: str | None,
     time_tolerance: str | None,
@@ -49,27 +48,26 @@ def refine(
     most_rows: float | None,
     memory: str | None,
     defects: bool,
-    until: str | None,
     values: tuple[str, ...],
+    **named: Any,
 ) -> None:
     """March a model with ever finer steps or tolerances: orders, limits and uncertainties of its numbers."""
-    from xdynamics.cli.marching import pairs
     from xdynamics.evidence.refining.refinement import lines_of
     from xdynamics.evidence.refining.refinement import refine as refined
 
     _check(output)
     model = changed_model(model_file, values)
-    asked: dict[str, Any] = {"method": method, "at": list(times) or None, "observables": list(observables) or None}
-    asked |= {
-        "until": until,
+    study: dict[str, Any] = {
+        "at": list(times) or None,
+        "observables": list(observables) or None,
         "defects": defects,
         "keep": keep,
         "most_rows": most_rows,
         "memory": memory,
         "until_change": pairs(changes, "--until-change") or None,
     }
-    asked |= _levels(model, step, rtol, time_tolerance, levels, ratio)
-    _kept(refined(model, **asked), lines_of, output)
+    study |= _levels(model, step, rtol, time_tolerance, levels, ratio)
+    _kept(refined(model, **study, **asked(named)), lines_of, output)
 
 
 def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, ratio: float | None) -> dict[str, Any]:
@@ -141,7 +139,6 @@ def diagnose(
 ) -> None:
     """Energy, momentum, cycles and phases, extremes, residuals of a run, and until when it can be believed."""
     from xdynamics.archive import open_run
-    from xdynamics.cli.marching import pairs
     from xdynamics.evidence.diagnosing.diagnosis import diagnose as diagnosed
     from xdynamics.evidence.diagnosing.diagnosis import lines_of
 

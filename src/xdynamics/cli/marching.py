@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from xdynamics.cli.command import BADLY, DONE, main, progress, say
+from xdynamics.cli.settings import asked, pairs, settings
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,25 +21,6 @@ if TYPE_CHECKING:
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
 @click.option("-o", "--output", required=True, metavar="RUN.nc", help="The archive to write.")
-@click.option("--method", help="Name of a method; see `xdynamics methods`.")
-@click.option("--step", help="Step of the time grid, like '1 ms'; with a tolerance, the first step.")
-@click.option("--rtol", help="Relative tolerance, like 1e-8: steps are chosen by the error test.")
-@click.option(
-    "--atol",
-    "atols",
-    multiple=True,
-    metavar="[NAME=]VALUE",
-    help="Absolute tolerance: 1e-9 is in every variable's own unit, y='1 um' for one; where none is given, rtol times the variable's largest value so far.",
-)
-@click.option("--estimator", help="embedded, step_doubling, step_doubling_extrapolated or none.")
-@click.option("--switches", help="located (default) or 'stepped over': kinks and jumps inside forces.")
-@click.option("--time-tolerance", help="How well events are located that do not say so, like '1 ps'.")
-@click.option("--summation", help="compensated (default of symplectic methods) or plain.")
-@click.option("--jacobian", help="exact (default) or differences, of `radau_iia`.")
-@click.option("--min-step", help="Shortest step that control may take, like '1 ns'.")
-@click.option("--max-step", help="Longest step that control may take.")
-@click.option("--max-steps", help="Accepted and rejected steps after which the run ends.")
-@click.option("--until", help="End, like '5 s', unless an event stops the run before.")
 @click.option(
     "--set",
     "changes",
@@ -47,87 +28,47 @@ if TYPE_CHECKING:
     metavar="NAME=VALUE",
     help="Change a parameter or initial value; a bare number keeps its unit.",
 )
-@click.option(
-    "--force-samples", type=click.Choice(["all", "none"]), help="Record every force evaluation (default), or none."
-)
-@click.option(
-    "--scale",
-    "scales",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="March with a length, time or mass scale, like length='0.4 m'.",
-)
-@click.option("--node", "nodes", multiple=True, metavar="TIME", help="A time to land on, like '1 s'.")
-@click.option("--keep-every", metavar="N", help="Record every N-th row of the grid, beside events and ends.")
-@click.option("--log", metavar="COLUMNS", help="full (default), states, or variables to record, like x,total_energy.")
-@click.option("--compress", is_flag=True, default=None, help="Compress the archive, without loss.")
 @click.option("--json", "as_json", is_flag=True, help="For scripts: print outcome, end and events as JSON.")
 @click.option("--times", metavar="TIMES", help="Write the states at these times too, like '0:20:201 s', into RUN.csv.")
 @click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
+@click.option("--memory", metavar="SIZE", help="The most that the log may take in memory, like '2 GB'.")
 @click.option(
     "--tables",
     type=click.Choice(["below", "anywhere"]),
     default="below",
     help="Where the model may take tables from: its own folder and below (default), or anywhere.",
 )
+@settings()
 def run(
     model_file: str,
     output: str,
-    method: str | None,
-    step: str | None,
-    rtol: str | None,
-    atols: tuple[str, ...],
-    estimator: str | None,
-    switches: str | None,
-    time_tolerance: str | None,
-    summation: str | None,
-    jacobian: str | None,
-    min_step: str | None,
-    max_step: str | None,
-    max_steps: str | None,
-    until: str | None,
     changes: tuple[str, ...],
-    force_samples: str | None,
-    scales: tuple[str, ...],
-    nodes: tuple[str, ...],
-    keep_every: str | None,
-    log: str | None,
-    compress: bool | None,
     as_json: bool,
     times: str | None,
     resume: bool,
+    memory: str | None,
     tables: str,
+    **given: Any,
 ) -> None:
     """March a model file and archive the run.
 
     What a long run has done is kept in segments beside the archive, until it is whole: --resume goes on from there.
     """
     model = changed_model(model_file, changes, tables)
-    asked: dict[str, Any] = {"method": method, "step": step, "until": until, "rtol": rtol, "atol": absolute(atols), "estimator": estimator,
-             "min_step": min_step, "max_step": max_step, "max_steps": max_steps, "force_samples": force_samples}  # fmt: skip
+    named = asked(given)
     from xdynamics.simulation import simulate
 
-    asked |= {"scales": pairs(scales, "--scale") or None, "nodes": list(nodes) or None}
-    asked |= {
-        "summation": summation,
-        "jacobian": jacobian,
-        "switches": switches,
-        "time_tolerance": time_tolerance,
-        "keep_every": keep_every,
-        "log": columns(log),
-        "compress": compress,
-    }
     if times is not None:
         from xdynamics.march.asking import settings_for
         from xdynamics.simulation import check_sampled, times_within
         from xdynamics.tabling import check_target
 
         table = check_target(Path(output).with_suffix(".csv"))
-        settings = settings_for(model, **asked)
-        check_sampled(settings)
-        wanted = times_within(times, model.time_unit, model.initial["t"].si, settings.until)
+        resolved = settings_for(model, **named)
+        check_sampled(resolved)
+        wanted = times_within(times, model.time_unit, model.initial["t"].si, resolved.until)
     with progress() as told:
-        finished = simulate(model, **asked, path=output, resume=resume, progress=told)
+        finished = simulate(model, **named, path=output, resume=resume, memory=memory, progress=told)
     if times is not None:
         from xdynamics.tabling import tabled
 
@@ -196,48 +137,6 @@ def changed_model(model_file: str, changes: tuple[str, ...], tables: str = "belo
 
     model = Model.from_toml(model_file, tables=tables)
     return model.replace(**_changed(model, pairs(changes, "--set"))) if changes else model
-
-
-def pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
-    """Read what an option says of several names."""
-    from xdynamics.faults import InputError
-
-    found: dict[str, str] = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals or not name.strip() or not value.strip():
-            raise InputError(f"{option} {text!r} needs NAME=VALUE")
-        if name.strip() in found:
-            raise InputError(f"{option} sets {name.strip()!r} twice")
-        found[name.strip()] = value.strip()
-    return found
-
-
-def columns(text: str | None) -> str | list[str] | None:
-    """Read which columns are to be recorded: a word for many, or their names."""
-    return text if text in (None, "full", "states") else [one.strip() for one in str(text).split(",")]
-
-
-def asked_of(settings: Mapping[str, Any], atols: tuple[str, ...]) -> dict[str, Any]:
-    """Return the settings that were given on the command line."""
-    given: dict[str, Any] = {name: one for name, one in settings.items() if one is not None}
-    return given | ({"atol": absolute(atols)} if atols else {})
-
-
-def absolute(texts: tuple[str, ...]) -> dict[str, Any] | None:
-    """Sort absolute tolerances: a bare number is for every variable that has none of its own."""
-    from xdynamics.faults import InputError
-
-    bare = [one for one in texts if "=" not in one]
-    if len(bare) > 1:
-        raise InputError(f"--atol is given {len(bare)} times without a name: {', '.join(bare)}")
-    named: dict[str, Any] = dict(pairs(tuple(one for one in texts if "=" in one), "--atol"))
-    for text in bare:
-        try:
-            named[""] = float(text)
-        except ValueError:
-            raise InputError(f"--atol {text!r} needs a number, in every variable's own unit, or NAME=VALUE") from None
-    return named or None
 
 
 def _changed(model: Any, given: dict[str, str]) -> dict[str, dict[str, Any]]:

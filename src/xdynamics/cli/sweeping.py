@@ -11,7 +11,8 @@ from typing import Any
 import click
 
 from xdynamics.cli.command import BADLY, DONE, complain, main, say
-from xdynamics.cli.marching import asked_of, changed_model, columns, pairs
+from xdynamics.cli.marching import changed_model
+from xdynamics.cli.settings import asked, pairs, settings
 from xdynamics.faults import InputError
 
 
@@ -34,25 +35,8 @@ from xdynamics.faults import InputError
 @click.option("--occurrences", type=int, default=1, show_default=True, help="Of every event that are kept.")
 @click.option("--check", type=float, default=0.0, help="Part of the members that are marched alone too, and compared.")
 @click.option("--scheduler", metavar="tcp://…", help="A dask cluster to march on; else this machine's processors.")
-@click.option("--atol", "atols", multiple=True, metavar="[NAME=]VALUE", help="Absolute tolerance, as of `run`.")
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
-@click.option("--method", help="Name of a method, for all members.")
-@click.option("--step", help="Step of the time grid.")
-@click.option("--until", help="End of the runs.")
-@click.option("--rtol", help="Relative tolerance.")
-@click.option("--estimator", help="As of `run`, like the options that follow.")
-@click.option("--min-step")
-@click.option("--max-step")
-@click.option("--max-steps")
-@click.option("--jacobian")
-@click.option("--summation")
-@click.option("--switches")
-@click.option("--time-tolerance")
-@click.option("--keep-every", metavar="N", help="Of whole runs (--keep log): record every N-th row of the grid.")
-@click.option(
-    "--log", metavar="COLUMNS", help="Of whole runs: full (default), states, or variables, like x,total_energy."
-)
-@click.option("--compress", is_flag=True, default=None, help="Compress whole runs, without loss.")
+@settings()
 def sweep(
     model_file: str,
     output: str,
@@ -67,10 +51,8 @@ def sweep(
     occurrences: int,
     check: float,
     scheduler: str | None,
-    atols: tuple[str, ...],
     changes: tuple[str, ...],
-    log: str | None,
-    **settings: Any,
+    **named: Any,
 ) -> None:
     """March a model over a grid of parameters, initial values, methods or steps; every member is kept with its outcome."""
     from xdynamics.march.outcomes import GOOD
@@ -90,7 +72,7 @@ def sweep(
     with _cluster(scheduler), _told() as told:
         try:
             found = swept(model, given, keep=words, times=list(times) or None, occurrences=occurrences, path=output,
-                          check=check, progress=told, **asked_of(settings | {"log": columns(log)}, atols))  # fmt: skip
+                          check=check, progress=told, **asked(named))  # fmt: skip
         except KeyboardInterrupt:
             complain(f"interrupted; what is done is kept in '{output}', and the same command goes on with it")
             raise

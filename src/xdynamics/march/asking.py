@@ -12,13 +12,13 @@ import numpy as np
 
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
-from xdynamics.march.settings import EARLIEST_FIRST, FULL, STATES, TIME_TOLERANCE, Pacing, Settings, Tolerances
+from xdynamics.keywords import FULL, KEYWORDS, columns_of, number
+from xdynamics.march.settings import EARLIEST_FIRST, TIME_TOLERANCE, Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
 from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
-from xdynamics.model.reading import RUN_KEYS
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
 from xdynamics.model.words import near
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
@@ -31,7 +31,6 @@ RECORDING: dict[str, Any] = {
     "log": FULL,
     "compress": False,
 }  # settings of a record alone, and what they are of a whole one
-KNOWN = (*RUN_KEYS, "nodes", "math_functions", "event_root_method")  # a model file has all but the last three
 PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 
 
@@ -45,8 +44,8 @@ def settings_for(model: Model, **asked: Any) -> Settings:
     """
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
-    if unknown := [name for name in asked if name not in KNOWN]:
-        raise InputError(f"there is no setting '{unknown[0]}'{near(unknown[0], KNOWN)}")
+    if unknown := [name for name in asked if name not in KEYWORDS]:
+        raise InputError(f"there is no setting '{unknown[0]}'{near(unknown[0], tuple(KEYWORDS))}")
     chosen = _joined(model.run, {k: v for k, v in asked.items() if v is not None})
     for key in ("method", "until"):
         if chosen.get(key) is None:
@@ -64,25 +63,26 @@ def settings_for(model: Model, **asked: Any) -> Settings:
     paced = [key for key in PACING if key in chosen]
     if paced and tolerances is None:
         raise InputError(f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give rtol or atol too")  # fmt: skip
+    read = {name: KEYWORDS[name].read(one, model.time_unit) for name, one in chosen.items() if one is not None}
     settings = Settings(
         method,
-        time_in(model.time_unit, chosen["until"], "until"),
+        read["until"],
         step,
         tolerances,
-        _pacing(model, chosen),
-        str(chosen.get("estimator") or _estimator(method, tolerances)),
-        chosen["force_samples"] == "all",
+        _pacing(read),
+        read.get("estimator") or _estimator(method, tolerances),
+        read["force_samples"] == "all",
         scales,
         jacobian,
-        str(chosen.get("summation") or _summation(method)),
-        _nodes(model, chosen.get("nodes")),
-        _switches(model, str(chosen.get("switches") or LOCATED)),
-        _time_tolerance(model, chosen),
-        str(chosen.get("math_functions") or NAME),
-        _whole(chosen.get("keep_every", 1), "keep_every"),
-        log_asked(chosen.get("log", FULL)),
-        _switch(chosen.get("compress", False), "compress"),
-        str(chosen.get("event_root_method") or EARLIEST_FIRST),
+        read.get("summation") or _summation(method),
+        _nodes(model, read.get("nodes")),
+        _switches(model, read.get("switches") or LOCATED),
+        _time_tolerance(model, read),
+        read.get("math_functions", NAME),
+        read.get("keep_every", 1),
+        columns_of(read.get("log", FULL)),
+        read.get("compress", False),
+        read.get("event_root_method", EARLIEST_FIRST),
     )
     settings.check(model)
     return settings
@@ -140,19 +140,19 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
     rtol, atol = chosen.get("rtol"), chosen.get("atol")
     if rtol is None and atol is None:
         return None
-    relative = DEFAULT_RTOL if rtol is None else _number(rtol, "rtol")
+    relative = DEFAULT_RTOL if rtol is None else number(rtol, "rtol")
     units = _own_units(model, scales)
     if atol is None:
         return Tolerances(relative, {}, units)
     if isinstance(atol, Mapping) and not atol:
         raise InputError("atol is an empty mapping, needs a number or at least one name")
     if not isinstance(atol, Mapping):
-        return Tolerances(relative, {}, units, _number(atol, "atol"))
+        return Tolerances(relative, {}, units, number(atol, "atol"))
     for name in atol:
         if name not in ("", *units):
             raise InputError(f"atol names {name!r}; there are {', '.join(units)}")
     named = {name: _absolute(units[name], name, value) for name, value in atol.items() if name}
-    return Tolerances(relative, named, units, _number(atol[""], "atol") if "" in atol else None)
+    return Tolerances(relative, named, units, number(atol[""], "atol") if "" in atol else None)
 
 
 def _own_units(model: Model, scales: Scales) -> dict[str, Unit]:
@@ -166,7 +166,7 @@ def _own_units(model: Model, scales: Scales) -> dict[str, Unit]:
 def _absolute(unit: Unit, name: str, value: Any) -> float:
     """Read an absolute tolerance, SI; a number without a unit has the variable's own."""
     if not isinstance(value, str | Quantity):
-        return _in_unit(unit, _number(value, f"atol of '{name}'"))
+        return _in_unit(unit, number(value, f"atol of '{name}'"))
     try:
         quantity = value if isinstance(value, Quantity) else parse_quantity(value)
     except InputError as error:
@@ -182,59 +182,8 @@ def _in_unit(unit: Unit, value: float) -> float:
     return unit.to_si(value) if isfinite(value) else value  # what is not finite is refused with the other faults
 
 
-def _number(value: Any, name: str) -> float:
-    if isinstance(value, bool):
-        raise InputError(f"{name} is {value!r}, needs a number")
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        remedy = "; for one variable write {'y': '1 um'}" if name == "atol" else ""
-        raise InputError(f"{name} is {value!r}, needs a number{remedy}") from None
-
-
-def log_asked(given: Any) -> str | tuple[str, ...]:
-    """Read which columns of the log are recorded.
-
-    Raises
-    ------
-    InputError
-        If it is no word for that, and no list of names.
-    """
-    if isinstance(given, str):
-        if given in (FULL, STATES):
-            return given
-        raise InputError(f"log is {given!r}; there are '{FULL}', '{STATES}', or a list of variables, like ['{given}']")
-    if not isinstance(given, list | tuple) or not given or not all(isinstance(one, str) for one in given):
-        raise InputError(f"log is {given!r}, needs '{FULL}', '{STATES}' or a list of variables, like ['x', 'total_energy']")  # fmt: skip
-    return tuple(dict.fromkeys(given))
-
-
-def _switch(value: Any, name: str) -> bool:
-    if not isinstance(value, bool):
-        raise InputError(f"{name} is {value!r}, needs true or false")
-    return value
-
-
-def _whole(value: Any, name: str) -> int:
-    number = _number(value, name)
-    if not number.is_integer():
-        raise InputError(f"{name} is {value!r}, needs a whole number")
-    return int(number)
-
-
-def _pacing(model: Model, chosen: Mapping[str, Any]) -> Pacing:
-    given: dict[str, Any] = {}
-    if "safety" in chosen:
-        given["safety"] = _number(chosen["safety"], "safety")
-    if "growth_limits" in chosen:
-        limits = chosen["growth_limits"]
-        if not isinstance(limits, list | tuple | np.ndarray) or len(limits) != 2:
-            raise InputError(f"growth_limits are {limits!r}, need two factors, like (0.2, 10)")
-        given["growth_limits"] = tuple(_number(one, "growth_limits") for one in limits)
-    given |= {key: time_in(model.time_unit, chosen[key], key) for key in ("min_step", "max_step") if key in chosen}
-    if "max_steps" in chosen:
-        given["max_steps"] = _whole(chosen["max_steps"], "max_steps")
-    return Pacing(**given)
+def _pacing(read: Mapping[str, Any]) -> Pacing:
+    return Pacing(**{key: read[key] for key in PACING if key in read})
 
 
 def _estimator(method: Method, tolerances: Tolerances | None) -> str:
@@ -244,11 +193,11 @@ def _estimator(method: Method, tolerances: Tolerances | None) -> str:
     return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
 
 
-def _time_tolerance(model: Model, chosen: Mapping[str, Any]) -> float:
+def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
     """Return how well events are located that do not say so: to a picosecond, or of a run below a second to 1e-12 of it."""
-    if chosen.get("time_tolerance") is not None:
-        return time_in(model.time_unit, chosen["time_tolerance"], "time_tolerance")
-    span = time_in(model.time_unit, chosen["until"], "until") - model.initial["t"].si
+    if "time_tolerance" in read:
+        return float(read["time_tolerance"])
+    span = read["until"] - model.initial["t"].si
     return TIME_TOLERANCE * (min(1.0, span) if span > 0.0 else 1.0)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from xdynamics.elementary import NAME, SETS
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
+from xdynamics.keywords import FULL
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, ESTIMATORS, EXACT, JACOBIANS, NO_ESTIMATE, Scheme
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
@@ -25,7 +26,6 @@ EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
 TIME_TOLERANCE = 1e-12  # s
 MOST_APART = 2**53  # rows, from one that is kept to the next
-FULL, STATES = "full", "states"  # logs
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
 EARLIEST_FIRST, ONE_BY_ONE = "earliest first", "one by one"
 ROOT_METHODS = {  # how events are located, and what a record says of it; version 0.2 had the second alone

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from xdynamics.keywords import KEYWORDS
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE
 from xdynamics.model.parts import ACTIONS, DIRECTIONS, IMPACT_LAWS, ROOT_STATES, STRIKE, TANGENTIALS
 from xdynamics.model.spread import DISTRIBUTIONS
@@ -275,30 +276,8 @@ SECTIONS: dict[str, Section] = {
     ),
     "run": Section(
         "defaults of `xdynamics run`, each an option of the command too", "",
-        (
-            Key("method", "name of a method", "see `xdynamics methods`", "needed here or there"),
-            Key("step", "time", "of the grid; with a tolerance, the first step", "needed without a tolerance"),
-            Key("until", "time", "end of the run", "needed here or there"),
-            Key("rtol", "number", "relative tolerance: steps are chosen", "none"),
-            Key("atol", 'number in every variable\'s unit, or table { y = "1 um" }', "absolute tolerance", "rtol times the largest value so far"),
-            Key("estimator", '"embedded" | "step_doubling" | "step_doubling_extrapolated" | "none"', "where errors are estimated from", "embedded where there is one"),
-            Key("safety", "number below 1", "of the proposed step", "0.9"),
-            Key("growth_limits", "pair of numbers", "of a step to the next", "[0.2, 10]"),
-            Key("min_step", "time", "shortest step that control may take", "the spacing of t"),
-            Key("max_step", "time", "longest", "the whole span"),
-            Key("max_steps", "whole number", "after which the run ends", "1000000"),
-            Key("time_tolerance", "time", "how well events are located that do not say so", "1 ps, below a second 1e-12 of the span"),
-            Key("force_samples", '"all" | "none"', "whether every force evaluation is recorded", "all"),
-            Key("scales", 'table of length, time, mass', "to march in variables without a unit", "SI units"),
-            Key("jacobian", '"exact" | "differences"', "of radau_iia", "exact"),
-            Key("summation", '"compensated" | "plain"', "whether rounding is carried on", "compensated for symplectic methods"),
-            Key("switches", '"located" | "stepped over"', "kinks and jumps inside forces", "located"),
-            Key("keep_every", "whole number", "rows of the grid from one that is recorded to the next, beside events, nodes and ends", "1"),
-            Key("log", '"full" | "states" | list of variables', "columns that are recorded; times, steps and flags always are", "full"),
-            Key("compress", "true | false", "whether the archive is compressed, without loss", "false"),
-        ),
-        '[run]\nmethod = "dop853"\nuntil = "9 s"\nrtol = 1e-8\natol = { x = "1 um" }\nstep = "1 ms"\nestimator = "embedded"\nsafety = 0.8\ngrowth_limits = [0.2, 5]\n'
-        'min_step = "1 ns"\nmax_step = "1 s"\nmax_steps = 100000\ntime_tolerance = "1 ns"\nforce_samples = "none"\nscales = { length = "0.5 m" }\njacobian = "exact"\nsummation = "plain"\nswitches = "located"\nkeep_every = 10\nlog = ["v_x", "speed_of_it"]\ncompress = true\n',
+        tuple(Key(name, one.written, one.about, one.default) for name, one in KEYWORDS.items() if one.example),
+        "[run]\n" + "".join(f"{name} = {one.example}\n" for name, one in KEYWORDS.items() if one.example),
     ),
 }  # fmt: skip
 

@@ -9,6 +9,7 @@ from typing import Any
 from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, columns_of
 from xdynamics.model.bounding import excess
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE, Table
 from xdynamics.model.grammar import HEAD, SECTIONS, keys_of
@@ -37,7 +38,6 @@ from xdynamics.model.words import choice, described, flag, near
 from xdynamics.schema import velocity
 from xdynamics.units import CONSTANTS, NUMBERS, SECONDS, Quantity, Scales, Unit, parse_quantity, parse_unit, time_in
 
-RUN_KEYS = SECTIONS["run"].known
 HEAD_KEYS = tuple(one.name for one in HEAD)
 
 
@@ -312,26 +312,15 @@ def _time(given: Mapping[str, Any]) -> Unit:
 
 def _run(given: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, Any]:
     for key in given:
-        if key not in RUN_KEYS:
-            ledger.note(f"[run] has no setting '{key}'{near(key, RUN_KEYS)}")
+        if key not in IN_FILES:
+            ledger.note(f"[run] has no setting '{key}'{near(key, IN_FILES)}")
     with ledger.entry("[run]"):
-        for key in ("step", "until", "min_step", "max_step", "time_tolerance"):
-            if key in given:
-                time_in(time, given[key], key)
+        for key in filter(IN_FILES.__contains__, given):
+            KEYWORDS[key].read(given[key], time)
+        if "step" in given:
+            time_in(time, given["step"], "step")
         Scales.parse(given.get("scales"))
-        for key in ("method", "estimator", "force_samples", "jacobian", "summation", "switches"):
-            if not isinstance(given.get(key, ""), str):
-                raise InputError(f"{key} is {given[key]!r}, needs a word")
-        every = given.get("keep_every", 1)
-        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
-            raise InputError(f"keep_every is {every!r}, needs a whole number from 1, every row")
-        log = given.get("log", "full")
-        if log not in ("full", "states") and not (
-            isinstance(log, list) and log and all(isinstance(one, str) for one in log)
-        ):
-            raise InputError(f"log is {log!r}, needs 'full', 'states' or a list of variables, like ['x', 'total_energy']")  # fmt: skip
-        if not isinstance(given.get("compress", False), bool):
-            raise InputError(f"compress is {given['compress']!r}, needs true or false")
+        columns_of(given.get("log", FULL))
     return dict(given)
 
 

@@ -14,9 +14,9 @@ from xdynamics import schema
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
+from xdynamics.keywords import FULL, STATES
 from xdynamics.march import Block, March, Settings
 from xdynamics.march.memory import numbers_at_end
-from xdynamics.march.settings import FULL, STATES
 from xdynamics.model import Model
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, numbered
+from xdynamics.keywords import FULL
 from xdynamics.march import Block, March
-from xdynamics.march.settings import FULL
 from xdynamics.record import provenance
 from xdynamics.record.columns import columns, constants, followed_tolerances
 from xdynamics.record.conformity import faults_of

@@ -14,13 +14,14 @@ import numpy as np
 from xdynamics import schema
 from xdynamics.elementary import kept_set
 from xdynamics.kernels import Layout
+from xdynamics.keywords import FULL, KEYWORDS
 from xdynamics.march import March
 from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, PREDICTIVE, SPACINGS
 from xdynamics.march.diagnosis import ending
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE, SOLVED_BY
 from xdynamics.march.outcomes import COMPLETED
-from xdynamics.march.settings import FULL, ONE_BY_ONE, ROOT_METHODS
+from xdynamics.march.settings import ONE_BY_ONE, ROOT_METHODS
 from xdynamics.march.sizes import ATOL_RULE
 from xdynamics.march.timescales import FEW, RULE, time_scales
 from xdynamics.methods.method import HERMITE, printed
@@ -210,22 +211,20 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         if f"solver_{name}_scale" in used
     }
     asked = {
-        "method": used["solver_method"],
-        "until": float(used["solver_until"]),
-        "force_samples": used["solver_force_samples"],
-        "estimator": used["solver_estimator"],
+        name: one.read(_plain(used[one.attribute]), SECONDS) for name, one in KEYWORDS.items() if one.attribute in used
+    }
+    asked |= {
         "scales": scales or None,
-        "jacobian": used.get("solver_jacobian"),
         "summation": used.get("solver_summation", PLAIN),  # version 0.1 had no other
         "switches": _switches_asked(used),
-        "time_tolerance": used.get("solver_time_tolerance"),
         "math_functions": kept_set(used.get("math_functions")),
         "event_root_method": root_method_of(used),
-        "nodes": np.atleast_1d(used["solver_nodes"]).tolist() if "solver_nodes" in used else None,
         "keep_every": int(used[schema.KEEP_EVERY]) if schema.KEEP_EVERY in used else None,
         "log": _log_asked(used),
         "compress": True if schema.COMPRESSION in used else None,
     }
+    if "nodes" in asked:
+        asked["nodes"] = np.atleast_1d(asked["nodes"]).tolist()
     if schema.GIVEN_STEP.name in run:
         asked["step"] = np.asarray(run[schema.GIVEN_STEP.name])
     elif "solver_step" in used:
@@ -235,14 +234,14 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
     if used["solver_step_control"] == "adaptive":
         if used["solver_first_step_choice"] != FIRST_STEP:  # given, or chosen by the rule of another version
             asked["step"] = float(used["solver_first_step"])
-        asked |= {key: float(used[f"solver_{key}"]) for key in ("safety", "min_step")}
         if _asked_longest(run):
             asked["max_step"] = float(used["solver_max_step"])
-        asked |= {
-            "max_steps": int(used["solver_max_steps"]),
-            "growth_limits": tuple(map(float, used["solver_growth_limits"])),
-        }
     return asked
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute as a plain value: a word, a number, a row of numbers."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def _log_asked(used: Mapping[Any, Any]) -> str | list[str] | None:

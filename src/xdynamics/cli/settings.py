@@ -1,0 +1,138 @@
+"""The options of the command line that say how to march: made from the table of keywords, for every verb that does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import click
+
+from xdynamics.keywords import (
+    COLUMNS,
+    KEYWORDS,
+    NUMBER,
+    PAIR,
+    RECORD,
+    SCALES,
+    STEP,
+    TIME,
+    TIMES,
+    TOLERANCES,
+    TRUTH,
+    WHOLE,
+    WORD,
+    Keyword,
+)
+
+SEVERAL = (TOLERANCES, SCALES, TIMES)  # kinds that may be given more than once
+_METAVARS = {TIME: "TIME", STEP: "TIME", NUMBER: "NUMBER", WHOLE: "N", WORD: "WORD"}
+OF_RECORDS = tuple(name for name, one in KEYWORDS.items() if one.group == RECORD)
+
+
+class Setting(click.Option):
+    """An option that sets something of a march; the help gathers options by what they belong to."""
+
+    def __init__(self, *given: Any, group: str, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self.group = group
+
+
+def settings(*, without: Iterable[str] = ()) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Add the options of a march to a verb, but for some; the verb is given them by the names of their keywords."""
+    left_out = {*without}
+
+    def add(verb: Callable[..., Any]) -> Callable[..., Any]:
+        for name, keyword in reversed(KEYWORDS.items()):
+            if name not in left_out:
+                verb = _option(keyword)(verb)
+        return verb
+
+    return add
+
+
+def _option(keyword: Keyword) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    default = keyword.default if keyword.default.startswith("needed") else f"default: {keyword.default}"
+    said = f"{keyword.about[0].upper()}{keyword.about[1:]}; {default}."
+    form: dict[str, Any] = {"multiple": keyword.kind in SEVERAL, "metavar": _metavar(keyword)}
+    if keyword.kind == TRUTH:
+        form = {"is_flag": True, "default": None}
+    return click.option(keyword.flag, keyword.name, cls=Setting, group=keyword.group, help=said, **form)
+
+
+def _metavar(keyword: Keyword) -> str | None:
+    """Return what stands behind an option in the help: its own word, the words there are, or the kind of its value."""
+    words = keyword.takes.replace(" | ", "|").replace('"', "") if keyword.kind == WORD and "|" in keyword.takes else ""
+    return keyword.metavar or words or _METAVARS.get(keyword.kind)
+
+
+def asked(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what was given on the command line, as `simulate` takes it.
+
+    Raises
+    ------
+    InputError
+        Naming the option that cannot be read.
+    """
+    found: dict[str, Any] = {}
+    for name, value in given.items():
+        if value is None or value == ():
+            continue
+        read = _READERS.get(KEYWORDS[name].kind)
+        found[name] = value if read is None else read(value, KEYWORDS[name].flag)
+    return found
+
+
+def pairs(texts: Iterable[str], option: str) -> dict[str, str]:
+    """Read what an option says of several names.
+
+    Raises
+    ------
+    InputError
+        If a text is no NAME=VALUE, or names one again.
+    """
+    from xdynamics.faults import InputError
+
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip() or not value.strip():
+            raise InputError(f"{option} {text!r} needs NAME=VALUE")
+        if name.strip() in found:
+            raise InputError(f"{option} sets {name.strip()!r} twice")
+        found[name.strip()] = value.strip()
+    return found
+
+
+def absolute(texts: Iterable[str], option: str = "--atol") -> dict[str, Any]:
+    """Sort absolute tolerances: a bare number is for every variable that has none of its own.
+
+    Raises
+    ------
+    InputError
+        If there are two bare ones, or one is no number.
+    """
+    from xdynamics.faults import InputError
+
+    bare = [one for one in texts if "=" not in one]
+    if len(bare) > 1:
+        raise InputError(f"{option} is given {len(bare)} times without a name: {', '.join(bare)}")
+    named: dict[str, Any] = dict(pairs((one for one in texts if "=" in one), option))
+    for text in bare:
+        try:
+            named[""] = float(text)
+        except ValueError:
+            raise InputError(f"{option} {text!r} needs a number, in every variable's own unit, or NAME=VALUE") from None
+    return named
+
+
+def _columns(text: str, _: str) -> str | list[str]:
+    return text if text in ("full", "states") else [one.strip() for one in text.split(",")]
+
+
+_READERS: dict[str, Callable[[Any, str], Any]] = {
+    TOLERANCES: absolute,
+    SCALES: pairs,
+    TIMES: lambda texts, _: list(texts),
+    COLUMNS: _columns,
+    PAIR: lambda text, _: [one.strip() for one in text.split(",")],
+}

@@ -1,0 +1,191 @@
+"""What can be asked of a march: one table for `simulate`, the `[run]` section of a model file, and the command line.
+
+Each entry has one name, which is the keyword of `simulate`, the key of `[run]`, and with dashes the option of
+`xdynamics run` and of every other verb that marches. The way back from a record is the attribute named here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from xdynamics.faults import InputError
+
+if TYPE_CHECKING:
+    from xdynamics.units import Unit
+
+# what belongs together, in the order of the help
+MARCH, CONTROL, EVENTS, ARITHMETIC, RECORD = "March", "Step control", "Events", "Arithmetic", "Record"
+
+# how a value is written; the last five are read with the model, by `march.asking`
+WORD, TIME, NUMBER, WHOLE, PAIR, TRUTH = "word", "time", "number", "whole number", "pair of numbers", "true | false"
+STEP, TOLERANCES, SCALES, TIMES, COLUMNS = "step", "tolerances", "scales", "times", "columns"
+
+
+@dataclass(frozen=True)
+class Keyword:
+    """One setting of a march.
+
+    Attributes
+    ----------
+    name : str
+    group : str
+        What it belongs to.
+    kind : str
+        How a value is written.
+    about : str
+        What it sets.
+    default : str
+        What holds where it is not given.
+    example : str
+        A value in TOML; empty of what a model file cannot say.
+    takes : str
+        How a value is written in a model file, where the kind alone does not tell.
+    attribute : str
+        Of the record, from which it is read back; empty where more than one attribute says it.
+    option : str
+        On the command line, where that is not its name with dashes.
+    metavar : str
+        What stands behind the option in the help.
+    """
+
+    name: str
+    group: str
+    kind: str
+    about: str
+    default: str
+    example: str = ""
+    takes: str = ""
+    attribute: str = ""
+    option: str = ""
+    metavar: str = ""
+
+    @property
+    def flag(self) -> str:
+        """The option of the command line."""
+        return self.option or "--" + self.name.replace("_", "-")
+
+    @property
+    def written(self) -> str:
+        """How a value is written in a model file."""
+        return self.takes or self.kind
+
+    def read(self, value: Any, time: Unit) -> Any:
+        """Return a value as a march takes it; times in SI units, or pure numbers where time is one.
+
+        Raises
+        ------
+        InputError
+            If it is of another kind, naming the setting, the value and what is needed.
+        """
+        return _READERS[self.kind](value, self.name, time) if self.kind in _READERS else value
+
+
+KEYWORDS = {
+    one.name: one
+    for one in (
+        Keyword("method", MARCH, WORD, "integration method; `xdynamics methods` lists them", "needed here or in [run]", '"dop853"', "name of a method", "solver_method"),
+        Keyword("until", MARCH, TIME, "end of the run, unless an event stops it before", "needed here or in [run]", '"9 s"', "", "solver_until"),
+        Keyword("step", MARCH, STEP, "step of the grid t0 + n*h; with a tolerance, the first step to try", "needed without a tolerance", '"1 ms"', "time"),
+        Keyword("nodes", MARCH, TIMES, "times to land on, besides the breakpoints of measured drives", "none", "", "", "solver_nodes", "--node", "TIME"),
+        Keyword("rtol", CONTROL, NUMBER, "relative tolerance: steps are chosen by the error test", "1e-6 for a method with an error estimate and no step", "1e-8"),
+        Keyword("atol", CONTROL, TOLERANCES, "absolute tolerance: 1e-9 is in every variable's own unit, y='1 um' for one", "rtol times the variable's largest value so far", '{ x = "1 um" }', 'number in every variable\'s unit, or table { y = "1 um" }', "", "", "[NAME=]VALUE"),
+        Keyword("estimator", CONTROL, WORD, "where local errors are estimated from", "embedded where there is one", '"embedded"', '"embedded" | "step_doubling" | "step_doubling_extrapolated" | "none"', "solver_estimator"),
+        Keyword("safety", CONTROL, NUMBER, "factor below 1 on the step that the error estimate would allow", "0.9", "0.8", "number below 1", "solver_safety"),
+        Keyword("growth_limits", CONTROL, PAIR, "least and greatest factor from one step to the next", "[0.2, 10]", "[0.2, 5]", "pair of numbers", "solver_growth_limits", "", "LEAST,GREATEST"),
+        Keyword("min_step", CONTROL, TIME, "shortest step that control may take", "the spacing of t", '"1 ns"', "", "solver_min_step"),
+        Keyword("max_step", CONTROL, TIME, "longest step that control may take", "the whole span", '"1 s"'),
+        Keyword("max_steps", CONTROL, WHOLE, "accepted and rejected steps after which the run ends", "1000000", "100000", "", "solver_max_steps"),
+        Keyword("time_tolerance", EVENTS, TIME, "how well events are located that do not say so themselves", "1 ps, below a second 1e-12 of the span", '"1 ns"', "", "solver_time_tolerance"),
+        Keyword("switches", EVENTS, WORD, "what is done about kinks and jumps inside forces", "located", '"located"', '"located" | "stepped over"'),
+        Keyword("event_root_method", EVENTS, WORD, "how events are located; the second as version 0.2 did", "earliest first", "", '"earliest first" | "one by one"'),
+        Keyword("scales", ARITHMETIC, SCALES, "length, time or mass scale of the nondimensional variables to march in", "SI units", '{ length = "0.5 m" }', "table of length, time, mass", "", "--scale", "NAME=VALUE"),
+        Keyword("summation", ARITHMETIC, WORD, "whether rounding is carried to the next update", "compensated for symplectic methods", '"plain"', '"compensated" | "plain"'),
+        Keyword("jacobian", ARITHMETIC, WORD, "where radau_iia has the derivatives of the forces from", "exact", '"exact"', '"exact" | "differences"', "solver_jacobian"),
+        Keyword("math_functions", ARITHMETIC, WORD, "set of elementary functions; an older one is for the bits of an older archive", "xdynamics 2", "", '"xdynamics 2" | "xdynamics 1"'),
+        Keyword("force_samples", RECORD, WORD, "whether every force evaluation is recorded", "all", '"none"', '"all" | "none"', "solver_force_samples"),
+        Keyword("keep_every", RECORD, WHOLE, "rows of the grid from one that is recorded to the next, beside events, nodes and ends", "1", "10", "", "", "", "N"),
+        Keyword("log", RECORD, COLUMNS, "columns that are recorded; times, steps and flags always are", "full", '["v_x", "speed_of_it"]', '"full" | "states" | list of variables', "", "", "COLUMNS"),
+        Keyword("compress", RECORD, TRUTH, "whether the archive is compressed, without loss", "false", "true"),
+    )
+}  # fmt: skip
+FULL, STATES = "full", "states"  # logs
+IN_FILES = tuple(name for name, one in KEYWORDS.items() if one.example)
+
+
+def number(value: Any, name: str) -> float:
+    """Read a number.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if isinstance(value, bool):
+        raise InputError(f"{name} is {value!r}, needs a number")
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        remedy = "; for one variable write {'y': '1 um'}" if name == "atol" else ""
+        raise InputError(f"{name} is {value!r}, needs a number{remedy}") from None
+
+
+def columns_of(given: Any) -> str | tuple[str, ...]:
+    """Read which columns of the log are recorded: a word for many, or their names.
+
+    Raises
+    ------
+    InputError
+        If it is no word for that, and no list of names.
+    """
+    if isinstance(given, str):
+        if given in (FULL, STATES):
+            return given
+        raise InputError(f"log is {given!r}; there are '{FULL}', '{STATES}', or a list of variables, like ['{given}']")
+    if not isinstance(given, list | tuple) or not given or not all(isinstance(one, str) for one in given):
+        raise InputError(
+            f"log is {given!r}, needs '{FULL}', '{STATES}' or a list of variables, like ['x', 'total_energy']"
+        )
+    return tuple(dict.fromkeys(given))
+
+
+def _whole(value: Any, name: str, _: Unit) -> int:
+    found = number(value, name)
+    if not found.is_integer():
+        raise InputError(f"{name} is {value!r}, needs a whole number")
+    return int(found)
+
+
+def _time(value: Any, name: str, time: Unit) -> float:
+    from xdynamics.units import time_in  # here, since the command line reads this table before it needs units
+
+    return time_in(time, value, name)
+
+
+def _pair(value: Any, name: str, _: Unit) -> tuple[float, ...]:
+    if isinstance(value, str) or not (isinstance(value, Sequence) or hasattr(value, "__array__")) or len(value) != 2:
+        raise InputError(f"{name} are {value!r}, need two factors, like (0.2, 10)")
+    return tuple(number(one, name) for one in value)
+
+
+def _truth(value: Any, name: str, _: Unit) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"{name} is {value!r}, needs true or false")
+    return value
+
+
+def _word(value: Any, name: str, _: Unit) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{name} is {value!r}, needs a word")
+    return value
+
+
+_READERS: dict[str, Callable[[Any, str, Unit], Any]] = {
+    WORD: _word,
+    TIME: _time,
+    NUMBER: lambda value, name, _: number(value, name),
+    WHOLE: _whole,
+    PAIR: _pair,
+    TRUTH: _truth,
+}
