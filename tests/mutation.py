@@ -113,7 +113,7 @@ TOUCHED = {
     ),
     "evidence/exhibit.py": ("test_evidence_parts.py -k exhibit", "test_scaling.py -k units"),
     "evidence/marching.py": (
-        "test_evidence_parts.py -k location or study or interrupted",
+        "test_evidence_parts.py -k location or study or interrupted or just_written",
         "test_signs_of_studies.py -k room or beyond",
         "test_refinement.py -k kept_in_files or interrupt",
     ),
@@ -201,7 +201,7 @@ TOUCHED = {
         "test_evidence_parts.py -k first_runs_unit or left_out or so_far or first_of_what or both_reach or comparison_in_words",
         f"test_signs.py -k {COMPARED_RUNS}",
         "test_scaling.py -k units or times_of or lines",
-        "test_comparison.py -k not random",
+        "test_comparison.py -k not (lazy or schema or rerun)",
     ),
     "evidence/comparing/measured.py": (
         "test_signs.py -k measured",
@@ -224,6 +224,7 @@ TOUCHED = {
         "test_cycles.py -k diagnosis_in_words or for_good",
         "test_signs.py -k drift or band or amplitude or turns or behind or ahead or residual or uncertainty_of",
         "test_cycles.py -k every_number",
+        "test_thinning.py -k kept_rows or missing_columns",
         "test_diagnosis.py -k verlet or lazy or wrong or references or residuals or observables or ellipse or saved",
     ),
     "evidence/modes.py": ("test_signs.py -k decay or radians", "test_modes.py -k not compiled_forces"),

@@ -969,6 +969,22 @@ def test_an_event_in_the_first_step_moves_what_follows() -> None:
     assert speed.moved == pytest.approx(10.0 * doubt, rel=1e-9)
 
 
+def test_a_run_that_was_just_written_is_not_examined_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a level in a file is opened without its digest being taken anew, which reads all of it."""
+    from xdynamics import archive
+
+    opened: list[dict[str, Any]] = []
+
+    def opening(path: Path, **more: Any) -> xr.Dataset:
+        opened.append(more)
+        return archive.open_run(path, **more)
+
+    monkeypatch.setitem(march.__globals__, "archive", SimpleNamespace(open_run=opening, stream=archive.stream, has_segments=archive.has_segments))  # fmt: skip
+    with march(OSCILLATOR, tmp_path / "run.nc", method="rk4", step=0.1, until=1.0) as run:
+        assert run.sizes["step"] == 11
+    assert opened == [{"check": False}]
+
+
 def test_an_interrupted_run_is_no_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that what was interrupted ends the evidence that it was to be a part of."""
     asked = {"method": "rk4", "step": 0.1, "until": 1.0}
