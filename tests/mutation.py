@@ -156,6 +156,7 @@ TOUCHED = {
         "test_lyapunov.py -k regimes or kicked and 46",
     ),
     "dynamics/path.py": (
+        "test_lyapunov.py -k parts_of_the_time or know_their",
         "test_variational.py -k resets or jumps or impacts",
         "test_lyapunov.py -k kicked or piecewise",
     ),

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import xarray as xr
 import xdynamics as xd
 from xdynamics.dynamics import growth
 from xdynamics.dynamics.exponents import exponents_of
+from xdynamics.dynamics.path import BLOCKS
+from xdynamics.dynamics.path import Path as Along
 from xdynamics.dynamics.tangents import FEW, Local, _chunks, _scheme, _tangent
 from xdynamics.evidence.diagnosing.chaos import exponents_in_words, lyapunov, with_uncertainty
 from xdynamics.evidence.diagnosing.diagnosis import lines_of
@@ -249,6 +252,59 @@ def test_rows_are_carried_a_part_at_a_time() -> None:
     assert all(one.states[0, 0] == one.regimes[0] == one.sides[0, 0] == one.pieces[0, 0] == one.jumps[0] == one.parts[0] == one.blocks[0] == one.times[0] for one in parts)  # fmt: skip
     assert all(len(one.states) == len(one.jumps) == len(one.blocks) == len(one.times) - 1 for one in parts)
     assert FEW == 16
+
+
+def uneven_path(case: int) -> Along:
+    """Rows of steps that are far shorter and far longer than a part of 2,048, some of them 0, as an event leaves them."""
+    rng = np.random.default_rng(case)
+    steps = 10.0 ** rng.uniform(-6.0, 0.0, 400)
+    steps[rng.integers(1, 400, 9)] = 0.0
+    path = Along(xr.Dataset(), None)
+    vars(path)["times"] = 5.0 + np.concatenate([[0.0], np.cumsum(steps)])
+    return path
+
+
+@pytest.mark.parametrize("case", range(3))
+def test_blocks_are_parts_of_the_time(case: int) -> None:
+    """Assert that blocks follow each other from first to last, each step is in its own, and none is longer than a part."""
+    path = uneven_path(case)
+    times, (parts, counts, first), ends = path.times, path._blocks, path.block_times
+    width, sizes = (times[-1] - times[0]) / BLOCKS, np.diff(path.times)
+    assert (ends[0], ends[-1], len(ends) - 1) == (times[0], times[-1], int(counts.sum()))
+    assert (np.diff(ends) > 0.0).mean() > 0.95
+    assert parts.tolist() == [max(1, math.ceil(one / width)) for one in sizes]
+    assert (ends[first] <= times[:-1] + 1e-12).all()
+    assert (times[1:] <= ends[first + parts] + 1e-12).all()
+    assert np.diff(ends).max() <= 2.0 * width
+    long = sizes > width
+    assert np.diff(ends)[first[long]] == pytest.approx((sizes / parts)[long], rel=1e-6)
+    alone = [set(range(int(a), int(a + n))) for a, n in zip(first[long], parts[long], strict=True)]
+    assert sum(map(len, alone)) == len(set().union(*alone)) == int(parts[long].sum())
+    assert not set(first[~long].tolist()) & set().union(*alone)
+    short = np.flatnonzero(~long)
+    middles = times[:-1] + sizes / 2
+    together = [(i, j) for i, j in pairwise(short.tolist()) if j == i + 1 and first[i] == first[j]]
+    assert len(together) > 20
+    assert all(int((middles[i] - times[0]) / width) == int((middles[j] - times[0]) / width) for i, j in together)
+
+
+def test_steps_know_their_middles_sides_and_pieces() -> None:
+    """Assert states in the middle of steps of x = t**3 mm, the side of a switch there, the piece of a table, and ranges."""
+    model = xd.Model(
+        name="cubic", coordinates={"x": "mm"}, mass={"x": "1*kilogram"}, forces={"push": {"x": "6e-3*newton*t/second + 0*newton*sign(x - edge) + 0*pull"}},
+        drives={"pull": {"csv": "t [s],pull [N]\n0,0\n1,3\n1.5,4\n5,0\n", "table": "a.csv"}}, initial={"x": "0 mm", "v_x": "0 mm s-1", "q": "0 g"},
+        states={"q": {"unit": "g", "rate": "2*gram/second"}}, parameters={"edge": "1.1 mm"},
+    )  # fmt: skip
+    path = Along(xd.simulate(model, method="rk4", step=0.25, until=2.0), None)
+    middles, times = (path.times[1:] + path.times[:-1]) / 2, path.times
+    for name, wanted in (("t", middles), ("x", 1e-3 * middles**3), ("v_x", 3e-3 * middles**2), ("q", 2e-3 * middles)):
+        moving = np.diff(times) > 0.0
+        assert path._middles[name][moving] == pytest.approx(wanted[moving], rel=1e-5, abs=1e-12), name
+    assert path.sizes == pytest.approx([8e-3, 12e-3, 4e-3], rel=1e-6)
+    assert path.states[-1] == pytest.approx([8e-3, 12e-3, 4e-3], rel=1e-6)
+    assert path._sides[:, 0].tolist() == np.sign(path._middles["x"] - 1.1e-3).tolist()
+    assert {-1.0, 1.0} <= set(path._sides[:, 0].tolist())
+    assert path._pieces[:, 0].tolist() == np.searchsorted([0.0, 1.0, 1.5], middles, side="right").tolist()
 
 
 # ------------------------------------------------------------------------------------------------- linear systems
