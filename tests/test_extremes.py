@@ -13,7 +13,9 @@ import xarray as xr
 import xdynamics as xd
 from problems import MODELS
 from xdynamics.evidence.diagnosing.extremes import extreme
+from xdynamics.record.words import words_of
 from xdynamics.summary import summary
+from xdynamics.sweeping.surveying import numbers
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 FINE: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}
@@ -21,7 +23,7 @@ FINE: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}
 
 def rule(found: xr.Dataset, name: str) -> str:
     """The rule of an extreme, in words."""
-    return str(found[f"{name}_rule"].attrs["flag_meanings"]).split()[int(found[f"{name}_rule"])]
+    return words_of(found[f"{name}_rule"])[0]
 
 
 def swinging(k: float, m: float, x: float, v: float) -> xd.Model:
@@ -140,18 +142,52 @@ def test_an_event_at_the_top_of_a_force_in_python_is_all_there_is_to_know() -> N
 
 
 def test_a_sweep_has_what_a_diagnosis_has() -> None:
-    """Assert the same bits of extremes of forces, contact forces and energies, of every member."""
+    """Assert the same bits of extremes of forces, contact forces and energies, of every member, with time, rule and doubt."""
     for model, axis, names, settings in (
         (BALL, {"vt": ["20 m s-1", "30 m s-1"]}, ("force_drag_y", "kinetic_energy"), {"method": "rk4", "step": "70 ms", "until": "5 s"}),
         (resting(), {"F": ["3 N", "5 N"]}, ("contact_force_floor", "force_press_y"), {"method": "rk4", "step": "0.37 s", "until": "5 s"}),
+        (swinging(2.0, 1.5, 1.0, 0.7), {"k": [f"{0.5 + 0.02 * i!r} N m-1" for i in range(80)]}, ("x", "power", "load"), {"method": "dop853", "rtol": 1e-5, "until": "9 s"}),
+        (swinging(2.0, 1.5, 1.0, 0.7), {"k": ["1 N m-1", "3 N m-1"]}, ("power", "v_x"), {"method": "radau_iia", "rtol": 1e-5, "until": "9 s"}),
     ):  # fmt: skip
         words = [f"{word}_{name}" for word in ("maximum", "minimum") for name in names]
         grid = xd.sweep(model, axis, keep=words, **settings).compute()
         for k, value in enumerate(next(iter(axis.values()))):
             one = xd.diagnose(xd.simulate(model.replace(parameters={next(iter(axis)): value}), **settings), companion=False)  # fmt: skip
             for word in words:
-                assert float(grid[word][k]) == float(one[word]), word
-                assert grid[word].attrs["units"] == one[word].attrs["units"]
+                for end in ("", "_time", "_uncertainty"):
+                    assert float(grid[word + end][k]) == float(one[word + end]), word + end
+                    assert grid[word + end].attrs["units"] == one[word + end].attrs["units"]
+                assert rule(grid.isel({next(iter(axis)): k}), word) == rule(one, word)
+
+
+def test_rules_of_members_differ_and_are_told() -> None:
+    """Assert events, starts and states between in one sweep, in its lines too; and that neither slopes nor panels are drawn of them."""
+    grid = xd.sweep(BALL, {"v_y": ["20 m s-1", "0 m s-1", "-1 m s-1"]}, keep=["maximum_y", "maximum_force_drag_y"], until="9 s", **FINE).compute()  # fmt: skip
+    assert words_of(grid.maximum_y_rule) == ["located", "sampled", "sampled"]
+    assert (grid.maximum_y_uncertainty == 0.0).all()
+    assert "maximum_y_rule is sampled in 2, located in 1" in summary(grid)
+    assert {"maximum_y", "maximum_force_drag_y"} <= {*numbers(grid)} <= {name for name in grid if not name.endswith(("_rule", "_uncertainty"))}  # fmt: skip
+
+
+def test_a_force_in_python_is_sampled_in_sweeps_too() -> None:
+    """Assert value, rule and what a parabola goes beyond it, of every member as of its run alone."""
+
+    def push(t: float, w: float) -> float:
+        return math.sin(w * t)
+
+    model = xd.Model(
+        name="pushed", coordinates={"x": "m"}, parameters={"m": "1 kg", "w": "1 rad s-1"}, mass={"x": "m"}, forces={"push": {"x": push}},
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    asked: dict[str, Any] = {"method": "rk4", "step": "0.35 s", "until": "3 s"}
+    grid = xd.sweep(model, {"w": ["0.2 rad s-1", "1 rad s-1"]}, keep=["maximum_force_push_x"], **asked).compute()
+    for k, w in enumerate(("0.2 rad s-1", "1 rad s-1")):
+        run = xd.simulate(model.replace(parameters={"w": w}), **asked)
+        one = xd.diagnose(run, companion=False, functions={"push": push})
+        for end in ("", "_time", "_uncertainty"):
+            assert float(grid[f"maximum_force_push_x{end}"][k]) == float(one[f"maximum_force_push_x{end}"])
+        assert rule(grid.isel(w=k), "maximum_force_push_x") == rule(one, "maximum_force_push_x") == "sampled"
+    assert float(grid.maximum_force_push_x_uncertainty[1]) > 0.0
 
 
 @pytest.mark.cases(60)

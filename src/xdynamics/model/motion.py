@@ -320,6 +320,7 @@ def evaluated_many(
     known: Mapping[str, float],
     tables: Iterable[Table],
     math_functions: str = NAME,
+    read: Sequence[Assignment] | None = None,
 ) -> list[Any]:
     """Evaluate expressions at many states at once: what `evaluated` gives, and of the motion only what they read.
 
@@ -334,23 +335,30 @@ def evaluated_many(
         As for `evaluated`.
     math_functions : str
         The set of elementary functions.
+    read : sequence of Assignment, optional
+        `read_by` them, where that is known.
     """
     values: dict[str, Any] = dict(known) | dict(state)
     for (name, drive), table in zip(model.drives.items(), tables, strict=True):
         values[name], values[slope(name)] = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
-    needed = set().union(*(free_names(one) for one in wanted))
-    read: list[Assignment] = []
-    for one in reversed(motion(model)):
-        if one.name in needed:
-            read.append(one)
-            needed |= {*one.value.arguments} if isinstance(one.value, Function) else free_names(one.value)
-    for one in reversed(read):
+    for one in read_by(model, wanted) if read is None else read:
         if isinstance(one.value, Function):
             call = np.vectorize(model.functions[one.value.name], otypes=[float])
             values[one.name] = call(*(values[name] for name in one.value.arguments))
         else:
             values[one.name] = evaluate_many(one.value, values, math_functions)
     return [evaluate_many(one, values, math_functions) for one in wanted]
+
+
+def read_by(model: Model, wanted: Iterable[Node]) -> list[Assignment]:
+    """Return what of the motion expressions without definitions read, in its order."""
+    needed = set().union(*(free_names(one) for one in wanted))
+    read: list[Assignment] = []
+    for one in reversed(motion(model)):
+        if one.name in needed:
+            read.append(one)
+            needed |= {*one.value.arguments} if isinstance(one.value, Function) else free_names(one.value)
+    return read[::-1]
 
 
 def _number(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:

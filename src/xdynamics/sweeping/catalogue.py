@@ -21,7 +21,7 @@ from xdynamics.archive import leftovers
 from xdynamics.archive.reading import values_of
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.target import taking_name
-from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.exhibit import exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.files import asked, made_folder
 from xdynamics.schema import EVIDENCE, SWEEP
@@ -302,7 +302,7 @@ def _keep(plan: Plan, block: Block, part: str, there: Additions | None) -> None:
         files.mkdir(exist_ok=True)
         known = there.there(block) if there else np.zeros(plan.grid.shape_of(block), bool)
         archived(plan, block, files, found, known)
-    variables = {one.name: ((*plan.grid.dims, *one.dims), found[one.name], about(one.units, one.said, one.role)) for one in plan.variables}  # fmt: skip
+    variables = {one.name: ((*plan.grid.dims, *one.dims), found[one.name], one.attributes) for one in plan.variables}  # fmt: skip
     archive.save(exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest, BLOCK: _said(block)}), part)
 
 

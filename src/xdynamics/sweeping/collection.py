@@ -51,7 +51,7 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
     """
     grid = plan.grid
     coordinates = _coordinates(grid)
-    kept = {one.name: ((*grid.dims, *one.dims), arrays[one.name], about(one.units, one.said, one.role)) for one in plan.variables if one.name in arrays}  # fmt: skip
+    kept = {one.name: ((*grid.dims, *one.dims), arrays[one.name], one.attributes) for one in plan.variables if one.name in arrays}  # fmt: skip
     names = [one.name for one in plan.variables]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(

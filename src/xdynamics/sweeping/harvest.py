@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +13,16 @@ from numpy.typing import NDArray
 from xdynamics import record
 from xdynamics.cached import cached_property
 from xdynamics.evidence.observing import modes_behind, rate_tree
-from xdynamics.expressions import Name, Node
+from xdynamics.expressions import Name, Node, free_names
 from xdynamics.kernels import Layout, law_of
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march import Pacing, Runs, Settings
 from xdynamics.march.abreast import lanes_for
 from xdynamics.march.within import PartsAbreast, rows_of_times, states_within
 from xdynamics.model import Model
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of
+from xdynamics.model.mass import Assignment
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, read_by, tables_of
+from xdynamics.model.parts import Function
 from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
 from xdynamics.record.columns import columns_of, state_name
@@ -28,6 +31,7 @@ from xdynamics.units import parse_unit
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 MANY = 1 << 12  # states, enough for lanes
+VALUE, RATE = ("value",), ("rate",)  # of a quantity, which are evaluated
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ class Harvest:
         return places, members, np.arange(len(places)) - np.searchsorted(members, members)
 
     @cached_property
-    def extremes(self) -> dict[tuple[str, float], tuple[Floats, Floats]]:
+    def extremes(self) -> dict[tuple[str, float], tuple[NDArray[Any], ...]]:
         """Those that were found, by name and sign."""
         return {}
 
@@ -114,18 +118,21 @@ class Harvest:
         """Make steps again, shortened to end at times: side by side where that is possible."""
         if self.parts is not None:
             return self.parts.states(self.runs, np.stack([rows, following, members]), times)
+        return self._again(members, times, rows, following, judged=False)[: len(self.layout.used)]
+
+    def _again(self, members: Rows, times: Floats, rows: Rows, following: Rows, *, judged: bool) -> Floats:
+        """Make steps again one by one; with how far each state is from a more accurate one, where that is asked for."""
         time, used = self["time"], self.layout.used
         states = [state_name(one) for one in reactions(self.model)]
         wanted = [("step_size", following), *((one, rows) for one in ("regime", "row_kind", *states, *used))]
         if self.settings.method.simplified:
             wanted += [(one, following) for one in used]
         columns = np.stack([self[name][which] for name, which in wanted])
-        found = states_within(
+        return states_within(
             self.model, of_one_step(self.model, self.settings), law_of(self.layout, sampled=False),
             np.stack([times, time[rows], time[following]]), columns, factors_of(self.model, self.settings)[:, None],
-            reintegrated=True, judged=False, parameters=self.runs.parameters, runs=members,
+            reintegrated=True, judged=judged, parameters=self.runs.parameters, runs=members,
         )  # fmt: skip
-        return found[: len(used)]
 
     def at_times(self, times: Floats) -> tuple[Rows, Rows, dict[str, Floats], Rows]:
         """Evaluate the states of all members at times; return member and time of each, and the row it goes from."""
@@ -142,24 +149,48 @@ class Harvest:
 
     def value(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:
         """Evaluate a quantity on states inside steps, in the unit of a record."""
-        # as `observe` does: no forces that are told on which side of a switch they are
-        tree = layout_of(self.model).derived.get(name, Name(name))
-        return states[name] if name in states else self._evaluated(name, tree, states, members, rows, times)
+        return states[name] if name in states else self._evaluated(name, VALUE, states, members, rows, times)[0]
 
     def rate(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:
         """Evaluate the rate of a quantity, which is known."""
-        tree = rate_tree(self.model, name)
-        assert tree is not None  # noqa: S101 - who asks has looked
-        return self._evaluated(name, tree, states, members, rows, times)
+        return self._evaluated(name, RATE, states, members, rows, times)[0]
 
-    def _evaluated(self, name: str, tree: Node, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:  # fmt: skip
-        units = {one: float(unit.factor) for one, unit in self.model.units.items()}
-        at: dict[str, Any] = {one: states[one] * units[one] for one in self.layout.used}
-        at |= {"t": times, REGIME_NUMBER: self["regime"][rows].astype(float)} | self._own(members)
-        at |= self._modes(members, rows)
+    def with_rates(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> tuple[Floats, Floats]:  # fmt: skip
+        """Evaluate a quantity and its rate; of one whose rate is not known the quantity for both."""
+        if rate_tree(self.model, name) is None:
+            seen = self.value(name, states, members, rows, times)
+            return seen, seen
+        if name in states:
+            return states[name], self.rate(name, states, members, rows, times)
+        seen, rates = self._evaluated(name, (*VALUE, *RATE), states, members, rows, times)
+        return seen, rates
+
+    def doubts(self, name: str, members: Rows, times: Floats) -> Floats:
+        """Say what the interpolation of states inside steps may have a quantity off, as `extremes.between` does of one run."""
+        first, used = self.runs.first_row, self.layout.used
+        last = first[members + 1] - 1
+        rows = rows_of_times(self["time"], first[members], last, times, after=False)
+        found = self._again(members, times, rows, np.minimum(rows + 1, last), judged=True)
+        states, errors = (dict(zip(used, part, strict=True)) for part in np.split(found, 2))
+        if name in states:
+            own: Floats = np.abs(errors[name])
+            return own
+        value = self.value(name, states, members, rows, times)
+        doubts = np.zeros(value.shape)
+        for one in used:
+            moved = states | {one: states[one] + errors[one]}
+            doubts += np.abs(self.value(name, moved, members, rows, times) - value)
+        return doubts
+
+    def _evaluated(self, name: str, what: tuple[str, ...], states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> list[Floats]:  # fmt: skip
+        wanted = _wanted(self.model, name, what)
+        at: dict[str, Any] = {one: states[one] * float(self.model.units[one].factor) for one in self.layout.used}
+        at |= {"t": times, REGIME_NUMBER: self["regime"][rows].astype(float)} | self._own(members, wanted.names)
+        at |= self._modes(members, rows) if reactions(self.model) else {}
         known, tables = constants(self.model), tables_of(self.model)
-        value = evaluated_many(self.model, [tree], at, known, tables, self.settings.math_functions)[0]
-        return np.array(np.broadcast_to(value, times.shape)) / _factor_of(self.columns[name].variable.units)
+        found = evaluated_many(self.model, wanted.trees, at, known, tables, self.settings.math_functions, wanted.read)
+        unit = _factor_of(self.columns[name].variable.units)
+        return [np.array(np.broadcast_to(one, times.shape)) / unit for one in found]
 
     def _modes(self, members: Rows, rows: Rows) -> dict[str, Floats]:
         """Return what each contact and friction element does behind rows, as of one run."""
@@ -167,14 +198,37 @@ class Harvest:
         following = np.minimum(rows + 1, self.runs.first_row[members + 1] - 1)
         return modes_behind(self.model, {name: self[name] for name in found}, rows, following)
 
-    def _own(self, members: Rows) -> dict[str, Floats]:
-        """Return the parameters of each member, SI."""
+    def _own(self, members: Rows, names: frozenset[str]) -> dict[str, Floats]:
+        """Return those parameters of each member that are named, SI."""
         model, scales = self.model, self.settings.scales
         return {
             name: self.runs.parameters[members, i] * scales.of(model.dimensions[name])
             for i, name in enumerate(constants(model))
-            if name in model.parameters
+            if name in model.parameters and name in names
         }
+
+
+class _Wanted(NamedTuple):
+    """Expressions, what of the motion they read, and every name that takes."""
+
+    trees: tuple[Node, ...]
+    read: tuple[Assignment, ...]
+    names: frozenset[str]
+
+
+@lru_cache(maxsize=64)
+def _wanted(model: Model, name: str, what: tuple[str, ...]) -> _Wanted:
+    """Find out what it takes to evaluate a quantity, or its rate which is known, or both."""
+    trees = []
+    for one in what:
+        # as `observe` does: no forces that are told on which side of a switch they are
+        tree = layout_of(model).derived.get(name, Name(name)) if (one,) == VALUE else rate_tree(model, name)
+        assert tree is not None  # noqa: S101 - who asks has looked
+        trees.append(tree)
+    read = tuple(read_by(model, trees))
+    values = [one.value for one in read]
+    names = [set(one.arguments) if isinstance(one, Function) else free_names(one) for one in (*trees, *values)]
+    return _Wanted(tuple(trees), read, frozenset().union(*names))
 
 
 def _factor_of(unit: str) -> float:

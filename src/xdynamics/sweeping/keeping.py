@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID, RULES
+from xdynamics.evidence.exhibit import about
 from xdynamics.evidence.observing import comparable, observables_of
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.record.columns import columns_of
-from xdynamics.schema import AT, OCCURRENCE
-from xdynamics.sweeping.extrema import extremes
+from xdynamics.schema import AT, OCCURRENCE, flags
+from xdynamics.sweeping.extrema import NO_RULE, extremes
 from xdynamics.sweeping.harvest import Harvest
 from xdynamics.units import SECONDS, Unit, time_in
 
@@ -43,6 +45,8 @@ class Kept:
     reads : tuple of str
         Variables along `step` that it takes from whole logs.
     dtype : str
+    more : mapping
+        Further attributes: what flags mean.
     """
 
     name: str
@@ -54,6 +58,12 @@ class Kept:
     take: Take
     reads: tuple[str, ...] = ()
     dtype: str = "f8"
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """The variable's attributes in a sweep."""
+        return about(self.units, self.said, self.role) | dict(self.more)
 
 
 @dataclass(frozen=True)
@@ -216,9 +226,17 @@ class _Reader:
         """Return the largest or least value of a quantity, and when it was reached."""
         sign, about = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name]
         said = f"{'largest' if sign > 0 else 'least'} {name} of the run"
-        value = Kept(word, (), (), about.units, said, DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[0], reads=(*self.motion, name))  # fmt: skip
-        when = Kept(f"{word}_time", (), (), self.model.time_unit.text, f"when {name} was {said.split(maxsplit=1)[0]}", DIAGNOSTIC, lambda runs: extremes(runs, name, sign)[1], reads=(*self.motion, name))  # fmt: skip
-        return [value, when]
+        reads, rules = (*self.motion, name), flags({NO_RULE: "none", **dict(enumerate(RULES))})
+
+        def kept(end: str, place: int, units: str, said: str, role: str, **more: Any) -> Kept:
+            return Kept(f"{word}{end}", (), (), units, said, role, lambda runs: extremes(runs, name, sign)[place], reads, **more)  # fmt: skip
+
+        return [
+            kept("", 0, about.units, said, DIAGNOSTIC),
+            kept("_time", 1, self.model.time_unit.text, f"when {name} was {said.split(maxsplit=1)[0]}", DIAGNOSTIC),
+            kept("_rule", 2, "1", RULE_SAID, "flag", dtype="i1", more=rules),
+            kept("_uncertainty", 3, about.units, DOUBT_SAID.format(word), "error"),
+        ]
 
 
 def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any, unit: Unit = SECONDS) -> Keeping:

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 Values = NDArray[Any]
 Block = Sequence[slice]
 
-LOG_BYTES = 24_000_000  # of whole logs that are held at once
-FEW, MOST = 64, 16_384  # members whose logs are, at first and at most
+LOG_BYTES = 12_000_000  # of whole logs that are held at once
+FEW, MOST, MORE = 128, 16_384, 16  # members whose logs are, at first and at most, and times the one before
 REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # of which the cause is found out by making the step again
 LONGEST_WORD = max(map(len, WORDS))
 _GOLDEN = 0x9E3779B97F4A7C15
@@ -74,7 +74,8 @@ class Plan:
         grid, keeping = self.grid, self.keeping
         axes = [[axis.dim, [[one.name, one.kind, one.unit.text, one.values.tolist(), one.tables] for one in axis.columns]] for axis in grid.axes]  # fmt: skip
         words = [grid.model.digest, grid.asked, axes, keeping.words, keeping.times.tolist(), keeping.occurrences]
-        said = json.dumps([*words, grid.math_functions, xdynamics_version()], sort_keys=True)
+        marked = [one.name for one in self.variables if one.more]  # which folders of before may not have
+        said = json.dumps([*words, grid.math_functions, xdynamics_version(), *marked], sort_keys=True)
         return sha256(said.encode()).hexdigest()
 
     @cached_property
@@ -199,7 +200,7 @@ def _batches(group: Group, reads: tuple[str, ...]) -> Iterator[tuple[slice, Runs
         yield part, runs
         begin += count
         rows = max(1, int(runs.rows.max()) * len(reads) * 8)
-        count = min(4 * count, MOST, max(1, LOG_BYTES // rows)) if reads else count
+        count = min(MORE * count, MOST, max(1, LOG_BYTES // rows)) if reads else count
 
 
 Take = Callable[[Plan, Block, dict[str, Values]], NDArray[np.bool_]]

@@ -245,7 +245,7 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
 
 
 def numbers(sweep: xr.Dataset) -> list[str]:
-    """Name what was kept of members as numbers."""
+    """Name what was kept of members as numbers, without what says how they were found and how surely."""
     along = {*_axes(sweep)}
     return [
         str(name)
@@ -254,6 +254,7 @@ def numbers(sweep: xr.Dataset) -> list[str]:
         and along & {*map(str, one.dims)}
         and not str(name).startswith("run_")
         and AXIS not in one.attrs
+        and one.attrs.get("role") not in ("flag", "error")
     ]
 
 

@@ -56,8 +56,8 @@ def sweep(
         mapping under a name of its own, ``{"body": {"m": […], "c": […]}}``; what is drawn in `Draws`.
     keep : sequence of str
         ``end`` (coordinates, velocities, states where each run ended), ``end_x``, ``event_time_ground``,
-        ``event_count_ground``, ``after_ground_x``, ``before_ground_x``, ``maximum_x``, ``minimum_x`` (with their times),
-        ``x`` or any energy or observable at `times`, ``log`` for whole runs, one file each.
+        ``event_count_ground``, ``after_ground_x``, ``before_ground_x``, ``maximum_x``, ``minimum_x`` (with time,
+        rule and uncertainty, as `diagnose` has them), ``x`` or any energy or observable at `times`, ``log`` for whole runs, one file each.
     times : array_like, s, or of texts
         Along `at`; of every coordinate, velocity and state, or of those that `keep` names. nan behind the end of a run.
     occurrences : int, or (int, int)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics.march.outcomes import GOOD
+from xdynamics.record.words import words_of
 from xdynamics.schema import PASSED
 from xdynamics.sweeping.collection import AXES, AXIS, KEEP, settings_said
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
@@ -61,6 +62,10 @@ def _kept(sweep: xr.Dataset) -> Iterator[str]:
     names = [str(name) for name, one in sweep.data_vars.items()
              if one.dtype.kind in "fi" and one.attrs.get("role") not in ("parameter", "axis") and not str(name).startswith(_FIRST)]  # fmt: skip
     for name in names[:MOST]:
+        if (one := sweep[name]).attrs.get("role") == "flag":
+            counts = Counter(words_of(one.stack(each=one.dims) if one.ndim > 1 else one))
+            yield f"{name} is {', '.join(f'{word} in {count}' for word, count in counts.most_common())}"
+            continue
         values, units = np.asarray(sweep[name]), sweep[name].attrs["units"]
         unit = "" if units == "1" else f" {units}"
         known = values[np.isfinite(values)] if values.dtype.kind == "f" else values

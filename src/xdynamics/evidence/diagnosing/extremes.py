@@ -28,6 +28,8 @@ SOUGHT = (*STATES, "energy", "observable", "force", "reaction")  # and of all th
 SAMPLED, INTERPOLATED, LOCATED = range(3)
 RULES = ("sampled", "interpolated", "located")
 SAID = ("sampled at an accepted state", "interpolated between accepted states", "located by an event")
+RULE_SAID = "an accepted state, a state between, or one at an event"
+DOUBT_SAID = "what interpolation may have {} off; the error of the integration is not in it"
 MOST_NAMES = 200  # quantities, above which extremes of forces and observables are not sought
 
 
@@ -96,7 +98,7 @@ def _begun(run: xr.Dataset, model: Model, name: str, sign: float) -> tuple[Extre
     )
     rows, members = humps(sign * values, time, first, *crests(sign * values, first))
     if run[name].attrs["role"] not in STATES and model.python_functions:
-        best = best._replace(uncertainty=0.0 if at_event else _beyond(values, time, row))
+        best = best._replace(uncertainty=0.0 if at_event else beyond(values, time, row))
         rows, members = rows[:0], members[:0]
     beside = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, len(time) - 1)])
     tree, rates = rate_tree(model, name), None
@@ -149,7 +151,7 @@ def between(run: xr.Dataset, model: Model, name: str, times: Floats, functions: 
     return values, sum(moved, np.zeros(values.shape))
 
 
-def _beyond(values: Floats, time: Floats, row: int) -> float:
+def beyond(values: Floats, time: Floats, row: int) -> float:
     """Return how far the parabola through an extreme row and its neighbours goes beyond it; 0 at either end."""
     if not 0 < row < len(values) - 1:
         return 0.0
@@ -181,7 +183,7 @@ def extremes_of(run: xr.Dataset, names: Sequence[str], functions: Functions | No
         found |= {
             f"{word}_{name}": ((), one.value, {"units": units, "long_name": f"{said} {name} of the run", "role": "diagnostic"}),
             f"{word}_{name}_time": ((), one.time, {"units": second, "long_name": f"when {name} was {said}", "role": "diagnostic"}),
-            f"{word}_{name}_rule": ((), np.int8(one.rule), {"units": "1", "long_name": "an accepted state, a state between, or one at an event", "role": "flag"} | rules),
-            f"{word}_{name}_uncertainty": ((), one.uncertainty, {"units": units, "long_name": f"what interpolation may have {word}_{name} off; the error of the integration is not in it", "role": "error"}),
+            f"{word}_{name}_rule": ((), np.int8(one.rule), {"units": "1", "long_name": RULE_SAID, "role": "flag"} | rules),
+            f"{word}_{name}_uncertainty": ((), one.uncertainty, {"units": units, "long_name": DOUBT_SAID.format(f"{word}_{name}"), "role": "error"}),
         }  # fmt: skip
     return found
