@@ -1,4 +1,4 @@
-"""What the text of a model may hold at most, looked at before it is parsed: a small file can take gigabytes."""
+"""Limits on the text of a model, checked before it is parsed: parsing a small file can take gigabytes."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ MOST_ENTRIES = 10_000  # keys and headers of a text, or entries of a section; a 
 MOST_VALUES = 500_000  # of lists
 DEEPEST_KEY = 8  # names that dots join
 
-# texts and comments, in which everything else may stand; one that is not closed ends where its line or the file does;
-# nothing is given back (`++`): where each letter may be, all their places are kept
+# strings and comments, which may contain anything; one that is not closed ends with its line or the file;
+# quantifiers are possessive (`++`): a backtracking one keeps every position it might return to
 _TEXTS = re.compile(r'"""(?:[^"\\]++|\\.|"(?!""))*+(?:"{3,5}|\Z)|\'\'\'.*?(?:\'{3,5}|\Z)|"(?:[^"\\\n]++|\\.)*+"?|\'[^\'\n]*\'?|#[^\n]*', re.DOTALL)  # fmt: skip
 _DEEP = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}")
 _SIZES = "; so many numbers belong into a table"
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """Return what TOML says, unless it is more than any model does.
+    """Parse TOML, unless it exceeds the limits of a model.
 
     Raises
     ------
     InputError
         Naming the limit.
     tomllib.TOMLDecodeError, RecursionError, ValueError
-        If it is no TOML.
+        If the text is not TOML.
     """
     check_text(text)
     return tomllib.loads(text)
 
 
 def check_text(text: str) -> None:
-    """Refuse TOML with more in it than any model has.
+    """Refuse TOML text larger than any model needs.
 
     Raises
     ------
     InputError
         Naming the limit, with the line where that helps.
     """
-    bare = _TEXTS.sub(lambda found: "" if found[0][0] == "#" else "s" + "\n" * found[0].count("\n"), text)
-    if found := _DEEP.search(bare):
-        line = bare.count("\n", 0, found.start()) + 1
+    bare = _TEXTS.sub(lambda match: "" if match[0][0] == "#" else "s" + "\n" * match[0].count("\n"), text)
+    if match := _DEEP.search(bare):
+        line = bare.count("\n", 0, match.start()) + 1
         raise InputError(f"line {line}: a key has over {DEEPEST_KEY} names that dots join, the limit")
     entries = bare.count("=") + bare.count("\n[")
     if entries > MOST_ENTRIES:
@@ -55,7 +55,7 @@ def check_text(text: str) -> None:
 
 
 def excess(entries: Mapping[str, Any]) -> str:
-    """Say that a section has more entries than any model has, however they were given; nothing where it has not."""
+    """Return the message that a section has too many entries, from a file or from Python; empty if it has not."""
     return (
         f"has {len(entries)} entries, over the limit of {MOST_ENTRIES}{_SIZES}" if len(entries) > MOST_ENTRIES else ""
     )

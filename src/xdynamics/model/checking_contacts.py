@@ -28,16 +28,16 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
     contacts, frictions = statement.contacts, statement.frictions
     if not contacts and not frictions:
         return
-    count = sum(2 if one.slip else 1 for one in contacts.values()) + len(frictions)
+    count = sum(2 if part.slip else 1 for part in contacts.values()) + len(frictions)
     if count > MOST_REACTIONS:
         ledger.note(f"has {count} forces of contacts and friction, {MOST_REACTIONS} at most")
     if APPROACH in known:
         ledger.note(f"'{APPROACH}' is what contacts call the speed at which a gap closes; choose another name")
-    if len({one.law for one in contacts.values()}) > 1:
-        laws = ", ".join(f"'{name}': {one.law}" for name, one in contacts.items())
+    if len({part.law for part in contacts.values()}) > 1:
+        laws = ", ".join(f"'{name}': {part.law}" for name, part in contacts.items())
         ledger.note(f"contacts have several laws ({laws}); several of them at once need one, so give all the same")
     for term, force in statement.forces.items():
-        if any(isinstance(one, Function) for one in force.components.values()):
+        if any(isinstance(part, Function) for part in force.components.values()):
             ledger.note(f"force '{term}' is written in Python, and contacts and friction need forces that can be differentiated; write it as an expression")  # fmt: skip
     power = _power(statement, known)
     for name, contact in contacts.items():
@@ -51,8 +51,8 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
             _check_strengths("kinetic", friction.kinetic, friction.static, statement)
 
 
-def _check_contact(contact: Contact, statement: Statement, known: Dimensions) -> None:
-    gap = dimension_of(contact.gap, known)
+def _check_contact(contact: Contact, statement: Statement, dimensions: Dimensions) -> None:
+    gap = dimension_of(contact.gap, dimensions)
     tree = expand(contact.gap, statement.definitions)
     for what, names in (("state", statement.states), ("drive", statement.drives), ("velocity", map(velocity, statement.coordinates))):  # fmt: skip
         for one in sorted(free_names(tree) & set(names)):
@@ -64,7 +64,11 @@ def _check_contact(contact: Contact, statement: Statement, known: Dimensions) ->
     if all(derivative(tree, {name: ONE}) == ZERO for name in statement.coordinates):
         raise InputError("gap depends on no coordinate: nothing could be pushed away")
     _needs(
-        "restitution", contact.restitution, statement, {**known, APPROACH: gap / statement.time_unit.dimension}, NONE
+        "restitution",
+        contact.restitution,
+        statement,
+        {**dimensions, APPROACH: gap / statement.time_unit.dimension},
+        NONE,
     )
     size = _number(contact.restitution, statement)
     if size is not None and not 0.0 <= size <= 1.0:
@@ -75,25 +79,25 @@ def _check_contact(contact: Contact, statement: Statement, known: Dimensions) ->
     if contact.rest_height is not None and contact.rest_height.unit.dimension != gap:
         raise InputError(f"rest_height is '{contact.rest_height}', needs the unit of the gap, '{gap}'")
     if contact.slip is not None and contact.friction is not None and contact.static is not None:
-        slip = _check_slip(contact.slip, statement, known)
+        slip = _check_slip(contact.slip, statement, dimensions)
         for key, node in (("friction", contact.friction), ("static", contact.static)):
-            _needs(key, node, statement, known, gap / statement.time_unit.dimension / slip)
+            _needs(key, node, statement, dimensions, gap / statement.time_unit.dimension / slip)
         _check_strengths("friction", contact.friction, contact.static, statement)
 
 
 def _check_start(gap: Node, statement: Statement) -> None:
-    """Refuse a motion that begins with one body inside another, by more than rounding."""
-    values = _values(statement) | {name: one.si for name, one in statement.initial.items()}
+    """Refuse a motion that starts with one body inside another, by more than rounding."""
+    values = _values(statement) | {name: quantity.si for name, quantity in statement.initial.items()}
     if free_names(gap) - set(values):
-        return  # of a value that is missing it was said
-    found = evaluate(gap, values)
+        return  # a missing value has been reported already
+    distance = evaluate(gap, values)
     terms = (evaluate(derivative(gap, {name: ONE}), values) * values[name] for name in statement.coordinates)
-    if found < -ROUNDING * sum(map(abs, terms)):
-        raise InputError(f"gap is {found:.6g} (SI units) at the start: one body is inside the other; begin where gaps are not negative")  # fmt: skip
+    if distance < -ROUNDING * sum(map(abs, terms)):
+        raise InputError(f"gap is {distance:.6g} (SI units) at the start: one body is inside the other; begin where gaps are not negative")  # fmt: skip
 
 
 def _check_strengths(key: str, slipping: Node, sticking: Node, statement: Statement) -> None:
-    """Refuse numbers that are no friction, where they are known before the start."""
+    """Refuse negative friction, and static below kinetic friction, where both are known before the start."""
     size, most = _number(slipping, statement), _number(sticking, statement)
     if size is not None and not size >= 0.0:
         raise InputError(f"{_said(key, slipping, size)}, needs to be non-negative")
@@ -102,55 +106,60 @@ def _check_strengths(key: str, slipping: Node, sticking: Node, statement: Statem
 
 
 def _said(key: str, node: Node, size: float) -> str:
-    """Say what a number is, and where it comes from."""
+    """Describe a value and the expression it comes from."""
     return f"{key} is {size:.6g}" if not free_names(node) else f"{key}, {text_of(node)}, is {size:.6g} (SI units)"
 
 
 def _number(node: Node, statement: Statement) -> float | None:
-    """Return what an expression is worth that parameters alone decide."""
+    """Return the value of an expression of parameters alone; None if it reads anything else."""
     tree, values = expand(node, statement.definitions), _values(statement)
     return None if free_names(tree) - set(values) else evaluate(tree, values)
 
 
 def _values(statement: Statement) -> dict[str, float]:
     """Return parameters and constants in SI units."""
-    found = {name: float(constant(name).factor) for name in CONSTANTS} | {"pi": math.pi}
-    return found | {name: one.quantity.si for name, one in statement.parameters.items()}
+    constants = {name: float(constant(name).factor) for name in CONSTANTS} | {"pi": math.pi}
+    return constants | {name: parameter.quantity.si for name, parameter in statement.parameters.items()}
 
 
-def _check_slip(slip: Node, statement: Statement, known: Dimensions) -> Dimension:
+def _check_slip(slip: Node, statement: Statement, dimensions: Dimensions) -> Dimension:
     """Check that a slip is linear in velocities, and return its dimension."""
-    found = dimension_of(slip, known)
+    dimension = dimension_of(slip, dimensions)
     tree, velocities = expand(slip, statement.definitions), set(map(velocity, statement.coordinates))
     if not free_names(tree) & velocities:
         raise InputError(f"slip depends on no velocity; there are {', '.join(sorted(velocities)) or 'none'}")
-    for one in sorted(free_names(tree) & set(statement.states)):
-        raise InputError(f"slip reads the state '{one}', and may read coordinates, velocities, time and parameters")
-    for one in sorted(free_names(tree) & set(statement.drives)):
-        drive = statement.drives[one]
+    for input_name in sorted(free_names(tree) & set(statement.states)):
+        raise InputError(
+            f"slip reads the state '{input_name}', and may read coordinates, velocities, time and parameters"
+        )
+    for input_name in sorted(free_names(tree) & set(statement.drives)):
+        drive = statement.drives[input_name]
         if (drive.argument, drive.interpolation) != ("t", "linear"):
-            raise InputError(f"slip reads the drive '{one}', {drive.interpolation} in {drive.argument}; it may be one of t that is linear")  # fmt: skip
+            raise InputError(f"slip reads the drive '{input_name}', {drive.interpolation} in {drive.argument}; it may be one of t that is linear")  # fmt: skip
     if all(derivative(tree, {name: ONE}) == ZERO for name in velocities):
         raise InputError("slip depends on no velocity: no factor of one is other than zero")
     for name in sorted(velocities):
         if free_names(derivative(tree, {name: ONE})) & velocities:
             raise InputError(f"slip is not linear in {name}; write the relative velocity itself")
-    return found
+    return dimension
 
 
-def _needs(what: str, node: Node, statement: Statement, known: Dimensions, needed: Dimension) -> None:
+def _needs(what: str, node: Node, statement: Statement, dimensions: Dimensions, needed: Dimension) -> None:
     expand(node, statement.definitions)
-    found = dimension_of(node, known)
-    if found != needed:
-        raise InputError(f"{what} has units '{found}', needs '{needed}'")
+    dimension = dimension_of(node, dimensions)
+    if dimension != needed:
+        raise InputError(f"{what} has units '{dimension}', needs '{needed}'")
 
 
-def _power(statement: Statement, known: Dimensions) -> Dimension:
+def _power(statement: Statement, dimensions: Dimensions) -> Dimension:
     """Return the dimension of a force times a velocity, which all coordinates share."""
-    found = {
-        dimension_of(statement.mass[i][i], known) * known[name] * known[name] / statement.time_unit.dimension**3
+    powers = {
+        dimension_of(statement.mass[i][i], dimensions)
+        * dimensions[name]
+        * dimensions[name]
+        / statement.time_unit.dimension**3
         for i, name in enumerate(statement.coordinates)
     }
-    if len(found) != 1:
+    if len(powers) != 1:
         raise InputError("contacts and friction need coordinates whose energies share one unit")
-    return found.pop()
+    return powers.pop()

@@ -1,4 +1,4 @@
-"""Everything that a march watches for: the events of a model, and what its contacts and friction elements may do."""
+"""Everything that a march watches for: events, transitions of contacts and friction elements, switches in forces."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimens
 from xdynamics.model.switches import SidedEverywhere, side, watched_by, where_it_decides
 from xdynamics.units import NONE, Dimension, Quantity
 
-# what a detector is for: an event of the model; a gap that closes, a contact that pulls, one that has settled; a slip
-# that comes to rest, a grip that is lost; a switch hidden in a force, which jumps there, or bends
+# what a detector is for: an event of the model; a gap that closes, a contact that pulls, a contact that has settled;
+# slip that stops, grip that is lost; a switch hidden in a force, which jumps or has a kink there
 OCCASION, GAP, PULL, LIMIT, SLIP, GRIP, SWITCH, KINK = range(8)
 
 
 @dataclass(frozen=True)
 class Detector:
-    """One function whose zero is watched for.
+    """One function whose zeros are located during a march.
 
     Attributes
     ----------
     name : str
         The event, contact or friction element that it belongs to.
     function : Node
-        Without definitions; it may name reactions.
+        With definitions expanded; it may name reactions.
     watched : Node, optional
-        Of a switch that decides something in places alone: the function there, and elsewhere 1, which has no zero.
+        For a switch inside a `where`: the function where the switch has an effect, and 1, which has no zero, elsewhere.
     role : int
     event : Event
-        What the model says, of an occasion.
+        The event of the model, where the role is `OCCASION`.
     reaction : int
         The number of the reaction that it watches, else -1.
     at_zero : int
-        Of a switch, the side that zero belongs to.
+        The side that zero belongs to, of a switch.
     sampled : bool
-        Whether nothing is known of the function between the places where it is looked at: one in Python.
+        Whether nothing is known of the function between the states where it is evaluated: one written in Python.
     drive : str
-        Of a switch that is a table's next point, the drive.
+        The drive, where the switch is the next point of a table.
     time_tolerance, position_tolerance : Quantity, optional
     """
 
@@ -62,48 +62,60 @@ class Detector:
 
     @property
     def looked_at(self) -> Node:
-        """What is looked at for a zero."""
+        """The expression whose zero is located."""
         return self.function if self.watched is None else self.watched
 
 
 @lru_cache(maxsize=64)
 def detectors(model: Model) -> tuple[Detector, ...]:
-    """Return what a model watches for: its events in their order, contacts, friction, and the switches in its forces."""
-    found = []
+    """Return the detectors of a model: its events in their order, contacts, friction, and the switches in its forces."""
+    all_detectors = []
     for name, event in model.events.items():
         sampled = isinstance(event.function, Function)
         tree = Name(python_value(name)) if isinstance(event.function, Function) else model.expanded(event.function)
         place = event.position_tolerance
-        found.append(Detector(name, tree, OCCASION, event.time_tolerance, event.direction, event, sampled=sampled, position_tolerance=place))  # fmt: skip
-    for k, one in enumerate(reactions(model)):
-        part = model.frictions[one.owner] if one.owner in model.frictions else model.contacts[one.owner]
-        if one.sort == NORMAL:
-            until = Binary("-", Name("t"), Name(way(one)))
-            watched = [(GAP, one.gap, "falling"), (PULL, Name(one.name), "falling"), (LIMIT, until, "rising")]
+        all_detectors.append(Detector(name, tree, OCCASION, event.time_tolerance, event.direction, event, sampled=sampled, position_tolerance=place))  # fmt: skip
+    for k, reaction in enumerate(reactions(model)):
+        part = model.frictions[reaction.owner] if reaction.owner in model.frictions else model.contacts[reaction.owner]
+        if reaction.sort == NORMAL:
+            until = Binary("-", Name("t"), Name(way(reaction)))
+            watched = [(GAP, reaction.gap, "falling"), (PULL, Name(reaction.name), "falling"), (LIMIT, until, "rising")]
         else:
-            held = Binary("*", one.most, Name(reactions(model)[one.normal].name)) if one.sort == TANGENT else one.most
-            grip = Binary("-", held, Call("abs", (Name(one.name),)))
-            watched = [(SLIP, one.rate, "either"), (GRIP, grip, "falling")]
-        found += [
-            Detector(one.owner, tree, role, part.time_tolerance, to, reaction=k, position_tolerance=_place(part, role))
-            for role, tree, to in watched
+            held = (
+                Binary("*", reaction.most, Name(reactions(model)[reaction.normal].name))
+                if reaction.sort == TANGENT
+                else reaction.most
+            )
+            grip = Binary("-", held, Call("abs", (Name(reaction.name),)))
+            watched = [(SLIP, reaction.rate, "either"), (GRIP, grip, "falling")]
+        all_detectors += [
+            Detector(
+                reaction.owner,
+                tree,
+                role,
+                part.time_tolerance,
+                direction,
+                reaction=k,
+                position_tolerance=_place(part, role),
+            )
+            for role, tree, direction in watched
         ]
-    return (*found, *_switching(model))
+    return (*all_detectors, *_switching(model))
 
 
 def _switching(model: Model) -> Iterator[Detector]:
-    """Yield the switches in forces, each looked for where it decides something."""
-    sides = {(each.owner, each.function): side(i) for i, each in enumerate(watched_by(model))}
-    for each in watched_by(model):
-        role, watched = SWITCH if each.jumps else KINK, None
-        if each.nested and not isinstance(model, SidedEverywhere):
-            own = {function: name for (owner, function), name in sides.items() if owner == each.owner}
-            watched = where_it_decides(each, own, each.function, ONE)
-        yield Detector(each.name, each.function, role, at_zero=each.at_zero, drive=each.drive, watched=watched)
+    """Yield the switches in forces, each watched where it has an effect."""
+    sides = {(switch.owner, switch.function): side(i) for i, switch in enumerate(watched_by(model))}
+    for switch in watched_by(model):
+        role, watched = SWITCH if switch.jumps else KINK, None
+        if switch.nested and not isinstance(model, SidedEverywhere):
+            own = {function: name for (owner, function), name in sides.items() if owner == switch.owner}
+            watched = where_it_decides(switch, own, switch.function, ONE)
+        yield Detector(switch.name, switch.function, role, at_zero=switch.at_zero, drive=switch.drive, watched=watched)
 
 
 def _place(part: Contact | Friction, role: int) -> Quantity | None:
-    """Return how near to zero a gap is to be; of what else is watched of a contact nothing is asked."""
+    """Return the position tolerance of a contact's gap; its other detectors have none."""
     return part.position_tolerance if role == GAP and isinstance(part, Contact) else None
 
 
@@ -113,14 +125,14 @@ def python_value(event: str) -> str:
 
 
 def python_values(model: Model) -> dict[str, Function]:
-    """Return the event functions that are written in Python, by the names of their values."""
-    found = {python_value(name): one.function for name, one in model.events.items()}
-    return {name: one for name, one in found.items() if isinstance(one, Function)}
+    """Return the event functions written in Python, by the names of their values."""
+    functions = {python_value(name): entry.function for name, entry in model.events.items()}
+    return {name: entry for name, entry in functions.items() if isinstance(entry, Function)}
 
 
 def labels(watched: Iterable[Detector]) -> tuple[str, ...]:
-    """Return the names that stand in `event_detector`: of events, contacts, friction elements, switches."""
-    return tuple(dict.fromkeys(one.name for one in watched))
+    """Return the names used in `event_detector`: of events, contacts, friction elements, switches."""
+    return tuple(dict.fromkeys(detector.name for detector in watched))
 
 
 def function_dimension(model: Model, detector: Detector) -> Dimension:
@@ -136,27 +148,31 @@ def function_dimension(model: Model, detector: Detector) -> Dimension:
 
 @lru_cache(maxsize=64)
 def followed(model: Model) -> tuple[Assignment, ...]:
-    """Return what of the motion leads to the reactions, and how fast all of it changes along the motion.
+    """Return the assignments of the motion up to the reactions, each followed by its time derivative along the motion.
 
     The time derivative of ``x`` is named ``_rate_of_x``.
     """
     if not reactions(model):
         return ()
-    last = max(i for i, one in enumerate(motion(model)) if one.name in {this.name for this in reactions(model)})
-    known, found = dict(model.rates), []
-    for one in motion(model)[: last + 1]:
-        assert not isinstance(one.value, Function)  # noqa: S101 - a model with both is refused
-        found.append(one)
-        if (rate := derivative(one.value, known)) != ZERO:
-            known[one.name] = Name(f"_rate_of_{one.name}")
-            found.append(Assignment(f"_rate_of_{one.name}", rate))
-    return tuple(found)
+    last = max(
+        i
+        for i, assignment in enumerate(motion(model))
+        if assignment.name in {reaction.name for reaction in reactions(model)}
+    )
+    rates, assignments = dict(model.rates), []
+    for assignment in motion(model)[: last + 1]:
+        assert not isinstance(assignment.value, Function)  # noqa: S101 - a model with both is refused
+        assignments.append(assignment)
+        if (rate := derivative(assignment.value, rates)) != ZERO:
+            rates[assignment.name] = Name(f"_rate_of_{assignment.name}")
+            assignments.append(Assignment(f"_rate_of_{assignment.name}", rate))
+    return tuple(assignments)
 
 
 def function_rate(model: Model, detector: Detector) -> Node:
     """Return the time derivative of a detector's function along the motion; see `followed`."""
-    known = {one.name.removeprefix("_rate_of_"): Name(one.name) for one in followed(model) if one.name.startswith("_rate_of_")}  # fmt: skip
-    return derivative(detector.looked_at, {**known, **model.rates})
+    rates = {assignment.name.removeprefix("_rate_of_"): Name(assignment.name) for assignment in followed(model) if assignment.name.startswith("_rate_of_")}  # fmt: skip
+    return derivative(detector.looked_at, {**rates, **model.rates})
 
 
 def function_bend(model: Model, detector: Detector) -> Node:

@@ -1,4 +1,4 @@
-"""Measured tables: CSV text with units in its header, and the piecewise polynomial through it."""
+"""Measured tables: CSV text with units in its header, and the piecewise polynomial through its points."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Table:
-    """A measured table of two columns, and perhaps others with their uncertainties, kept with its whole text.
+    """A measured table of two columns, perhaps with columns of uncertainties, kept with its full text.
 
     Attributes
     ----------
     name : str
-        The file it came from.
+        The file that it was read from.
     text : str
         The CSV text: ``#`` lines, a header ``time [s],thrust [N]``, rows. Line ends are newlines.
     argument_unit, value_unit : Unit
@@ -39,9 +39,9 @@ class Table:
     uncertainty : ndarray, shape (n,), SI, optional
         Standard uncertainty of each value, independent of all others: a column ``u(thrust) [N]``.
     common : ndarray, shape (n,), SI, optional
-        Standard uncertainty that all values have together, as by a calibration: a column ``u_common(thrust) [N]``.
+        Standard uncertainty common to all values, as by a calibration: a column ``u_common(thrust) [N]``.
     column, gaps : str
-        As they were asked for.
+        As passed to `parse`.
     """
 
     name: str
@@ -63,14 +63,14 @@ class Table:
         ----------
         name, text : str
         column : str
-            Name, or whole header, of the values, where there is more than one column of them.
+            Name, or full header, of the values, where there is more than one column of them.
         gaps : {"refuse", "skip"}
-            What is done with lines in which a number is missing.
+            How lines with a missing number are treated.
 
         Raises
         ------
         InputError
-            If the text is faulty; every fault with its line number, and no more of a line than a cell's beginning.
+            If the text is faulty; with the line number of every fault, and only the beginning of a cell.
         """
         sheet = Sheet.of(name, text)
         titles = sheet.titles()
@@ -98,7 +98,7 @@ def coefficients(
     outside : {"error", "zero", "hold"}
         The value beyond the table: nan (which ends a run), 0, or the last value.
     of_time : bool
-        Whether the argument is time, where a march goes on from the last point; else that point is the table's own.
+        Whether the argument is time: a march then continues beyond the last point, which otherwise belongs to the table.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def coefficients(
         Coefficients of (x - origin[k])**3 … **0.
     """
     if interpolation == "previous" and not of_time:  # the last value holds at the last point alone
-        # next to it; of 0 the next number is too small to divide by
+        # just beyond it; the number next to 0 would be too small to divide by
         beyond = max(np.nextafter(argument[-1], np.inf), argument[-1] + 2.0**-52 * (argument[-1] - argument[0]))
         argument, value = np.append(argument, beyond), np.append(value, value[-1])
     pieces = _pieces(argument, value, interpolation)
@@ -129,14 +129,14 @@ def _pieces(argument: Floats, value: Floats, interpolation: str) -> Floats:
 
 
 def doubts_of(name: str, names: Sequence[str]) -> dict[str, int]:
-    """Return the places of the columns with the uncertainties of a column: independent ones, and one common to all."""
-    found = {word: header.format(name) for word, header in DOUBTS.items()}
-    return {word: names.index(header) for word, header in found.items() if header in names}
+    """Return the indices of the columns with the uncertainties of a column, independent and common."""
+    headers = {word: header.format(name) for word, header in DOUBTS.items()}
+    return {word: names.index(header) for word, header in headers.items() if header in names}
 
 
 def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, int]:
-    """Return the places of argument, values, and their uncertainties where there are some."""
-    names = [one.name for one in titles]
+    """Return the column indices of argument, values, and uncertainties if any."""
+    names = [title.name for title in titles]
     doubts = {header.format(name) for name in names for header in DOUBTS.values()}
     values = [k for k, name in enumerate(names) if k and name not in doubts]
     if column:
@@ -151,13 +151,13 @@ def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, i
             else "no column of values beside the first"
         )
         raise InputError(f"table '{sheet.name}', line {sheet.header_line}, has {many}; it is {sheet.found}, and needs two with units, like 'time [s],thrust [N]', with uncertainties further ones, 'u(thrust) [N]' of each value, 'u_common(thrust) [N]' of all together")  # fmt: skip
-    own, found = titles[values[0]], doubts_of(names[values[0]], names)
-    for place in found.values():
-        if titles[place].unit.dimension != own.unit.dimension:
+    value_title, doubt_places = titles[values[0]], doubts_of(names[values[0]], names)
+    for place in doubt_places.values():
+        if titles[place].unit.dimension != value_title.unit.dimension:
             raise InputError(
-                f"table '{sheet.name}', line {sheet.header_line}: uncertainties are in '{titles[place].unit.text}', the values in '{own.unit.text}'"
+                f"table '{sheet.name}', line {sheet.header_line}: uncertainties are in '{titles[place].unit.text}', the values in '{value_title.unit.text}'"
             )
-    return {ARGUMENT: 0, VALUE: values[0]} | found
+    return {ARGUMENT: 0, VALUE: values[0]} | doubt_places
 
 
 def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None:
@@ -178,7 +178,7 @@ def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None
 
 
 def looked_up(table: tuple[Floats, Floats], x: Any, *, of_time: bool) -> tuple[Any, Any]:
-    """Return value and slope of a table's piecewise polynomial at a number or many, from the piece that a march would take."""
+    """Return value and slope of a table's piecewise polynomial at one or many arguments, from the piece that a march uses."""
     origin, powers = table
     last = len(origin) - 1
     piece = np.maximum(np.searchsorted(origin, x, side="right") - 1, 0)

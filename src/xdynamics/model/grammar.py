@@ -1,6 +1,6 @@
-"""What may stand in a model file: every section and every key, with its unit, its default and an example.
+"""The grammar of a model file: every section and every key, with its unit, its default and an example.
 
-The reader takes the keys that it knows from here, and `xdynamics help` prints them: none can be read and not be told.
+The reader takes its known keys from here, and `xdynamics help` prints them: no key can be readable but undocumented.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ class Key:
     Attributes
     ----------
     name : str
-        In angle brackets where it is any name of that kind.
+        In angle brackets if it stands for any name of that kind.
     takes : str
-        What stands behind it, with its unit.
+        The kind of value, with its unit.
     about : str
     default : str
-        What holds where it is not there; `NEEDED` of one that has to be.
+        What applies if the key is absent; `NEEDED` if it is required.
     """
 
     name: str
@@ -46,12 +46,12 @@ class Section:
     ----------
     about : str
     entry : str
-        What an entry is called, of a section of named entries; empty where keys stand in the section itself.
+        What an entry is called, in a section of named entries; empty if the section itself has the keys.
     short : str
-        What may stand in the place of an entry's table.
+        What may be written instead of an entry's table.
     keys : tuple of Key
     example : str
-        TOML in which every key is used.
+        TOML that uses every key.
     """
 
     about: str
@@ -62,17 +62,17 @@ class Section:
 
     @property
     def known(self) -> tuple[str, ...]:
-        """The words that may stand as keys."""
-        return tuple(one.name for one in self.keys if not one.name.startswith("<"))
+        """The keys with a fixed name."""
+        return tuple(key.name for key in self.keys if not key.name.startswith("<"))
 
     @property
     def needed(self) -> tuple[str, ...]:
-        """Those that have to."""
-        return tuple(one.name for one in self.keys if one.default == NEEDED and not one.name.startswith("<"))
+        """The keys that are required."""
+        return tuple(key.name for key in self.keys if key.default == NEEDED and not key.name.startswith("<"))
 
 
 def _words(words: tuple[str, ...]) -> str:
-    return " | ".join(f'"{one}"' for one in words)
+    return " | ".join(f'"{word}"' for word in words)
 
 
 DESCRIPTION = Key("description", "text", "what it is, for people; it goes into the record", "none")
@@ -276,12 +276,12 @@ SECTIONS: dict[str, Section] = {
     ),
     "run": Section(
         "defaults of `xdynamics run`, each an option of the command too", "",
-        tuple(Key(name, one.written, one.about, one.default) for name, one in KEYWORDS.items() if one.example),
-        "[run]\n" + "".join(f"{name} = {one.example}\n" for name, one in KEYWORDS.items() if one.example),
+        tuple(Key(name, keyword.written, keyword.about, keyword.default) for name, keyword in KEYWORDS.items() if keyword.example),
+        "[run]\n" + "".join(f"{name} = {keyword.example}\n" for name, keyword in KEYWORDS.items() if keyword.example),
     ),
 }  # fmt: skip
 
-# what stands above all sections
+# the keys above all sections
 HEAD = (
     Key("name", "text", "of the model, first of all", NEEDED),
     DESCRIPTION,
@@ -289,6 +289,12 @@ HEAD = (
 
 
 def keys_of(section: str, given: Any, more: tuple[str, ...] = (), needed: tuple[str, ...] | None = None) -> None:
-    """Refuse what is no table, has other keys than the section's and some more, or lacks one that is needed."""
+    """Check the keys of an entry against its section.
+
+    Raises
+    ------
+    InputError
+        If it is not a table, has keys other than those of the section and `more`, or lacks a needed one.
+    """
     about = SECTIONS[section]
     keys(given, about.known + more, about.needed if needed is None else needed)

@@ -19,13 +19,13 @@ from xdynamics.model.grammar import keys_of
 from xdynamics.model.parts import Force
 from xdynamics.schema import velocity
 
-INERTIA, POTENTIAL = TERMS = ("inertia", "potential")  # force terms that come of a Lagrangian
+INERTIA, POTENTIAL = TERMS = ("inertia", "potential")  # force terms derived from a Lagrangian
 SAID = "velocity terms of the kinetic energy, by Lagrange's equations"
 
 
 @dataclass(frozen=True)
 class Lagrangian:
-    """The energies that a model was written by.
+    """The energies from which a model is derived.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Lagrangian:
 
 
 def lagrangian(given: object) -> Lagrangian | None:
-    """Read the section, where there is one.
+    """Read the section `lagrangian`, if there is one.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def motion_of(
     Raises
     ------
     InputError
-        If the kinetic energy reads something else than time, the motion and constants, or is not quadratic in velocities.
+        If the kinetic energy reads anything but time, the motion and constants, or is not quadratic in velocities.
     """
     kinetic = expand(energies.kinetic, definitions)
     velocities = [velocity(name) for name in coordinates]
@@ -77,8 +77,8 @@ def motion_of(
         raise InputError(
             f"kinetic reads '{strange[0]}'; a kinetic energy is of coordinates, velocities, t and parameters"
         )
-    momenta = [derivative(kinetic, {one: ONE}) for one in velocities]
-    mass = [[derivative(momentum, {one: ONE}) for one in velocities] for momentum in momenta]
+    momenta = [derivative(kinetic, {v: ONE}) for v in velocities]
+    mass = [[derivative(momentum, {v: ONE}) for v in velocities] for momentum in momenta]
     for i, row in enumerate(mass):
         for j, entry in enumerate(row):
             if moving := sorted(free_names(entry) & set(velocities)):
@@ -89,7 +89,7 @@ def motion_of(
     matrix = tuple(tuple(mass[min(i, j)][max(i, j)] for j in range(n)) for i in range(n))
     forces = {}
     terms = {name: _velocity_terms(kinetic, momentum, coordinates, name) for name, momentum in zip(coordinates, momenta, strict=True)}  # fmt: skip
-    if acting := {name: one for name, one in terms.items() if one != ZERO}:
+    if acting := {name: v for name, v in terms.items() if v != ZERO}:
         forces[INERTIA] = Force(None, dict(acting), SAID, smooth=True)
     if energies.potential is not None:
         forces[POTENTIAL] = Force(energies.potential)
@@ -97,11 +97,11 @@ def motion_of(
 
 
 def _velocity_terms(kinetic: Node, momentum: Node, coordinates: list[str], name: str) -> Node:
-    """Return dT/dq less what the momentum changes by while velocities stay."""
-    found = derivative(kinetic, {name: ONE})
-    changes = derivatives(momentum, {one: {one: ONE} for one in (*coordinates, "t")})
-    for one in (*coordinates, "t"):
-        if one in changes:
-            moved = changes[one] if one == "t" else multiply(changes[one], Name(velocity(one)))
-            found = add(found, negative(moved))
-    return found
+    """Return dT/dq minus the rate of change of the momentum at constant velocities."""
+    total = derivative(kinetic, {name: ONE})
+    changes = derivatives(momentum, {variable: {variable: ONE} for variable in (*coordinates, "t")})
+    for variable in (*coordinates, "t"):
+        if variable in changes:
+            change = changes[variable] if variable == "t" else multiply(changes[variable], Name(velocity(variable)))
+            total = add(total, negative(change))
+    return total

@@ -33,7 +33,7 @@ class Linearisation:
     """A model linearised about one state, in SI units.
 
     With M a = F(t, q, v, x) and x' = r(t, q, v, x), a small change of the state obeys
-    M a = -K q - C v + …; the change of M that goes with a change of the state is in K and C:
+    M a = -K q - C v + …; the change of M with the state is included in K and C:
     da/dz = M^-1 (dF/dz - (dM/dz) a).
 
     Attributes
@@ -72,9 +72,8 @@ def linearise(model: Model, state: Mapping[str, float]) -> Linearisation:
 
     Notes
     -----
-    Where a derivative does not exist it is the one of the branch taken; beyond a table it is the table's own answer.
-    What is infinite or no number stays so in the matrices: nothing is raised for it. A mass matrix that is singular
-    gives nan.
+    Where a derivative does not exist, that of the branch taken is used; beyond a table, what the table gives there.
+    Infinite values and nan stay in the matrices without an error. A singular mass matrix gives nan.
 
     Examples
     --------
@@ -89,33 +88,45 @@ def linearise(model: Model, state: Mapping[str, float]) -> Linearisation:
 
 
 def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Linearisation]:
-    """Linearise a model about one state after the other; its trees are differentiated once."""
-    known, tables, names, places = constants(model), tables_of(model), variables(model), jacobian(model)
+    """Linearise a model about several states in turn; its trees are differentiated once.
+
+    Raises
+    ------
+    InputError
+        If a force is written in Python, or a state lacks a number.
+    """
+    constant_values, tables, names, places = constants(model), tables_of(model), variables(model), jacobian(model)
     n, column_of = len(model.coordinates), {name: i for i, name in enumerate(names)}
     mass = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     row_of = {name: i for i, name in enumerate((*model.coordinates, *(rate(name) for name in model.states)))}
     for state in states:
-        values = evaluated(model, _checked(model, state), known, tables, sloped=True)
-        found, slopes = np.zeros((len(row_of), len(names))), np.zeros((n, len(names)))
+        values = evaluated(model, _checked(model, state), constant_values, tables, sloped=True)
+        derivatives, slopes = np.zeros((len(row_of), len(names))), np.zeros((n, len(names)))
         for (row, by), name in places.items():
             place = row_of[row], column_of[by]
-            found[place] = values[name]
+            derivatives[place] = values[name]
             if place[0] < n:
                 slopes[place] = values[f"_s_{row}_{by}"]
         a = np.array([values[acceleration(name)] for name in model.coordinates])
         matrix = np.zeros((n, n))
         for place, entry in mass.items():
             matrix[place] = evaluate(entry, values)
-        whole = np.vstack([np.eye(n, len(names), n), found])
-        yield Linearisation(names, matrix, 0.0 - slopes[:, :n], 0.0 - slopes[:, n : 2 * n], a, whole)
+        full_jacobian = np.vstack([np.eye(n, len(names), n), derivatives])
+        yield Linearisation(names, matrix, 0.0 - slopes[:, :n], 0.0 - slopes[:, n : 2 * n], a, full_jacobian)
 
 
 def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Floats]:
-    """Return the mass matrix at one state after the other, SI units; states as `linearise` takes them."""
-    known, tables, n = constants(model), tables_of(model), len(model.coordinates)
+    """Yield the mass matrix at each state, SI units; states as `linearise` takes them.
+
+    Raises
+    ------
+    InputError
+        If a state lacks a number.
+    """
+    constant_values, tables, n = constants(model), tables_of(model), len(model.coordinates)
     entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     for state in states:
-        values = dict(known) | _checked(model, state)
+        values = dict(constant_values) | _checked(model, state)
         for (name, drive), table in zip(model.drives.items(), tables, strict=True):
             values[name], _ = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
         matrix = np.zeros((n, n))

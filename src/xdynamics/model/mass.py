@@ -1,4 +1,4 @@
-"""Dividing by the mass, as trees: M u = right, by division or by the factors L D L^T."""
+"""Solving with the mass matrix, as trees: M u = right, by division or by the factors L D L^T."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from xdynamics.model.parts import Function
 
 @dataclass(frozen=True)
 class Assignment:
-    """``name = value``, of an expression without definitions or a function written in Python."""
+    """``name = value``; the value is an expression without definitions, or a function written in Python."""
 
     name: str
     value: Node | Function
 
 
 def factors(model: Model) -> Iterator[Assignment]:
-    """Write what dividing by the mass needs: its diagonal, or the factors of M = L D L^T."""
+    """Write what solving with the mass needs: its diagonal, or the factors of M = L D L^T."""
     if not model.mass_is_full:
         for i in range(len(model.coordinates)):
             yield Assignment(f"_m{i}", Call("positive", (model.expanded(model.mass[i][i]),)))
@@ -53,10 +53,10 @@ def solved(model: Model, rows: Mapping[str, Node], names: Iterable[str] | None =
 
 def product(*names: str) -> Node:
     """Multiply named numbers, one after the other."""
-    factors: list[Node] = [Name(name) for name in names]
-    return reduce(lambda one, other: Binary("*", one, other), factors)
+    operands: list[Node] = [Name(name) for name in names]
+    return reduce(lambda left, right: Binary("*", left, right), operands)
 
 
 def less(tree: Node, taken: Iterable[Node]) -> Node:
-    """Take terms away, one after the other."""
-    return reduce(lambda one, other: Binary("-", one, other), taken, tree)
+    """Subtract terms, one after the other."""
+    return reduce(lambda left, right: Binary("-", left, right), taken, tree)

@@ -1,4 +1,4 @@
-"""Measured tables that are given in Python: DataFrames, DataArrays, arrays by their headers."""
+"""Measured tables passed in Python: DataFrames, DataArrays, mappings of headers to arrays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from xdynamics.model.sheet import shown, written
 
 
 def tabled(owner: str, given: Any) -> str:
-    """Write a table that was given in Python as CSV text, which the model keeps.
+    """Write a table passed in Python as CSV text, which the model keeps.
 
     Parameters
     ----------
@@ -31,20 +31,20 @@ def tabled(owner: str, given: Any) -> str:
     if hasattr(given, "dims") and hasattr(given, "coords"):
         return written(_columns(owner, given))
     if isinstance(given, Mapping):
-        return written({str(name): one for name, one in given.items()})
+        return written({str(name): column for name, column in given.items()})
     raise InputError(f'table is {shown(str(given))}, needs the name of a CSV file, a DataFrame, a DataArray, or arrays by their headers: {{"t [s]": …, "{owner} [N]": …}}')  # fmt: skip
 
 
-def _columns(owner: str, given: Any) -> dict[str, Any]:
+def _columns(owner: str, table: Any) -> dict[str, Any]:
     """Return the columns of a DataArray."""
-    if len(given.dims) != 1:
-        raise InputError(f"table has the dims {given.dims}, needs one, along which it was measured")
-    dim = str(given.dims[0])
-    coordinate = next((one for name, one in given.coords.items() if one.dims == (dim,)), None)
+    if len(table.dims) != 1:
+        raise InputError(f"table has the dims {table.dims}, needs one, along which it was measured")
+    dim = str(table.dims[0])
+    coordinate = next((array for name, array in table.coords.items() if array.dims == (dim,)), None)
     if coordinate is None:
         raise InputError(f"table has no coordinate along '{dim}' that says where it was measured")
-    for what, one in ((f"coordinate '{coordinate.name}'", coordinate), ("table", given)):
-        if "units" not in one.attrs:
+    for what, array in ((f"coordinate '{coordinate.name}'", coordinate), ("table", table)):
+        if "units" not in array.attrs:
             raise InputError(f"{what} has no units; set its attribute 'units'")
-    names = f"{coordinate.name} [{coordinate.attrs['units']}]", f"{given.name or owner} [{given.attrs['units']}]"
-    return dict(zip(names, (coordinate.values, given.values), strict=True))
+    names = f"{coordinate.name} [{coordinate.attrs['units']}]", f"{table.name or owner} [{table.attrs['units']}]"
+    return dict(zip(names, (coordinate.values, table.values), strict=True))

@@ -53,8 +53,9 @@ class Model:
     **statement
         The sections of a model file by name (`name`, `description`, `coordinates`, `parameters`, `mass`,
         `definitions`, `forces`, `drives`, `states`, `lagrangian`, `initial`, `events`, `contacts`, `frictions`, `regimes`,
-        `observables`, `validation`, `correlations`, `discrepancy`, `run`), each a mapping in the file's own words. A force component may also be a numba-compilable Python function
-        whose arguments are declared names; it gets and returns SI floats.
+        `observables`, `validation`, `correlations`, `discrepancy`, `run`), each a mapping with the keys of the file. A
+        force component may also be a numba-compilable Python function whose arguments are declared names; it takes and
+        returns SI floats.
 
     Raises
     ------
@@ -63,8 +64,8 @@ class Model:
 
     Notes
     -----
-    The mass matrix multiplies the acceleration and nothing else: terms that come from its own change, like the
-    centrifugal terms of a double pendulum, are forces and are written as such.
+    The mass matrix multiplies the acceleration only: terms that arise from its change, like the centrifugal terms of a
+    double pendulum, are forces and are written as such.
 
     Examples
     --------
@@ -125,12 +126,14 @@ class Model:
         functions : mapping of str to callable, optional
             The Python functions that the file's forces name.
         tables : {"below", "anywhere"}
-            Where the file may take its tables from: its own folder and below, no link out; or any file.
+            Where the file may take its tables from: its own folder and below, without links out of it; or any file.
 
         Raises
         ------
         ModelError
             If the file cannot be read, or with every fault of its statement.
+        InputError
+            If `tables` is neither word.
         """
         path = Path(path)
         if tables not in REACHES:
@@ -151,12 +154,18 @@ class Model:
 
     @classmethod
     def from_text(cls, text: str, *, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
-        """Read a model from TOML text, like the `model_toml` of an archive, its tables in it; see `from_toml`."""
+        """Read a model from TOML text that includes its tables, like the `model_toml` of an archive; see `from_toml`.
+
+        Raises
+        ------
+        ModelError
+            If the text cannot be read, or with every fault of its statement.
+        """
         return cls._parsed(text, Path("model.toml"), functions, Reach(Path(), EMBEDDED))
 
     @classmethod
     def from_sympy(cls, equations: Any, **sections: Any) -> Model:
-        """Make a model of equations of motion that sympy has derived.
+        """Make a model from equations of motion derived by sympy.
 
         Parameters
         ----------
@@ -169,14 +178,14 @@ class Model:
         Raises
         ------
         InputError
-            If sympy is not installed, or the equations hold what the language of expressions has not.
+            If sympy is not installed, or the equations contain something the language of expressions does not have.
         ModelError
-            If units do not fit.
+            If units do not match.
 
         Notes
         -----
-        sympy's trees are taken over node by node. Their order is sympy's, so that another version of it may make
-        another model, which the digest tells; what is archived is the model itself.
+        sympy's trees are converted node by node. The order of their terms is sympy's, so another version of it may give
+        a different model, which the digest shows; the model itself is archived.
 
         Examples
         --------
@@ -206,7 +215,7 @@ class Model:
     def replace(self, **sections: Mapping[str, Any]) -> Model:
         """Return a model with some entries of some sections replaced.
 
-        A bare number takes the unit the entry has: ``model.replace(parameters={"c": 2e-3})``.
+        A bare number takes the unit of the entry: ``model.replace(parameters={"c": 2e-3})``.
 
         Raises
         ------
@@ -214,16 +223,16 @@ class Model:
             If an entry does not exist or the new model is faulty.
         """
         statement = tomllib.loads(self.to_toml())
-        asked = sections.get("initial")
-        still = [name for name in self.statement.at_rest if isinstance(asked, Mapping) and name in asked]
-        statement.get("initial", {}).update({name: str(self.initial[name]) for name in still})
+        initial = sections.get("initial")
+        resting = [name for name in self.statement.at_rest if isinstance(initial, Mapping) and name in initial]
+        statement.get("initial", {}).update({name: str(self.initial[name]) for name in resting})
         for section, entries in sections.items():
             if not isinstance(statement.get(section, {}), dict) or not isinstance(entries, Mapping):
                 raise ModelError(f"{section} has no entries to replace")
             for key, value in entries.items():
                 if section not in statement or key not in statement[section]:
-                    known = ", ".join(statement.get(section, {})) or "none"
-                    raise ModelError(f"{section} has no entry '{key}'; there are: {known}")
+                    existing = ", ".join(statement.get(section, {})) or "none"
+                    raise ModelError(f"{section} has no entry '{key}'; there are: {existing}")
                 statement[section][key] = _replaced(key, statement[section][key], value)
         model = object.__new__(Model)
         model._fill(statement, Path(), self.functions, Reach(Path(), ANYWHERE))
@@ -232,8 +241,8 @@ class Model:
 
     @property
     def functions(self) -> dict[str, Callable[..., float]]:
-        """The Python functions that are at hand, by name."""
-        return {one.name: one.callable for one in self.python_functions if one.callable is not None}
+        """The Python functions that are available, by name."""
+        return {function.name: function.callable for function in self.python_functions if function.callable is not None}
 
     def require_functions(self) -> None:
         """Refuse to march without the Python functions that forces and events call.
@@ -241,9 +250,9 @@ class Model:
         Raises
         ------
         ModelError
-            Naming those that are not at hand.
+            Naming those that are not available.
         """
-        missing = [one.name for one in self.python_functions if one.callable is None]
+        missing = [function.name for function in self.python_functions if function.callable is None]
         if missing:
             raise ModelError(
                 f"the model calls the Python functions {', '.join(missing)}; hand them over as functions={{name: function}}"
@@ -251,14 +260,14 @@ class Model:
 
     @property
     def python_functions(self) -> list[Function]:
-        """Everything that is written in Python: force components and event functions."""
-        return list({one.name: one for one in self.statement.functions}.values())
+        """Everything written in Python: force components and event functions."""
+        return list({function.name: function for function in self.statement.functions}.values())
 
     @property
     def python_forces(self) -> list[Function]:
-        """Every force component that is written in Python."""
-        parts = [one for force in self.forces.values() for one in force.components.values()]
-        return list({one.name: one for one in parts if isinstance(one, Function)}.values())
+        """Every force component written in Python."""
+        components = [component for force in self.forces.values() for component in force.components.values()]
+        return list({component.name: component for component in components if isinstance(component, Function)}.values())
 
     @cached_property
     def digest(self) -> str:
@@ -267,34 +276,36 @@ class Model:
 
     @cached_property
     def form(self) -> str:
-        """The model as TOML without the numbers of parameters and of the start: what programs are written from."""
+        """The model as TOML without the values of parameters and of the start: compiled programs depend on it alone."""
         parameters = {
-            name: replace(one, quantity=Quantity(0.0, one.quantity.unit), spread=None)
-            for name, one in self.parameters.items()
+            name: replace(entry, quantity=Quantity(0.0, entry.quantity.unit), spread=None)
+            for name, entry in self.parameters.items()
         }
-        initial = {name: Quantity(0.0, one.unit) for name, one in self.initial.items()}
-        said = replace(
+        initial = {name: Quantity(0.0, entry.unit) for name, entry in self.initial.items()}
+        stripped = replace(
             self.statement, name="", description="", parameters=parameters, initial=initial, starts={}, observed={}, run={},
             validation={}, correlations={}, discrepancy={}, pictured=Pictured(), fit=None, at_rest=(),
         )  # fmt: skip
-        return toml.write(said)
+        return toml.write(stripped)
 
     @cached_property
     def units(self) -> dict[str, Unit]:
-        """The unit of every coordinate, velocity and first-order state: as declared, of a velocity that per second."""
-        moved = {name: one.unit for name, one in self.coordinates.items()}
-        rates = {velocity(name): unit.per(self.time_unit) for name, unit in moved.items()}
-        return moved | rates | {name: one.unit for name, one in self.states.items()}
+        """The unit of every coordinate, velocity and first-order state: as declared; of a velocity, that per time."""
+        coordinate_units = {name: part.unit for name, part in self.coordinates.items()}
+        velocity_units = {velocity(name): unit.per(self.time_unit) for name, unit in coordinate_units.items()}
+        return coordinate_units | velocity_units | {name: part.unit for name, part in self.states.items()}
 
     @cached_property
     def force_components(self) -> dict[str, dict[str, Node | Function]]:
-        """Every force term's components; those of a potential are derived: -dV/dq."""
+        """The components of every force term; those of a potential are derived: -dV/dq."""
         return {term: self._components(force) for term, force in self.forces.items()}
 
     @cached_property
     def uncertain(self) -> dict[str, Parameter]:
-        """What has an uncertainty: parameters, then values at the start."""
-        return {name: one for name, one in (self.parameters | self.starts).items() if one.uncertainty > 0}
+        """The inputs with an uncertainty: parameters, then values at the start."""
+        return {
+            name: parameter for name, parameter in (self.parameters | self.starts).items() if parameter.uncertainty > 0
+        }
 
     @property
     def mass_is_full(self) -> bool:
@@ -302,14 +313,16 @@ class Model:
         return self.statement.mass_is_full
 
     def expanded(self, node: Node) -> Node:
-        """Return an expression with every definition put in its place."""
+        """Return an expression with every definition substituted."""
         return expand(node, self.definitions)
 
     def reads(self, node: Node | Function) -> set[str]:
-        """Return the names an expression depends on, through definitions and drives."""
+        """Return the names that an expression depends on, also through definitions and drives."""
         names = set(node.arguments) if isinstance(node, Function) else free_names(self.expanded(node))
         through = {self.drives[name].argument for name in names if name in self.drives}
-        inner = {name for one in names if one in self.definitions for name in self.reads(Name(one))}
+        inner = {
+            name for definition in names if definition in self.definitions for name in self.reads(Name(definition))
+        }
         return names | through | inner
 
     def rate_of(self, node: Node) -> Node:
@@ -318,7 +331,7 @@ class Model:
 
     @cached_property
     def rates(self) -> dict[str, Node]:
-        """The time derivative along the motion of everything that moves."""
+        """The time derivative along the motion of every name that varies."""
         rates: dict[str, Node] = {"t": ONE}
         for name in self.coordinates:
             rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
@@ -334,8 +347,8 @@ class Model:
         return hash(self.digest)
 
     def __repr__(self) -> str:
-        parts = ", ".join([*self.coordinates, *self.states])
-        return f"<xdynamics.Model {self.name!r}: {parts}; forces {', '.join(self.forces) or 'none'}>"
+        variables = ", ".join([*self.coordinates, *self.states])
+        return f"<xdynamics.Model {self.name!r}: {variables}; forces {', '.join(self.forces) or 'none'}>"
 
     @classmethod
     def _parsed(
@@ -364,21 +377,23 @@ class Model:
         if force.potential is None:
             return dict(force.components)
         rates: dict[str, dict[str, Node]] = {name: {name: ONE} for name in self.coordinates}
-        found = derivatives(self.expanded(force.potential), rates)
-        return {name: negative(found[name]) for name in self.coordinates if name in found}
+        gradient = derivatives(self.expanded(force.potential), rates)
+        return {name: negative(gradient[name]) for name in self.coordinates if name in gradient}
 
 
 def _replaced(entry: str, old: Any, value: Any) -> Any:
-    """Put a value in an entry's place; a bare number keeps the entry's unit, a quantity must be of its kind."""
+    """Replace the value of an entry; a bare number keeps the entry's unit, a quantity must have its dimension."""
     text = old.get("value") if isinstance(old, Mapping) else old
-    if getattr(value, "ndim", None) == 0:  # a number of numpy or xarray writes itself with its type
+    if getattr(value, "ndim", None) == 0:  # the repr of a numpy or xarray scalar includes its type
         value = value.item()
     try:
         both = parted(value)
     except InputError as error:
         raise ModelError(f"{entry} = {value!r}: {error}") from None
     if both:
-        kept = {key: one for key, one in old.items() if key not in ("unit", *SIZES)} if isinstance(old, Mapping) else {}
+        kept = (
+            {key: item for key, item in old.items() if key not in ("unit", *SIZES)} if isinstance(old, Mapping) else {}
+        )
         return kept | {"value": both[0], "uncertainty": both[1]}
     if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
         return value
@@ -387,12 +402,12 @@ def _replaced(entry: str, old: Any, value: Any) -> Any:
     except InputError:
         return value  # an expression, not a quantity
     if isinstance(value, str):
-        given = parse_quantity(value)
-        if given.unit.dimension != unit.dimension:
-            raise ModelError(f"{entry} = {value!r} has units '{given.unit.dimension}', needs '{unit.dimension}'")
+        quantity = parse_quantity(value)
+        if quantity.unit.dimension != unit.dimension:
+            raise ModelError(f"{entry} = {value!r} has units '{quantity.unit.dimension}', needs '{unit.dimension}'")
     written = value if isinstance(value, str) else f"{value!r} {unit.text}"
     if not isinstance(old, Mapping):
         return written
-    kept = {key: one for key, one in old.items() if key != "unit"}
+    kept = {key: item for key, item in old.items() if key != "unit"}
     kept |= {key: f"{size!r} {unit.text}" for key in SIZES if isinstance(size := kept.get(key), int | float)}
     return kept | {"value": written}

@@ -56,48 +56,48 @@ def motion(model: Model) -> tuple[Assignment, ...]:
     section 4.1.2). A mass that is not positive gives nan, which ends a run. Contacts and friction elements add their
     forces to what is free without them.
     """
-    found = [*_terms(model), *factors(model)]
+    assignments = [*_terms(model), *factors(model)]
     named = free if reactions(model) else acceleration
-    found += solved(model, {named(name): total for name, total in _totals(model).items()})
-    found += reacting(model)
-    return (*found, *(Assignment(rate(name), model.expanded(one.rate)) for name, one in model.states.items()))
+    assignments += solved(model, {named(name): total for name, total in _totals(model).items()})
+    assignments += reacting(model)
+    return (*assignments, *(Assignment(rate(name), model.expanded(state.rate)) for name, state in model.states.items()))
 
 
 def _terms(model: Model) -> Iterator[Assignment]:
     """Write every force term; in a regime of which it is none it is 0, whatever it would be there."""
-    for term, parts in model.force_components.items():
-        for name, one in parts.items():
+    for term, components in model.force_components.items():
+        for name, component in components.items():
             target = force(term, name)
-            if isinstance(one, Function) and acts_always(model, term):
-                yield Assignment(target, one)
-            elif isinstance(one, Function):
-                yield Assignment(f"_any_{target}", one)
+            if isinstance(component, Function) and acts_always(model, term):
+                yield Assignment(target, component)
+            elif isinstance(component, Function):
+                yield Assignment(f"_any_{target}", component)
                 yield Assignment(target, in_regimes(model, term, Name(f"_any_{target}")))
             else:
-                yield Assignment(target, in_regimes(model, term, model.expanded(one)))
+                yield Assignment(target, in_regimes(model, term, model.expanded(component)))
 
 
 def acts_always(model: Model, term: str) -> bool:
     """Whether a force term acts in every regime."""
-    return all(term in one.forces for one in model.regimes.values())
+    return all(term in regime.forces for regime in model.regimes.values())
 
 
 def in_regimes(model: Model, term: str, tree: Node) -> Node:
     """Return what a tree of a force term is in the regime that holds: itself, or 0."""
     if acts_always(model, term):
         return tree
-    found: Node = ZERO
-    for i, one in reversed(list(enumerate(model.regimes.values()))):
-        if term in one.forces:
+    selected: Node = ZERO
+    for i, regime in reversed(list(enumerate(model.regimes.values()))):
+        if term in regime.forces:
             holds = Compare("==", Name(REGIME_NUMBER), Number(float(i)))
-            found = Call("where", (holds, tree, found))
-    return found
+            selected = Call("where", (holds, tree, selected))
+    return selected
 
 
 def decides(model: Model, switch: Switch) -> Node:
     """Return 1 where a switch decides something, else 0: elsewhere are other sides of a `where`, or other regimes."""
-    found = where_it_decides(switch, {}, ONE, ZERO)
-    return in_regimes(model, switch.owner, found) if switch.owner in model.forces else found
+    indicator = where_it_decides(switch, {}, ONE, ZERO)
+    return in_regimes(model, switch.owner, indicator) if switch.owner in model.forces else indicator
 
 
 @lru_cache(maxsize=64)
@@ -112,12 +112,12 @@ def slopes(model: Model) -> tuple[Assignment, ...]:
         If a force is written in Python.
     """
     forces, masses = force_derivatives(model), mass_derivatives(model)
-    found = [Assignment(f"_dF_{key}_{by}", tree) for (key, by), tree in forces.items()]
-    found += [Assignment(f"_dM_{i}_{j}_{by}", tree) for ((i, j), by), tree in masses.items()]
+    assignments = [Assignment(f"_dF_{key}_{by}", tree) for (key, by), tree in forces.items()]
+    assignments += [Assignment(f"_dM_{i}_{j}_{by}", tree) for ((i, j), by), tree in masses.items()]
     for by, right in _changes(model).items():
-        found += [Assignment(f"_s_{name}_{by}", tree) for name, tree in right.items()]
-        found += solved(model, {f"_da_{name}_{by}": Name(f"_s_{name}_{by}") for name in right}, list(right))
-    return tuple(found)
+        assignments += [Assignment(f"_s_{name}_{by}", tree) for name, tree in right.items()]
+        assignments += solved(model, {f"_da_{name}_{by}": Name(f"_s_{name}_{by}") for name in right}, list(right))
+    return tuple(assignments)
 
 
 @lru_cache(maxsize=64)
@@ -134,10 +134,10 @@ def _changes(model: Model) -> dict[str, dict[str, Node]]:
     forces = {pair: Name(f"_dF_force_{pair[0]}_{pair[1]}") for pair in _acting(model)}
     full = ((name, by) for name in coordinates for by in variables(model)) if model.mass_is_full else ()
     place = _places(model)
-    found: dict[str, dict[str, Node]] = {}
+    changes: dict[str, dict[str, Node]] = {}
     for name, by in sorted({*forces, *taken, *full}, key=lambda pair: (place[pair[1]], place[pair[0]])):
-        found.setdefault(by, {})[name] = less(forces.get((name, by), ZERO), taken.get((name, by), ()))
-    return found
+        changes.setdefault(by, {})[name] = less(forces.get((name, by), ZERO), taken.get((name, by), ()))
+    return changes
 
 
 def _acting(model: Model) -> list[tuple[str, str]]:
@@ -156,9 +156,9 @@ def jacobian(model: Model) -> dict[tuple[str, str], str]:
     """
     columns = _places(model)
     rows = {name: i for i, name in enumerate((*model.coordinates, *map(rate, model.states)))}
-    found = {(name, by): f"_da_{name}_{by}" for by, right in _changes(model).items() for name in right}
-    found |= {(key, by): f"_dF_{key}_{by}" for key, by in force_derivatives(model) if key in rows}
-    return {pair: found[pair] for pair in sorted(found, key=lambda pair: (rows[pair[0]], columns[pair[1]]))}
+    names = {(name, by): f"_da_{name}_{by}" for by, right in _changes(model).items() for name in right}
+    names |= {(key, by): f"_dF_{key}_{by}" for key, by in force_derivatives(model) if key in rows}
+    return {pair: names[pair] for pair in sorted(names, key=lambda pair: (rows[pair[0]], columns[pair[1]]))}
 
 
 @lru_cache(maxsize=64)
@@ -171,16 +171,16 @@ def force_totals(model: Model) -> dict[str, Node]:
         If a force is written in Python: it has no tree.
     """
     if functions := model.python_forces:
-        named = ", ".join(f"'{one.name}'" for one in functions)
+        named = ", ".join(f"'{component.name}'" for component in functions)
         raise InputError(
             f"model '{model.name}' has forces written in Python, {named}, which have no derivative;"
             " write them as expressions to linearise the model"
         )
     totals: dict[str, Node] = {f"force_{name}": ZERO for name in model.coordinates}
-    for term, parts in model.force_components.items():
-        for name, one in parts.items():
-            if not isinstance(one, Function):
-                tree = in_regimes(model, term, model.expanded(one))
+    for term, components in model.force_components.items():
+        for name, component in components.items():
+            if not isinstance(component, Function):
+                tree = in_regimes(model, term, model.expanded(component))
                 totals[f"force_{name}"] = add(totals[f"force_{name}"], tree)
     return totals | {rate(name): model.expanded(state.rate) for name, state in model.states.items()}
 
@@ -201,9 +201,9 @@ def force_derivatives(model: Model) -> dict[tuple[str, str], Node]:
         If a force is written in Python.
     """
     return {
-        (name, by): found
+        (name, by): derivative
         for name, tree in force_totals(model).items()
-        for by, found in _derivatives(model, tree)
+        for by, derivative in _derivatives(model, tree)
     }  # fmt: skip
 
 
@@ -217,9 +217,9 @@ def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
         By row and column, from 0, and by what; zeros are left out. Slopes of drives are named as in `force_derivatives`.
     """
     return {
-        ((i, j), by): found
+        ((i, j), by): derivative
         for (i, j), entry in model.statement.mass_entries.items()
-        for by, found in _derivatives(model, model.expanded(entry))
+        for by, derivative in _derivatives(model, model.expanded(entry))
     }
 
 
@@ -230,7 +230,7 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     They are in SI units over the scales. A march that closes a contact changes its modes, the last of them.
     """
     sizes = {name: scales.of(dimension) for name, dimension in model.dimensions.items()}
-    values = {name: one.quantity.si / sizes[name] for name, one in model.parameters.items()}
+    values = {name: parameter.quantity.si / sizes[name] for name, parameter in model.parameters.items()}
     values |= {name: float(constant(name).factor) / sizes[name] for name in CONSTANTS} | {"pi": math.pi}
     return values | dict.fromkeys([*modes(model), *told(model)], 0.0)
 
@@ -238,15 +238,15 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
 @lru_cache(maxsize=16)
 def tables_of(model: Model, scales: Scales = UNSCALED) -> tuple[Table, ...]:
     """Return the pieces of every drive, in SI units over the scales."""
-    found = []
+    tables = []
     for name, drive in model.drives.items():
         argument = drive.table.argument / scales.of(model.dimensions[drive.argument])
         value = drive.table.value / scales.of(model.dimensions[name])
         of_time = drive.argument == "t"
         with np.errstate(all="ignore"):  # judged below, where the place is known
-            found.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=of_time))
-        _check_pieces(name, drive, found[-1])
-    return tuple(found)
+            tables.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=of_time))
+        _check_pieces(name, drive, tables[-1])
+    return tuple(tables)
 
 
 def _check_pieces(name: str, drive: Drive, pieces: Table) -> None:
@@ -296,12 +296,12 @@ def evaluated(
     values = dict(known) | {name: state[name] for name in ("t", *variables(model))}
     values[REGIME_NUMBER] = state.get(REGIME_NUMBER, float(first_regime(model)))
     for (name, drive), table in zip(model.drives.items(), tables, strict=True):
-        found = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
-        values[name], values[slope(name)] = map(float, found)
+        pair = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
+        values[name], values[slope(name)] = map(float, pair)
     if sloped:
         return values | _tape(model).evaluated(values)
-    for one in motion(model):
-        values[one.name] = _number(model, one.value, values)
+    for assignment in motion(model):
+        values[assignment.name] = _number(model, assignment.value, values)
     return values
 
 
@@ -309,7 +309,9 @@ def evaluated(
 def _tape(model: Model) -> Tape:
     """Return the operations of the motion and its derivatives, of which there may be many thousand."""
     return Tape(
-        (one.name, one.value) for one in (*motion(model), *slopes(model)) if not isinstance(one.value, Function)
+        (assignment.name, assignment.value)
+        for assignment in (*motion(model), *slopes(model))
+        if not isinstance(assignment.value, Function)
     )
 
 
@@ -341,13 +343,13 @@ def evaluated_many(
     values: dict[str, Any] = dict(known) | dict(state)
     for (name, drive), table in zip(model.drives.items(), tables, strict=True):
         values[name], values[slope(name)] = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
-    for one in read_by(model, wanted) if read is None else read:
-        if isinstance(one.value, Function):
-            call = np.vectorize(model.functions[one.value.name], otypes=[float])
-            values[one.name] = call(*(values[name] for name in one.value.arguments))
+    for item in read_by(model, wanted) if read is None else read:
+        if isinstance(item.value, Function):
+            call = np.vectorize(model.functions[item.value.name], otypes=[float])
+            values[item.name] = call(*(values[name] for name in item.value.arguments))
         else:
-            values[one.name] = evaluate_many(one.value, values, math_functions)
-    return [evaluate_many(one, values, math_functions) for one in wanted]
+            values[item.name] = evaluate_many(item.value, values, math_functions)
+    return [evaluate_many(item, values, math_functions) for item in wanted]
 
 
 def read_by(model: Model, wanted: Iterable[Node]) -> list[Assignment]:
@@ -370,10 +372,10 @@ def _number(model: Model, value: Node | Function, values: Mapping[str, float]) -
 def _totals(model: Model) -> dict[str, Node]:
     """Add the force terms of each coordinate, in their order."""
     totals: dict[str, Node] = {}
-    for term, parts in model.force_components.items():
-        for name in parts:
-            one = Name(force(term, name))
-            totals[name] = Binary("+", totals[name], one) if name in totals else one
+    for term, components in model.force_components.items():
+        for name in components:
+            addend = Name(force(term, name))
+            totals[name] = Binary("+", totals[name], addend) if name in totals else addend
     return {name: totals.get(name, ZERO) for name in model.coordinates}
 
 
@@ -394,4 +396,4 @@ def _varying(model: Model) -> dict[str, dict[str, Node]]:
 
 def _derivatives(model: Model, tree: Node) -> list[tuple[str, Node]]:
     """Return the partial derivatives that are not zero, each with its variable."""
-    return sorted(derivatives(tree, _varying(model)).items(), key=lambda one: _places(model)[one[0]])
+    return sorted(derivatives(tree, _varying(model)).items(), key=lambda pair: _places(model)[pair[0]])

@@ -99,7 +99,7 @@ class Function:
             parameters = inspect.signature(plain).parameters
         except (OSError, TypeError):
             raise InputError(f"function {name!r} has no source that can be kept; define it in a file") from None
-        if any(one.kind is not one.POSITIONAL_OR_KEYWORD for one in parameters.values()):
+        if any(parameter.kind is not parameter.POSITIONAL_OR_KEYWORD for parameter in parameters.values()):
             raise InputError(f"function {name!r} must take plain arguments named like the model's quantities")
         if not name.isidentifier() or not name.isascii():
             raise InputError(f"function {name!r} needs a plain name; a lambda has none")

@@ -26,13 +26,13 @@ def expression_or_function(value: Any, functions: Functions) -> Node | Function:
     return _function(value, functions) if isinstance(value, Mapping) else parse(value)
 
 
-def _function(given: Mapping[str, Any], functions: Functions) -> Function:
-    keys(given, ("function", "arguments", "digest", "source"), needed=("function", "digest"))
-    name, arguments = given["function"], given.get("arguments", [])
-    listed = [name, given["digest"], given.get("source", ""), *(arguments if isinstance(arguments, list) else [None])]
-    if not all(isinstance(one, str) for one in listed):
+def _function(entry: Mapping[str, Any], functions: Functions) -> Function:
+    keys(entry, ("function", "arguments", "digest", "source"), needed=("function", "digest"))
+    name, arguments = entry["function"], entry.get("arguments", [])
+    listed = [name, entry["digest"], entry.get("source", ""), *(arguments if isinstance(arguments, list) else [None])]
+    if not all(isinstance(text, str) for text in listed):
         raise InputError(f"function {name!r} needs texts: its name, digest, source and a list of arguments")
-    kept = Function(name, tuple(arguments), given.get("source", ""), given["digest"])
+    kept = Function(name, tuple(arguments), entry.get("source", ""), entry["digest"])
     if name not in functions:
         return kept
     handed = Function.of(functions[name])

@@ -60,8 +60,8 @@ class Reach:
         remedy = (
             f"move it there, or allow every file with tables='{ANYWHERE}' (on the command line: --tables {ANYWHERE})"
         )
-        parts = (Path(name), PureWindowsPath(name))
-        if any(one.is_absolute() or one.drive or ".." in one.parts for one in parts):
+        spellings = (Path(name), PureWindowsPath(name))
+        if any(spelling.is_absolute() or spelling.drive or ".." in spelling.parts for spelling in spellings):
             raise InputError(
                 f"table {name!r} is out of reach: a model file takes tables from its own folder and below; {remedy}"
             )

@@ -67,18 +67,18 @@ class Reaction:
 @lru_cache(maxsize=64)
 def reactions(model: Model) -> tuple[Reaction, ...]:
     """Return the forces of contacts and friction elements: normal ones, then tangents, then dry friction."""
-    found = []
-    for i, (name, one) in enumerate(model.contacts.items()):
-        rate = model.rate_of(one.gap)
-        restitution = expand(model.expanded(one.restitution), {APPROACH: Negative(rate)})
-        found.append(Reaction(contact_force(name), name, NORMAL, i, model.expanded(one.gap), rate, *_moved(model, rate), restitution, ONE))  # fmt: skip
-    for i, (name, one) in enumerate(model.contacts.items()):
-        if one.slip is not None and one.friction is not None and one.static is not None:
-            found.append(_tangent(model, name, TANGENT, i, (one.slip, one.friction, one.static)))
+    forces = []
+    for i, (name, contact) in enumerate(model.contacts.items()):
+        rate = model.rate_of(contact.gap)
+        restitution = expand(model.expanded(contact.restitution), {APPROACH: Negative(rate)})
+        forces.append(Reaction(contact_force(name), name, NORMAL, i, model.expanded(contact.gap), rate, *_moved(model, rate), restitution, ONE))  # fmt: skip
+    for i, (name, contact) in enumerate(model.contacts.items()):
+        if contact.slip is not None and contact.friction is not None and contact.static is not None:
+            forces.append(_tangent(model, name, TANGENT, i, (contact.slip, contact.friction, contact.static)))
     for name, element in model.frictions.items():
         trees = element.slip, element.kinetic, element.static
-        found.append(_tangent(model, name, DRY, len(found), trees))
-    return tuple(found)
+        forces.append(_tangent(model, name, DRY, len(forces), trees))
+    return tuple(forces)
 
 
 def _tangent(model: Model, owner: str, sort: int, normal: int, trees: tuple[Node, Node, Node]) -> Reaction:
@@ -90,8 +90,8 @@ def _moved(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
     """Return the derivatives of a rate by the velocities, and its derivative in time where nothing accelerates."""
     rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.coordinates}
     accelerations = {Name(acceleration(name)) for name in rows}
-    still = {name: one for name, one in model.rates.items() if one not in accelerations}
-    return {name: one for name, one in rows.items() if one != ZERO}, derivative(rate, still)
+    still = {name: tree for name, tree in model.rates.items() if tree not in accelerations}
+    return {name: tree for name, tree in rows.items() if tree != ZERO}, derivative(rate, still)
 
 
 def holds(reaction: Reaction) -> str:
@@ -106,7 +106,7 @@ def way(reaction: Reaction) -> str:
 
 def modes(model: Model) -> tuple[str, ...]:
     """Name the numbers that say what contacts and friction do."""
-    return tuple(name for one in reactions(model) for name in (holds(one), way(one)))
+    return tuple(name for reaction in reactions(model) for name in (holds(reaction), way(reaction)))
 
 
 def free(name: str) -> str:
@@ -116,22 +116,25 @@ def free(name: str) -> str:
 
 def reaction_dimensions(model: Model) -> dict[str, Dimension]:
     """Return the dimension of each reaction: what it does is work."""
-    known, found = model.dimensions, {}
-    for one in reactions(model):
-        i, name = next((i, name) for i, name in enumerate(model.coordinates) if name in one.row)
+    dimensions, by_reaction = model.dimensions, {}
+    for reaction in reactions(model):
+        i, name = next((i, name) for i, name in enumerate(model.coordinates) if name in reaction.row)
         power = (
-            dimension_of(model.mass[i][i], known) * known[name] / model.time_unit.dimension**2 * known[velocity(name)]
+            dimension_of(model.mass[i][i], dimensions)
+            * dimensions[name]
+            / model.time_unit.dimension**2
+            * dimensions[velocity(name)]
         )
-        found[one.name] = power / rate_dimension(model, one)
-    return found
+        by_reaction[reaction.name] = power / rate_dimension(model, reaction)
+    return by_reaction
 
 
 def rate_dimension(model: Model, reaction: Reaction) -> Dimension:
     """Return the dimension of a reaction's rate."""
-    known = model.dimensions
+    dimensions = model.dimensions
     if reaction.sort == NORMAL:
-        return dimension_of(reaction.gap, known) / model.time_unit.dimension
-    return dimension_of(reaction.rate, known)
+        return dimension_of(reaction.gap, dimensions) / model.time_unit.dimension
+    return dimension_of(reaction.rate, dimensions)
 
 
 def reacting(model: Model) -> Iterator[Assignment]:
@@ -140,45 +143,45 @@ def reacting(model: Model) -> Iterator[Assignment]:
     The matrix is taken apart without exchanging rows: its pivots are positive where there is one solution for every
     load (a P-matrix, Cottle, Pang, Stone, The Linear Complementarity Problem, 1992, section 3.3), and nan where not.
     """
-    found = reactions(model)
-    if not found:
+    acting = reactions(model)
+    if not acting:
         return
     yield from pressing(model)
     entries: dict[tuple[int, int], Node] = {}
     right: list[Node] = []
-    for k, one in enumerate(found):
-        held = Compare("==", Name(holds(one)), ONE)
-        for j in range(len(found)):
-            otherwise = _let_go(one, k, j)
-            if _meet(model, one, found[j]) or otherwise != ZERO:
-                gram = Name(_gram(k, j)) if _meet(model, one, found[j]) else ZERO
+    for k, reaction in enumerate(acting):
+        held = Compare("==", Name(holds(reaction)), ONE)
+        for j in range(len(acting)):
+            otherwise = _let_go(reaction, k, j)
+            if _meet(model, reaction, acting[j]) or otherwise != ZERO:
+                gram = Name(_gram(k, j)) if _meet(model, reaction, acting[j]) else ZERO
                 entries[k, j] = Name(f"_entry{k}_{j}")
                 yield Assignment(f"_entry{k}_{j}", Call("where", (held, gram, otherwise)))
-        known = multiply(Negative(Name(way(one))), one.size) if one.sort == DRY else ZERO
+        slipping = multiply(Negative(Name(way(reaction))), reaction.size) if reaction.sort == DRY else ZERO
         right.append(Name(f"_right{k}"))
-        yield Assignment(f"_right{k}", Call("where", (held, Negative(Name(_without(k))), known)))
-    yield from _eliminated(entries, right, [one.name for one in found])
+        yield Assignment(f"_right{k}", Call("where", (held, Negative(Name(_without(k))), slipping)))
+    yield from _eliminated(entries, right, [reaction.name for reaction in acting])
     for name in model.coordinates:
         total: Node = Name(free(name))
-        for k, one in enumerate(found):
-            if name in _reached(model, one):
-                total = add(total, multiply(Name(_reach(k, name)), Name(one.name)))
+        for k, reaction in enumerate(acting):
+            if name in _reached(model, reaction):
+                total = add(total, multiply(Name(_reach(k, name)), Name(reaction.name)))
         yield Assignment(acceleration(name), total)
 
 
 def pressing(model: Model) -> Iterator[Assignment]:
     """Write rows, what a unit of each reaction does to accelerations and to each row, and each row's free acceleration."""
-    found = reactions(model)
-    for k, one in enumerate(found):
-        yield from (Assignment(_row(k, name), tree) for name, tree in one.row.items())
-        reached = _reached(model, one)
-        rows = {_reach(k, name): Name(_row(k, name)) if name in one.row else ZERO for name in reached}
+    acting = reactions(model)
+    for k, reaction in enumerate(acting):
+        yield from (Assignment(_row(k, name), tree) for name, tree in reaction.row.items())
+        reached = _reached(model, reaction)
+        rows = {_reach(k, name): Name(_row(k, name)) if name in reaction.row else ZERO for name in reached}
         yield from solved(model, rows, reached)
-        moved = (Binary("*", Name(_row(k, name)), Name(free(name))) for name in one.row)
-        yield Assignment(_without(k), _sum(one.bias, *moved))
-    for k, one in enumerate(found):
-        for j, other in enumerate(found):
-            if shared := _meet(model, one, other):
+        moved = (Binary("*", Name(_row(k, name)), Name(free(name))) for name in reaction.row)
+        yield Assignment(_without(k), _sum(reaction.bias, *moved))
+    for k, reaction in enumerate(acting):
+        for j, other in enumerate(acting):
+            if shared := _meet(model, reaction, other):
                 terms = (Binary("*", Name(_row(k, name)), Name(_reach(j, name))) for name in shared)
                 yield Assignment(_gram(k, j), _sum(*terms))
 
@@ -192,24 +195,24 @@ def table(model: Model) -> tuple[list[Node], ...]:
         Gap, rate, free acceleration of the row, size and most of each; what each does to each row; its row; what a
         unit of it does to each acceleration.
     """
-    found, coordinates = reactions(model), list(model.coordinates)
+    acting, coordinates = reactions(model), list(model.coordinates)
     numbers: list[Node] = []
     grams: list[Node] = []
     rows: list[Node] = []
     reach: list[Node] = []
-    for k, one in enumerate(found):
-        numbers += [one.gap, one.rate, Name(_without(k)), one.size, one.most]
-        grams += [Name(_gram(k, j)) if _meet(model, one, other) else ZERO for j, other in enumerate(found)]
-        rows += [Name(_row(k, name)) if name in one.row else ZERO for name in coordinates]
-        reach += [Name(_reach(k, name)) if name in _reached(model, one) else ZERO for name in coordinates]
+    for k, reaction in enumerate(acting):
+        numbers += [reaction.gap, reaction.rate, Name(_without(k)), reaction.size, reaction.most]
+        grams += [Name(_gram(k, j)) if _meet(model, reaction, other) else ZERO for j, other in enumerate(acting)]
+        rows += [Name(_row(k, name)) if name in reaction.row else ZERO for name in coordinates]
+        reach += [Name(_reach(k, name)) if name in _reached(model, reaction) else ZERO for name in coordinates]
     return numbers, grams, rows, reach
 
 
-def _let_go(one: Reaction, k: int, j: int) -> Node:
+def _let_go(reaction: Reaction, k: int, j: int) -> Node:
     """Return an entry of the row of a reaction that holds nothing: it is zero, or what slipping makes of the normal force."""
     if j == k:
         return ONE
-    return multiply(Name(way(one)), one.size) if one.sort == TANGENT and j == one.normal else ZERO
+    return multiply(Name(way(reaction)), reaction.size) if reaction.sort == TANGENT and j == reaction.normal else ZERO
 
 
 def _eliminated(entries: dict[tuple[int, int], Node], right: list[Node], names: list[str]) -> Iterator[Assignment]:
@@ -231,19 +234,19 @@ def _eliminated(entries: dict[tuple[int, int], Node], right: list[Node], names: 
         yield Assignment(names[i], Binary("/", less(right[i], back), Name(f"_pivot{i}")))
 
 
-def _reached(model: Model, one: Reaction) -> list[str]:
+def _reached(model: Model, reaction: Reaction) -> list[str]:
     """Return the coordinates that a reaction accelerates: through a full mass all."""
-    return list(model.coordinates) if model.mass_is_full else list(one.row)
+    return list(model.coordinates) if model.mass_is_full else list(reaction.row)
 
 
-def _meet(model: Model, one: Reaction, other: Reaction) -> list[str]:
+def _meet(model: Model, reaction: Reaction, other: Reaction) -> list[str]:
     """Return the coordinates through which one reaction meets another."""
-    return [name for name in one.row if name in _reached(model, other)]
+    return [name for name in reaction.row if name in _reached(model, other)]
 
 
 def _sum(first: Node, *terms: Node) -> Node:
-    for one in terms:
-        first = add(first, one)
+    for term in terms:
+        first = add(first, term)
     return first
 
 

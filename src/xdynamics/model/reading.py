@@ -38,7 +38,7 @@ from xdynamics.model.words import choice, described, flag, near
 from xdynamics.schema import velocity
 from xdynamics.units import CONSTANTS, NUMBERS, SECONDS, Quantity, Scales, Unit, parse_quantity, parse_unit, time_in
 
-HEAD_KEYS = tuple(one.name for one in HEAD)
+HEAD_KEYS = tuple(key.name for key in HEAD)
 
 
 def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: Reach) -> Statement:
@@ -61,14 +61,14 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts: dict[str, Any] = {"name": name, "description": _head(name, statement, ledger)}
 
     def named(key: str, what: str, reader: Callable[[str, Any], Any]) -> dict[str, Any]:
-        found = {}
-        for one, given in sections[key].items():
-            with ledger.entry(f"{what} '{one}'"):
-                found[one] = reader(one, given)
-        return found
+        results = {}
+        for entry, content in sections[key].items():
+            with ledger.entry(f"{what} '{entry}'"):
+                results[entry] = reader(entry, content)
+        return results
 
     def entries(key: str, what: str, reader: Callable[[Any], Any]) -> dict[str, Any]:
-        return named(key, what, lambda _, given: reader(given))
+        return named(key, what, lambda _, content: reader(content))
 
     parts["time_unit"] = SECONDS
     with ledger.entry("time"):
@@ -76,25 +76,27 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     parts["coordinates"] = entries("coordinates", "coordinate", _coordinate)
     parts["parameters"] = entries("parameters", "parameter", _parameter)
     parts["definitions"] = entries("definitions", "definition", parse)
-    parts["drives"] = named("drives", "drive", lambda one, given: _drive(one, given, reach))
+    parts["drives"] = named("drives", "drive", lambda entry, content: _drive(entry, content, reach))
     parts["states"] = entries("states", "state", _state)
-    parts["forces"] = entries("forces", "force", lambda given: _force(given, functions))
-    parts["events"] = entries("events", "event", lambda given: event(given, functions))
+    parts["forces"] = entries("forces", "force", lambda content: _force(content, functions))
+    parts["events"] = entries("events", "event", lambda content: event(content, functions))
     parts["contacts"] = entries("contacts", "contact", contact) | entries("strikes", "event", impact)
     parts["frictions"] = entries("frictions", "friction", friction)
     parts["regimes"] = entries("regimes", "regime", regime)
     observables = entries("observables", "observable", _observable)
-    parts["observables"] = {one: tree for one, (tree, _) in observables.items()}
-    parts["observed"] = {one: about for one, (_, about) in observables.items() if about != Observable()}
+    parts["observables"] = {entry: tree for entry, (tree, _) in observables.items()}
+    parts["observed"] = {entry: about for entry, (_, about) in observables.items() if about != Observable()}
     parts["validation"] = named(
-        "validation", "validation", lambda one, given: validation(one, given, parts["time_unit"])
+        "validation", "validation", lambda entry, content: validation(entry, content, parts["time_unit"])
     )
     parts["regime"] = _first_regime(sections["initial"], list(parts["regimes"]), ledger)
     sections["initial"] = {key: value for key, value in sections["initial"].items() if key != "regime"}
     starts = entries("initial", "initial value", _parameter)
     parts["initial"] = _initial(starts, parts["coordinates"], sections["initial"], parts["time_unit"])
-    parts["at_rest"] = tuple(velocity(one) for one in parts["coordinates"] if velocity(one) not in sections["initial"])
-    parts["starts"] = {key: one for key, one in starts.items() if one.spread or one.description}
+    parts["at_rest"] = tuple(
+        velocity(entry) for entry in parts["coordinates"] if velocity(entry) not in sections["initial"]
+    )
+    parts["starts"] = {key: entry for key, entry in starts.items() if entry.spread or entry.description}
     parts["correlations"] = {}
     with ledger.entry("correlations"):
         parts["correlations"] = correlations_of(sections["correlations"])
@@ -119,28 +121,28 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
 
 def _head(name: Any, statement: Mapping[str, Any], ledger: Ledger) -> str:
     """Return the description of a model; of its name too the signs are looked at."""
-    found = ""
+    description = ""
     with ledger.entry("description"):
-        found = described(statement)
+        description = described(statement)
     if isinstance(name, str):
         with ledger.entry("name"):
             described({"description": name})
-    return found
+    return description
 
 
 def _initial(
-    starts: Mapping[str, Parameter], coordinates: Mapping[str, Coordinate], given: Mapping[str, Any], time: Unit
+    starts: Mapping[str, Parameter], coordinates: Mapping[str, Coordinate], section: Mapping[str, Any], time: Unit
 ) -> dict[str, Quantity]:
     """Return where a motion starts: at 0 and at rest, where nothing else is said."""
-    still = {velocity(one): Quantity(0.0, about.unit.per(time)) for one, about in coordinates.items()}
-    found = {"t": Quantity(0.0, time)} | {key: one.quantity for key, one in starts.items()}
-    return found | {key: one for key, one in still.items() if key not in given}
+    at_rest = {velocity(entry): Quantity(0.0, about.unit.per(time)) for entry, about in coordinates.items()}
+    initial = {"t": Quantity(0.0, time)} | {key: entry.quantity for key, entry in starts.items()}
+    return initial | {key: entry for key, entry in at_rest.items() if key not in section}
 
 
 def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[str, Any]:
     section = statement.get(key, {})
-    if isinstance(section, Mapping) and (said := excess(section)):
-        ledger.note(f"[{key}] {said}")
+    if isinstance(section, Mapping) and (fault := excess(section)):
+        ledger.note(f"[{key}] {fault}")
         return {}
     if isinstance(section, Mapping):
         return section
@@ -152,11 +154,13 @@ def _told_apart(
     events: Mapping[str, Any], contacts: Mapping[str, Any], ledger: Ledger
 ) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Return the events, and apart from them those that are contacts."""
-    strikes = {name: one for name, one in events.items() if isinstance(one, Mapping) and one.get("action") == STRIKE}
+    strikes = {
+        name: entry for name, entry in events.items() if isinstance(entry, Mapping) and entry.get("action") == STRIKE
+    }
     for name in strikes:
         if name in contacts:
             ledger.note(f"event '{name}' and contact '{name}' are both impacts; rename one, or leave it out")
-    return {name: one for name, one in events.items() if name not in strikes}, strikes
+    return {name: entry for name, entry in events.items() if name not in strikes}, strikes
 
 
 def _coordinate(given: Any) -> Coordinate:
@@ -178,15 +182,15 @@ def _parameter(given: Any) -> Parameter:
 def _pictured(given: Mapping[str, Any]) -> Pictured:
     keys_of("figure", given)
     wrap = given.get("wrap", [])
-    if not isinstance(wrap, list | tuple) or not all(isinstance(one, str) for one in wrap):
+    if not isinstance(wrap, list | tuple) or not all(isinstance(angle, str) for angle in wrap):
         raise InputError(f'wrap is {wrap!r}, needs a list of angles, like ["theta"]')
     section = parse(given["section"]) if "section" in given else None
     return Pictured(_plane(given["plane"]) if "plane" in given else (), section, tuple(wrap))
 
 
 def _plane(row: Any) -> tuple[tuple[Node, Node], ...]:
-    pairs = [row] if isinstance(row, list | tuple) and all(isinstance(one, str) for one in row) else row
-    if not isinstance(pairs, list | tuple) or not pairs or any(not isinstance(one, list | tuple) or len(one) != 2 for one in pairs):  # fmt: skip
+    pairs = [row] if isinstance(row, list | tuple) and all(isinstance(item, str) for item in row) else row
+    if not isinstance(pairs, list | tuple) or not pairs or any(not isinstance(item, list | tuple) or len(item) != 2 for item in pairs):  # fmt: skip
         raise InputError(f'plane is {row!r}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs')  # fmt: skip
     return tuple((parse(across), parse(up)) for across, up in pairs)
 
@@ -230,10 +234,10 @@ def _force(given: Any, functions: Functions) -> Force:
         if components:
             raise InputError(f"has a potential and the components {', '.join(components)}; write two forces")
         return Force(parse(given["potential"]), {}, described(given), flag(given, "smooth"))
-    read: dict[str, Node | Function] = {}
+    by_coordinate: dict[str, Node | Function] = {}
     for coordinate, value in components.items():
-        read[coordinate] = expression_or_function(value, functions)
-    return Force(None, read, described(given), flag(given, "smooth"))
+        by_coordinate[coordinate] = expression_or_function(value, functions)
+    return Force(None, by_coordinate, described(given), flag(given, "smooth"))
 
 
 def _drive(owner: str, given: Any, reach: Reach) -> Drive:
@@ -289,7 +293,7 @@ def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node,
         faults = [f"of coordinate '{name}' is missing" for name in missing]
         raise InputError("; ".join(faults + [f"of '{name}', which is no coordinate" for name in unknown]))
     diagonal, n = [parse(str(given[name])) for name in coordinates], len(coordinates)
-    return tuple((*[ZERO] * i, one, *[ZERO] * (n - 1 - i)) for i, one in enumerate(diagonal))
+    return tuple((*[ZERO] * i, element, *[ZERO] * (n - 1 - i)) for i, element in enumerate(diagonal))
 
 
 def _derive(parts: dict[str, Any], mass: Mapping[str, Any]) -> None:

@@ -20,8 +20,8 @@ LONGEST_HEADER = 10_000
 
 # name [unit], name (unit), name / unit: of u(name), u_common(name) the name is in the parentheses
 _TITLES = tuple(
-    re.compile(one)
-    for one in (
+    re.compile(pattern)
+    for pattern in (
         r"\s*(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]\s*",
         r"\s*(?P<name>u(?:_common)?\([^()]*\)|[^()]*[^()/\s])\s*\((?P<unit>[^()]*)\)\s*",
         r"\s*(?P<name>[^/]*?)\s*/\s*\(?(?P<unit>[^/\s(][^()]*?)\)?\s*",
@@ -85,7 +85,7 @@ class Sheet:
     @property
     def found(self) -> str:
         """Say how it was read, for messages."""
-        return f"separated by {SEPARATORS[self.separator]}, columns {', '.join(shown(one) for one in self.header)}"
+        return f"separated by {SEPARATORS[self.separator]}, columns {', '.join(shown(cell) for cell in self.header)}"
 
     def titles(self) -> tuple[Title, ...]:
         """Read names and units of the columns.
@@ -96,15 +96,15 @@ class Sheet:
             With every column that has no name or no unit that can be read.
         """
         ledger = Ledger(f"table '{self.name}', line {self.header_line} ({self.found})")
-        found = []
+        columns = []
         for cell in self.header:
             with ledger.entry(f"column {shown(cell)}"):
-                found.append(title(cell))
-        names = [one.name for one in found]
+                columns.append(title(cell))
+        names = [one.name for one in columns]
         for one in sorted({name for name in names if names.count(name) > 1}):
             ledger.note(f"two columns are called {shown(one)}")
         ledger.settle()
-        return tuple(found)
+        return tuple(columns)
 
     def numbers(self, columns: Sequence[int], *, skip: bool = False) -> list[tuple[int, tuple[float, ...]]]:
         """Read the numbers of some columns, with the number of each line.
@@ -140,11 +140,11 @@ class Sheet:
                 )
                 continue
             read = [self._number(cell) for cell in wanted]
-            if wrong := [cell for cell, one in zip(wanted, read, strict=True) if one is None]:
+            if wrong := [cell for cell, value in zip(wanted, read, strict=True) if value is None]:
                 ledger.note(f"line {number}: {shown(wrong[0])} is no number")
                 continue
-            row = tuple(one for one in read if one is not None)
-            if infinite := [cell for cell, one in zip(wanted, row, strict=True) if not isfinite(one)]:
+            row = tuple(value for value in read if value is not None)
+            if infinite := [cell for cell, value in zip(wanted, row, strict=True) if not isfinite(value)]:
                 ledger.note(f"line {number}: {shown(infinite[0])} is not finite")
                 continue
             rows.append((number, row))
@@ -155,10 +155,10 @@ class Sheet:
         if self.decimal == ",":
             cell = cell.replace(",", ".")
         try:
-            found = float(cell)
+            value = float(cell)
         except ValueError:
             return None
-        return found if _PLAIN.fullmatch(cell) else None
+        return value if _PLAIN.fullmatch(cell) else None
 
 
 def _cells(name: str, number: int, line: str, separator: str) -> list[str]:
@@ -188,9 +188,9 @@ def title(cell: str) -> Title:
     >>> [(one.name, one.unit.text) for one in map(title, ["force [mN]", "Time/ms", "u(x) (mm)"])]
     [('force', 'mN'), ('Time', 'ms'), ('u(x)', 'mm')]
     """
-    for one in _TITLES:
-        if found := one.fullmatch(cell):
-            return Title(found["name"], parse_unit(found["unit"].strip() or "1"))
+    for pattern in _TITLES:
+        if match := pattern.fullmatch(cell):
+            return Title(match["name"], parse_unit(match["unit"].strip() or "1"))
     raise InputError("it has no unit; write it like 'time [s]', of a pure number 'count [1]'")
 
 
@@ -224,16 +224,16 @@ def written(columns: dict[str, Any]) -> str:
     import numpy as np
 
     try:
-        values = {name: np.asarray(one, float).ravel() for name, one in columns.items()}
+        values = {name: np.asarray(value, float).ravel() for name, value in columns.items()}
     except (TypeError, ValueError):
         raise InputError(
             f"columns {', '.join(map(shown, map(str, columns)))} hold something else than numbers"
         ) from None
-    sizes = {one.size for one in values.values()}
+    sizes = {value.size for value in values.values()}
     if len(sizes) != 1:
-        raise InputError(f"columns have {', '.join(f'{one.size} ({name})' for name, one in values.items())} rows")
+        raise InputError(f"columns have {', '.join(f'{value.size} ({name})' for name, value in values.items())} rows")
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(values)
-    rows.writerows(tuple("" if one != one else repr(one) for one in row) for row in zip(*(one.tolist() for one in values.values()), strict=True))  # fmt: skip
+    rows.writerows(tuple("" if value != value else repr(value) for value in row) for row in zip(*(value.tolist() for value in values.values()), strict=True))  # fmt: skip
     return text.getvalue()

@@ -36,9 +36,9 @@ def monotone_slopes(x: Floats, y: Floats) -> Floats:
     secant = np.diff(y) / h
     if len(x) == 2:
         return np.repeat(secant, 2)
-    one, other = 2.0 * h[1:] + h[:-1], h[1:] + 2.0 * h[:-1]
+    w1, w2 = 2.0 * h[1:] + h[:-1], h[1:] + 2.0 * h[:-1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = (one / secant[:-1] + other / secant[1:]) / (one + other)
+        mean = (w1 / secant[:-1] + w2 / secant[1:]) / (w1 + w2)
         inner = np.where(np.sign(secant[:-1]) * np.sign(secant[1:]) > 0.0, 1.0 / mean, 0.0)
     first, last = _at_end(h[0], h[1], secant[0], secant[1]), _at_end(h[-1], h[-2], secant[-1], secant[-2])
     return np.concatenate([[first], inner, [last]])

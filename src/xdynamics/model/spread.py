@@ -72,8 +72,8 @@ class Spread:
         if self.degrees_of_freedom is not None:
             from scipy import special
 
-            found: Floats = special.stdtrit(self.degrees_of_freedom, points)
-            return found * sqrt(1.0 - 2.0 / self.degrees_of_freedom)
+            quantile: Floats = special.stdtrit(self.degrees_of_freedom, points)
+            return quantile * sqrt(1.0 - 2.0 / self.degrees_of_freedom)
         return normal_quantile(points)
 
 
@@ -93,9 +93,9 @@ def parted(text: Any) -> tuple[str, str] | None:
     >>> parted("50 ± 0.5 g")
     ('50 g', '0.5 g')
     """
-    if not isinstance(text, str) or (found := _BETWEEN.search(text)) is None:
+    if not isinstance(text, str) or (match := _BETWEEN.search(text)) is None:
         return None
-    value, size = text[: found.start()].strip(), text[found.end() :].strip()
+    value, size = text[: match.start()].strip(), text[match.end() :].strip()
     unit = parse_quantity(size).unit.text
     return f"{value} {unit}", size
 
@@ -108,18 +108,18 @@ def spread_of(given: Mapping[str, Any], value: Quantity) -> Spread | None:
     InputError
         If its keys contradict each other, or its unit is another one than the value's.
     """
-    told = [key for key in SIZES if key in given]
-    if not told:
+    sizes = [key for key in SIZES if key in given]
+    if not sizes:
         if "distribution" in given or "degrees_of_freedom" in given:
             raise InputError("has a distribution, and no uncertainty or half_width that says how wide it is")
         return None
-    if len(told) > 1:
+    if len(sizes) > 1:
         raise InputError("has an uncertainty and a half_width; write one: the other follows from the distribution")
-    bounded = told == ["half_width"]
+    bounded = sizes == ["half_width"]
     distribution = choice(given, "distribution", DISTRIBUTIONS, RECTANGULAR if bounded else NORMAL)
     if bounded and distribution not in HALF_WIDTHS:
         raise InputError(f"half_width: a distribution that is {distribution} has no bounds; write its uncertainty")
-    return Spread(_size(given[told[0]], told[0], value), distribution, bounded, _freedom(given, distribution))
+    return Spread(_size(given[sizes[0]], sizes[0], value), distribution, bounded, _freedom(given, distribution))
 
 
 def _size(given: Any, key: str, value: Quantity) -> Quantity:
@@ -134,14 +134,16 @@ def _size(given: Any, key: str, value: Quantity) -> Quantity:
 
 
 def _freedom(given: Mapping[str, Any], distribution: str) -> float | None:
-    told = given.get("degrees_of_freedom")
+    value = given.get("degrees_of_freedom")
     if distribution != STUDENT:
-        if told is not None:
-            raise InputError(f"degrees_of_freedom is {told!r}; a distribution that is {distribution} has none")
+        if value is not None:
+            raise InputError(f"degrees_of_freedom is {value!r}; a distribution that is {distribution} has none")
         return None
-    if isinstance(told, bool) or not isinstance(told, int | float) or not 2 < told < float("inf"):
-        raise InputError(f"degrees_of_freedom is {told!r}; a t distribution needs a number over 2, or has no deviation")
-    return float(told)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 2 < value < float("inf"):
+        raise InputError(
+            f"degrees_of_freedom is {value!r}; a t distribution needs a number over 2, or has no deviation"
+        )
+    return float(value)
 
 
 def correlations_of(section: Mapping[str, Any]) -> dict[tuple[str, str], float]:
@@ -152,17 +154,17 @@ def correlations_of(section: Mapping[str, Any]) -> dict[tuple[str, str], float]:
     InputError
         If one is no number from -1 to 1, or a pair is there twice.
     """
-    found: dict[tuple[str, str], float] = {}
+    coefficients: dict[tuple[str, str], float] = {}
     for name, others in section.items():
         if not isinstance(others, Mapping):
             raise InputError(f"{name} = {others!r} must be a table, like m = {{ c = 0.3 }}")
         for other, value in others.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not -1 <= value <= 1:
                 raise InputError(f"{name} and {other}: {value!r} is no number from -1 to 1")
-            if name == other or (other, name) in found:
+            if name == other or (other, name) in coefficients:
                 raise InputError(f"{name} and {other}: " + ("a number with itself has 1" if name == other else "are there twice"))  # fmt: skip
-            found[name, other] = float(value)
-    return found
+            coefficients[name, other] = float(value)
+    return coefficients
 
 
 # Wichura 1988, algorithm AS 241 (doi:10.2307/2347330): numerators and denominators near the middle, in the tails, far out
@@ -190,8 +192,8 @@ def normal_quantile(points: Floats) -> Floats:
 
 def _ratio(powers: tuple[tuple[float, ...], tuple[float, ...]], x: Floats) -> Floats:
     above, below = (np.zeros_like(x), np.zeros_like(x))
-    for one, other in zip(reversed(powers[0]), reversed(powers[1]), strict=True):
-        above, below = above * x + one, below * x + other
+    for p, q in zip(reversed(powers[0]), reversed(powers[1]), strict=True):
+        above, below = above * x + p, below * x + q
     return above / below
 
 
@@ -211,12 +213,12 @@ def deviations(spreads: Sequence[Spread], correlation: Floats, points: Floats) -
         If no numbers can be correlated so.
     """
     root = root_of(correlation)
-    found = np.stack([one.at(points[:, i]) for i, one in enumerate(spreads)], axis=-1)
-    mixed = np.zeros_like(found)
+    draws = np.stack([spread.at(points[:, i]) for i, spread in enumerate(spreads)], axis=-1)
+    mixed = np.zeros_like(draws)
     for i in range(len(spreads)):
         for k in range(i + 1):
             if root[i, k] != 0.0:
-                mixed[:, i] += root[i, k] * found[:, k]
+                mixed[:, i] += root[i, k] * draws[:, k]
     return mixed
 
 
@@ -229,28 +231,28 @@ def root_of(correlation: Floats) -> Floats:
         If no numbers can be correlated so.
     """
     n = len(correlation)
-    found = np.zeros((n, n))
+    root = np.zeros((n, n))
     for i in range(n):
         for j in range(i + 1):
             left = float(correlation[i, j])
             for k in range(j):
-                left -= float(found[i, k]) * float(found[j, k])
+                left -= float(root[i, k]) * float(root[j, k])
             if i == j and left < -NOTHING:
                 raise InputError("correlations contradict each other: no numbers can have all of them")
             if i == j:
-                found[i, i] = sqrt(left) if left > NOTHING else 0.0
-            elif found[j, j] > 0.0:
-                found[i, j] = left / found[j, j]
+                root[i, i] = sqrt(left) if left > NOTHING else 0.0
+            elif root[j, j] > 0.0:
+                root[i, j] = left / root[j, j]
             elif abs(left) > NOTHING:
                 raise InputError("correlations contradict each other: no numbers can have all of them")
-    return found
+    return root
 
 
 def matrix_of(names: list[str], correlations: Mapping[tuple[str, str], float]) -> Floats:
     """Return the correlation matrix of some names."""
-    found = np.eye(len(names))
-    for (one, other), value in correlations.items():
-        if one in names and other in names:
-            i, j = names.index(one), names.index(other)
-            found[i, j] = found[j, i] = value
-    return found
+    matrix = np.eye(len(names))
+    for (name, other), value in correlations.items():
+        if name in names and other in names:
+            i, j = names.index(name), names.index(other)
+            matrix[i, j] = matrix[j, i] = value
+    return matrix

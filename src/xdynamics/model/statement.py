@@ -74,9 +74,9 @@ class Statement:
     @cached_property
     def functions(self) -> tuple[Function, ...]:
         """Everything that is written in Python, in the order written: force components, then event functions."""
-        parts = [part for one in self.forces.values() for part in one.components.values()]
-        parts += [one.function for one in self.events.values()]
-        return tuple(one for one in parts if isinstance(one, Function))
+        parts = [part for item in self.forces.values() for part in item.components.values()]
+        parts += [item.function for item in self.events.values()]
+        return tuple(item for item in parts if isinstance(item, Function))
 
     @cached_property
     def mass_is_full(self) -> bool:

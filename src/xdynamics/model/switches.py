@@ -75,12 +75,12 @@ class Switch:
 @lru_cache(maxsize=64)
 def switches(model: Model) -> tuple[Switch, ...]:
     """Return the hidden switches of forces and rates that are not declared smooth, in the order written."""
-    found: list[Switch] = []
+    hidden: list[Switch] = []
     for owner, trees in _trees(model, smooth=False):
-        told = {one.drive for one in found}
-        found += [_between(model, owner, name) for name in _bent(model, trees) if name not in told]
-        found += _of_trees(model, owner, trees)
-    return tuple(found)
+        drives = {switch.drive for switch in hidden}
+        hidden += [_between(model, owner, name) for name in _bent(model, trees) if name not in drives]
+        hidden += _of_trees(model, owner, trees)
+    return tuple(hidden)
 
 
 @lru_cache(maxsize=64)
@@ -89,7 +89,7 @@ def smooth_switches(model: Model) -> tuple[Switch, ...]:
 
     Points of tables are not among them; see `bent_and_smooth`.
     """
-    return tuple(one for owner, trees in _trees(model, smooth=True) for one in _of_trees(model, owner, trees))
+    return tuple(switch for owner, trees in _trees(model, smooth=True) for switch in _of_trees(model, owner, trees))
 
 
 def bent_and_smooth(model: Model) -> tuple[str, ...]:
@@ -99,23 +99,23 @@ def bent_and_smooth(model: Model) -> tuple[str, ...]:
 
 def _of_trees(model: Model, owner: str, trees: list[Node]) -> list[Switch]:
     """Return the switches of one force or rate; what is met again holds along its other paths too."""
-    found: dict[tuple[str, Node], Switch] = {}
+    merged: dict[tuple[str, Node], Switch] = {}
     counts: dict[str, int] = {}
     for tree in trees:
         for name, function, jumps, at_zero, path, flatness in _kinks(tree):
             if not _moves(model, function):
                 continue
-            known = found.get((name, function))
-            if known is not None:
-                paths = known.paths if path in known.paths else (*known.paths, path)
-                found[name, function] = replace(known, paths=paths, flatness=min(known.flatness, flatness))
+            previous = merged.get((name, function))
+            if previous is not None:
+                paths = previous.paths if path in previous.paths else (*previous.paths, path)
+                merged[name, function] = replace(previous, paths=paths, flatness=min(previous.flatness, flatness))
                 continue
             counts[name] = counts.get(name, 0) + 1
             number = f"_{counts[name]}" if counts[name] > 1 else ""
-            found[name, function] = Switch(
+            merged[name, function] = Switch(
                 owner, f"{owner}:{name}{number}", function, jumps, at_zero, paths=(path,), flatness=flatness
             )
-    return list(found.values())
+    return list(merged.values())
 
 
 def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, outside: Node) -> Node:
@@ -130,23 +130,25 @@ def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, ou
     """
     if not switch.nested:
         return inside
-    found = outside
+    result = outside
     for path in reversed(switch.paths):
         tree = inside
         for condition, holds in reversed(path):
-            known = sides.get(Binary("-", condition.left, condition.right))
-            if known is not None:
-                condition = Compare(condition.operator[0], Name(known), ZERO)  # noqa: PLW2901
-            tree = Call("where", (condition, tree, found) if holds else (condition, found, tree))
-        found = tree
-    return found
+            side_name = sides.get(Binary("-", condition.left, condition.right))
+            if side_name is not None:
+                condition = Compare(condition.operator[0], Name(side_name), ZERO)  # noqa: PLW2901
+            tree = Call("where", (condition, tree, result) if holds else (condition, result, tree))
+        result = tree
+    return result
 
 
 def _bent(model: Model, trees: list[Node]) -> list[str]:
     """Return the drives in some trees that bend or jump at points of their tables which the motion passes."""
     read = {name for tree in trees for name in free_names(tree)}
     return [
-        name for name, one in model.drives.items() if name in read and one.argument != "t" and one.interpolation in BENT
+        name
+        for name, drive in model.drives.items()
+        if name in read and drive.argument != "t" and drive.interpolation in BENT
     ]
 
 
@@ -162,8 +164,8 @@ def _between(model: Model, owner: str, name: str) -> Switch:
 
 def watched_switches(model: Model) -> tuple[Switch, ...]:
     """Return those that a march looks for: all, or none where they are too many."""
-    found = switches(model)
-    return found if len(found) <= MOST_SWITCHES else ()
+    hidden = switches(model)
+    return hidden if len(hidden) <= MOST_SWITCHES else ()
 
 
 class Sided(Model):
@@ -184,14 +186,21 @@ class Sided(Model):
     @cached_property
     def force_components(self) -> dict[str, dict[str, Node | Function]]:
         """Every force term's components, each with sides in the place of what is decided by a sign."""
-        found = self.plain.force_components
+        terms = self.plain.force_components
         return {
-            term: {name: one if isinstance(one, Function) else self._told(term, one) for name, one in parts.items()}
-            for term, parts in found.items()
+            term: {
+                name: component if isinstance(component, Function) else self._told(term, component)
+                for name, component in components.items()
+            }
+            for term, components in terms.items()
         }
 
     def _told(self, owner: str, tree: Node) -> Node:
-        sides = {one.function: side(i) for i, one in enumerate(self.switches) if one.owner == owner and not one.drive}
+        sides = {
+            switch.function: side(i)
+            for i, switch in enumerate(self.switches)
+            if switch.owner == owner and not switch.drive
+        }
         return _told(self.plain.expanded(tree), sides) if sides else tree
 
 
@@ -202,22 +211,24 @@ class SidedEverywhere(Sided):
 @lru_cache(maxsize=64)
 def sided(model: Model, asked: str = LOCATED) -> Model:
     """Return a model that is told its sides; itself, where there are none, or they are stepped over."""
-    found = watched_switches(model)
-    if not found or isinstance(model, Sided) or asked == STEPPED_OVER:
+    watched = watched_switches(model)
+    if not watched or isinstance(model, Sided) or asked == STEPPED_OVER:
         return model
-    told = object.__new__(SidedEverywhere if asked == LOCATED_EVERYWHERE else Sided)
-    told.__dict__.update(
+    sided_model = object.__new__(SidedEverywhere if asked == LOCATED_EVERYWHERE else Sided)
+    sided_model.__dict__.update(
         {key: value for key, value in vars(model).items() if key not in ("digest", "force_components")}
     )
-    told.switches, told.plain = found, model
-    told.states = {name: replace(one, rate=told._told(name, one.rate)) for name, one in model.states.items()}
-    return told
+    sided_model.switches, sided_model.plain = watched, model
+    sided_model.states = {
+        name: replace(state, rate=sided_model._told(name, state.rate)) for name, state in model.states.items()
+    }
+    return sided_model
 
 
 def told(model: Model) -> tuple[str, ...]:
     """Name the numbers that forces are told: of each switch its side, or how far the next points of its table are."""
-    found = [borders(one.drive) if one.drive else (side(i),) for i, one in enumerate(watched_by(model))]
-    return tuple(name for names in found for name in names)
+    groups = [borders(switch.drive) if switch.drive else (side(i),) for i, switch in enumerate(watched_by(model))]
+    return tuple(name for names in groups for name in names)
 
 
 def watched_by(model: Model) -> tuple[Switch, ...]:
@@ -239,20 +250,20 @@ def _told(node: Node, sides: Mapping[Node, str]) -> Node:
     """Put sides in the place of signs."""
     if isinstance(node, Binary):
         first, links = chain(node)
-        found = _told(first, sides)
-        for one in links:
-            found = Binary(one.operator, found, _told(one.right, sides), one.column)
-        return found
+        tree = _told(first, sides)
+        for child in links:
+            tree = Binary(child.operator, tree, _told(child.right, sides), child.column)
+        return tree
     if isinstance(node, Negative):
         return Negative(_told(node.operand, sides), node.column)
     if isinstance(node, Compare):
         return Compare(node.operator, _told(node.left, sides), _told(node.right, sides), node.column)
     if not isinstance(node, Call):
         return node
-    inner = tuple(_told(one, sides) for one in node.arguments)
+    inner = tuple(_told(child, sides) for child in node.arguments)
     if node.function in ("abs", "sign") and node.arguments[0] in sides:
-        known = Name(sides[node.arguments[0]])
-        return known if node.function == "sign" else Binary("*", known, inner[0])
+        side_name = Name(sides[node.arguments[0]])
+        return side_name if node.function == "sign" else Binary("*", side_name, inner[0])
     if node.function in ("min", "max"):
         return _chosen(node, inner, sides)
     if node.function == "where" and isinstance(node.arguments[0], Compare):
@@ -268,21 +279,24 @@ def _chosen(node: Call, inner: tuple[Node, ...], sides: Mapping[Node, str]) -> N
     result, others = inner[-1], node.arguments[-1:]
     for i in range(len(inner) - 2, -1, -1):
         best = others[0] if len(others) == 1 else Call(node.function, others)
-        known = sides.get(Binary("-", node.arguments[i], best))
-        if known is None:
+        side_name = sides.get(Binary("-", node.arguments[i], best))
+        if side_name is None:
             result = Call(node.function, (inner[i], result))
         else:
             result = Call(
-                "where", (Compare("<" if node.function == "min" else ">", Name(known), ZERO), inner[i], result)
+                "where", (Compare("<" if node.function == "min" else ">", Name(side_name), ZERO), inner[i], result)
             )
         others = (node.arguments[i], *others)
     return result
 
 
 def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, list[Node]]]:
-    for term, parts in model.force_components.items():
+    for term, components in model.force_components.items():
         if model.forces[term].smooth == smooth:
-            yield term, [model.expanded(one) for one in parts.values() if not isinstance(one, Function)]
+            yield (
+                term,
+                [model.expanded(component) for component in components.values() if not isinstance(component, Function)],
+            )
     for name, state in model.states.items():
         if state.smooth == smooth:
             yield name, [model.expanded(state.rate)]
@@ -321,20 +335,20 @@ def _kinks(node: Node, path: Path = (), factors: tuple[Node, ...] = ()) -> Itera
     if not isinstance(node, Call):
         return
     for function, jumps, at_zero in _own(node):
-        flatness = int(not jumps) + sum(one == function for one in factors)
+        flatness = int(not jumps) + sum(factor == function for factor in factors)
         yield node.function, function, jumps, at_zero, path, flatness
 
 
 def _kinks_of_chain(node: Binary, path: Path, factors: tuple[Node, ...]) -> Iterator[Kink]:
     """Yield the switches of sums, and of products, whose factors make each other's flatter."""
     first, links = chain(node)
-    behind = [factors]  # what the value up to each link is yet to be multiplied by, from the last link to the first
+    pending = [factors]  # what the value up to each link is yet to be multiplied by, from the last link to the first
     for link in reversed(links):
-        more = _powers(link.right) if link.operator == "*" else ()
-        behind.append(() if link.operator == "**" else (*behind[-1], *more))
-    yield from _kinks(first, path, behind.pop())
+        right_factors = _powers(link.right) if link.operator == "*" else ()
+        pending.append(() if link.operator == "**" else (*pending[-1], *right_factors))
+    yield from _kinks(first, path, pending.pop())
     for link in links:
-        after = behind.pop()
+        after = pending.pop()
         others = (*after, *_powers(link.left)) if link.operator == "*" else after
         yield from _kinks(link.right, path, others if link.operator in "+-*" else ())
 
@@ -359,9 +373,9 @@ def _own(node: Call) -> Iterator[tuple[Node, bool, int]]:
         yield node.arguments[0], node.function == "sign", 1
     elif node.function in ("min", "max"):
         *rest, last = node.arguments
-        for i, one in enumerate(rest):
+        for i, argument in enumerate(rest):
             others = (*rest[i + 1 :], last)
-            yield Binary("-", one, others[0] if len(others) == 1 else Call(node.function, others)), False, 1
+            yield Binary("-", argument, others[0] if len(others) == 1 else Call(node.function, others)), False, 1
     elif node.function == "where":
         condition = node.arguments[0]
         if isinstance(condition, Compare) and condition.operator not in ("==", "!="):

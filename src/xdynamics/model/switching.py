@@ -55,13 +55,13 @@ def _reset(given: Any) -> dict[str, Node]:
     """Read what an event sets a state to."""
     if not isinstance(given, Mapping):
         raise InputError(f'set is {given!r}, needs a table like {{ v_y = "-v_y" }}')
-    found = {}
+    values = {}
     for name, text in given.items():
         try:
-            found[name] = parse(text)
+            values[name] = parse(text)
         except InputError as error:
             raise InputError(f"set '{name}': {error}") from None
-    return found
+    return values
 
 
 def regime(given: Any) -> Regime:
@@ -74,7 +74,7 @@ def regime(given: Any) -> Regime:
     """
     keys_of("regimes", given)
     names = given["forces"]
-    if not isinstance(names, list | tuple) or not all(isinstance(one, str) for one in names):
+    if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
         raise InputError(f"forces is {names!r}, needs a list of the forces that act in it")
     if len(set(names)) < len(names):
         raise InputError(f"forces lists one of {', '.join(names)} twice")

@@ -42,10 +42,10 @@ def sections_of(equations: Any, given: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(f"equations are {str(equations)[:60]!r}, need a LagrangesMethod or KanesMethod of sympy.physics.mechanics")  # fmt: skip
     time = dynamicsymbols._t  # noqa: SLF001 - sympy's own name for the time of dynamic symbols
     coordinates = list(equations.q)
-    speeds = [one.diff(time) for one in coordinates]
+    speeds = [coordinate.diff(time) for coordinate in coordinates]
     if isinstance(equations, KanesMethod):
-        known = equations.kindiffdict()
-        if [sympy.simplify(known[speed] - own) for speed, own in zip(speeds, equations.u, strict=True)] != [0] * len(speeds):  # fmt: skip
+        derivatives = equations.kindiffdict()
+        if [sympy.simplify(derivatives[speed] - own) for speed, own in zip(speeds, equations.u, strict=True)] != [0] * len(speeds):  # fmt: skip
             raise InputError(
                 "the generalised speeds of KanesMethod are no time derivatives of its coordinates; choose u = q'"
             )
@@ -58,17 +58,24 @@ def sections_of(equations: Any, given: Mapping[str, Any]) -> dict[str, Any]:
             mass, forcing = equations.mass_matrix, equations.forcing
         except ValueError:
             raise InputError("LagrangesMethod has no equations yet; call form_lagranges_equations() first") from None
-    names = {one: str(one.func) for one in coordinates}
-    names |= {speed: velocity(names[one]) for one, speed in zip(coordinates, speeds, strict=True)} | {time: "t"}
-    taken = _Taken(names)
-    rows = [[text_of(taken.tree(entry)) for entry in mass.row(i)] for i in range(len(coordinates))]
-    forces = {names[one]: text_of(taken.tree(entry)) for one, entry in zip(coordinates, forcing, strict=True)}
-    told = given.get("coordinates", {})
-    if missing := [names[one] for one in coordinates if names[one] not in told]:
+    names = {coordinate: str(coordinate.func) for coordinate in coordinates}
+    names |= {speed: velocity(names[coordinate]) for coordinate, speed in zip(coordinates, speeds, strict=True)} | {
+        time: "t"
+    }
+    trees = _Taken(names)
+    rows = [[text_of(trees.tree(entry)) for entry in mass.row(i)] for i in range(len(coordinates))]
+    forces = {
+        names[coordinate]: text_of(trees.tree(entry)) for coordinate, entry in zip(coordinates, forcing, strict=True)
+    }
+    units = given.get("coordinates", {})
+    if missing := [names[coordinate] for coordinate in coordinates if names[coordinate] not in units]:
         raise InputError(f'coordinates need a unit for \'{missing[0]}\': coordinates={{"{missing[0]}": "m"}}')
     if TERM in given.get("forces", {}):
         raise InputError(f"forces has '{TERM}', which is what the equations are called; rename it")
-    own = {"coordinates": {names[one]: told[names[one]] for one in coordinates}, "mass": {"matrix": rows}}
+    own = {
+        "coordinates": {names[coordinate]: units[names[coordinate]] for coordinate in coordinates},
+        "mass": {"matrix": rows},
+    }
     own["forces"] = {TERM: forces} | dict(given.get("forces", {}))
     return {"name": "from sympy"} | dict(given) | own
 
@@ -106,36 +113,36 @@ class _Taken:
         name = FUNCTIONS.get(type(one).__name__)
         if name is None:
             raise InputError(f"the equations hold {str(one)[:60]!r}, which the language of expressions has not")
-        return Call(name, tuple(self.tree(each) for each in one.args))
+        return Call(name, tuple(self.tree(argument) for argument in one.args))
 
-    def _number(self, one: Any) -> Node:
-        if one.is_negative:
-            return Negative(self._number(-one))
-        if one.is_Rational and one.q != 1:
-            return Binary("/", Number(float(one.p)), Number(float(one.q)))
-        if not one.is_finite:
-            raise InputError(f"the equations hold the number {one}")
-        return Number(float(one))
+    def _number(self, number: Any) -> Node:
+        if number.is_negative:
+            return Negative(self._number(-number))
+        if number.is_Rational and number.q != 1:
+            return Binary("/", Number(float(number.p)), Number(float(number.q)))
+        if not number.is_finite:
+            raise InputError(f"the equations hold the number {number}")
+        return Number(float(number))
 
     def _sum(self, terms: list[Any]) -> Node:
-        found = self.tree(terms[0])
+        total = self.tree(terms[0])
         for term in terms[1:]:
             sign = "-" if term.could_extract_minus_sign() else "+"
-            found = Binary(sign, found, self.tree(-term if sign == "-" else term))
-        return found
+            total = Binary(sign, total, self.tree(-term if sign == "-" else term))
+        return total
 
-    def _product(self, one: Any) -> Node:
+    def _product(self, product: Any) -> Node:
         import sympy
 
-        if one.could_extract_minus_sign():
-            return Negative(self.tree(-one))
-        above, below = sympy.fraction(one)
-        found: Node | None = None
-        for factor in [each for each in above.as_ordered_factors() if each != 1]:
+        if product.could_extract_minus_sign():
+            return Negative(self.tree(-product))
+        above, below = sympy.fraction(product)
+        numerator: Node | None = None
+        for factor in [item for item in above.as_ordered_factors() if item != 1]:
             tree = self.tree(factor)
-            found = tree if found is None else Binary("*", found, tree)
-        found = Number(1.0) if found is None else found
-        return found if below == 1 else Binary("/", found, self.tree(below))
+            numerator = tree if numerator is None else Binary("*", numerator, tree)
+        numerator = Number(1.0) if numerator is None else numerator
+        return numerator if below == 1 else Binary("/", numerator, self.tree(below))
 
     def _power(self, base: Any, exponent: Any) -> Node:
         import sympy

@@ -24,9 +24,9 @@ def write(statement: Statement) -> str:
     _section(
         lines,
         "coordinates",
-        {name: _described({"unit": one.unit.text}, one) for name, one in statement.coordinates.items()},
+        {name: _described({"unit": part.unit.text}, part) for name, part in statement.coordinates.items()},
     )
-    _section(lines, "parameters", {name: _parameter(one) for name, one in statement.parameters.items()})
+    _section(lines, "parameters", {name: _parameter(part) for name, part in statement.parameters.items()})
     energies = statement.lagrangian
     _section(lines, "mass", {} if energies else _mass(statement))
     if energies:
@@ -37,7 +37,7 @@ def write(statement: Statement) -> str:
         if energies and name in TERMS:
             continue
         body: dict[str, Any] = {} if force.potential is None else {"potential": text_of(force.potential)}
-        body |= {key: _component(one) for key, one in force.components.items()}
+        body |= {key: _component(part) for key, part in force.components.items()}
         body |= {"smooth": True} if force.smooth else {}
         _section(lines, f"forces.{name}", _described(body, force))
     for name, drive in statement.drives.items():
@@ -56,7 +56,7 @@ def write(statement: Statement) -> str:
         body |= ({"to": event.to} if event.to else {}) | ({"count": event.count} if event.count > 1 else {})
         body |= {"root_state": event.root_state} if event.root_state != "reintegrate" else {}
         body |= {} if event.unit is None else {"unit": event.unit.text}
-        body |= {"set": {key: text_of(one) for key, one in event.reset.items()}} if event.reset else {}
+        body |= {"set": {key: text_of(part) for key, part in event.reset.items()}} if event.reset else {}
         _section(lines, f"events.{name}", _described(body | _tolerance(event) | _place(event), event))
     for name, contact in statement.contacts.items():
         _section(lines, f"contacts.{name}", _described(_contact(contact), contact))
@@ -66,11 +66,11 @@ def write(statement: Statement) -> str:
     for name, regime in statement.regimes.items():
         _section(lines, f"regimes.{name}", _described({"forces": list(regime.forces)}, regime))
     _section(lines, "observables", {name: _observable(statement, name) for name in statement.observables})
-    for name, one in statement.validation.items():
-        _section(lines, f"validation.{name}", _described(_validation(one, statement.time_unit), one))
+    for name, part in statement.validation.items():
+        _section(lines, f"validation.{name}", _described(_validation(part, statement.time_unit), part))
     _section(lines, "correlations", _correlations(statement))
     discrepancy = {
-        name: _described({"standard": str(one.standard)}, one) for name, one in statement.discrepancy.items()
+        name: _described({"standard": str(part.standard)}, part) for name, part in statement.discrepancy.items()
     }
     _section(lines, "discrepancy", discrepancy)
     if (fit := statement.fit) is not None:
@@ -111,17 +111,19 @@ def _observable(statement: Statement, name: str) -> str | dict[str, Any]:
     return _described({"expression": text} | ({"unit": about.unit.text} if about.unit else {}), about)
 
 
-def _pictured(given: Pictured) -> dict[str, Any]:
-    body: dict[str, Any] = {"plane": [[text_of(one) for one in pair] for pair in given.plane]} if given.plane else {}
-    body |= {} if given.section is None else {"section": text_of(given.section)}
-    return body | ({"wrap": list(given.wrap)} if given.wrap else {})
+def _pictured(pictured: Pictured) -> dict[str, Any]:
+    body: dict[str, Any] = (
+        {"plane": [[text_of(expression) for expression in pair] for pair in pictured.plane]} if pictured.plane else {}
+    )
+    body |= {} if pictured.section is None else {"section": text_of(pictured.section)}
+    return body | ({"wrap": list(pictured.wrap)} if pictured.wrap else {})
 
 
 def _correlations(statement: Statement) -> dict[str, dict[str, float]]:
-    found: dict[str, dict[str, float]] = {}
+    tables: dict[str, dict[str, float]] = {}
     for (name, other), value in statement.correlations.items():
-        found.setdefault(name, {})[other] = value
-    return found
+        tables.setdefault(name, {})[other] = value
+    return tables
 
 
 def _mass(statement: Statement) -> dict[str, Any]:
@@ -141,7 +143,7 @@ def _validation(part: Validation, time: Unit) -> dict[str, Any]:
     body = {"quantity": part.quantity, "expression": text_of(part.expression), "bound": str(part.bound)}
     if part.event:
         return body | {"event": part.event, "occurrence": part.occurrence}
-    return body | ({"times": [f"{one!r}{behind(time)}" for one in part.times]} if part.times else {})
+    return body | ({"times": [f"{instant!r}{behind(time)}" for instant in part.times]} if part.times else {})
 
 
 def _tolerance(part: Event | Contact | Friction) -> dict[str, str]:
@@ -166,7 +168,7 @@ def _component(component: Any) -> Any:
 def _value(value: Any) -> str:
     """Print one TOML value; a text of several lines stands as it is, in a literal block."""
     if isinstance(value, str):
-        printable = all(" " <= one != "\x7f" or one in "\n\t" for one in value)
+        printable = all(" " <= item != "\x7f" or item in "\n\t" for item in value)
         if "\n" in value and "'''" not in value and not value.endswith("'") and printable:
             return f"'''\n{value}'''"
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
@@ -175,9 +177,9 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_value(one) for one in value)}]"
+        return f"[{', '.join(_value(item) for item in value)}]"
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{json.dumps(key)} = {_value(one)}' for key, one in value.items())} }}"
+        return f"{{ {', '.join(f'{json.dumps(key)} = {_value(item)}' for key, item in value.items())} }}"
     if isinstance(value, Integral):
         return str(int(value))
     return repr(float(value)) if isinstance(value, Real) else _value(str(value))

@@ -27,29 +27,29 @@ class Trait(StrEnum):
 @lru_cache(maxsize=64)
 def traits_of(model: Model) -> dict[Trait, str]:
     """Return the traits a model has, each with the sentence that says where."""
-    found: dict[Trait, str] = {}
+    traits: dict[Trait, str] = {}
     if not model.coordinates:
-        found[Trait.NO_COORDINATES] = "the model has first-order states only"
+        traits[Trait.NO_COORDINATES] = "the model has first-order states only"
     if model.python_forces:
-        found[Trait.PYTHON_FORCES] = f"function {', '.join(one.name for one in model.python_forces)}"
+        traits[Trait.PYTHON_FORCES] = f"function {', '.join(item.name for item in model.python_forces)}"
     if reactions(model):
-        found[Trait.CONTACTS] = ", ".join(one.owner for one in reactions(model))
+        traits[Trait.CONTACTS] = ", ".join(item.owner for item in reactions(model))
     velocities = {velocity(name) for name in model.coordinates}
     motion = velocities | set(model.coordinates)
     states = set(model.states)
     for label, used in _right_hand_side(model):
         if fault := used & velocities:
-            found.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_listed(fault)}")
+            traits.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_listed(fault)}")
         if fault := used & states:
-            found.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_listed(fault)}")
+            traits.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_listed(fault)}")
     if model.mass_is_full:
         for (i, j), entry in model.statement.mass_entries.items():
             if fault := model.reads(entry) & set(model.coordinates):
-                found.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_listed(fault)}")
+                traits.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_listed(fault)}")
     for name, state in model.states.items():
         if fault := model.reads(state.rate) & (motion | set(model.states)):
-            found.setdefault(Trait.COUPLED_STATES, f"the rate of '{name}' depends on {_listed(fault)}")
-    return found
+            traits.setdefault(Trait.COUPLED_STATES, f"the rate of '{name}' depends on {_listed(fault)}")
+    return traits
 
 
 def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
@@ -61,9 +61,12 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
     ]
     masses = [("the mass", model.reads(entry)) for entry in model.statement.mass_entries.values()]
     pressed = [
-        (f"'{one.name}'", set().union(*(model.reads(tree) for tree in (*one.row.values(), one.bias, *sizes))))
-        for one in reactions(model)
-        for sizes in [() if one.sort == NORMAL else (one.size, one.most)]
+        (
+            f"'{reaction.name}'",
+            set().union(*(model.reads(tree) for tree in (*reaction.row.values(), reaction.bias, *sizes))),
+        )
+        for reaction in reactions(model)
+        for sizes in [() if reaction.sort == NORMAL else (reaction.size, reaction.most)]
     ]
     return forces + masses + pressed
 

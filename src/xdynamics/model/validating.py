@@ -37,7 +37,7 @@ def validation(name: str, given: Any, time: Unit) -> Validation:
     if not isinstance(quantity, str):
         raise InputError(f"quantity is {quantity!r}, needs the name of one")
     return Validation(
-        parse(given["expression"]), quantity, tuple(time_in(time, one, "times") for one in times), _bound(given["bound"]),
+        parse(given["expression"]), quantity, tuple(time_in(time, instant, "times") for instant in times), _bound(given["bound"]),
         event, occurrence, described(given),
     )  # fmt: skip
 
@@ -47,18 +47,18 @@ def _bound(given: Any) -> str | Quantity:
     if isinstance(given, str) and (given in (ROUNDING, ORDER, BAND, UNSCALED) or _FROM_ORDER.fullmatch(given)):
         return given
     try:
-        found = parse_quantity(given)
+        quantity = parse_quantity(given)
     except InputError:
         raise InputError(f"bound is {given!r}, needs a quantity like '1 mm', or one of {WORDS}") from None
-    if not found.value > 0.0:
+    if not quantity.value > 0.0:
         raise InputError(f"bound is {given!r}, needs a positive one")
-    return found
+    return quantity
 
 
 def exact_from(bound: str) -> int:
     """Return the order from which on a method has no error but rounding; 0 where every method has none."""
-    found = _FROM_ORDER.fullmatch(bound)
-    return int(found[1]) if found else 0
+    match = _FROM_ORDER.fullmatch(bound)
+    return int(match[1]) if match else 0
 
 
 def check_validation(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -> None:
@@ -69,26 +69,26 @@ def check_validation(statement: Statement, known: dict[str, Dimension], ledger: 
         *statement.drives,
         *(f"v_{name}" for name in statement.coordinates),
     }
-    met = {*statement.events, *statement.contacts, *statement.frictions}
-    for name, one in statement.validation.items():
+    event_names = {*statement.events, *statement.contacts, *statement.frictions}
+    for name, closed_form in statement.validation.items():
         with ledger.entry(f"validation '{name}'"):
-            found = dimension_of(one.expression, known)
-            if read := sorted(free_names(one.expression) & moving):
+            dimension = dimension_of(closed_form.expression, known)
+            if read := sorted(free_names(closed_form.expression) & moving):
                 raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")
-            if one.event and one.event not in met:
+            if closed_form.event and closed_form.event not in event_names:
                 raise InputError(
-                    f"event '{one.event}' is none of the model's; there are {', '.join(sorted(met)) or 'none'}"
+                    f"event '{closed_form.event}' is none of the model's; there are {', '.join(sorted(event_names)) or 'none'}"
                 )
             needed = (
                 statement.time_unit.dimension
-                if one.quantity == "t" and one.event
-                else known.get(one.quantity)
-                if one.quantity in moving
+                if closed_form.quantity == "t" and closed_form.event
+                else known.get(closed_form.quantity)
+                if closed_form.quantity in moving
                 else None
             )
-            if needed is not None and found != needed:
-                raise InputError(f"has units '{found}', needs '{needed}' of '{one.quantity}'")
-            if isinstance(one.bound, Quantity) and one.bound.unit.dimension != found:
+            if needed is not None and dimension != needed:
+                raise InputError(f"has units '{dimension}', needs '{needed}' of '{closed_form.quantity}'")
+            if isinstance(closed_form.bound, Quantity) and closed_form.bound.unit.dimension != dimension:
                 raise InputError(
-                    f"bound '{one.bound}' has units '{one.bound.unit.dimension}', needs '{spell(found).text}'"
+                    f"bound '{closed_form.bound}' has units '{closed_form.bound.unit.dimension}', needs '{spell(dimension).text}'"
                 )

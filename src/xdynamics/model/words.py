@@ -34,26 +34,26 @@ def tolerance(given: Mapping[str, Any]) -> Quantity | None:
     """Return how well a time is to be located, where that is said."""
     if "time_tolerance" not in given:
         return None
-    found = parse_quantity(given["time_tolerance"])
-    if found.unit.dimension not in (TIME, NONE) or found.value <= 0:
-        raise InputError(f"time_tolerance is '{found}', needs a positive time")
-    return found
+    quantity = parse_quantity(given["time_tolerance"])
+    if quantity.unit.dimension not in (TIME, NONE) or quantity.value <= 0:
+        raise InputError(f"time_tolerance is '{quantity}', needs a positive time")
+    return quantity
 
 
 def place_tolerance(given: Mapping[str, Any]) -> Quantity | None:
     """Return how near to its zero a function is to be at the accepted state, where that is said; in its own unit."""
     if "position_tolerance" not in given:
         return None
-    found = parse_quantity(given["position_tolerance"])
-    if not found.value > 0:
-        raise InputError(f"position_tolerance is '{found}', needs a positive quantity")
-    return found
+    quantity = parse_quantity(given["position_tolerance"])
+    if not quantity.value > 0:
+        raise InputError(f"position_tolerance is '{quantity}', needs a positive quantity")
+    return quantity
 
 
 def described(given: Mapping[str, Any]) -> str:
     """Return the description of an entry."""
     text = str(given.get("description", "")).strip()
-    if not all(one.isprintable() or one in "\n\t" for one in text):
+    if not all(character.isprintable() or character in "\n\t" for character in text):
         raise InputError(f"text {text[:40]!r} has characters that are not printable")
     return text
 
