@@ -41,15 +41,15 @@ def animate(
     path : str or Path
         GIF, or MP4 where ffmpeg is installed.
     seconds : float, optional
-        How long it lasts; as long as the motion where that is 3 to 20 s, else 10 s.
+        Duration of the film; by default that of the motion if it lasts 3 to 20 s, otherwise 10 s.
     rate : int
-        Frames a second.
+        Frames per second.
     trail : float, optional
         How far back the trail goes, in the run's time; a tenth of it.
     dpi : int
-        Dots an inch, of 6 inches.
+        Dots per inch; the film is 6 inches wide.
     dark : bool
-        Whether to draw on a dark ground.
+        Whether to draw on a dark background.
 
     Returns
     -------
@@ -86,8 +86,8 @@ def _film(run: xr.Dataset, view: list[Any], times: Any, back: float) -> Any:
 
     figure = Figure(figsize=(6, 6), layout="constrained")
     axes = figure.subplots()
-    low = np.array([min(one.x.min() for one in view), min(one.y.min() for one in view)])
-    high = np.array([max(one.x.max() for one in view), max(one.y.max() for one in view)])
+    low = np.array([min(body.x.min() for body in view), min(body.y.min() for body in view)])
+    high = np.array([max(body.x.max() for body in view), max(body.y.max() for body in view)])
     half, middle = (0.5 + MARGIN) * float(max(high - low)) or 1.0, (low + high) / 2.0
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
     axes.set(xlabel=f"across ({view[0].units})", ylabel=f"up ({view[0].units})")
@@ -95,20 +95,20 @@ def _film(run: xr.Dataset, view: list[Any], times: Any, back: float) -> Any:
     axes.set_title(words(f"{run.attrs.get('title', 'run')}{left_out(view)}"), loc="left", fontsize=10)
     view = view[:MOST_BODIES]
     clock = axes.text(0.98, 0.98, "", transform=axes.transAxes, ha="right", va="top", family="monospace")
-    drawn = [
+    artists = [
         (axes.plot([], [], "-", color=COLOURS[k % len(COLOURS)], linewidth=1.2, alpha=0.6)[0], axes.plot([], [], "o", color=COLOURS[k % len(COLOURS)], markersize=8)[0])
         for k in range(len(view))
     ]  # fmt: skip
 
     def at(frame: int) -> list[Any]:
         now = times[frame]
-        for (line, dot), one in zip(drawn, view, strict=True):
-            behind = np.linspace(max(times[0], now - back), now, 120)
-            x, y = np.interp(behind, one.times, one.x), np.interp(behind, one.times, one.y)
+        for (line, dot), body in zip(artists, view, strict=True):
+            past = np.linspace(max(times[0], now - back), now, 120)
+            x, y = np.interp(past, body.times, body.x), np.interp(past, body.times, body.y)
             line.set_data(x, y)
             dot.set_data(x[-1:], y[-1:])
         clock.set_text(at_time(run["time"], now, 4))
-        return [*(artist for pair in drawn for artist in pair), clock]
+        return [*(artist for pair in artists for artist in pair), clock]
 
     return FuncAnimation(figure, at, frames=len(times))
 

@@ -33,34 +33,34 @@ def beside_of(run: xr.Dataset, given: Any) -> tuple[str, Columns]:
     """
     if isinstance(given, str | Path) and Path(given).suffix.lower() == ".nc":
         given = open_run(given)
-    label, found = _measured(run, given) if is_measured(given) else _of_run(given)
+    label, series = _measured(run, given) if is_measured(given) else _of_run(given)
     columns = {}
-    for name, (times, values, doubts, units) in found.items():
+    for name, (times, values, doubts, units) in series.items():
         if name not in run or run[name].dims != (STEPS,):
             continue
-        own, theirs = (parse_unit(one) for one in (str(run[name].attrs["units"]), units))
+        own, theirs = (parse_unit(text) for text in (str(run[name].attrs["units"]), units))
         if own.dimension != theirs.dimension:
             raise InputError(f"'{name}' of {label} is in '{units}', the run has it in '{own.text}'")
         factor = float(theirs.factor / own.factor)
         columns[name] = (times, values * factor, None if doubts is None else doubts * factor)
     if not columns:
-        raise InputError(f"{label} has nothing that the run has; there are {', '.join(found) or 'none'}")
+        raise InputError(f"{label} has nothing that the run has; there are {', '.join(series) or 'none'}")
     return label, columns
 
 
 def _measured(run: xr.Dataset, given: Any) -> tuple[str, dict[str, tuple[Floats, Floats, Floats | None, str]]]:
-    data = measured(given, [str(one) for one in run.data_vars], SKIP, time_unit(run))
-    found: dict[str, tuple[Floats, Floats, Floats | None, str]] = {}
+    data = measured(given, [str(variable) for variable in run.data_vars], SKIP, time_unit(run))
+    series: dict[str, tuple[Floats, Floats, Floats | None, str]] = {}
     for name, (values, unit) in data.values.items():
         doubt, own = data.uncertainties.get(name, (np.zeros(values.shape), unit))
-        found[name] = data.times, values, doubt * float(own.factor / unit.factor), unit.text
-    return f"measured, {data.name}".replace("'", ""), found
+        series[name] = data.times, values, doubt * float(own.factor / unit.factor), unit.text
+    return f"measured, {data.name}".replace("'", ""), series
 
 
 def _of_run(other: xr.Dataset) -> tuple[str, dict[str, tuple[Floats, Floats, Floats | None, str]]]:
-    found: dict[str, tuple[Floats, Floats, Floats | None, str]] = {}
-    for name, one in other.data_vars.items():
-        if one.dims == (STEPS,) and one.dtype.kind == "f":
+    series: dict[str, tuple[Floats, Floats, Floats | None, str]] = {}
+    for name, variable in other.data_vars.items():
+        if variable.dims == (STEPS,) and variable.dtype.kind == "f":
             times, (values,) = drawn(other, str(name), exact=name == "total_energy")
-            found[str(name)] = times, values, None, str(one.attrs.get("units", "1"))
-    return str(other.attrs.get("title", "other run")), found
+            series[str(name)] = times, values, None, str(variable.attrs.get("units", "1"))
+    return str(other.attrs.get("title", "other run")), series

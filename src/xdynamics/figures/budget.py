@@ -1,4 +1,4 @@
-"""Figures of error budgets: what each term contributes, and what draws came to."""
+"""Figures of error budgets: what each term contributes, and the intervals of random draws."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ COLOUR = {"numerical": COLOURS[0], "physical": COLOURS[1]}
 
 
 def panels_of(found: xr.Dataset) -> list[Panel]:
-    """Return what draws the terms, and where draws were made their intervals beside the linear one."""
+    """Return the panel of the terms and, if random draws were made, that of their intervals beside the linear one."""
     return [partial(_terms, found), *([partial(_intervals, found)] if "monte_carlo_shortest" in found else [])]
 
 
 def foot_of(found: xr.Dataset) -> str:
-    """Say what the number is."""
+    """Describe the number that the budget is for."""
     return f"{found.attrs['of']} = {found.attrs['result']}; method {found.attrs['solver_method']}"
 
 
-def _terms(found: xr.Dataset, axes: Axes) -> None:
+def _terms(budget: xr.Dataset, axes: Axes) -> None:
     """Draw the standard uncertainty of each term, the largest on top, and the totals."""
-    kinds, units = words_of(found["term_kind"]), str(found["value"].attrs["units"])
-    sizes, names = found["standard_uncertainty"].values, found["term_name"].values.astype(str)
+    kinds, units = words_of(budget["term_kind"]), str(budget["value"].attrs["units"])
+    sizes, names = budget["standard_uncertainty"].values, budget["term_name"].values.astype(str)
     order = np.argsort(-sizes, kind="stable")
-    totals = {"numerical": float(found["numerical_rss"]), "physical": float(found["physical_rss"])}
+    totals = {"numerical": float(budget["numerical_rss"]), "physical": float(budget["physical_rss"])}
     least = max([*sizes, *totals.values()]) / SPAN
     if not least > 0.0:
         axes.text(0.5, 0.5, "nothing is uncertain", transform=axes.transAxes, ha="center", fontsize=9, color="#555555")
         axes.set_axis_off()
         return
     for row, i in enumerate(order.tolist()):
-        _bar(axes, row, float(sizes[i]), doubt_of(found, i), least, COLOUR[kinds[i]])
+        _bar(axes, row, float(sizes[i]), doubt_of(budget, i), least, COLOUR[kinds[i]])
     for kind, total in totals.items():
         if total >= least > 0.0:
             axes.axvline(total, color=COLOUR[kind], linewidth=1.2, linestyle="--", label=f"{kind} together")
@@ -60,36 +60,40 @@ def _terms(found: xr.Dataset, axes: Axes) -> None:
 
 
 def _bar(axes: Axes, row: int, size: float, doubt: float, least: float, colour: str) -> None:
-    """Draw one term, with how well it is known; of one that is left of the axis there is its number alone."""
-    there = size >= least  # on a logarithmic axis 0 has no place
-    if there:
+    """Draw one term, with its own uncertainty; a term left of the axis has its number alone."""
+    visible = size >= least  # on a logarithmic axis 0 has no place
+    if visible:
         axes.barh(row, size, color=colour, height=0.7)
-    if there and doubt > 0.0:
+    if visible and doubt > 0.0:
         axes.errorbar(size, row, xerr=doubt, color="#333333", linewidth=1.0, capsize=3.0)
-    beyond = "" if there or not size else " (left of the axis)"
-    label = f"{size:.2g}{f' ± {doubt:.1g}' if doubt > 0.0 else ''}{beyond}"
-    axes.annotate(f" {label}", (size + doubt if there else least / 2.0, row), va="center", fontsize=7)
+    note = "" if visible or not size else " (left of the axis)"
+    label = f"{size:.2g}{f' ± {doubt:.1g}' if doubt > 0.0 else ''}{note}"
+    axes.annotate(f" {label}", (size + doubt if visible else least / 2.0, row), va="center", fontsize=7)
 
 
-def _intervals(found: xr.Dataset, axes: Axes) -> None:
+def _intervals(budget: xr.Dataset, axes: Axes) -> None:
     """Draw the intervals of the draws, and the linear budget's with the same coverage."""
     from xdynamics.model.spread import normal_quantile
 
-    part, units, value = float(found.attrs["coverage"]), str(found["value"].attrs["units"]), float(found["value"])
-    half = float(normal_quantile(np.array([(1.0 + part) / 2.0]))[0]) * float(found["physical_rss"])
+    coverage, units, value = (
+        float(budget.attrs["coverage"]),
+        str(budget["value"].attrs["units"]),
+        float(budget["value"]),
+    )
+    half = float(normal_quantile(np.array([(1.0 + coverage) / 2.0]))[0]) * float(budget["physical_rss"])
     rows = {
         "linear": [value - half, value + half],
-        "drawn, symmetric": found["monte_carlo_symmetric"].values.tolist(),
-        "drawn, shortest": found["monte_carlo_shortest"].values.tolist(),
+        "drawn, symmetric": budget["monte_carlo_symmetric"].values.tolist(),
+        "drawn, shortest": budget["monte_carlo_shortest"].values.tolist(),
     }
     for row, ends in enumerate(rows.values()):
         axes.plot(ends, [row, row], "|-", color=COLOURS[1], linewidth=2.0, markersize=10)
         if row:
-            doubt = float(found["monte_carlo_end_doubt"])
+            doubt = float(budget["monte_carlo_end_doubt"])
             axes.errorbar(ends, [row, row], xerr=doubt, fmt="none", color="#333333", linewidth=1.0, capsize=3.0)
     axes.axvline(value, color=COLOURS[0], linewidth=1.0, label="the run's own value")
     axes.set_yticks(range(len(rows)), [*rows], fontsize=8)
-    axes.set(xlabel=words(f"{found.attrs['of']} ({units})"), ylim=(len(rows) - 0.5, -0.5))
-    verdict = words_of(found["linear_verdict"])[0].replace("_", " ")
-    axes.set_title(f"{part:.0%} intervals; the linear budget is {verdict}", loc="left", fontsize=10)
+    axes.set(xlabel=words(f"{budget.attrs['of']} ({units})"), ylim=(len(rows) - 0.5, -0.5))
+    verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
+    axes.set_title(f"{coverage:.0%} intervals; the linear budget is {verdict}", loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")

@@ -1,4 +1,4 @@
-"""Figures of comparisons: how far two runs are apart, or a run beside what was measured."""
+"""Figures of comparisons: how far two runs are apart, or a run beside measurements."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ FEW = 100  # points up to which each is a dot
 
 
 def panels_of(found: xr.Dataset) -> list[Panel]:
-    """Return what draws each difference; of measured data what was measured first.
+    """Return the panels of the differences; for measured data each follows the panel of its measurements.
 
     Raises
     ------
     InputError
         If no quantity was compared.
     """
-    names = [str(name).removeprefix("difference_") for name, one in found.data_vars.items() if str(name).startswith("difference_") and one.dims == (AT,)]  # fmt: skip
+    names = [str(name).removeprefix("difference_") for name, item in found.data_vars.items() if str(name).startswith("difference_") and item.dims == (AT,)]  # fmt: skip
     if not names:
         raise InputError("there is nothing to draw: the comparison has no difference along 'at'")
     beside = [partial(_beside, found, name) for name in names if f"measured_{name}" in found]
     apart = [partial(_apart, found, name) for name in names]
     # what was measured stands left of its residuals
-    return [one for pair in zip(beside, apart, strict=True) for one in pair] if beside else [*apart]
+    return [item for pair in zip(beside, apart, strict=True) for item in pair] if beside else [*apart]
 
 
 def foot_of(found: xr.Dataset) -> str:
@@ -45,37 +45,40 @@ def foot_of(found: xr.Dataset) -> str:
     return "; ".join(filter(None, ("shaded: standard uncertainty as measured, else what interpolation may be off", parted and f"parted at {parted}", cause)))  # fmt: skip
 
 
-def _beside(found: xr.Dataset, name: str, axes: Axes) -> None:
-    """Draw what was measured with its uncertainty, and what was computed at the same times."""
-    time, units = found[AT_TIME].values, found[name].attrs["units"]
-    doubt = found[f"measured_uncertainty_{name}"].values if f"measured_uncertainty_{name}" in found else None
-    axes.errorbar(time, found[f"measured_{name}"].values, yerr=doubt, fmt=".", color=COLOURS[1], markersize=3, elinewidth=1.0, capsize=3, zorder=3, label="measured")  # fmt: skip
+def _beside(comparison: xr.Dataset, name: str, axes: Axes) -> None:
+    """Draw the measured values with their uncertainty, and the computed values at the same times."""
+    time, units = comparison[AT_TIME].values, comparison[name].attrs["units"]
+    doubt = comparison[f"measured_uncertainty_{name}"].values if f"measured_uncertainty_{name}" in comparison else None
+    axes.errorbar(time, comparison[f"measured_{name}"].values, yerr=doubt, fmt=".", color=COLOURS[1], markersize=3, elinewidth=1.0, capsize=3, zorder=3, label="measured")  # fmt: skip
     order = np.argsort(time)
     axes.plot(
         time[order],
-        found[name].values[order],
+        comparison[name].values[order],
         "-",
         color=COLOURS[0],
         linewidth=0.9,
         label="computed, at the same times",
     )
-    axes.set(xlabel=timed(found[AT_TIME]), ylabel=words(f"{name} ({units})"))
+    axes.set(xlabel=timed(comparison[AT_TIME]), ylabel=words(f"{name} ({units})"))
     axes.set_title(words(f"{name}, measured and computed"), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
 
 
-def _apart(found: xr.Dataset, name: str, axes: Axes) -> None:
-    """Draw a difference, and what it may be off."""
-    order = np.argsort(found[AT_TIME].values, kind="stable")
-    time, values = found[AT_TIME].values[order], found[f"difference_{name}"].values[order]
+def _apart(comparison: xr.Dataset, name: str, axes: Axes) -> None:
+    """Draw a difference and its uncertainty."""
+    order = np.argsort(comparison[AT_TIME].values, kind="stable")
+    time, values = comparison[AT_TIME].values[order], comparison[f"difference_{name}"].values[order]
     measured = f"measured_uncertainty_{name}"
-    doubt = found[measured if measured in found else f"interpolation_error_{name}"].values[order]
+    doubt = comparison[measured if measured in comparison else f"interpolation_error_{name}"].values[order]
     rows = thinned(values)
     axes.fill_between(time[rows], -doubt[rows], doubt[rows], color=COLOURS[0], alpha=0.25, linewidth=0)
-    style = "." if f"measured_{name}" in found else ".-" if len(time) <= FEW else "-"
+    style = "." if f"measured_{name}" in comparison else ".-" if len(time) <= FEW else "-"
     axes.plot(time[rows], values[rows], style, color=COLOURS[0], linewidth=1.0, markersize=4)
     axes.axhline(0.0, color="#777777", linewidth=0.8)
-    axes.set(xlabel=timed(found[AT_TIME]), ylabel=words(f"difference ({found[f'difference_{name}'].attrs['units']})"))
-    scale = found.get(schema.scale("difference", name))
-    said = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
-    axes.set_title(words(f"{found[f'difference_{name}'].attrs['long_name']}{said}"), loc="left", fontsize=10)
+    axes.set(
+        xlabel=timed(comparison[AT_TIME]),
+        ylabel=words(f"difference ({comparison[f'difference_{name}'].attrs['units']})"),
+    )
+    scale = comparison.get(schema.scale("difference", name))
+    suffix = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
+    axes.set_title(words(f"{comparison[f'difference_{name}'].attrs['long_name']}{suffix}"), loc="left", fontsize=10)

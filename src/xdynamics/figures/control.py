@@ -23,13 +23,13 @@ def steps(run: xr.Dataset, axes: Axes) -> None:
     size, time = run["step_size"].values, run["time"].values
     rows = _positive(size)
     axes.plot(time[rows], size[rows], ".", color=COLOURS[5], markersize=2.5, label="accepted")
-    about = run["trial_reason"].attrs
-    words = np.array(about["flag_meanings"].split()) if about["role"] == "flag" else np.zeros(0, "U")
-    failed = np.atleast_1d(about["flag_values"])[words == "error_test"] if words.size else words
-    chosen = np.flatnonzero(np.isin(run["trial_reason"].values, failed))
-    if len(chosen):
-        chosen = chosen[thinned(run["trial_step_size"].values[chosen])]
-        axes.plot(run["trial_time"].values[chosen], run["trial_step_size"].values[chosen], "x", color=COLOURS[1],
+    attributes = run["trial_reason"].attrs
+    reasons = np.array(attributes["flag_meanings"].split()) if attributes["role"] == "flag" else np.zeros(0, "U")
+    failed = np.atleast_1d(attributes["flag_values"])[reasons == "error_test"] if reasons.size else reasons
+    rejected = np.flatnonzero(np.isin(run["trial_reason"].values, failed))
+    if len(rejected):
+        rejected = rejected[thinned(run["trial_step_size"].values[rejected])]
+        axes.plot(run["trial_time"].values[rejected], run["trial_step_size"].values[rejected], "x", color=COLOURS[1],
                   markersize=3.5, markeredgewidth=0.8, label="rejected by the error test")  # fmt: skip
         axes.legend(fontsize=8, frameon=False)
     if len(rows):
@@ -53,13 +53,13 @@ def errors(run: xr.Dataset, axes: Axes) -> None:
 
 
 def _positive(values: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the rows to draw of what has a logarithm."""
-    taken = np.flatnonzero(values > 0)
-    return taken[thinned(values[taken])] if len(taken) else taken
+    """Return the rows to draw on a logarithmic axis: those of positive values, thinned."""
+    positive = np.flatnonzero(values > 0)
+    return positive[thinned(values[positive])] if len(positive) else positive
 
 
 def locations(run: xr.Dataset, axes: Axes) -> None:
-    """Draw how wide the bracket of each event is, and how well its time is known."""
+    """Draw the width of each event's bracket and the uncertainty of its time."""
     time = run["event_time"].values
     for name, marker, colour in zip(PARTS, "_.", (COLOURS[0], COLOURS[1]), strict=True):
         values = run[name].values

@@ -1,4 +1,4 @@
-"""Lines of a run: evaluated on states inside steps that are long in a picture, thinned where rows are very many."""
+"""Lines of a run: refined by states inside long steps, thinned where there are very many rows."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Inner:
     states : mapping of str to ndarray, shape (k,)
         In recorded units.
     again : bool
-        Whether by steps of the run's own method; else by Hermite's polynomials through what is recorded at both ends.
+        Whether from repeated steps of the run's own method; else from Hermite polynomials through the values at both ends.
     """
 
     times: Floats
@@ -56,8 +56,8 @@ class Inner:
 def thinned(values: NDArray[Any], most: int = DRAWN, times: Floats | None = None) -> Rows:
     """Return rows to draw: all, or the least and the greatest of each stretch, in order, with both ends.
 
-    Stretches are of equally many rows, and where times are given half of them of equal time: of many short steps and a few
-    long ones both are kept.
+    Stretches have equal numbers of rows; where times are given, half of them have equal durations instead, so that both
+    many short steps and a few long ones are kept.
     """
     n = len(values)
     if n <= most:
@@ -84,18 +84,18 @@ def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, li
     run : xarray.Dataset
     *names : str
     exact : bool
-        Whether to leave out what polynomials give between rows: where a line is of what hardly changes.
+        Whether to leave out values from polynomials between rows, for quantities that hardly change.
     """
     curves = [between(run, name) for name in names]
-    whole = [one for one in curves if one is not None]
-    if len(whole) < len(curves) or (exact and not _is_again(run)):
+    available = [curve for curve in curves if curve is not None]
+    if len(available) < len(curves) or (exact and not _is_again(run)):
         times, values = run["time"].values, [run[name].values for name in names]
     else:
-        times, values = whole[0][0], [one[1] for one in whole]
-    rows = np.unique(np.concatenate([thinned(one, times=times) for one in values]))
+        times, values = available[0][0], [curve[1] for curve in available]
+    rows = np.unique(np.concatenate([thinned(curve, times=times) for curve in values]))
     if "event_time" in run.variables and run.sizes["event"] <= DRAWN:  # no line passes by a state at an event
         rows = np.union1d(rows, np.flatnonzero(np.isin(times, run["event_time"].values)))
-    return times[rows], [one[rows] for one in values]
+    return times[rows], [curve[rows] for curve in values]
 
 
 def has_chords(run: xr.Dataset, *names: str, exact: bool = False) -> bool:
@@ -107,9 +107,9 @@ def has_chords(run: xr.Dataset, *names: str, exact: bool = False) -> bool:
 def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     """Return times and values of a line through all rows and through states inside long steps.
 
-    States are those of the run's own method, of steps that are made again and end there; what is computed from states is
-    evaluated on them. Where the record is not enough for that, states are on Hermite's polynomials through what is recorded
-    at both ends of a step. None where neither is known, or rows are so many that straight lines are as good.
+    States come from the run's own method, by repeating its steps up to those times; quantities computed from states are
+    evaluated on them. Where the record does not suffice, states lie on Hermite polynomials through the values recorded at
+    both ends of a step. None if neither is available, or there are so many rows that straight lines are as good.
     """
     inner = _inner(run)
     if inner is None or name not in run.variables or run[name].dims != (STEPS,):
@@ -130,15 +130,15 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
 
 def moments(run: xr.Dataset) -> Floats:
     """Return the times of rows and of points inside long steps."""
-    found: Floats = np.union1d(run["time"].values, _places(run)[0])
-    return found
+    times: Floats = np.union1d(run["time"].values, _places(run)[0])
+    return times
 
 
 _KNOWN: dict[int, tuple[weakref.ref[xr.Dataset], Inner | None]] = {}  # of records that are being drawn
 
 
 def _inner(run: xr.Dataset) -> Inner | None:
-    """Return the states inside steps, made once for a record; None where rows are many, or some were left out."""
+    """Return the states inside steps, computed once per record; None if rows are many, or some were left out."""
     kept = _KNOWN.get(id(run))
     if kept is None or kept[0]() is not run:
         key = id(run)
@@ -157,20 +157,20 @@ def _found(run: xr.Dataset) -> Inner | None:
         return None
     if (states := _again(run, times, rows)) is not None:
         return Inner(times, rows, states, again=True)
-    named = [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in STATES]
-    bent = {name: _bent(run, name, times, rows) for name in named if run[name].dims == (STEPS,)}
-    found = {name: values for name, values in bent.items() if values is not None}
-    return Inner(times, rows, found, again=False) if found else None
+    state_names = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") in STATES]
+    interpolated = {name: _bent(run, name, times, rows) for name in state_names if run[name].dims == (STEPS,)}
+    available = {name: values for name, values in interpolated.items() if values is not None}
+    return Inner(times, rows, available, again=False) if available else None
 
 
 def _places(run: xr.Dataset) -> tuple[Floats, Rows]:
-    """Deal points out to steps: as many to each while rows are few, and as many again in proportion to time."""
+    """Distribute points over steps: an equal number for each while rows are few, or more in proportion to its duration."""
     time, n = run["time"].values, run.sizes[STEPS]
     h, span = np.diff(time), float(time[-1] - time[0])
     if not span > 0.0:
         return np.zeros(0), np.zeros(0, np.int64)
-    each = min(DRAWN // 2 // n, MOST_BETWEEN)
-    counts = np.where(h > 0.0, np.maximum(each, h / span * (DRAWN // 2)), 0.0).astype(np.int64)
+    fewest = min(DRAWN // 2 // n, MOST_BETWEEN)
+    counts = np.where(h > 0.0, np.maximum(fewest, h / span * (DRAWN // 2)), 0.0).astype(np.int64)
     rows = np.repeat(np.arange(n - 1), counts)
     place = np.arange(rows.size) - (np.cumsum(counts) - counts)[rows] + 1
     times = time[rows] + h[rows] * (place / (counts[rows] + 1))
@@ -179,7 +179,7 @@ def _places(run: xr.Dataset) -> tuple[Floats, Rows]:
 
 
 def _is_torn(run: xr.Dataset) -> bool:
-    """Whether rows were left out, so that what was between those that are there is not recorded."""
+    """Whether rows were left out, so that the states between the remaining ones are not recorded."""
     time = run["time"].values
     if "step_size" not in run.variables:
         return True
@@ -189,25 +189,25 @@ def _is_torn(run: xr.Dataset) -> bool:
 
 
 def _again(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | None:
-    """Make steps again, shortened to end at times; None where the record does not say how, or they miss its rows."""
+    """Repeat steps, shortened to end at the times; None if the record lacks what this needs, or they miss its rows."""
     if (model := _model(run)) is None or len(model.units) > LARGEST:
         return None
-    time, met = run["time"].values, np.unique(rows)
-    ends = np.nextafter(time[met + 1], time[met])
+    time, starts = run["time"].values, np.unique(rows)
+    ends = np.nextafter(time[starts + 1], time[starts])
     try:
-        found = sampled(run, np.concatenate([times, ends]), after=True, rule=REINTEGRATE, functions=None)
+        samples = sampled(run, np.concatenate([times, ends]), after=True, rule=REINTEGRATE, functions=None)
     except InputError:
         return None
     for name in model.units:
         recorded = run[name].values
-        off = np.abs(found[name].values[times.size :] - recorded[met + 1])
-        if not np.nanmax(off, initial=0.0) <= MET * np.ptp(recorded):  # an edited record
+        deviation = np.abs(samples[name].values[times.size :] - recorded[starts + 1])
+        if not np.nanmax(deviation, initial=0.0) <= MET * np.ptp(recorded):  # an edited record
             return None
-    return {name: found[name].values[: times.size] for name in model.units}
+    return {name: samples[name].values[: times.size] for name in model.units}
 
 
 def _model(run: xr.Dataset) -> Model | None:
-    """Return the record's model, where it has one that needs nothing else."""
+    """Return the record's model, if it has one that needs no Python functions."""
     if "model_toml" not in run.variables:
         return None
     model = model_of(run, None)
@@ -215,31 +215,31 @@ def _model(run: xr.Dataset) -> Model | None:
 
 
 def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:
-    """Evaluate what is computed from states; None where on the rows something else was recorded."""
-    model, about = _model(run), run[name].attrs
-    if model is None or about.get("role") not in EVALUATED or not {*model.units} <= {*inner.states}:
+    """Evaluate a quantity that is computed from states; None if it disagrees with the recorded rows."""
+    model, attributes = _model(run), run[name].attrs
+    if model is None or attributes.get("role") not in EVALUATED or not {*model.units} <= {*inner.states}:
         return None
     try:
-        tree, units = tree_of(model, name), float(parse_unit(str(about["units"])).factor)
-    except InputError:  # a unit that nobody can read is drawn as it is written
+        tree, units = tree_of(model, name), float(parse_unit(str(attributes["units"])).factor)
+    except InputError:  # a variable with an unreadable unit is drawn as recorded
         return None
-    met = np.unique(inner.rows)
-    recorded, states = run[name].values[met], {one: run[one].values[met] for one in model.units}
+    starts = np.unique(inner.rows)
+    recorded, states = run[name].values[starts], {state: run[state].values[starts] for state in model.units}
     try:
-        here = evaluated_on(run, model, [tree], states, run["time"].values[met], met)[0] / units
+        evaluated = evaluated_on(run, model, [tree], states, run["time"].values[starts], starts)[0] / units
         values = evaluated_on(run, model, [tree], inner.states, inner.times, inner.rows)[0] / units
     except (InputError, KeyError):
         return None
-    # rows where something jumps have the value of either side: most rows agree, or it is something else that was recorded
-    off = np.abs(here - recorded) > AGREED * np.abs(recorded).max()
-    return None if np.mean(off | np.isnan(here)) > 0.5 else values
+    # rows where something jumps have the value of either side: if most rows disagree, something else was recorded
+    deviates = np.abs(evaluated - recorded) > AGREED * np.abs(recorded).max()
+    return None if np.mean(deviates | np.isnan(evaluated)) > 0.5 else values
 
 
 def energy_changes(run: xr.Dataset) -> dict[str, float] | None:
-    """Return by how much forces, events and the method's error have changed the total energy, at most, in its unit.
+    """Return the largest changes of the total energy by forces, by events and by the method's error, in its unit.
 
-    Forces by the integral of the rate that the model's own equations give, events by what changes at their instants, the
-    method by the rest. None where there is no model to ask, or too few rows.
+    Forces: the integral of the rate from the model's own equations; events: the changes at their instants; the method: the
+    rest. None without a model, or with too few rows.
     """
     inner, model = _inner(run), _model(run)
     if model is None or has_chords(run, "total_energy") or not {*model.units} <= set(run.variables):
@@ -247,37 +247,47 @@ def energy_changes(run: xr.Dataset) -> dict[str, float] | None:
     if inner is not None and not {*model.units} <= {*inner.states}:
         return None
     rows, time, energy = np.arange(run.sizes[STEPS]), run["time"].values, run["total_energy"].values
-    more = inner if inner is not None else Inner(np.zeros(0), np.zeros(0, np.int64), {}, again=True)
-    order = np.argsort(np.concatenate([rows, more.rows + 0.5]), kind="stable")
-    times, every = np.concatenate([time, more.times])[order], np.concatenate([rows, more.rows])[order]
-    states = {one: np.concatenate([run[one].values, more.states.get(one, time[:0])])[order] for one in model.units}
+    inside = inner if inner is not None else Inner(np.zeros(0), np.zeros(0, np.int64), {}, again=True)
+    order = np.argsort(np.concatenate([rows, inside.rows + 0.5]), kind="stable")
+    times, all_rows = np.concatenate([time, inside.times])[order], np.concatenate([rows, inside.rows])[order]
+    states = {
+        state: np.concatenate([run[state].values, inside.states.get(state, time[:0])])[order] for state in model.units
+    }
     try:
-        rates = evaluated_on(run, model, [model.rate_of(tree_of(model, "total_energy"))], states, times, every)[0]
+        rates = evaluated_on(run, model, [model.rate_of(tree_of(model, "total_energy"))], states, times, all_rows)[0]
     except (InputError, KeyError):
         return None
     rates = rates / float(parse_unit(str(run["total_energy"].attrs["units"])).factor)
-    done = np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) / 2.0 * np.diff(times))])[order < rows.size]
-    taken = np.concatenate([[0.0], np.cumsum(np.where(np.diff(time) > 0.0, 0.0, np.diff(energy)))])
-    return {"forces": np.ptp(done), "events": np.ptp(taken), "the method's error": np.ptp(energy - done - taken)}
+    work = np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) / 2.0 * np.diff(times))])[order < rows.size]
+    jumps = np.concatenate([[0.0], np.cumsum(np.where(np.diff(time) > 0.0, 0.0, np.diff(energy)))])
+    return {"forces": np.ptp(work), "events": np.ptp(jumps), "the method's error": np.ptp(energy - work - jumps)}
 
 
 def _bent(run: xr.Dataset, name: str, times: Floats, rows: Rows) -> Floats | None:
-    """Return a state on Hermite's polynomials: of a coordinate by its velocity and acceleration, of a velocity by the acceleration."""
+    """Return a state on Hermite polynomials: a coordinate from its velocity and acceleration, a velocity from its acceleration."""
     owner = name.removeprefix(velocity(""))
     chain = (name, rate(name)) if rate(name) in run.variables else (name, velocity(name), acceleration(name))
     if name == velocity(owner) and owner in run.variables:
         chain = (name, acceleration(owner))
     if not {*chain} <= set(run.variables):
         return None
-    time, values = run["time"].values, [run[one].values for one in chain]  # rates are in their owner's unit per second
+    time, values = (
+        run["time"].values,
+        [run[derivative].values for derivative in chain],
+    )  # rates are in their owner's unit per second
     h = (time[rows + 1] - time[rows]).astype(float)
-    return _hermite([one[rows] for one in values], [one[rows + 1] for one in values], h, (times - time[rows]) / h)
+    return _hermite(
+        [derivative[rows] for derivative in values],
+        [derivative[rows + 1] for derivative in values],
+        h,
+        (times - time[rows]) / h,
+    )
 
 
 def _hermite(start: list[Floats], end: list[Floats], w: Floats, u: Floats) -> Floats:
-    """Return Hermite's polynomial through values and their derivatives at both ends of steps w, at parts u of them.
+    """Return the Hermite polynomial through values and derivatives at both ends of steps of size w, at fractions u of them.
 
-    Of two derivatives the quintic one, of one the cubic (Hairer, Norsett, Wanner, Solving ODEs I, section II.6).
+    Quintic with two derivatives, cubic with one (Hairer, Norsett, Wanner, Solving ODEs I, section II.6).
     """
     a, b, p, q = start[0], end[0], w * start[1], w * end[1]
     if len(start) == 2:

@@ -25,7 +25,7 @@ SHOWN = ("period", "phase_offset", "amplitude", "phase_space_area")
 
 
 def panels_of(found: xr.Dataset) -> list[Panel]:
-    """Return what draws period, phase, amplitude and area of each cycle, and Lyapunov exponents.
+    """Return the panels of period, phase, amplitude and area of each cycle, and of Lyapunov exponents.
 
     Raises
     ------
@@ -33,7 +33,9 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
         If there is neither a cycle nor an exponent.
     """
     names = [name for name in SHOWN if name in found and found.sizes.get(CYCLE, 0) and found[name].notnull().any()]
-    residuals = [str(name) for name, one in found.data_vars.items() if str(name).startswith("residual_") and one.dims]
+    residuals = [
+        str(name) for name, variable in found.data_vars.items() if str(name).startswith("residual_") and variable.dims
+    ]
     if not names and LYAPUNOVS not in found:
         raise InputError(
             "there is nothing to draw: the diagnosis has no cycle; what it found is told by `xdynamics show`"
@@ -44,59 +46,57 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
 
 
 def foot_of(found: xr.Dataset) -> str:
-    """Say what was counted, beside what, and what the energy did."""
+    """Describe the cycles, the reference of their phases, and how the energy behaved."""
     energy = ""
     if "energy_band" in found:
         units = found["energy_band"].attrs["units"]
         energy = (
             f"; energy band {float(found['energy_band']):.3g} {units}, drift {float(found['energy_drift']):.3g} {units}"
         )
-    parts = []
+    remarks = []
     if found.sizes.get(CYCLE, 0):
-        parts.append(f"cycles of {cycles_said(found)}; phases beside {found.attrs['reference']}")
+        remarks.append(f"cycles of {cycles_said(found)}; phases beside {found.attrs['reference']}")
     if "cycle_doubt" in found.attrs:
-        parts.append(str(found.attrs["cycle_doubt"]))
+        remarks.append(str(found.attrs["cycle_doubt"]))
     if LYAPUNOVS in found:
-        parts.append(f"exponents: {found[LYAPUNOVS].attrs['transient']}; bars are standard uncertainties")
-    return "; ".join(parts) + energy
+        remarks.append(f"exponents: {found[LYAPUNOVS].attrs['transient']}; bars are standard uncertainties")
+    return "; ".join(remarks) + energy
 
 
-def _exponents(found: xr.Dataset, axes: Axes) -> None:
-    """Draw every exponent with its uncertainty and its digits; of one that is -inf the digits alone."""
-    values, doubts = found[LYAPUNOVS].values, found[LYAPUNOV_UNCERTAINTY].values
-    known = np.where(np.isfinite(values), values, np.nan)
+def _exponents(diagnosis: xr.Dataset, axes: Axes) -> None:
+    """Draw every exponent with its uncertainty and its digits; for -inf the digits alone."""
+    values, doubts = diagnosis[LYAPUNOVS].values, diagnosis[LYAPUNOV_UNCERTAINTY].values
+    finite = np.where(np.isfinite(values), values, np.nan)
     numbers = np.arange(1, len(values) + 1)
     axes.axhline(0.0, color="#888888", linewidth=0.8)
-    axes.errorbar(numbers, known, yerr=doubts, fmt="o", color=COLOURS[0], markersize=4, capsize=3.0, linewidth=1.0)
-    labels = exponents_with_uncertainty(found) if len(values) <= MOST_LABELS else []
-    for number, value, label in zip(numbers, known, labels, strict=False):
+    axes.errorbar(numbers, finite, yerr=doubts, fmt="o", color=COLOURS[0], markersize=4, capsize=3.0, linewidth=1.0)
+    labels = exponents_with_uncertainty(diagnosis) if len(values) <= MOST_LABELS else []
+    for number, value, label in zip(numbers, finite, labels, strict=False):
         place = (number, value if np.isfinite(value) else 0.0)
         axes.annotate(label, place, xytext=(6, 5), textcoords="offset points", fontsize=8)
-    units = str(found[LYAPUNOVS].attrs["units"])
-    behind = "" if units == "1" else f" ({units})"
-    axes.set(xlim=(0.5, len(values) + 0.9), xlabel="number", ylabel=words(f"Lyapunov exponent{behind}"))
+    units = str(diagnosis[LYAPUNOVS].attrs["units"])
+    unit_suffix = "" if units == "1" else f" ({units})"
+    axes.set(xlim=(0.5, len(values) + 0.9), xlabel="number", ylabel=words(f"Lyapunov exponent{unit_suffix}"))
     axes.margins(y=0.15)
     axes.locator_params(axis="x", integer=True)
-    growth = (
-        f"growth over the run's own time {float(found[FINITE_TIME_GROWTH]):.3g}{'' if units == '1' else f' {units}'}"
-    )
+    growth = f"growth over the run's own time {float(diagnosis[FINITE_TIME_GROWTH]):.3g}{'' if units == '1' else f' {units}'}"
     axes.set_title(words(f"Lyapunov exponents; {growth}"), loc="left", fontsize=10)
 
 
-def _along_cycles(found: xr.Dataset, name: str, axes: Axes) -> None:
-    one, units = found[name], found[name].attrs["units"]
-    first = float(one[0])
-    steady = float(np.nanmax(np.abs(one.values - first))) < STEADY * abs(first)
-    values, shown = (one.values - first, f"{name} - {first:.9g} {units}") if steady else (one.values, name)
-    axes.plot(found["cycle_time"].values, values, ".-", color=COLOURS[0], linewidth=1.0, markersize=4)
-    axes.set(xlabel=timed(found["cycle_time"], "time at the end of the cycle"), ylabel=words(f"{name} ({units})"))
+def _along_cycles(diagnosis: xr.Dataset, name: str, axes: Axes) -> None:
+    variable, units = diagnosis[name], diagnosis[name].attrs["units"]
+    first = float(variable[0])
+    steady = float(np.nanmax(np.abs(variable.values - first))) < STEADY * abs(first)
+    values, shown = (variable.values - first, f"{name} - {first:.9g} {units}") if steady else (variable.values, name)
+    axes.plot(diagnosis["cycle_time"].values, values, ".-", color=COLOURS[0], linewidth=1.0, markersize=4)
+    axes.set(xlabel=timed(diagnosis["cycle_time"], "time at the end of the cycle"), ylabel=words(f"{name} ({units})"))
     axes.set_title(words(shown), loc="left", fontsize=10, pad=14)
 
 
-def _residual(found: xr.Dataset, name: str, axes: Axes) -> None:
-    one = found[name]
-    axes.plot(found["time"].values, one.values, color=COLOURS[1], linewidth=1.0)
-    axes.set(xlabel=timed(found["time"]), ylabel=words(f"{name} ({one.attrs['units']})"))
-    scale = found.get(schema.scale(*name.split("_", 1)))
-    said = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
-    axes.set_title(words(f"{one.attrs['long_name']}{said}"), loc="left", fontsize=10)
+def _residual(diagnosis: xr.Dataset, name: str, axes: Axes) -> None:
+    variable = diagnosis[name]
+    axes.plot(diagnosis["time"].values, variable.values, color=COLOURS[1], linewidth=1.0)
+    axes.set(xlabel=timed(diagnosis["time"]), ylabel=words(f"{name} ({variable.attrs['units']})"))
+    scale = diagnosis.get(schema.scale(*name.split("_", 1)))
+    suffix = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
+    axes.set_title(words(f"{variable.attrs['long_name']}{suffix}"), loc="left", fontsize=10)

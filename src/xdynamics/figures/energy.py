@@ -1,4 +1,4 @@
-"""The energy of a run: what the method does to it, and what forces and events take and bring."""
+"""The energy of a run: how the method, forces and events change it."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ MATTERS = 0.05  # of the change of the total energy
 
 
 def is_exchanged(run: xr.Dataset) -> bool:
-    """Whether the total energy changes by a part of the energies that can be seen beside them."""
+    """Whether the change of the total energy is large enough to be seen beside the energies."""
     total = run["total_energy"].values
     largest = max(float(np.abs(run[name].values).max()) for name in ENERGIES if name in run)
     return bool(np.ptp(total) > EXCHANGED * largest)
 
 
 def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
-    """Draw kinetic, potential and total energy where they are exchanged, else how the total leaves its start."""
+    """Draw kinetic, potential and total energy if energy is exchanged, otherwise how the total departs from its start."""
     units, energy = run["total_energy"].attrs["units"], run["total_energy"].values
     axes.set_xlabel(timed(run["time"]))
     if is_exchanged(run):
@@ -48,18 +48,18 @@ def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
             axes.plot(times, values - values[0], DASHES[k % len(DASHES)], color=COLOURS[(k + 2) % len(COLOURS)], linewidth=1.0, label=words(label))  # fmt: skip
             axes.legend(fontsize=8, frameon=False)
     axes.set(ylabel=words(f"E - E(0) ({units})"))
-    said = straight(run, "total_energy", exact=True)
-    axes.set_title(words(f"total energy less its start, {float(energy[0]):.6g} {units}{said}"), loc="left", fontsize=10)
+    note = straight(run, "total_energy", exact=True)
+    axes.set_title(words(f"total energy less its start, {float(energy[0]):.6g} {units}{note}"), loc="left", fontsize=10)
     over_the_run(run, axes)
 
 
 def _changed(run: xr.Dataset) -> str:
-    """Say what the total energy is changed by: of forces, events and the method's error what matters."""
+    """Name what changes the total energy appreciably: forces, events or the method's error."""
     changes = energy_changes(run)
     if changes is None:
         return ""
     share = MATTERS * float(np.ptp(run["total_energy"].values))
-    named = [what for what, change in changes.items() if change > share]
-    if named == ["the method's error"]:
+    causes = [what for what, change in changes.items() if change > share]
+    if causes == ["the method's error"]:
         return ", changed by the method's error alone"
-    return f", changed by {', '.join(named[:-1])}{' and ' * (len(named) > 1)}{named[-1]}" if named else ""
+    return f", changed by {', '.join(causes[:-1])}{' and ' * (len(causes) > 1)}{causes[-1]}" if causes else ""

@@ -1,4 +1,4 @@
-"""Figures of ledgers: every case by every method, and how much of its bound the residual takes."""
+"""Figures of ledgers: every case by every method, and the residual as a share of its bound."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ HEIGHT = 7.5  # inches of the table
 
 
 def panels_of(ledger: xr.Dataset) -> list[Panel]:
-    """Return what draws the ledger as a table."""
+    """Return the panel that shows the ledger as a table."""
     return [partial(_table, ledger)]
 
 
 def foot_of(ledger: xr.Dataset) -> str:
-    """Say what the colours are."""
-    counts = words_of(ledger["verdict"])
-    told = ", ".join(f"{counts.count(word)} {word}" for word in dict.fromkeys(counts))
-    return f"{told}; from light to dark: residual below {NEAR:g}, below {CLOSE:g}, above {CLOSE:g} of its bound; red: failed; blank: refused"  # fmt: skip
+    """Count the verdicts and explain the colours."""
+    verdicts = words_of(ledger["verdict"])
+    summary = ", ".join(f"{verdicts.count(word)} {word}" for word in dict.fromkeys(verdicts))
+    return f"{summary}; from light to dark: residual below {NEAR:g}, below {CLOSE:g}, above {CLOSE:g} of its bound; red: failed; blank: refused"  # fmt: skip
 
 
 def _table(ledger: xr.Dataset, axes: Axes) -> None:
@@ -46,8 +46,8 @@ def _table(ledger: xr.Dataset, axes: Axes) -> None:
         place = methods.index(str(method)), names.index(str(name))
         axes.add_patch(Rectangle(place, 1, 1, facecolor=colour, edgecolor="white", linewidth=0.8))
     axes.set(xlim=(0, len(methods)), ylim=(len(names), 0))
-    axes.set_xticks(np.arange(len(methods)) + 0.5, [words(one) for one in methods], rotation=90, fontsize=7)
-    axes.set_yticks(np.arange(len(names)) + 0.5, [words(one.replace(".", ": ")) for one in names], fontsize=7)
+    axes.set_xticks(np.arange(len(methods)) + 0.5, [words(label) for label in methods], rotation=90, fontsize=7)
+    axes.set_yticks(np.arange(len(names)) + 0.5, [words(label.replace(".", ": ")) for label in names], fontsize=7)
     axes.tick_params(length=0)
     axes.spines[["left", "bottom"]].set_visible(False)
     axes.grid(visible=False)

@@ -64,37 +64,37 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
 
 
 def straight(run: xr.Dataset, *names: str, exact: bool = False) -> str:
-    """Say so where lines go straight from row to row, as what is between them is not known."""
+    """Note where lines are straight between rows, because the states there are unknown."""
     return "; straight between rows" if has_chords(run, *names, exact=exact) else ""
 
 
 def _overlay(names: list[str], beside: Beside, axes: Axes) -> bool:
-    """Draw what other runs and measurements say of the same variables."""
-    drawn = False
+    """Draw the same variables of other runs and measurements."""
+    overlaid = False
     for k, (label, columns) in enumerate(beside):
         for i, name in enumerate(names):
             if name not in columns:
                 continue
             colour = COLOURS[(i + (k + 1) * len(names)) % len(COLOURS)]
             times, values, doubts = columns[name]
-            said = words(f"{name}, {label}" if len(names) > 1 else label)
+            text = words(f"{name}, {label}" if len(names) > 1 else label)
             if doubts is None:
-                axes.plot(times, values, DASHES[k % len(DASHES)], color=colour, linewidth=1.4, alpha=0.7, label=said)
+                axes.plot(times, values, DASHES[k % len(DASHES)], color=colour, linewidth=1.4, alpha=0.7, label=text)
             else:
-                axes.errorbar(times, values, yerr=doubts if doubts.any() else None, fmt="+", color=colour, markersize=5, linewidth=0.8, label=said)  # fmt: skip
-            drawn = True
-    return drawn
+                axes.errorbar(times, values, yerr=doubts if doubts.any() else None, fmt="+", color=colour, markersize=5, linewidth=0.8, label=text)  # fmt: skip
+            overlaid = True
+    return overlaid
 
 
 def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     """Draw many variables as colours: time across, one row for each."""
     time = run["time"].values
-    wanted = np.linspace(time[0], time[-1], min(COLUMNS, 4 * len(time)))
-    rows = np.stack([np.interp(wanted, times, line) for name in names for times, (line,) in [drawn(run, name)]])
+    grid = np.linspace(time[0], time[-1], min(COLUMNS, 4 * len(time)))
+    rows = np.stack([np.interp(grid, times, line) for name in names for times, (line,) in [drawn(run, name)]])
     largest = float(np.abs(rows).max()) or 1.0
-    edges = np.append(wanted, wanted[-1])
-    shown = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, cmap="RdBu_r", vmin=-largest, vmax=largest, rasterized=True)  # fmt: skip
-    axes.figure.colorbar(shown, ax=axes, label=words(f"{_joined(names)} ({typeset(run[names[0]].attrs['units'])})"))
+    edges = np.append(grid, grid[-1])
+    mesh = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, cmap="RdBu_r", vmin=-largest, vmax=largest, rasterized=True)  # fmt: skip
+    axes.figure.colorbar(mesh, ax=axes, label=words(f"{_joined(names)} ({typeset(run[names[0]].attrs['units'])})"))
     ticks = np.unique(np.linspace(1, len(names), min(len(names), 9)).round().astype(int))
     axes.set_yticks(ticks, [words(names[k - 1]) for k in ticks])
     axes.grid(visible=False)
@@ -103,7 +103,7 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
 
 
 def driven(run: xr.Dataset, names: list[str], axes: Axes) -> None:
-    """Draw what measured tables give along the run."""
+    """Draw the values of measured tables along the run."""
     model = model_of(run, None)
     time = run["time"].values
     tables = dict(zip(model.drives, tables_of(model), strict=True))
@@ -111,8 +111,8 @@ def driven(run: xr.Dataset, names: list[str], axes: Axes) -> None:
         drive = model.drives[name]
         of_time = drive.argument == "t"
         if of_time:  # its own points too, which no step may have met
-            own = tables[name][0][(tables[name][0] > time[0]) & (tables[name][0] < time[-1])]
-            at = argument = np.union1d(moments(run), own)
+            points = tables[name][0][(tables[name][0] > time[0]) & (tables[name][0] < time[-1])]
+            at = argument = np.union1d(moments(run), points)
         else:
             at, (argument,) = drawn(run, drive.argument)
             argument = argument * float(model.units[drive.argument].factor)
@@ -127,7 +127,7 @@ def driven(run: xr.Dataset, names: list[str], axes: Axes) -> None:
 
 
 def impulses(run: xr.Dataset, coordinates: list[str]) -> list[str]:
-    """Name the impulses of which there are some."""
+    """Name the impulses that are not zero throughout."""
     names = [f"event_impulse_{name}" for name in coordinates]
     return [name for name in names if name in run and is_whole(run.attrs) and run[name].values.any()]
 
@@ -148,31 +148,31 @@ def struck(run: xr.Dataset, names: list[str], axes: Axes) -> None:
 
 
 def turn(units: str) -> float:
-    """Return how much a whole turn is in a unit of angles."""
+    """Return a full turn in a unit of angle."""
     return 2.0 * np.pi / float(parse_unit(units).factor)
 
 
 def wrapped(values: Floats, units: str) -> Floats:
     """Return angles within half a turn to either side."""
-    whole = turn(units)
-    found: Floats = values - whole * np.round(values / whole)
-    return found
+    full_turn = turn(units)
+    angles: Floats = values - full_turn * np.round(values / full_turn)
+    return angles
 
 
 def torn(values: Floats, units: str) -> Floats:
     """Return wrapped angles with a gap where they jump, so that no line joins both sides."""
-    found = wrapped(values, units)
-    found[1:][np.abs(np.diff(found)) > turn(units) / 2.0] = np.nan
-    return found
+    angles = wrapped(values, units)
+    angles[1:][np.abs(np.diff(angles)) > turn(units) / 2.0] = np.nan
+    return angles
 
 
 def wraps(run: xr.Dataset) -> tuple[str, ...]:
-    """Name the angles that a run's model wants wrapped."""
+    """Name the angles that the run's model asks to wrap."""
     return model_of(run, None).pictured.wrap if "model_toml" in run else ()
 
 
 def section(run: xr.Dataset, names: list[str], axes: Axes) -> None:
-    """Draw Poincare's section: velocities against positions, once in each period."""
+    """Draw the Poincaré section: velocities against positions, once per period."""
     model = model_of(run, None)
     period = float(evaluate(model.expanded(model.pictured.section), constants(model)))  # type: ignore[arg-type]
     time = run["time"].values
@@ -182,7 +182,7 @@ def section(run: xr.Dataset, names: list[str], axes: Axes) -> None:
         units = str(run[name].attrs["units"])
         position = wrapped(states[name].values, units) if name in model.pictured.wrap else states[name].values
         axes.plot(position, states[velocity(name)].values, ".", color=colour, markersize=2.5, label=words(name))
-    axes.set(xlabel=words(f"{_joined(names)} ({run[names[0]].attrs['units']})"), ylabel=words(f"{_joined([velocity(one) for one in names])} ({run[velocity(names[0])].attrs['units']})"))  # fmt: skip
+    axes.set(xlabel=words(f"{_joined(names)} ({run[names[0]].attrs['units']})"), ylabel=words(f"{_joined([velocity(coordinate) for coordinate in names])} ({run[velocity(names[0])].attrs['units']})"))  # fmt: skip
     axes.set_title(f"Poincare section, {states.sizes['at']} periods of {period:.6g}", loc="left", fontsize=10)
     _legend(axes, names)
 
@@ -203,8 +203,8 @@ def phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
         xlabel=words(f"{_joined(names)} ({units})"),
         ylabel=words(f"{_joined([velocity(name) for name in names])} ({per_second})"),
     )
-    said = straight(run, *names, *(velocity(name) for name in names))
-    axes.set_title(f"phase portrait (dot: start){said}", loc="left", fontsize=10)
+    note = straight(run, *names, *(velocity(name) for name in names))
+    axes.set_title(f"phase portrait (dot: start){note}", loc="left", fontsize=10)
     _legend(axes, names)
 
 
@@ -226,14 +226,14 @@ def _legend(axes: Axes, names: list[str], *, beside: bool = False) -> None:
 
 
 def is_late(run: xr.Dataset) -> bool:
-    """Whether rows ask for logarithmic time: half of them in the first hundredth of the span."""
+    """Whether logarithmic time suits the rows: half of them lie in the first hundredth of the span."""
     time = run["time"].values
     span = time[-1] - time[0]
     return bool(len(time) >= FEWEST_LATE and span > 0 and np.median(time) - time[0] < LATE * span)
 
 
 def over_the_run(run: xr.Dataset, axes: Axes) -> None:
-    """Give a panel the time axis of all the others: the run's span, logarithmic where its rows ask for that."""
+    """Give a panel the time axis of all the others: the run's span, logarithmic where that suits its rows."""
     time = run["time"].values
     if is_late(run):
         first = float(np.diff(time)[np.diff(time) > 0].min())

@@ -50,35 +50,35 @@ def INK() -> str:  # noqa: N802 - a colour, that of the sheet's text
 
 
 def typeset(units: str) -> str:
-    """Set a unit as print does: ``m s⁻¹``.
+    """Typeset a unit with superscripts: ``m s⁻¹``.
 
     Examples
     --------
     >>> typeset("kg m2 s-2")
     'kg m² s⁻²'
     """
-    return _UNIT.sub(lambda one: one[1] + (one[2] or "").translate(_POWERS), units)
+    return _UNIT.sub(lambda match: match[1] + (match[2] or "").translate(_POWERS), units)
 
 
 def timed(time: xr.DataArray, what: str = "time") -> str:
-    """Label an axis of times with the unit that they have: none where a model's time is a pure number."""
+    """Label a time axis with its unit; without one if the model's time is dimensionless."""
     units = str(time.attrs.get("units", "s"))
     return what if units == "1" else f"{what} ({units})"
 
 
 def at_time(time: xr.DataArray, value: float, digits: int = 6) -> str:
-    """Say a time with the unit that it has."""
+    """Write a time with its unit."""
     return f"t = {value:.{digits}g}{behind(str(time.attrs.get('units', 's')))}"
 
 
 def words(text: Any) -> str:
-    """Return a record's text as it is to be read in a figure: no formula, nothing unseen."""
+    """Escape a record's text for a figure, so that it has no formula and no invisible characters."""
     return escaped(str(text)).replace("$", r"\$")
 
 
 def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
     """Shade the time that each regime lasts, and name it, where there are several."""
-    if "regime" not in run or len(named := run["regime"].attrs["flag_meanings"].split()) < 2:
+    if "regime" not in run or len(names := run["regime"].attrs["flag_meanings"].split()) < 2:
         return
     time, regime = run["time"].values, run["regime"].values
     flags = np.atleast_1d(run["regime"].attrs["flag_values"]).tolist()
@@ -89,32 +89,32 @@ def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
         axes.axvspan(time[first], end, color=COLOURS[place % len(COLOURS)], alpha=0.07, linewidth=0)
         if len(edges) <= MOST_LABELLED and end - time[first] > SHORTEST_NAMED * (time[-1] - time[0]):
             axes.annotate(
-                words(named[place]), ((time[first] + end) / 2, 1.0), xycoords=("data", "axes fraction"), xytext=(0, -9),
+                words(names[place]), ((time[first] + end) / 2, 1.0), xycoords=("data", "axes fraction"), xytext=(0, -9),
                 textcoords="offset points", ha="center", fontsize=7, color="#555555",
             )  # fmt: skip
 
 
 def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
-    """Mark every event on the line that it is about, a marker for each kind, and name what happens where it first does."""
+    """Mark every event on the line that it concerns, with a marker for each kind, and name its first occurrence."""
     if not run.sizes.get("event", 0) or not is_whole(run.attrs):
         return  # of a selection, the rows that events name are those of the run
     if not {"event_detector", "event_kind", "event_row_before", "event_time"} <= set(run.variables):
         return
-    rows, every = run["event_row_before"].values, run["time"].values
-    if not np.array_equal(every[np.clip(rows, 0, every.size - 1)], run["event_time"].values):
+    rows, times = run["event_row_before"].values, run["time"].values
+    if not np.array_equal(times[np.clip(rows, 0, times.size - 1)], run["event_time"].values):
         return  # rows were left out since
     detectors, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
-    happened = [one if kind in PLAIN else f"{one} {kind}" for one, kind in zip(detectors, kinds, strict=True)]
+    happened = [name if kind in PLAIN else f"{name} {kind}" for name, kind in zip(detectors, kinds, strict=True)]
     labels: dict[
         int, list[str]
     ] = {}  # by the row at which something happens first: what happens at once is named at once
     for n, what in enumerate(dict.fromkeys(happened)):
-        chosen = np.array([one == what for one in happened])
+        chosen = np.array([name == what for name in happened])
         first = int(np.flatnonzero(chosen)[0])
         line = run[_told_by(run, detectors[first], names)].values
         marker = MARKERS.get(kinds[first], "ovsD^P*X"[n % 8])
         axes.plot(
-            every[rows[chosen]],
+            times[rows[chosen]],
             line[rows[chosen]],
             marker,
             color=INK(),
@@ -131,28 +131,32 @@ def _name(run: xr.Dataset, labels: dict[int, list[str]], names: list[str], axes:
     """Write names beside markers, above one another where they would lie on one another."""
     time = run["time"].values
     span, before, level = float(time[-1] - time[0]), -np.inf, 0
-    for row, named in sorted(labels.items()):
+    for row, texts in sorted(labels.items()):
         level = level + 1 if time[row] - before < CROWDED * span else 0
         before = time[row]
-        value = float(run[_told_by(run, named[0].split()[0], names)][row])
+        value = float(run[_told_by(run, texts[0].split()[0], names)][row])
         low, high = axes.get_ylim()
         shift = -13 - 9 * level if value > low + TOP * (high - low) else 5 + 9 * level
         last = span > 0.0 and time[row] - time[0] > RIGHT * span  # or the name would leave the frame
         axes.annotate(
-            words(", ".join(named)), (time[row], value), textcoords="offset points", fontsize=7.5,
+            words(", ".join(texts)), (time[row], value), textcoords="offset points", fontsize=7.5,
             xytext=(-6 if last else 5, shift), ha="right" if last else "left",
         )  # fmt: skip
 
 
 def _told_by(run: xr.Dataset, detector: str, names: list[str]) -> str:
-    """Return the line that an event is about: its contact's own force, or the first that its function, gap or slip names."""
-    about, forces = run.variables, (contact_force(detector), friction_force(detector))
-    if own := [name for name in names if name in forces]:
-        return own[0]
-    texts = [about[one].attrs.get(key, "") for one, key in zip(forces, ("gap", "slip"), strict=True) if one in about]
-    functions = str(about["event_detector"].attrs.get("functions", ""))
-    texts += [one.partition(": ")[2] for one in functions.split("; ") if one.startswith(f"{detector}: ")]
-    read = re.findall(r"[A-Za-z_]\w*", " ".join(map(str, texts)))
-    # of what a gap reads the velocity is the line too, and of a slip's velocity the coordinate
-    found = [name for name in names if {name, name.removeprefix("v_"), f"v_{name}"} & set(read)]
-    return found[0] if found else names[0]
+    """Return the line that an event concerns: its contact's own force, or the first that its function, gap or slip names."""
+    variables, forces = run.variables, (contact_force(detector), friction_force(detector))
+    if own_forces := [name for name in names if name in forces]:
+        return own_forces[0]
+    texts = [
+        variables[entry].attrs.get(key, "")
+        for entry, key in zip(forces, ("gap", "slip"), strict=True)
+        if entry in variables
+    ]
+    functions = str(variables["event_detector"].attrs.get("functions", ""))
+    texts += [entry.partition(": ")[2] for entry in functions.split("; ") if entry.startswith(f"{detector}: ")]
+    symbols = re.findall(r"[A-Za-z_]\w*", " ".join(map(str, texts)))
+    # a gap that reads a coordinate concerns its velocity too, and a slip that reads a velocity its coordinate
+    matches = [name for name in names if {name, name.removeprefix("v_"), f"v_{name}"} & set(symbols)]
+    return matches[0] if matches else names[0]

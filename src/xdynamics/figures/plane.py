@@ -57,27 +57,27 @@ class Path:
 
 
 def views(run: xr.Dataset) -> list[list[Path]]:
-    """Return what is seen in each view of the plane: bodies together, or coordinates from each side."""
+    """Return the paths in each view of the plane: all bodies together, or two coordinates per view."""
     model = _model(run)
     if model is not None and model.pictured.plane:
         return [_named(run, model)]
     groups: dict[str, list[str]] = {}
-    for name, one in run.data_vars.items():
-        units = str(one.attrs.get("units"))
-        if one.attrs.get("role") == "coordinate" and one.dims == ("step",) and _is_length(units):
+    for name, variable in run.data_vars.items():
+        units = str(variable.attrs.get("units"))
+        if variable.attrs.get("role") == "coordinate" and variable.dims == ("step",) and _is_length(units):
             groups.setdefault(units, []).append(str(name))
-    found = []
+    pairs = []
     for units, names in groups.items():
         if 2 <= len(names) <= SEEN:
             for across, up in combinations(names, 2):
                 (times, x), (_, y) = _line(run, across), _line(run, up)
                 if min(np.ptp(x), np.ptp(y)) > THIN * max(np.ptp(x), np.ptp(y)):
-                    found.append([Path(across, up, units, times, x, y)])
-    return found
+                    pairs.append([Path(across, up, units, times, x, y)])
+    return pairs
 
 
 def draw(run: xr.Dataset, view: list[Path], beside: Beside, axes: Axes) -> None:
-    """Draw the paths of a view with one scale for both axes; a dot where each begins."""
+    """Draw the paths of a view with one scale for both axes, and a dot at the start of each."""
     every, view = view, view[:MOST_BODIES]
     for k, one in enumerate(view):
         colour = COLOURS[k % len(COLOURS)]
@@ -103,9 +103,9 @@ def left_out(view: list[Path]) -> str:
 def _overlay(view: list[Path], beside: Beside, axes: Axes) -> None:
     """Draw where other runs have the same coordinates."""
     for k, (label, columns) in enumerate(beside):
-        for one in view:
-            if one.across in columns and one.up in columns:
-                (times, x, doubts), (others, y, _) = columns[one.across], columns[one.up]
+        for body in view:
+            if body.across in columns and body.up in columns:
+                (times, x, doubts), (others, y, _) = columns[body.across], columns[body.up]
                 here = (np.interp(times, others, y), "+") if doubts is not None else (np.interp(times, others, y), DASHES[k % len(DASHES)])  # fmt: skip
                 axes.plot(x, *here, color=COLOURS[(k + 1) % len(COLOURS)], linewidth=1.2, alpha=0.8, label=words(label))
 
@@ -120,16 +120,16 @@ def _mark(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
     for k, name in enumerate(dict.fromkeys(names)):
         times = run["event_time"].values[names == name]
         times = times[:: max(1, len(times) // MOST_MARKS)]
-        for one in view:
-            inside = times[(times >= one.times[0]) & (times <= one.times[-1])]
-            axes.plot(np.interp(inside, one.times, one.x), np.interp(inside, one.times, one.y), "ovsD^P*X"[k % 8],
+        for body in view:
+            inside = times[(times >= body.times[0]) & (times <= body.times[-1])]
+            axes.plot(np.interp(inside, body.times, body.x), np.interp(inside, body.times, body.y), "ovsD^P*X"[k % 8],
                       color=INK(), markersize=3.5, markerfacecolor="none", markeredgewidth=0.7,
-                      label=words(name) if one is view[0] else None)  # fmt: skip
+                      label=words(name) if body is view[0] else None)  # fmt: skip
     axes.legend(fontsize=8, frameon=False)
 
 
 def _is_length(units: str) -> bool:
-    """Whether a unit is one of places: none of an angle, nor what no unit is."""
+    """Whether a unit is that of a position: neither of an angle, nor unreadable."""
     try:
         return parse_unit(units).dimension != NONE
     except InputError:
@@ -144,18 +144,18 @@ def _named(run: xr.Dataset, model: Model) -> list[Path]:
     """Evaluate the pairs that a model names along the run."""
     state: dict[str, Any] = {}
     times = run["time"].values
-    for name, one in model.coordinates.items():
+    for name, component in model.coordinates.items():
         if name not in run:
             return []
         times, values = _line(run, name)
-        state[name] = values * float(one.unit.factor)
-    known = dict(constants(model)) | state | {"t": times}
-    found = []
+        state[name] = values * float(component.unit.factor)
+    namespace = dict(constants(model)) | state | {"t": times}
+    bodies = []
     for pair in model.pictured.plane:
         unit = spell(dimension_of(model.expanded(pair[0]), model.dimensions))
-        x, y = (np.broadcast_to(evaluate_many(model.expanded(one), known), times.shape) for one in pair)
-        found.append(Path(text_of(pair[0]), text_of(pair[1]), unit.text, times, x, y))
-    return found
+        x, y = (np.broadcast_to(evaluate_many(model.expanded(component), namespace), times.shape) for component in pair)
+        bodies.append(Path(text_of(pair[0]), text_of(pair[1]), unit.text, times, x, y))
+    return bodies
 
 
 def _line(run: xr.Dataset, name: str) -> tuple[Floats, Floats]:

@@ -38,7 +38,7 @@ def plot(
     dpi: int = DPI,
     dark: bool = False,
 ) -> Figure:
-    """Draw a run, or evidence: of a run every coordinate, velocity, force, energy and step; of evidence what it tells.
+    """Draw a run (every coordinate, velocity, force, energy and step) or the findings of evidence.
 
     Parameters
     ----------
@@ -54,14 +54,14 @@ def plot(
         Of a run: other runs and measured data, drawn over the same variables.
     size : pair of float, inches, optional
     dpi : int
-        Dots an inch, of PNG.
+        Dots per inch, for PNG.
     dark : bool
-        Whether to draw on a dark ground.
+        Whether to draw on a dark background.
 
     Raises
     ------
     InputError
-        If there is nothing to draw, or the ending is another, or the folder does not exist.
+        If there is nothing to draw, the file's ending is unknown, or its folder does not exist.
     """
     if path is not None:
         check_path(Path(path))
@@ -91,7 +91,7 @@ def plot(
 
 
 def _check(size: Any, dpi: Any) -> None:
-    pair = isinstance(size, tuple | list) and len(size) == 2 and all(isinstance(one, int | float) and 1.0 <= one <= 100.0 for one in size)  # fmt: skip
+    pair = isinstance(size, tuple | list) and len(size) == 2 and all(isinstance(length, int | float) and 1.0 <= length <= 100.0 for length in size)  # fmt: skip
     if size is not None and not pair:
         raise InputError(f"size is {size!r}, needs width and height in inches, from 1 to 100, like (8, 5)")
     if isinstance(dpi, bool) or not isinstance(dpi, int) or not 20 <= dpi <= 1200:

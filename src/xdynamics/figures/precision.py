@@ -1,4 +1,4 @@
-"""Figures of work against precision: how far off a number is, over what it cost, a line for each method."""
+"""Figures of work against precision: the error of a number over its cost, a line for each method."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEIGHT = 3.8
 
 
 def panels_of(found: xr.Dataset) -> list[Panel]:
-    """Return what draws each number."""
+    """Return the panel of each number."""
     names = [str(name) for name in found.data_vars if str(name).startswith(OFF) and bool((found[name] > 0).any())]
     return [partial(_work, found, name) for name in names]
 
@@ -29,24 +29,24 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
 def foot_of(found: xr.Dataset) -> str:
     """Say what is drawn."""
     varied = str(found.attrs["varied"])
-    sizes = ", ".join(f"{float(one):.6g}" for one in found[varied].values)
+    sizes = ", ".join(f"{float(value):.6g}" for value in found[varied].values)
     return f"each point a run; along a line {varied} = {sizes} {found[varied].attrs['units']}"
 
 
-def _work(found: xr.Dataset, name: str, axes: Axes) -> None:
-    varied = str(found.attrs["varied"])
-    one = found[name]
-    while set(one.dims) - set(found[EVALUATIONS].dims):
-        one = one.isel({next(dim for dim in one.dims if dim not in found[EVALUATIONS].dims): -1})
-    others = [str(dim) for dim in one.dims if dim != varied]
-    for k, at in enumerate(product(*(range(found.sizes[dim]) for dim in others))):
-        here = dict(zip(others, at, strict=True))
-        work, off = found[EVALUATIONS].isel(here).values, one.isel(here).values
+def _work(precision: xr.Dataset, name: str, axes: Axes) -> None:
+    varied = str(precision.attrs["varied"])
+    errors = precision[name]
+    while set(errors.dims) - set(precision[EVALUATIONS].dims):
+        errors = errors.isel({next(dim for dim in errors.dims if dim not in precision[EVALUATIONS].dims): -1})
+    others = [str(dim) for dim in errors.dims if dim != varied]
+    for k, indices in enumerate(product(*(range(precision.sizes[dim]) for dim in others))):
+        selection = dict(zip(others, indices, strict=True))
+        work, off = precision[EVALUATIONS].isel(selection).values, errors.isel(selection).values
         order = np.argsort(work)
         shown = order[off[order] > 0.0]
-        label = " ".join(str(found[dim].values[i]) for dim, i in here.items() if dim in found.coords)
+        label = " ".join(str(precision[dim].values[i]) for dim, i in selection.items() if dim in precision.coords)
         axes.plot(work[shown], off[shown], f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=4, linewidth=1.0, label=words(label))  # fmt: skip
-    axes.set(xscale="log", yscale="log", xlabel="force evaluations", ylabel=words(f"|error| ({one.attrs['units']})"))
+    axes.set(xscale="log", yscale="log", xlabel="force evaluations", ylabel=words(f"|error| ({errors.attrs['units']})"))
     axes.set_title(words(name.removeprefix(OFF)), loc="left", fontsize=10)
     if others:
         axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")

@@ -23,28 +23,28 @@ FAR_BELOW = 1e-3  # of the smallest difference: what is less than this is not dr
 
 
 def panels_of(study: xr.Dataset) -> list[Panel]:
-    """Return what draws each number of a refinement."""
+    """Return the panel of each number of a refinement."""
     return [partial(_differences, study, name) for name in _numbers(study)]
 
 
 def foot_of(study: xr.Dataset) -> str:
     """Say what is drawn, and what is left out."""
-    left = sum(f"difference_{name}" in study for name in study.data_vars) - len(_numbers(study))
-    more = f"; {left} further numbers, at roundoff or limited by interpolation, are in the record" if left else ""
+    omitted = sum(f"difference_{name}" in study for name in study.data_vars) - len(_numbers(study))
+    note = f"; {omitted} further numbers, at roundoff or limited by interpolation, are in the record" if omitted else ""
     return (
         "dots: difference of each level to the next finer one; crosses: how far interpolation or location may have it off, where that is not far below;"
-        f" dashed: order {study.attrs['formal_order']:g}{more}"
+        f" dashed: order {study.attrs['formal_order']:g}{note}"
     )
 
 
 def _numbers(study: xr.Dataset) -> list[str]:
-    """Name what levels tell something of; all, where that is nothing."""
+    """Name the numbers on which the levels are informative; all, if there are none."""
     names = [str(name) for name in study.data_vars if f"difference_{name}" in study]
     return [name for name in names if telling(study, name)] or names
 
 
 def telling(study: xr.Dataset, name: str) -> bool:
-    """Whether levels differ by more than rounding and interpolation may have them off, at one place at least."""
+    """Whether levels differ by more than rounding and interpolation explain, in at least one place."""
     if f"verdict_{name}" not in study:
         return bool((np.abs(study[f"difference_{name}"]) > study[f"interpolation_error_{name}"]).any())
     return bool({*words_of(study[f"verdict_{name}"])} - {"roundoff", "interpolation_limited"})
@@ -55,20 +55,20 @@ def log_steps(axes: Axes, steps: NDArray[Any]) -> None:
     from matplotlib.ticker import NullLocator
 
     axes.set_xscale("log")
-    axes.set_xticks(steps, [f"{one:.3g}" for one in steps], fontsize=8)
+    axes.set_xticks(steps, [f"{step:.3g}" for step in steps], fontsize=8)
     axes.xaxis.set_minor_locator(NullLocator())
 
 
 def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
     """Draw the differences of one number over its levels."""
-    varied, one = study[str(study.attrs["varied"])], study[name]
+    varied, variable = study[str(study.attrs["varied"])], study[name]
     number = varied.dtype.kind == "f"
     steps = varied.values if number else np.arange(varied.size, dtype=float)
-    place = next((dim for dim in one.dims if dim != LEVEL), None)
+    place = next((dim for dim in variable.dims if dim != LEVEL), None)
     for k in range(min(MOST_PLACES, study.sizes[place]) if place else 1):
-        here = {place: k} if place else {}
+        selection = {place: k} if place else {}
         change, doubt = (
-            np.abs(study[f"{kind}_{name}"].isel(here).values) for kind in ("difference", "interpolation_error")
+            np.abs(study[f"{kind}_{name}"].isel(selection).values) for kind in ("difference", "interpolation_error")
         )
         where = (
             ""
@@ -77,27 +77,27 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
             if place == AT
             else f"occurrence {k + 1}"
         )
-        verdict = words_of(study[f"verdict_{name}"].isel(here))[0].replace("_", " ") if number else ""
+        verdict = words_of(study[f"verdict_{name}"].isel(selection))[0].replace("_", " ") if number else ""
         shown = change > 0.0
-        known = doubt > (FAR_BELOW * float(change[shown].min()) if shown.any() else 0.0)
+        uncertain = doubt > (FAR_BELOW * float(change[shown].min()) if shown.any() else 0.0)
         colour, label = COLOURS[k % len(COLOURS)], ", ".join(filter(None, (where, verdict)))
         axes.plot(steps[shown], change[shown], "o-", color=colour, markersize=4, linewidth=1.0, label=words(label))
-        axes.plot(steps[known], doubt[known], "x", color=colour, markersize=4)
+        axes.plot(steps[uncertain], doubt[uncertain], "x", color=colour, markersize=4)
         if k == 0 and number and shown.any():
             first = np.flatnonzero(shown)[0]
             slope = change[first] * (steps[shown] / steps[first]) ** float(study.attrs["formal_order"])
             axes.plot(steps[shown], slope, "--", color="#999999", linewidth=0.9, zorder=0)
     if any(np.size(line.get_xdata()) for line in axes.lines):
         axes.set_yscale("log")
-    units = one.attrs["units"]
+    units = variable.attrs["units"]
     if number:
         log_steps(axes, steps)
         axes.set(xlabel=words(timed(varied, str(study.attrs["varied"]))))
     else:
-        axes.set_xticks(steps, [words(str(each)) for each in varied.values])
+        axes.set_xticks(steps, [words(str(level)) for level in varied.values])
     axes.set(ylabel=words(f"|difference| ({units})"))
     first = f" at {at_time(study[AT_TIME], float(study[AT_TIME][0]))}" if place == AT else ""
-    left = f", {MOST_PLACES} of {study.sizes[place]} drawn" if place and study.sizes[place] > MOST_PLACES else ""
-    value = float(one.values.reshape(varied.size, -1)[-1, 0])
-    axes.set_title(words(f"{name}{first} = {value:.9g} {units}{left}"), loc="left", fontsize=10)
+    omitted = f", {MOST_PLACES} of {study.sizes[place]} drawn" if place and study.sizes[place] > MOST_PLACES else ""
+    value = float(variable.values.reshape(varied.size, -1)[-1, 0])
+    axes.set_title(words(f"{name}{first} = {value:.9g} {units}{omitted}"), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)

@@ -38,11 +38,11 @@ Keyed = tuple[str, list[str], Panel]  # what kind of panel, which variables, how
 
 
 def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequence[Any] = ()) -> list[Panel]:
-    """Return what draws each panel of a run: the plane, trajectory, velocity, contacts, drives, phase portrait, energy, steps.
+    """Return the panels of a run: the plane, trajectory, velocity, contacts, drives, phase portrait, energy, steps.
 
-    Between rows that are far apart lines go through states of the run's own method, made again from the record, and what is
-    computed from states is evaluated on them; where that is not known the panel says so. Lines of more than 4,000 points are
-    thinned by keeping the least and the greatest value of each stretch. The record keeps every row.
+    Between rows that are far apart lines go through states of the run's own method, recomputed from the record, and
+    quantities computed from states are evaluated on them; a panel states where that is impossible. Lines of more than 4,000
+    points are thinned by keeping the least and the greatest value of each stretch. The record keeps every row.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
     Raises
     ------
     InputError
-        If the Dataset has no recorded times, or there is nothing of what is wanted.
+        If the Dataset has no recorded times, or nothing that was asked for.
     """
     if "time" not in run.variables or run["time"].dims != (STEPS,) or not run["time"].size:
         raise InputError("plot needs a run record with 'time' along 'step'")
@@ -64,15 +64,15 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
     wanted = None if only is None else [*only]
     if wanted is not None:
         _check_wanted(run, wanted)
-    over = [beside_of(run, one) for one in beside]
+    overlays = [beside_of(run, source) for source in beside]
     panels = [
-        panel for kind, names, panel in _panels(run, over, wanted) if wanted is None or {kind, *names} & {*wanted}
+        panel for kind, names, panel in _panels(run, overlays, wanted) if wanted is None or {kind, *names} & {*wanted}
     ]
     if not panels and wanted == ["plane"]:
         raise InputError('the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)", "-l*cos(theta)"]')  # fmt: skip
     if not panels and wanted is not None:
-        said = said_of_log(run.attrs)
-        raise InputError(f"the run has nothing of {', '.join(wanted)} to draw{said and f'; {said}'}")
+        log_note = said_of_log(run.attrs)
+        raise InputError(f"the run has nothing of {', '.join(wanted)} to draw{log_note and f'; {log_note}'}")
     if not panels:
         raise InputError(
             f"there is nothing along '{STEPS}' to draw among {', '.join(map(str, run.data_vars)) or 'nothing'}"
@@ -81,9 +81,9 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
 
 
 def _check_wanted(run: xr.Dataset, wanted: Sequence[str]) -> None:
-    known = {name for _, names, _ in _panels(run, []) for name in names} | {*_others(run)}
-    if strange := [one for one in wanted if one not in (*KINDS, *known)]:
-        raise InputError(f"only has '{strange[0]}'; there are {', '.join(KINDS)}, and {', '.join(sorted(known))}")
+    drawable = {name for _, names, _ in _panels(run, []) for name in names} | {*_others(run)}
+    if unknown := [word for word in wanted if word not in (*KINDS, *drawable)]:
+        raise InputError(f"only has '{unknown[0]}'; there are {', '.join(KINDS)}, and {', '.join(sorted(drawable))}")
 
 
 def foot_of(run: xr.Dataset) -> str:
@@ -103,14 +103,14 @@ def _panels(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | None 
 
 
 def _of_motion(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
-    """Yield coordinates, velocities, first-order states, and what is asked for by name alone."""
+    """Yield coordinates, velocities, first-order states, and variables asked for by name."""
     coordinates = _with_role(run, "coordinate")
     moving = [velocity(name) for name in coordinates if _drawn(run, velocity(name))]
     kinds = {"trajectory": coordinates, "velocity": moving, "state": _with_role(run, "state"), "other": _others(run)}
-    said = {"state": "first-order state"}
+    titles = {"state": "first-order state"}
     for kind, names in kinds.items():
         for group in _by_unit(run, _chosen(kind, names, wanted)):
-            what = str(run[group[0]].attrs["role"]).replace("_", " ") if kind == "other" else said.get(kind, kind)
+            what = str(run[group[0]].attrs["role"]).replace("_", " ") if kind == "other" else titles.get(kind, kind)
             yield kind, group, partial(lines.against_time, run, group, what, beside)
 
 
@@ -144,14 +144,14 @@ def _of_march(run: xr.Dataset, beside: lines.Beside) -> Iterator[Keyed]:
 
 
 def _chosen(kind: str, names: list[str], wanted: Sequence[str] | None) -> list[str]:
-    """Return what is drawn of a kind: of what is wanted by names those alone."""
+    """Return the variables of a kind to draw: all if the kind is wanted, else those wanted by name."""
     if wanted is None:
         return names if kind != "other" else []
     return names if kind in wanted else [name for name in names if name in wanted]
 
 
 def _others(run: xr.Dataset) -> list[str]:
-    """Name what is drawn where it is asked for by name: forces, accelerations, rates, observables."""
+    """Name the variables that are drawn only on request: forces, accelerations, rates, observables."""
     roles = ("force", "acceleration", "rate", "observable", "energy", "gap")
     return [name for role in roles for name in _with_role(run, role) if name != "total_energy"]
 
@@ -162,9 +162,9 @@ def _drives(run: xr.Dataset) -> list[list[str]]:
         return []
     model = model_of(run, None)
     groups: dict[str, list[str]] = {}
-    for name, one in model.drives.items():
-        if one.argument == "t" or one.argument in run:
-            groups.setdefault(one.table.value_unit.text, []).append(name)
+    for name, drive in model.drives.items():
+        if drive.argument == "t" or drive.argument in run:
+            groups.setdefault(drive.table.value_unit.text, []).append(name)
     return list(groups.values())
 
 
@@ -176,18 +176,20 @@ def _is_driven(run: xr.Dataset) -> bool:
 
 
 def _is_steady(run: xr.Dataset) -> bool:
-    """Whether the steps are a grid, of which a picture says nothing."""
+    """Whether the steps are fixed, so that a picture of them is uninformative."""
     return run.attrs.get("solver_step_control") == "fixed"
 
 
 def _with_role(run: xr.Dataset, role: str) -> list[str]:
     return [
-        str(name) for name, one in run.data_vars.items() if one.attrs.get("role") == role and _drawn(run, str(name))
+        str(name)
+        for name, variable in run.data_vars.items()
+        if variable.attrs.get("role") == role and _drawn(run, str(name))
     ]
 
 
 def _drawn(run: xr.Dataset, *names: str) -> bool:
-    """Whether there are rows of all of these, as in a whole record there are."""
+    """Whether all of these variables have rows, as in a whole record."""
     return all(name in run and run[name].dims[:1] in ((STEPS,), ("trial",)) for name in names)
 
 

@@ -31,13 +31,19 @@ DARK: Any = {
     "text.color": "#e8e8e8", "axes.labelcolor": "#e8e8e8", "axes.edgecolor": "#9aa0ac", "xtick.color": "#cfd3da",
     "ytick.color": "#cfd3da",
 }  # fmt: skip
-_BEHIND = re.compile(r"\(([^()]*)\)$")  # the unit behind a label
+_BEHIND = re.compile(r"\(([^()]*)\)$")  # the unit after a label
 
 
 def sheet(
     panels: Sequence[Panel], title: str, foot: str, height: float = HEIGHT, size: tuple[float, float] | None = None
 ) -> Figure:
-    """Draw panels in reading order, in two columns, one alone over both; each so many inches high, or all of a size."""
+    """Draw panels in reading order in two columns, a single one across both; each of a height in inches, or all of a size.
+
+    Raises
+    ------
+    InputError
+        If a given size leaves too little room for each panel.
+    """
     from matplotlib import rcParams
     from matplotlib.figure import Figure
 
@@ -54,16 +60,16 @@ def sheet(
         axes.spines[["top", "right"]].set_visible(False)
         draw(axes)
         for axis in (axes.xaxis, axes.yaxis):
-            axis.set_label_text(_BEHIND.sub(lambda one: f"({typeset(one[1])})", axis.get_label_text()))
+            axis.set_label_text(_BEHIND.sub(lambda match: f"({typeset(match[1])})", axis.get_label_text()))
     figure.suptitle(words(title), x=0.01, ha="left", fontsize=13)
-    told = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
-    figure.supxlabel("\n".join(told), fontsize=8, alpha=0.7, x=0.01, ha="left")
+    lines = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
+    figure.supxlabel("\n".join(lines), fontsize=8, alpha=0.7, x=0.01, ha="left")
     return figure
 
 
 @contextmanager
 def lit(*, dark: bool) -> Iterator[None]:
-    """Draw on white, or on a dark ground."""
+    """Draw on a white or on a dark background."""
     from matplotlib import rc_context
 
     with rc_context(DARK if dark else LIGHT):
@@ -81,7 +87,13 @@ def write(figure: Figure, path: Path, dpi: int = DPI) -> None:
 
 @contextmanager
 def kept(what: str, path: Path) -> Iterator[Path]:
-    """Lend a place to write to; what is written there takes the path's name whole, or not at all."""
+    """Lend a temporary path to write to; the file then takes its final name whole, or not at all.
+
+    Raises
+    ------
+    ArchiveError
+        If the file cannot be written there.
+    """
     try:
         with taking_name(path) as new:
             yield new.part
@@ -90,7 +102,13 @@ def kept(what: str, path: Path) -> Iterator[Path]:
 
 
 def check_path(path: Path, formats: Sequence[str] = FORMATS, what: str = "figure") -> None:
-    """Refuse what could not be written, before it is drawn."""
+    """Check before drawing that a file can be written.
+
+    Raises
+    ------
+    InputError
+        If the file's ending is unknown, or its path cannot be written.
+    """
     if path.suffix.lower() not in formats:
         raise InputError(f"{what} '{path}' has the ending '{path.suffix}'; there are {', '.join(formats)}")
     try:

@@ -1,4 +1,4 @@
-"""Figures of sweeps: maps over two parameters with the regions of outcomes, lines over one, bands of what was drawn."""
+"""Figures of sweeps: maps over two parameters with the regions of outcomes, lines over one, bands of random draws."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ HEIGHT, ALONE = 3.6, 7.0  # inches of a panel, and of one that is alone on its s
 
 
 def panels_of(sweep: xr.Dataset) -> list[Panel]:
-    """Return what draws a sweep: a panel for each number that was kept, and of maps one for each word that varies."""
+    """Return the panels of a sweep: one for each recorded number, and for maps one for each value of a setting in words."""
     wide = _axes(sweep)
     names = _names(sweep)
-    if len(wide) >= 2 and all(one in sweep.coords for one in wide[:2]):
+    if len(wide) >= 2 and all(dim in sweep.coords for dim in wide[:2]):
         return [partial(_map, sweep, name, part, wide[:2]) for name, part in _parts(sweep, names, wide[:2])]
     if len(wide) == 1 and wide[0] in sweep.coords:
         return [partial(_line, sweep, name, wide[0]) for name in names]
@@ -51,12 +51,12 @@ def panels_of(sweep: xr.Dataset) -> list[Panel]:
 
 
 def foot_of(sweep: xr.Dataset) -> str:
-    """Say how members ended."""
+    """Report how members ended."""
     outcomes, counts = np.unique(ended(sweep).values.astype(str), return_counts=True)
-    said = ", ".join(f"{count} {word}" for word, count in zip(outcomes, counts, strict=True))
-    loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
-    doubt = f"; of {loose} the tolerances did not control every variable" if loose else ""
-    return f"{sweep[OUTCOME].size} runs: {said}{doubt}; {settings_said(sweep)}"
+    summary = ", ".join(f"{count} {word}" for word, count in zip(outcomes, counts, strict=True))
+    uncontrolled = int(np.count_nonzero(sweep[UNCONTROLLED].values))
+    note = f"; of {uncontrolled} the tolerances did not control every variable" if uncontrolled else ""
+    return f"{sweep[OUTCOME].size} runs: {summary}{note}; {settings_said(sweep)}"
 
 
 def height_of(panels: int) -> float:
@@ -73,39 +73,39 @@ def _axes(sweep: xr.Dataset) -> list[str]:
 
 
 def _names(sweep: xr.Dataset) -> list[str]:
-    """Name what is worth a panel: what is not the same everywhere; ends last, if there is more."""
+    """Name the numbers worth a panel, those that vary; final values come last."""
     names = [name for name in numbers(sweep) if not name.endswith("_time")] or ["end_time"]
     telling = [name for name in names if _varies(np.asarray(sweep[name]))]
-    asked = [name for name in telling if not name.startswith("end_")]
-    return [*asked, *(name for name in telling if name not in asked)] or names
+    leading = [name for name in telling if not name.startswith("end_")]
+    return [*leading, *(name for name in telling if name not in leading)] or names
 
 
 def _varies(values: Values) -> bool:
-    known = values[np.isfinite(values)] if values.dtype.kind == "f" else values.ravel()
-    return bool(known.size and known.max() > known.min())
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values.ravel()
+    return bool(finite.size and finite.max() > finite.min())
 
 
 def _parts(sweep: xr.Dataset, names: list[str], shown: list[str]) -> Iterator[tuple[str, dict[str, int]]]:
-    """Yield what panels show: of what varies besides each value, and for it each number."""
+    """Yield the number and the part of the sweep for each panel: every number for every combination of the other axes."""
     others = [dim for dim in sweep[OUTCOME].dims if dim not in shown]
-    for at in product(*(range(sweep.sizes[dim]) for dim in others)):
+    for indices in product(*(range(sweep.sizes[dim]) for dim in others)):
         for name in names:
-            yield name, {str(dim): k for dim, k in zip(others, at, strict=True)}
+            yield name, {str(dim): k for dim, k in zip(others, indices, strict=True)}
 
 
 def _map(whole: xr.Dataset, name: str, part: Mapping[str, int], shown: list[str], axes: Axes) -> None:
-    """Draw a number over two axes; where runs ended otherwise than most, in a colour of the outcome."""
+    """Draw a number over two axes, and frame the runs that ended otherwise than most."""
     sweep = whole.isel(part)
-    one = sweep[name]
+    number = sweep[name]
     for dim in (AT, OCCURRENCE):
-        one = one.isel({dim: -1 if dim == AT else 0}) if dim in one.dims else one
+        number = number.isel({dim: -1 if dim == AT else 0}) if dim in number.dims else number
     x, y = shown
-    values = one.transpose(y, x).values
+    values = number.transpose(y, x).values
     across, up = sweep[x].values.astype(float), sweep[y].values.astype(float)
     shades, ticks = _shades(values)
-    drawn = axes.pcolormesh(across, up, np.ma.masked_invalid(values.astype(float)), shading="nearest", rasterized=True, **shades)  # fmt: skip
+    mesh = axes.pcolormesh(across, up, np.ma.masked_invalid(values.astype(float)), shading="nearest", rasterized=True, **shades)  # fmt: skip
     bar = axes.figure.colorbar(
-        drawn, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), ticks=ticks, extend=_beyond(values, drawn.norm)
+        mesh, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), ticks=ticks, extend=_beyond(values, mesh.norm)
     )
     bar.set_label(_labelled(sweep, name), fontsize=8)
     bar.ax.tick_params(labelsize=7)
@@ -118,33 +118,34 @@ def _map(whole: xr.Dataset, name: str, part: Mapping[str, int], shown: list[str]
 
 
 def _shades(values: Values) -> tuple[dict[str, Any], Any]:
-    """Return colours: of a few whole numbers one each, else from dark to light; where a few are far off, for the rest."""
+    """Return a colour scale: one colour for each of a few whole numbers, else from dark to light, outliers disregarded."""
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm
 
-    known = values[np.isfinite(values)] if values.dtype.kind == "f" else values.ravel()
-    met = np.unique(known)
-    if known.size and len(met) <= FEW and (met == np.round(met)).all():
-        edges = np.arange(met.min() - 0.5, met.max() + 1.0)
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values.ravel()
+    levels = np.unique(finite)
+    if finite.size and len(levels) <= FEW and (levels == np.round(levels)).all():
+        edges = np.arange(levels.min() - 0.5, levels.max() + 1.0)
         scale = colormaps[SHADES].resampled(max(2, len(edges) - 1))
-        return {"cmap": scale, "norm": BoundaryNorm(edges, scale.N)}, met
-    low, inner, outer, high = np.quantile(known, (0.0, 0.005, 0.995, 1.0)) if known.size else (0.0, 0.0, 1.0, 1.0)
+        return {"cmap": scale, "norm": BoundaryNorm(edges, scale.N)}, levels
+    low, inner, outer, high = np.quantile(finite, (0.0, 0.005, 0.995, 1.0)) if finite.size else (0.0, 0.0, 1.0, 1.0)
     if high - low > FAR * (outer - inner) > 0.0:
         low, high = inner, outer
     return {"cmap": SHADES, "vmin": low, "vmax": high}, None
 
 
 def _beyond(values: Values, norm: Any) -> str:
-    """Say on which ends of a scale there are values that it does not show."""
+    """Return at which ends of a scale values lie outside of it."""
     least, most = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
     return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[bool(least < norm.vmin), bool(most > norm.vmax)]  # fmt: skip
 
 
 def _regions(axes: Axes, outcomes: Values, across: Values, up: Values) -> None:
-    """Frame where runs ended badly, or otherwise than most."""
-    met, counts = np.unique(outcomes, return_counts=True)
+    """Frame the regions where runs ended badly, or otherwise than most."""
+    endings, counts = np.unique(outcomes, return_counts=True)
     order = sorted(
-        zip(met.tolist(), counts.tolist(), strict=True), key=lambda one: (one[0].split()[0] not in GOOD, -one[1])
+        zip(endings.tolist(), counts.tolist(), strict=True),
+        key=lambda entry: (entry[0].split()[0] not in GOOD, -entry[1]),
     )
     colours = [COLOURS[1], COLOURS[2], COLOURS[3]]
     handles = []
@@ -161,12 +162,12 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
     """Draw a number over one axis, a line for each word; of occurrences points, one below the other."""
     others = [one for one in sweep[OUTCOME].dims if one != dim]
     x = sweep[dim].values.astype(float)
-    every = list(product(*(range(sweep.sizes[one]) for one in others)))
-    choices, times = every[:MOST_LINES], sweep[name].sizes.get(AT, 1)
-    left = f", {MOST_LINES} of {len(every)} lines" if len(every) > MOST_LINES else ""
-    left += f", {MOST_LINES} of {times} times" if times > MOST_LINES else ""
-    for k, at in enumerate(choices):
-        part = sweep.isel(dict(zip(others, at, strict=True)))
+    combinations = list(product(*(range(sweep.sizes[one]) for one in others)))
+    choices, times = combinations[:MOST_LINES], sweep[name].sizes.get(AT, 1)
+    omitted = f", {MOST_LINES} of {len(combinations)} lines" if len(combinations) > MOST_LINES else ""
+    omitted += f", {MOST_LINES} of {times} times" if times > MOST_LINES else ""
+    for k, indices in enumerate(choices):
+        part = sweep.isel(dict(zip(others, indices, strict=True)))
         one, label = part[name], _said(part, [dim]).removeprefix(", ")
         colour, dashes = COLOURS[k % len(COLOURS)], DASHES[k % len(DASHES)]
         if OCCURRENCE in one.dims:
@@ -183,7 +184,7 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
             axes.plot(x[rows], values[rows], marker="" if len(x) > 40 else ".", linestyle=dashes, color=colour, linewidth=1.2, markersize=4, label=label)  # fmt: skip
         _mark_bad(axes, part, name, x)
     axes.set(xlabel=_labelled(sweep, dim), ylabel=_labelled(sweep, name))
-    axes.set_title(words(f"{name}{left}"), loc="left", fontsize=10)
+    axes.set_title(words(f"{name}{omitted}"), loc="left", fontsize=10)
     if axes.get_legend_handles_labels()[1] and (len(choices) > 1 or AT in sweep[name].dims):
         axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
@@ -197,10 +198,10 @@ def _mark_bad(axes: Axes, part: xr.Dataset, name: str, x: Values) -> None:
 
 
 def _drawn(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
-    """Draw what was drawn: bands of quantiles over times, else how often values came."""
-    one = sweep[name].stack(members=[str(each) for each in sweep[OUTCOME].dims])
-    if AT in one.dims and sweep.sizes[AT] > 1:
-        times, values = sweep[AT_TIME].values, one.transpose(AT, "members").values
+    """Draw random members: bands of quantiles over times, otherwise a histogram."""
+    number = sweep[name].stack(members=[str(each) for each in sweep[OUTCOME].dims])
+    if AT in number.dims and sweep.sizes[AT] > 1:
+        times, values = sweep[AT_TIME].values, number.transpose(AT, "members").values
         low, lower, middle, upper, high = np.nanquantile(values, QUANTILES, axis=1)
         axes.fill_between(times, low, high, color=BANDS[0], label="95 %")
         axes.fill_between(times, lower, upper, color=BANDS[1], label="50 %")
@@ -208,13 +209,13 @@ def _drawn(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
         axes.set(xlabel=timed(sweep[AT_TIME]), ylabel=_labelled(sweep, name))
         axes.legend(fontsize=7, frameon=False)
     else:
-        values = one.values.astype(float).ravel()
-        known = values[np.isfinite(values)]
+        values = number.values.astype(float).ravel()
+        finite = values[np.isfinite(values)]
         axes.hist(
-            known, bins=min(60, max(5, int(np.sqrt(known.size)))), color=BANDS[1], edgecolor="white", linewidth=0.4
+            finite, bins=min(60, max(5, int(np.sqrt(finite.size)))), color=BANDS[1], edgecolor="white", linewidth=0.4
         )
-        for q in (QUANTILES[0], QUANTILES[2], QUANTILES[4]) if known.size else ():
-            axes.axvline(float(np.quantile(known, q)), color=COLOURS[0], linewidth=1.0, linestyle="-" if q == QUANTILES[2] else "--")  # fmt: skip
+        for q in (QUANTILES[0], QUANTILES[2], QUANTILES[4]) if finite.size else ():
+            axes.axvline(float(np.quantile(finite, q)), color=COLOURS[0], linewidth=1.0, linestyle="-" if q == QUANTILES[2] else "--")  # fmt: skip
         axes.set(xlabel=_labelled(sweep, name), ylabel="members")
     drawn = ", ".join(str(key) for key, each in sweep.variables.items() if each.attrs.get(AXIS) == dim)
     axes.set_title(words(f"{name}, {sweep.sizes[dim]} draws of {drawn}"), loc="left", fontsize=10)
@@ -222,11 +223,11 @@ def _drawn(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
 
 def _words(sweep: xr.Dataset, name: str, axes: Axes) -> None:
     """Draw a number of each word."""
-    one = sweep[name].stack(members=[str(each) for each in sweep[OUTCOME].dims])
-    while one.ndim > 1:
-        one = one.isel({next(dim for dim in one.dims if dim != "members"): 0})
-    labels = [" ".join(map(str, at if isinstance(at, tuple) else (at,))) for at in one["members"].values.tolist()]
-    axes.plot(one.values.astype(float), np.arange(len(labels)), "o", color=COLOURS[0], markersize=4)
+    number = sweep[name].stack(members=[str(axis) for axis in sweep[OUTCOME].dims])
+    while number.ndim > 1:
+        number = number.isel({next(dim for dim in number.dims if dim != "members"): 0})
+    labels = [" ".join(map(str, at if isinstance(at, tuple) else (at,))) for at in number["members"].values.tolist()]
+    axes.plot(number.values.astype(float), np.arange(len(labels)), "o", color=COLOURS[0], markersize=4)
     axes.set_yticks(np.arange(len(labels)), [words(label) for label in labels], fontsize=7)
     axes.invert_yaxis()
     axes.set(xlabel=_labelled(sweep, name))
@@ -239,11 +240,13 @@ def _labelled(sweep: xr.Dataset, name: str) -> str:
 
 
 def _said(part: xr.Dataset, shown: list[str]) -> str:
-    """Name the values that a part of a sweep has besides what is shown."""
-    said: list[str] = []
-    for name, one in part.coords.items():
-        if AXIS in one.attrs and not one.dims and str(name) not in shown:
-            value, units = one.values, str(one.attrs["units"])
-            text = f"{float(value):.6g}" if one.dtype.kind in "fi" else str(value)
-            said.append(text if one.dtype.kind not in "fi" else f"{name} = {text}{'' if units == '1' else f' {units}'}")
-    return f", {', '.join(said)}" if said else ""
+    """Name the values of the other axes for a part of a sweep."""
+    settings: list[str] = []
+    for name, coordinate in part.coords.items():
+        if AXIS in coordinate.attrs and not coordinate.dims and str(name) not in shown:
+            value, units = coordinate.values, str(coordinate.attrs["units"])
+            text = f"{float(value):.6g}" if coordinate.dtype.kind in "fi" else str(value)
+            settings.append(
+                text if coordinate.dtype.kind not in "fi" else f"{name} = {text}{'' if units == '1' else f' {units}'}"
+            )
+    return f", {', '.join(settings)}" if settings else ""
