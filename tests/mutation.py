@@ -222,7 +222,7 @@ TOUCHED = {
         "test_budget_quantities.py -k periods",
     ),
     "evidence/diagnosing/diagnosis.py": (
-        "test_cycles.py -k diagnosis_in_words or for_good",
+        "test_cycles.py -k diagnosis_in_words or believed or amplitudes",
         "test_signs.py -k drift or band or amplitude or turns or behind or ahead or residual or uncertainty_of",
         "test_cycles.py -k every_number",
         "test_thinning.py -k kept_rows or missing_columns",

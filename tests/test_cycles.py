@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +166,25 @@ def test_a_diagnosis_in_words() -> None:
     assert len(list(diagnosis.lines_of(found.isel(cycle=[])))) == 4
     del found.attrs["level_rule"]
     assert diagnosis.cycles_said(found) == "x, each from one rise through 0.5 m, to the next"
+
+
+def test_amplitudes_are_of_located_turns_and_where_it_bounces_of_states_between() -> None:
+    """Assert half of what a damped swing goes up and down by its closed form, and of a ball whose lowest point is no turn."""
+    swing = Swing(np.random.default_rng(11))
+    swing.d, swing.k = 0.3, swing.w**2 + 0.09
+    found = xd.diagnose(swing.run(), level=swing.middle, companion=False)
+    lag = np.arctan2(swing.d, swing.w)
+    turns = (np.pi * np.arange(-9, 40) - lag - swing.phase) / swing.w
+    rises = swing.rises
+    for k, (begin, end) in enumerate(pairwise(rises)):
+        inside = swing.x(turns[(turns > begin) & (turns < end)])
+        assert float(found.amplitude[k]) == pytest.approx(np.ptp(inside) / 2, rel=1e-6)
+    ball = xd.Model(
+        name="ball", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, parameters={"g": "2 m s-2"}, forces={"gravity": {"potential": "1*kilogram*g*y"}},
+        initial={"y": "1 m"}, contacts={"floor": {"gap": "y", "restitution": 1.0}},
+    )  # fmt: skip
+    bounced = xd.diagnose(xd.simulate(ball, method="dop853", rtol=1e-9, until=8.0), level=0.5, companion=False)
+    assert bounced.amplitude.values == pytest.approx(0.5, abs=0.02)
 
 
 def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPatch) -> None:
