@@ -108,6 +108,19 @@ def test_parts_what_is_thinned_keeps_both_ends_and_every_peak() -> None:
     assert np.diff(times[late]).max() < 3e-3 + 9e-3
 
 
+def test_parts_lines_are_in_the_records_unit() -> None:
+    """Assert places in mm and accelerations in mm s-2 between long steps, of a spring."""
+    model = xd.Model(
+        name="spring", coordinates={"x": "mm"}, mass={"x": "1*kilogram"}, forces={"spring": {"x": "-k*x"}}, parameters={"k": "4 N m-1"},
+        initial={"x": "5 mm", "v_x": "0 mm s-1"},
+    )  # fmt: skip
+    run = xd.simulate(model, method="dop853", step=0.5, until=2.0)
+    times, (line, places) = drawn(run, "a_x", "x")
+    assert times.size > 100
+    assert places == pytest.approx(5.0 * np.cos(2.0 * times), abs=1e-6)
+    assert line == pytest.approx(-4.0 * places, rel=1e-9, abs=1e-12)
+
+
 def test_parts_energy_is_changed_by_forces_events_and_the_method() -> None:
     """Assert drag's loss by its closed form, Euler's gain of a fall, and what bounces lose, in the record's unit."""
     slide = xd.simulate(spring(0.0, 2.0, 1e-9, 0.4), method="dop853", rtol=1e-11, step=None, until=2.0)

@@ -372,6 +372,10 @@ def test_parts_natural_sizes_are_what_a_time_would_make() -> None:
     still = linear([8.0, 0.0], [[0.0, 0.0]], 1, [0, 1])
     assert sizes.natural_sizes(still, still.y) == 0.5
     assert still.turning[:2] == pytest.approx([8.0, 16e-3])
+    pushed = linear([0.0, 0.0], [[0.0, 0.0]], 1, [0, 1])
+    pushed.y[2] = -4.0
+    assert sizes.natural_sizes(pushed, pushed.y) == 0.5
+    assert pushed.turning[:2] == pytest.approx([1.0, 2.0])
     falling = linear([0.0, 3.0], [[0.0, -0.5]], 1, [0, 1])
     assert sizes.natural_sizes(falling, falling.y) == pytest.approx(2.0)
     assert falling.turning[:2] == pytest.approx([6.0, 3.0])
