@@ -1,4 +1,6 @@
-"""What is kept of a sweep's members, and drives with many points, over the same sweep of ends: CPU time, best of some, interleaved.
+"""What a sweep's members cost, over a sweep of plain ends: CPU time, best of some, interleaved.
+
+Where something is kept of them, drives have many points, there are events or contacts, or equations are solved.
 
 python tests/benchmarks/sweep_speed.py [members]
 """
@@ -8,6 +10,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +18,7 @@ from lanes_speed import DUFFING, PENDULUM, model_of, varied
 
 import xdynamics as xd
 
+MODELS = Path(__file__).parents[2] / "data" / "models"
 END, ROUNDS = 50.0, 3
 ASKED: dict[str, Any] = {"method": "dop853", "rtol": 1e-9, "atol": 1e-9, "until": END}
 
@@ -36,8 +40,34 @@ def driven(points: int) -> xd.Model:
 
 def swept(model: xd.Model, name: str, values: Any, **more: Any) -> Callable[[], Any]:
     """Set up a sweep in one task of one thread."""
-    found = xd.sweep(model, {name: values}, members_per_task=len(values), **ASKED, **more)
+    found = xd.sweep(model, {name: values}, members_per_task=len(values), **ASKED | more)
     return lambda: found.compute(scheduler="synchronous")
+
+
+def with_detectors(count: int) -> xd.Model:
+    """Return the oscillators with so many detectors, a tenth of the first start apart."""
+    events = {f"e{i}": {"function": f"x - {0.1 * i!r}*metre"} for i in range(count)}
+    return xd.Model.from_text(model_of(DUFFING).to_toml() + "".join(
+        f'\n[events.{name}]\nfunction = "{one["function"]}"\n' for name, one in events.items()
+    ))  # fmt: skip
+
+
+def kinds(members: int) -> None:
+    """Print what members cost that are more than a step of lines: microseconds, and plain members."""
+    values = varied(DUFFING, members)
+    ways = {"dop853, plain": swept(model_of(DUFFING), "k", values)}
+    ways["radau_iia, its own tolerances"] = swept(
+        model_of(DUFFING), "k", values, method="radau_iia", rtol=None, atol=None
+    )
+    ways["radau_iia, those of dop853"] = swept(model_of(DUFFING), "k", values, method="radau_iia")
+    for count in (1, 10):
+        ways[f"dop853, {count} detectors"] = swept(with_detectors(count), "k", values)
+    for name in ("bouncing_ball", "impact_oscillator"):
+        model = xd.Model.from_toml(MODELS / f"{name}.toml")
+        first = next(iter(model.coordinates))
+        starts = model.initial[first].si + np.linspace(0.0, 0.1, members)
+        ways[name] = swept(model, f"initial_{first}", starts, until=None)
+    table("kinds of members", ways, members)
 
 
 def table(title: str, ways: dict[str, Callable[[], Any]], members: int) -> None:
@@ -57,7 +87,7 @@ def table(title: str, ways: dict[str, Callable[[], Any]], members: int) -> None:
 
 
 def main(members: int = 4096) -> None:
-    """Print one table for each family, and one for drives."""
+    """Print one table for each family, one for drives, and one for kinds of members."""
     for family in (DUFFING, PENDULUM):
         model, values = observed(family), varied(family, members)
         name = "initial_x" if family == PENDULUM else "k"
@@ -71,6 +101,7 @@ def main(members: int = 4096) -> None:
     table(
         "oscillators", {f"a drive of {n} points": swept(driven(n), "initial_x", starts) for n in (2, 20, 200)}, members
     )
+    kinds(members)
 
 
 if __name__ == "__main__":

@@ -213,7 +213,8 @@ class Law:
         return {}
 
     def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...]) -> machine.Code:  # noqa: FBT001
-        programs = (self.entries[0], *self.steps.programs, *stride(self.layout, adaptive=adaptive, followers=followers))
+        own = () if self.scheme.method.simplified else self.steps.programs  # whose step is made of other programs
+        programs = (self.entries[0], *own, *stride(self.layout, adaptive=adaptive, followers=followers))
         text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
         return machine.compiled(text, [STRIDE])
 

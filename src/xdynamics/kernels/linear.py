@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
 
-_REAL, _COMPLEX = np.int64(1), np.int64(2)  # no literals: of a function that is given one, numba makes a copy for each
+REAL, COMPLEX = np.int64(1), np.int64(2)  # no literals: of a function that is given one, numba makes a copy for each
 
 
 @shared
@@ -106,7 +106,7 @@ def factorise(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int) ->
             if factor != 0.0:
                 for i in range(k + 1, last + 1):
                     matrix[j * n + i] -= factor * matrix[column + i]
-    note_extents(matrix, pivots, n, _REAL)
+    note_extents(matrix, pivots, n, REAL)
     return True
 
 
@@ -174,7 +174,7 @@ def factorise_complex(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n:
                     p, q = matrix[re + column + i], matrix[im + column + i]
                     matrix[a + i] -= u * p - v * q
                     matrix[b + i] -= u * q + v * p
-    note_extents(matrix, pivots, n, _COMPLEX)
+    note_extents(matrix, pivots, n, COMPLEX)
     return True
 
 

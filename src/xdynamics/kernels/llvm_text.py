@@ -28,6 +28,8 @@ from xdynamics.kernels.program import (
     Place,
     Program,
     Store,
+    When,
+    While,
 )
 
 UNROLLED = 8  # components up to which vectors are written out; more are a loop
@@ -194,7 +196,8 @@ def _weight(program: Program, lanes: int, math_functions: str) -> int:
 
 
 def _calls(program: Program, name: str) -> int:
-    return sum(isinstance(one, Call) and one.program == name for one in program.body)
+    called = (one.call if isinstance(one, When | While) else one for one in program.body)
+    return sum(isinstance(one, Call) and one.program == name for one in called)
 
 
 class _Printer:
@@ -268,8 +271,25 @@ class _Printer:
         elif isinstance(line, Each):
             for i in range(line.count):
                 self._each(line, "", i)
+        elif isinstance(line, When | While):
+            self._if_any(line)
         else:
             self._print(line, "", 0)
+
+    def _if_any(self, line: When | While) -> None:
+        """A call where a number is not zero in some lane, once or as long as that is so."""
+        self._count += 1
+        here = f"any.{self._count}"
+        self._lines += [f"br label %{here}", f"{here}:"]
+        number = self._new(f"load {self._number}, ptr {self._pointer(line.place, '', 0)}, align 8")
+        asked = self._new(f"fcmp une {self._number} {number}, {self._operand(0.0)}")
+        if self._lanes > 1:
+            bits = self._new(f"bitcast {self._truth} {asked} to i{self._lanes}")
+            asked = self._new(f"icmp ne i{self._lanes} {bits}, 0")
+        self._lines += [f"br i1 {asked}, label %{here}call, label %{here}end", f"{here}call:"]
+        self._print(line.call, "", 0)
+        self._lines += [f"br label %{here if isinstance(line, While) else f'{here}end'}", f"{here}end:"]
+        self._block = f"{here}end"
 
     def _each(self, line: Each, index: str, shift: int) -> None:
         outside, joint, pairs = dict(self._values), self._joint, dict(self._pairs)

@@ -76,7 +76,23 @@ class Each:
     body: tuple[Compute | Load | Store, ...]
 
 
-Instruction = Compute | Load | Store | Call | Each
+@dataclass(frozen=True)
+class When:
+    """A call that is made where a number is not zero; in lanes, where it is not in any of them."""
+
+    place: Place
+    call: Call
+
+
+@dataclass(frozen=True)
+class While:
+    """A call that is made again and again, until a number is zero; in lanes, until it is in all of them."""
+
+    place: Place
+    call: Call
+
+
+Instruction = Compute | Load | Store | Call | Each | When | While
 
 
 @dataclass(frozen=True)

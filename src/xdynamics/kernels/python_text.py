@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from xdynamics.kernels.operations import COMPARISONS, INFIX, PYTHON
-from xdynamics.kernels.program import ARRAYS, AT, Call, Compute, Each, Load, Operand, Place, Program, Store
+from xdynamics.kernels.program import ARRAYS, AT, Call, Compute, Each, Load, Operand, Place, Program, Store, When, While
 
 _ATOM = 9
 SIGNATURE = ", ".join(f"_{name}" for name in ARRAYS)
@@ -57,6 +57,9 @@ class _Printer:
                 given = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
                 places = (given.get(one, one) for one in ARRAYS)
                 self.lines.append(f"{line.program}({', '.join(_array(one) for one in places)})")
+            case When() | While():
+                word, inner = "while" if isinstance(line, While) else "if", _Printer((line.call,)).lines
+                self.lines += [f"{word} {self._place(line.place)}:", *(f"    {one}" for one in inner)]
             case Each() if line.count:
                 inner = _Printer(line.body, self._texts, "i").lines
                 self.lines += [f"for i in range({line.count}):", *(f"    {one}" for one in inner)]

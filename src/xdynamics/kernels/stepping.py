@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from xdynamics.expressions import Name, Node, Number, derivative, expand, parse
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.program import AT, Call, Compute, Each, Instruction, Load, Operand, Place, Program, Store
+from xdynamics.kernels.program import AT, Call, Each, Instruction, Load, Operand, Place, Program, Store
 from xdynamics.methods.method import HERMITE, SCALARS, Evaluation, Solve, Statement, read_lines
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.summation import Update
@@ -394,7 +394,7 @@ def _arrays(line: Instruction) -> set[str]:
             return {line.at, line.y, line.z, line.e}
         case Each() if line.count:
             return {array for one in line.body for array in _arrays(one)}
-        case Compute() | Each():
+        case _:
             return set()
 
 

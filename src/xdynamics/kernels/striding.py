@@ -10,8 +10,9 @@ from __future__ import annotations
 from itertools import pairwise
 
 from xdynamics.expressions import parse
-from xdynamics.kernels import quantities, watching
+from xdynamics.kernels import collocation, quantities, watching
 from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.collocation import Collocation
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import (
     AT,
@@ -25,6 +26,8 @@ from xdynamics.kernels.program import (
     Place,
     Program,
     Store,
+    When,
+    While,
 )
 
 # What a lane knows besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
@@ -32,7 +35,8 @@ from xdynamics.kernels.program import (
 # last accepted step, tried is the norm of the last trial; `inner` is 1 where the next node is not the end, `landed`
 # where the last step came to one. Behind them stand absolute tolerances, largest values,
 # the error of that step; of each event function on which side of zero it is to stay (2: wherever, 0: it is not known),
-# and of a gap how large it was; of each switch that was declared smooth its side, how often it was passed, and when first.
+# and of a gap how large it was; what `collocation` keeps; of each switch that was declared smooth its side, how often it was
+# passed, and when first.
 LANE = (
     "t", "h", "norm", "tried", "step", "step_log", "rejected", "grid", "on_grid", "done", "accepted", "most", "lives",
     "node", "snap", "inner", "landed", "start", "step_size", "rtol", "floor", "rest", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
@@ -63,19 +67,33 @@ advances = where(t + width > t, where(reach > t, 1, 0), 0)
 ready = lives*where(lands > inner, 0, 1)*advances*where(done <= most, 1, 0)
 """
 _JUDGE = """
-logarithm = log(judged)
-beta = 0.2/k
-allowed = safety*exp(where(judged > 1, -logarithm/k, (0.75*beta - 1/k)*logarithm + beta*step_log))
-factor = where(judged > 0, min(greatest, max(least, allowed)), greatest)
 grown = width*where(rejected > 0, min(factor, 1), factor)
 kept_up = where(lands > 0, where(rejected > 0, grown, max(grown, step)), grown)
 next_step = min(max_step, max(min_step, kept_up))
-next_log = max(where(judged > 0, logarithm, least_logarithm), least_logarithm)
-shorter = width*max(least, min(0.9, allowed))
 bound = max(min_step, max(1e-14*abs(t), 1e-300))
 repeats = where(judged > 1, where(judged < 1e300, where(least*width > bound, where(least*step > bound, 1, 0), 0), 0), 0)
 moves = ready*sound*silent*where(judged <= 1, 1, 0)
 turns_back = ready*sound*repeats
+"""
+_PREDICT = """
+bounded = max(judged, smallest)
+own = safety*min(1, least_work/(turn + work))/sqrt(sqrt(bounded))
+seen = safety*(width/before)*sqrt(sqrt(norm_before/(bounded*bounded)))
+predicted = where(judged <= 1, where(before > 0, min(own, seen), own), own)
+limited = min(greatest, max(least, predicted))
+stays = where(turns <= few_turns, 1, where(theta <= slow, 1, 0))*where(limited >= 1, where(limited <= held, 1, 0), 0)
+growth = where(stays > 0, 1, limited)
+factor = min(greatest, max(least, growth))
+next_log = least_logarithm
+shorter = width*min(0.9, growth)
+"""
+_CONTROL = """
+logarithm = log(judged)
+beta = 0.2/k
+allowed = safety*exp(where(judged > 1, -logarithm/k, (0.75*beta - 1/k)*logarithm + beta*step_log))
+factor = where(judged > 0, min(greatest, max(least, allowed)), greatest)
+next_log = max(where(judged > 0, logarithm, least_logarithm), least_logarithm)
+shorter = width*max(least, min(0.9, allowed))
 """
 _MOVE = """
 t = where(moves > 0, reach, t)
@@ -98,6 +116,15 @@ rejected = where(moves > 0, 0, where(turns_back > 0, 1, rejected))
 """
 
 
+_AGAIN = "again = solved*where(rejected > 0, 1, where(before > 0, 0, 1))*where(judged_first <= 1, 0, 1)"
+_SOLVED = """
+eta = where(moves + turns_back > 0, eta_tried, eta)
+since = where(moves > 0, 2, since)
+iterations = where(moves > 0, turn, iterations)
+evaluations = where(moves + turns_back > 0, evaluations + 3*turn + 1 + again, evaluations)
+"""
+
+
 _PASSED = """
 passed = moves*where(decides > 0, where(side*value < 0, 1, 0), 0)
 new_side = where(decides > 0, where(value > 0, 1, where(value < 0, -1, side)), 0)
@@ -117,9 +144,14 @@ def noted_width(layout: Layout) -> int:
     return max(1, len(layout.derived) + 2 * len(layout.smooth))
 
 
+def of_collocation(layout: Layout) -> int:
+    """Return where a lane has what a step of Radau IIA keeps."""
+    return len(LANE) + 3 * len(layout.used) + 2 * len(layout.watched)
+
+
 def _of_smooth(layout: Layout) -> int:
     """Return where a lane has what is known of switches that were declared smooth."""
-    return len(LANE) + 3 * len(layout.used) + 2 * len(layout.watched)
+    return of_collocation(layout) + (collocation.width(layout) if layout.implicit else 0)
 
 
 def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> tuple[Program, ...]:
@@ -131,8 +163,7 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
     write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
     write.lines(_READY)
     write.store("at", {"t": "t", "t1": "reach", "h": "width"})
-    write.body.append(Call("propose", "at", "y", "z"))
-    write.load("finite_step", Place("at", UNSOUND))
+    inner = write.solve() if layout.implicit else write.propose()
     if layout.derived or layout.smooth:
         write.store("at", {"t": "reach"})
         write.body.append(Call(DERIVED, "at", "z", "samples"))  # which no step of a lane keeps: there is room
@@ -142,15 +173,17 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
         write.error_norm()
         write.load("judged", Place("norm", same=True))
     write.watch()
-    write.lines(_JUDGE if adaptive else "moves = ready*sound*silent\nturns_back = 0*ready")
+    control = _PREDICT if layout.implicit else _CONTROL
+    write.lines(control + _JUDGE if adaptive else "moves = ready*sound*silent\nturns_back = 0*ready")
     write.smooth()
     write.move(adaptive=adaptive)
-    write.lines(_MOVE + (_JUDGED if layout.estimates else "") + (_PACE if adaptive else ""), kept=True)
+    more = (_JUDGED if layout.estimates else "") + (_PACE if adaptive else "") + (_SOLVED if layout.implicit else "")
+    write.lines(_MOVE + more, kept=True)
     local = {"norm": 1}
     if any(followers):
         local["tops"] = 1 + max(layout.kinds)
     own = Program(STRIDE, "One step in every lane.", tuple(write.body), {}, local)
-    return (*((quantities.derived(layout),) if layout.derived or layout.smooth else ()), own)
+    return (*inner, *((quantities.derived(layout),) if layout.derived or layout.smooth else ()), own)
 
 
 class _Writing:
@@ -160,7 +193,9 @@ class _Writing:
         self.body: list[Instruction] = []
         self._layout = layout
         self._followers = followers
-        self._known: dict[str, Operand] = {"stretch": STRETCH, "least_logarithm": LEAST_LOGARITHM}
+        own: dict[str, Operand] = {"stretch": STRETCH, "least_logarithm": LEAST_LOGARITHM}
+        self._known = own | collocation.CONSTANTS
+        self._places = {name: Place("w", i) for i, name in enumerate(LANE)}
         self._parts = 0
 
     def lines(self, text: str, *, kept: bool = False) -> None:
@@ -171,7 +206,7 @@ class _Writing:
             target, expression = line.split(" = ")
             value = write.value(parse(expression))
             if kept:
-                stores.append(Store(Place("w", LANE.index(target)), value))
+                stores.append(Store(self._places[target], value))
             else:
                 self._known[target] = write.name(target, value)
         self.body += [*write.lines, *stores]
@@ -184,7 +219,7 @@ class _Writing:
     def _found(self, lines: Assignments, name: str) -> Operand:
         if name in self._known:
             return self._known[name]
-        return lines.load(Place("w", LANE.index(name)), f"_{self._parts}_{name}")
+        return lines.load(self._places[name], f"_{self._parts}_{name}")
 
     def load(self, name: str, place: Place) -> None:
         """Read a number that was written since it was read last."""
@@ -196,6 +231,39 @@ class _Writing:
         write = self._next()
         stores = [Store(Place(array, AT.index(name)), write.named(value)) for name, value in values.items()]
         self.body += [*write.lines, *stores]
+
+    def propose(self) -> tuple[Program, ...]:
+        """Make the step by the lines of the method."""
+        self.body.append(Call("propose", "at", "y", "z"))
+        self.load("finite_step", Place("at", UNSOUND))
+        return ()
+
+    def solve(self) -> tuple[Program, ...]:
+        """Make the step by iterations in all lanes until they are over in each; return what is called for it."""
+        layout, follows = self._layout, any(self._followers)
+        inner = Collocation(layout, self._places, len(LANE), of_collocation(layout), follows=follows)
+        self._places = inner.places
+        self.body += inner.begin(self._known)
+        self.body.append(When(inner.places["missing"], Call(collocation.LINEARISE, "at", "y", "z")))
+        self.body.append(When(inner.places["unfactored"], Call(collocation.FACTORISE, "at", "y", "z")))
+        self.body.append(While(inner.places["open"], Call(collocation.CORRECT, "at", "y", "z")))
+        self.body += inner.ended()
+        self.store("at", {"t": "reach"})
+        self.body += [Call("forces", "at", "z", "z"), *inner.estimated()]
+        self.error_norm()
+        self.load("judged_first", Place("norm", same=True))
+        self.lines("solved = ready*(1 - vain)")
+        self._known["ready"] = self._known["solved"]
+        self.lines(_AGAIN, kept=True)
+        self.body.append(When(inner.places["again"], Call(collocation.ESTIMATE, "at", "y", "z")))
+        write = self._next()
+        numbers = [write.load(Place("z", i)) for i in range(len(layout.state))]
+        found: Operand = 0.0
+        for one in numbers:  # a number less itself is 0 where it is finite, else nan
+            found = write.compute("add", found, write.compute("subtract", one, one))
+        self.body += write.lines
+        self._known["finite_step"] = found
+        return (quantities.linearised(layout), *inner.programs)
 
     def error_norm(self) -> None:
         """Find the largest error over its scale: `march.control.error_norm`."""

@@ -10,9 +10,10 @@ from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
+from xdynamics.kernels.collocation import KEPT
 from xdynamics.kernels.machine import vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
-from xdynamics.kernels.striding import LANE, lane_width, noted_width
+from xdynamics.kernels.striding import LANE, lane_width, noted_width, of_collocation
 from xdynamics.kernels.watching import can_be_watched
 from xdynamics.march.engine import lanes as side_by_side
 from xdynamics.march.lanes import EVENTS, NONE, OF_LANE, OF_NOTED, OF_STATE, ROWS
@@ -21,23 +22,33 @@ from xdynamics.march.parts import Arrays, Part, inputs_of
 from xdynamics.march.posing import addresses_of, posed
 from xdynamics.march.run import EVENT_ROW
 from xdynamics.march.settings import Settings
+from xdynamics.methods.scheme import EXACT
 from xdynamics.model import Model
 
 LANE_ROWS = 1 << 5  # of the log of a lane, which the single march writes to now and then
 EVENT_ROOM = 1 << 16  # events that lanes hold before they are taken out
 ROW_ROOM = 1 << 12  # rows of all lanes likewise
 FEWEST_A_LANE = 4  # runs from which on lanes pay
+MOST_FACTORISED = 5  # velocities and states up to which they do where equations are solved: factors are written out
 
 
 def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int:
     """Return how many runs may go side by side: one, where a step is more than a program, or nothing is gained."""
     scheme, layout = law.scheme, law.layout
-    plain = not (scheme.method.implicit or scheme.halved or scheme.method.stepping or isinstance(settings.step, tuple))
+    written = not scheme.method.implicit or (settings.adaptive and _can_be_solved(layout))
+    plain = written and not (scheme.halved or scheme.method.stepping or isinstance(settings.step, tuple))
     if not plain or layout.model.python_functions or config.DISABLE_JIT or not can_be_watched(layout):  # type: ignore[attr-defined]
         return 1
     if asked is not None:
         return max(1, asked)
     return vector_lanes() if runs >= FEWEST_A_LANE * vector_lanes() else 1
+
+
+def _can_be_solved(layout: Layout) -> bool:
+    """Whether steps that are chosen are solved in lanes: those of Radau IIA, with exact derivatives of few variables."""
+    scheme = layout.scheme
+    small = len(layout.used) - len(layout.coordinates) <= MOST_FACTORISED
+    return small and scheme is not None and scheme.predictive and scheme.jacobian == EXACT and not layout.carried
 
 
 def march_abreast(
@@ -108,6 +119,7 @@ def _sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
     places |= {name: (OF_STATE, i) for i, name in enumerate(state)}
     places |= {name: (OF_NOTED, i) for i, name in enumerate(layout.derived)}
     places |= dict(zip(layout.errors, [(OF_LANE, LANE.index("norm")), *((OF_LANE, errors + i) for i in range(len(layout.used)))], strict=False))  # fmt: skip
+    places |= {name: (OF_LANE, of_collocation(layout) + KEPT.index("iterations")) for name in layout.effort}
     found = [(i, *places[name]) for i, name in enumerate(layout.row) if name in columns]
     return np.array(found, np.int64).reshape(-1, 3)
 

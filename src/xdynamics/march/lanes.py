@@ -19,6 +19,7 @@ from xdynamics.march.contacts.holding import choose
 from xdynamics.march.entries import begin, keep_last, keep_passed, stand
 from xdynamics.march.evaluating import evaluate, finite_state
 from xdynamics.march.handle import march_by, run_at, strode_by
+from xdynamics.march.implicit.lanes import begin_anew, enter_kept, leave_kept
 from xdynamics.march.log import has_room, note
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import MOVED, Run
@@ -162,6 +163,7 @@ def cross(run: Run, y: Floats, before: Floats, pieces: Whole, w: Floats, lane: i
         w[L_MOST, lane] = -1.0
         return
     now.crossed = now.node
+    begin_anew(run, w, lane)
     for i in range(run.y.shape[0]):
         y[i, lane] = run.z[i]
     for k in range(run.of_time.shape[0]):
@@ -298,7 +300,7 @@ def enter(run: Run, blocks: Any, lane: int) -> None:
         w[first + i, lane], w[first + used + i, lane] = run.atol[i], run.largest[i]
         w[first + 2 * used + i, lane] = run.e[i]
     watch_sides(run, w, first + 3 * used, lane)
-    first += 3 * used + 2 * run.detectors.shape[0]
+    first = enter_kept(run, w, lane)
     for i in range(w.shape[0] - first):  # of switches that were declared smooth
         w[first + i, lane] = run.w[run.w.shape[0] - (w.shape[0] - first) + i]
 
@@ -326,7 +328,8 @@ def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
     now.grid, now.on_grid = np.int64(w[L_GRID, lane]), np.int64(w[L_ON_GRID, lane])
     now.rows += accepted
     now.trials += rejected
-    now.evaluations += plan.stages * (accepted + rejected)
+    if not plan.simplified:
+        now.evaluations += plan.stages * (accepted + rejected)
     first = L_ORDINARY + 1
     for i in range(run.y.shape[0]):
         run.y[i] = y[i, lane]
@@ -336,7 +339,7 @@ def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].role == GAP:
             run.touches[run.detectors[i].reaction].largest = w[first + i, lane]
-    first += run.detectors.shape[0]
+    first = leave_kept(run, w, lane)
     for i in range(w.shape[0] - first):
         run.w[run.w.shape[0] - (w.shape[0] - first) + i] = w[first + i, lane]
     if accepted == 0:
@@ -344,7 +347,8 @@ def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
         return
     base = run.base[0]
     base.rows, base.trials, base.samples = now.rows - 1, now.trials, now.samples
-    run.kept[0].since, run.trial[0].iterations = MOVED, 0
+    if not plan.simplified:
+        run.kept[0].since, run.trial[0].iterations = MOVED, 0
     now.rows -= 1  # the last row is noted, and counted, now
     if w[L_LANDED, lane] != 0.0:  # with the forces before the node
         for i in range(run.y.shape[0]):

@@ -24,3 +24,15 @@ T_INVERSE = (
 
 # of the stages' increments in the estimate: (-13 - 7 sqrt(6))/3, (-13 + 7 sqrt(6))/3, -1/3; eq. (8.19) over gamma_0
 ERROR = (-10.048809399827416, 1.3821427331607488, -0.33333333333333333)
+
+# of the iterations and of the control of steps, as there
+MOST_TURNS = 7  # Newton iterations, where a shorter step is the remedy
+SLOW = 1e-3  # theta from which on derivatives are evaluated anew
+FEW_TURNS = 2  # that are no reason to
+DIVERGING = 0.99
+SAME_STEP = 1e-6  # relative difference of a step from the one of the factors that serve it too
+SHARE = 0.03  # of what the error may be, left to Newton's method
+STALLED = 0.5  # of a correction's ratio to the one before, where what is left is rounding
+LEAST_NORM = 1e-2  # that the next step remembers
+SMALLEST = 1e-10  # norm that is told from none
+HELD = 1.2  # growth up to which the step is kept, for the factors' sake

@@ -17,7 +17,24 @@ from xdynamics.march.control import NONFINITE_FACTOR, error_norm, larger
 from xdynamics.march.evaluating import State, evaluate, keep_sample
 from xdynamics.march.implicit.transformed import factorise_both, linearise, slope_apart, solve_complex, solve_real
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
-from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
+from xdynamics.methods.radau import (
+    ALPHA,
+    BETA,
+    DIVERGING,
+    ERROR,
+    FEW_TURNS,
+    GAMMA,
+    HELD,
+    LEAST_NORM,
+    NODES,
+    SAME_STEP,
+    SHARE,
+    SLOW,
+    SMALLEST,
+    STALLED,
+    T_INVERSE,
+)
+from xdynamics.methods.radau import MOST_TURNS as MOST
 from xdynamics.methods.radau import T as T_MATRIX
 
 SOLVED_BY = "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge; in chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is allowed, with the rtol of the error norm, in given ones until it is below the tolerance times the size of its unknown (Hairer, Wanner, Solving ODEs II, section IV.8)"
@@ -26,20 +43,11 @@ C1, C2, _ = NODES
 E1, E2, E3 = ERROR
 (T00, T01, T02), (T10, T11, T12), (T20, _, _) = T_MATRIX
 (A00, A01, A02), (A10, A11, A12), (A20, A21, A22) = T_INVERSE
-MOST_TURNS = np.int64(7)  # Newton iterations, where a shorter step is the remedy
+MOST_TURNS = np.int64(MOST)  # no literal: of a function that is given one, numba makes a copy
 MOST_SETTLING = np.int64(25)  # where the step is given
-SLOW = 1e-3  # theta from which on derivatives are evaluated anew
-FEW_TURNS = 2  # that are no reason to
-DIVERGING = 0.99
-SAME_STEP = 1e-6  # relative difference of a step from the one of the factors that serve it too
-SHARE = 0.03  # of what the error may be, left to Newton's method
 SETTLED = 1e-15  # a correction against the size of its unknown, where the step is given
 ROUNDING = 1e-10  # below which corrections that no longer fall are rounding
-STALLED = 0.5  # of a correction's ratio to the one before
 NEAR = 1e-2  # below which the derivatives at an iterate serve the next ones too
-LEAST_NORM = 1e-2  # that the next step remembers
-SMALLEST = 1e-10  # norm that is told from none
-HELD = 1.2  # growth up to which the step is kept, for the factors' sake
 UNSOLVED_GROWTH = 0.5
 AT_START, AT_ITERATES = 1, 2  # where the derivatives are, after a first way in which they may be older
 OPEN, DONE, IN_VAIN = range(3)

@@ -1,0 +1,396 @@
+"""A step of Radau IIA in every lane: its equations are solved as `march.implicit.radau` solves those of a run alone.
+
+Each line here has the operations of one there, or in `march.implicit.transformed` and `kernels.linear`, in their order. A
+lane whose iteration is over waits for the others; one whose iteration fails is left to the single march.
+"""
+
+from __future__ import annotations
+
+from xdynamics.kernels import elimination
+from xdynamics.kernels.doubt import EPS
+from xdynamics.kernels.formulas import Formulas
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.program import (
+    AT,
+    REGIME,
+    Call,
+    Compute,
+    Each,
+    H,
+    Instruction,
+    Load,
+    Operand,
+    Place,
+    Program,
+    Store,
+    T,
+)
+from xdynamics.methods import radau
+from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
+from xdynamics.methods.radau import T as T_MATRIX
+
+# What a lane knows besides: as in `march.run.KEPT`; the iterations of its last step, and what is counted since it was
+# entered; of the trial at hand whether its iteration is open or was in vain, how many corrections it had, and which of its
+# derivatives, its factors and its estimate are to be made.
+LASTING = ("factored", "theta", "eta", "before", "norm_before", "linearised", "fresh", "since", "turns", "iterations", "evaluations", "jacobians", "factorisations")  # fmt: skip
+KEPT = (*LASTING, "open", "vain", "turn", "eta_tried", "change", "ratio", "missing", "unfactored", "again")
+LINEARISE, FACTORISE, CORRECT, ESTIMATE = "linearise", "factorise", "correct", "estimate"
+
+_RECALL = """
+moved = where(since == 2, 1, 0)
+starts = where(since == 0, 1, 0)
+used_up = moved*where(turns > few_turns, where(theta > slow, 1, 0), 0)
+known = where(starts > 0, 0, where(used_up > 0, 0, linearised))
+newest = where(since == 1, fresh, 0)
+of_step = where(starts > 0, 0, factored)
+last_step = where(starts > 0, 0, where(moved > 0, h, before))
+last_norm = where(starts > 0, 0, where(moved > 0, max(least_norm, norm), norm_before))
+last_eta = where(starts > 0, 1, eta)
+least_eta = max(last_eta, eps)
+damped_eta = sqrt(least_eta)*sqrt(sqrt(least_eta))
+lacks = ready*where(known > 0, 0, 1)
+refactors = ready*where(lacks > 0, 1, where(abs(width - of_step) <= same_step*width, 0, 1))
+"""
+_RECALLED = {
+    "linearised": "where(lacks > 0, 1, known)", "fresh": "where(lacks > 0, 1, newest)", "factored": "of_step", "before": "last_step",
+    "norm_before": "last_norm", "eta": "last_eta", "eta_tried": "damped_eta", "theta": "0", "since": "1",
+    "missing": "lacks", "unfactored": "refactors", "jacobians": "jacobians + lacks", "open": "ready", "vain": "0", "turn": "0",
+}  # fmt: skip
+_POLYNOMIAL = """
+middle = (z0 - z1)/c12
+first = where(moved > 0, (z1 - z2)/c21, p0)
+second = where(moved > 0, (middle - first)/c11, p1)
+third = where(moved > 0, second - (middle - z0/c1)/c2, p2)
+"""
+_GUESS = """
+s = where(last_step > 0, c*ratio, 0)
+bent = second + (s - c11)*third
+guess = where(last_step > 0, s*(first + (s - c21)*bent), 0)
+"""
+_OF_FACTORS = """
+alpha_f = a/factored
+beta_f = b/factored
+square_f = alpha_f*alpha_f + beta_f*beta_f
+"""
+_JUDGED = """
+ratio_now = size/change
+theta_now = where(turn_now < 2.5, ratio_now, sqrt(ratio_now*ratio))
+eta_now = theta_now/(1 - theta_now)
+lacking = eta_now*size
+"""
+_VERDICT = """
+stalls = where(size <= rounding, where(ratio_now >= stalled, 1, 0), 0)
+converges = where(theta_now < diverging, where(lacking > max(tolerance, rounding), 2, 0), 2)
+later = where(stalls > 0, 1, converges)
+so_far = where(turn_now > 1.5, later, 0)
+passes = where(size - size == 0, where(so_far == 0, 1, 0), 0)
+eta_then = where(turn_now > 1.5, eta_now, eta_tried)
+close = where(eta_then*size <= tolerance, 1, where(turn_now == most_turns, where(size <= rounding, 1, 2), 0))
+verdict = where(size - size == 0, where(so_far == 0, close, so_far), 2)
+"""
+CONSTANTS: dict[str, Operand] = {
+    "few_turns": float(radau.FEW_TURNS), "slow": radau.SLOW, "least_norm": radau.LEAST_NORM, "eps": EPS, "same_step": radau.SAME_STEP,
+    "diverging": radau.DIVERGING, "stalled": radau.STALLED, "smallest": radau.SMALLEST, "held": radau.HELD, "most_turns": float(radau.MOST_TURNS),
+    "work": 2.0 * radau.MOST_TURNS, "least_work": 1.0 + 2.0 * radau.MOST_TURNS,
+}  # fmt: skip
+
+
+class Collocation:
+    """The parts of a step.
+
+    Parameters
+    ----------
+    layout : Layout
+    places : mapping of str to Place
+        Where a lane has its numbers.
+    atol : int
+        Where in `w` its absolute tolerances begin.
+    first : int
+        Where in `w` the memory of this begins.
+    follows : bool
+        Whether some tolerances follow their variables.
+    """
+
+    def __init__(self, layout: Layout, places: dict[str, Place], atol: int, first: int, *, follows: bool) -> None:
+        self._layout, self._atol, self._follows = layout, atol, follows
+        self._used, self._n = len(layout.used), len(layout.coordinates)
+        self._size = self._used - self._n
+        self.places = places | {name: Place("w", first + i) for i, name in enumerate(KEPT)}
+        self._first: dict[str, int] = {}
+        first += len(KEPT)
+        for name, length in lengths(layout).items():
+            self._first[name] = first
+            first += length
+        self._body: list[Instruction] = []
+
+    @property
+    def programs(self) -> tuple[Program, ...]:
+        """What the step calls, each behind what it calls itself."""
+        return (self._linearise(), self._factorise(), self._correct(), self._estimate_again())
+
+    def begin(self, known: dict[str, Operand]) -> tuple[Instruction, ...]:
+        """Write what comes before the iteration: what is kept of the step before, and the values to start from."""
+        f, u, (c1, c2, _) = self._formulas("_begin_", known), self._used, NODES
+        f.write(_RECALL)
+        f.write("ratio = where(last_step > 0, width/last_step, 0)")
+        f.known |= {"c12": c1 - c2, "c21": c2 - 1.0, "c11": c1 - 1.0, "c1": c1, "c2": c2}
+        stages, past = self._vectors(f, "stages"), self._vectors(f, "past")
+        guessed: list[list[Operand]] = [[], [], []]
+        for i in range(u):
+            f.write(_POLYNOMIAL, **{f"z{k}": stages[k][i] for k in range(3)}, **{f"p{k}": past[k][i] for k in range(3)})
+            for k, name in enumerate(("first", "second", "third")):
+                f.store(self._place("past", k * u + i), f.known[name])
+            for k, c in enumerate(NODES):
+                f.write(_GUESS, c=c)
+                guessed[k].append(f.known["guess"])
+        self._put(f, "stages", guessed)
+        self._put(f, "turned", _transformed(f, guessed))
+        told = {name: f.of(text) for name, text in _RECALLED.items()}
+        for name, value in told.items():
+            f.store(self.places[name], value)
+        return tuple(f.lines)
+
+    def ended(self) -> tuple[Instruction, ...]:
+        """Write the state at the end of the step, which is its third stage."""
+        body = (
+            Load("_y", Place("y")), Load("_stage", self._place("stages", 2 * self._used)),
+            Compute("_sum", "add", ("_y", "_stage")), Store(Place("z"), "_sum"),
+        )  # fmt: skip
+        return (Each(self._used, body),)
+
+    def estimated(self) -> tuple[Instruction, ...]:
+        """Write the estimate of the error, to `e`."""
+        f = self._formulas("_estimated_")
+        slopes = [f.load(Place("y", self._slope(i))) for i in range(self._used)]
+        self._estimate(f, slopes)
+        return tuple(f.lines)
+
+    def _formulas(self, prefix: str, known: dict[str, Operand] | None = None) -> Formulas:
+        return Formulas(self.places, prefix, CONSTANTS | (known or {}))
+
+    def _place(self, name: str, i: int) -> Place:
+        return Place("w", self._first[name] + i)
+
+    def _vectors(self, f: Formulas, name: str) -> list[list[Operand]]:
+        """Read three vectors, one behind the other."""
+        u = self._used
+        return [[f.load(self._place(name, k * u + i)) for i in range(u)] for k in range(3)]
+
+    def _put(self, f: Formulas, name: str, vectors: list[list[Operand]]) -> None:
+        for k, vector in enumerate(vectors):
+            for i, value in enumerate(vector):
+                f.store(self._place(name, k * self._used + i), value)
+
+    def _slope(self, i: int) -> int:
+        """Return where in a state the time derivative of the i-th number stands: `march.evaluating.slope_of`."""
+        return self._n + i if i < self._n else self._used + i - self._n
+
+    def _flushed(self, f: Formulas) -> None:
+        self._body += f.lines
+        f.lines.clear()
+
+    def _evaluate(self, f: Formulas, name: str, time: Operand, values: list[Operand]) -> list[Operand]:
+        """Evaluate the forces at a state; return its slopes."""
+        for i, value in enumerate(values):
+            f.store(Place(name, i), value)
+        f.store(Place(f"at_{name}", T), time)
+        f.store(Place(f"at_{name}", REGIME), f.load(Place("at", REGIME)))
+        self._flushed(f)
+        self._body.append(Call("forces", f"at_{name}", name, name))
+        return [values[self._n + i] if i < self._n else f.load(Place(name, self._slope(i))) for i in range(self._used)]
+
+    def _finished(self, name: str, about: str, f: Formulas, **local: int) -> Program:
+        self._flushed(f)
+        body, self._body = tuple(self._body), []
+        return Program(name, about, body, {}, local)
+
+    def _linearise(self) -> Program:
+        """Evaluate the derivatives at the state, where they are missing: `radau.freshen`."""
+        f, record, entries = self._formulas("_"), len(self._layout.record), len(self._layout.couplings)
+        self._body = [
+            Each(record, (Load("_state", Place("y")), Store(Place("state"), "_state"))),
+            Call("linearised", "at", "state", "state", "found"),
+        ]
+        for k in range(entries):
+            place = self._place("slopes", k)
+            new = f.of("where(missing > 0, new, old)", new=f.load(Place("found", k)), old=f.load(place))
+            f.store(place, new)
+        return self._finished(LINEARISE, "Derivatives at the state.", f, state=record, found=max(1, entries))
+
+    def _factorise(self) -> Program:
+        """Put both matrices together and take them apart: `transformed.factorise_both`."""
+        f, n, size = self._formulas("_"), self._n, self._size
+        h = f.load(Place("at", H))
+        f.write("gamma = g/h\nalpha = a/h\nbeta = b/h\nsquare = alpha*alpha + beta*beta", g=GAMMA, a=ALPHA, b=BETA, h=h)
+        zeros = [[[0.0] * size for _ in range(size)] for _ in range(3)]
+        real, re, im = ([list[Operand](column) for column in plane] for plane in zeros)
+        for i in range(size):
+            real[i][i], re[i][i], im[i][i] = f.known["gamma"], f.known["alpha"], f.known["beta"]
+        for k, (row, column) in enumerate(self._layout.couplings):
+            slope, j = f.load(self._place("slopes", k)), column if column < n else column - n
+            if column < n:
+                real[j][row] = f.of("m - slope/gamma", m=real[j][row], slope=slope)
+                re[j][row] = f.of("m - slope*(alpha/square)", m=re[j][row], slope=slope)
+                im[j][row] = f.of("m + slope*(beta/square)", m=im[j][row], slope=slope)
+            else:
+                real[j][row] = f.of("m - slope", m=real[j][row], slope=slope)
+                re[j][row] = f.of("m - slope", m=re[j][row], slope=slope)
+        pivots, sound = elimination.factorise(f, real)
+        complex_pivots, complex_sound = elimination.factorise_complex(f, re, im)
+        f.write("sound = where(one > 0, other, 0)", one=sound, other=complex_sound)
+        found = [one for plane in (real, re, im) for column in plane for one in column] + pivots + complex_pivots
+        for k, value in enumerate(found):
+            place = self._place("matrix", k)
+            f.store(place, f.of("where(unfactored > 0, new, old)", new=value, old=f.load(place)))
+        told = {
+            "factored": "where(unfactored > 0, where(sound > 0, h, 0), factored)", "factorisations": "factorisations + unfactored*sound",
+            "open": "where(unfactored > 0, open*sound, open)", "vain": "where(unfactored > 0, where(sound > 0, vain, 1), vain)",
+        }  # fmt: skip
+        values = {name: f.of(text, h=h) for name, text in told.items()}
+        for name, value in values.items():
+            f.store(self.places[name], value)
+        return self._finished(FACTORISE, "The factors of both matrices for the step.", f)
+
+    def _matrices(self, f: Formulas) -> tuple[elimination.Columns, elimination.Columns, elimination.Columns, list[Operand], list[Operand]]:  # fmt: skip
+        """Read the factors, and which rows were exchanged."""
+        size = self._size
+        flat = [f.load(self._place("matrix", k)) for k in range(3 * size * size + 2 * size)]
+        planes = [[flat[(p * size + j) * size : (p * size + j + 1) * size] for j in range(size)] for p in range(3)]
+        pivots = flat[3 * size * size :]
+        return planes[0], planes[1], planes[2], pivots[:size], pivots[size:]
+
+    def _solve_real(self, f: Formulas, vector: list[Operand]) -> list[Operand]:
+        """Solve (gamma/h - J) d = r: `transformed.solve_real`."""
+        n, (matrix, _, _, pivots, _) = self._n, self._matrices(f)
+        gamma = f.of("g/factored", g=GAMMA)
+        right = vector[n:]
+        for k, (row, column) in enumerate(self._layout.couplings):
+            if column < n:
+                slope = f.load(self._place("slopes", k))
+                right[row] = f.of("r + slope*(v/gamma)", r=right[row], slope=slope, v=vector[column], gamma=gamma)
+        elimination.substitute(f, matrix, pivots, right)
+        return [f.of("(v + w)/gamma", v=vector[i], w=right[i], gamma=gamma) for i in range(n)] + right
+
+    def _solve_complex(self, f: Formulas, first: list[Operand], second: list[Operand]) -> tuple[list[Operand], list[Operand]]:  # fmt: skip
+        """Solve ((alpha + i beta)/h - J) d = r: `transformed.solve_complex`."""
+        n, (_, re, im, _, pivots) = self._n, self._matrices(f)
+        f.write(_OF_FACTORS, a=ALPHA, b=BETA)
+        x, y = f.of("alpha_f/square_f"), f.of("-beta_f/square_f")
+        u = [f.of("u*x - v*y", u=first[i], v=second[i], x=x, y=y) for i in range(n)]
+        v = [f.of("u*y + v*x", u=first[i], v=second[i], x=x, y=y) for i in range(n)]
+        right, imaginary = first[n:], second[n:]
+        for k, (row, column) in enumerate(self._layout.couplings):
+            if column < n:
+                slope = f.load(self._place("slopes", k))
+                right[row] = f.of("r + slope*d", r=right[row], slope=slope, d=u[column])
+                imaginary[row] = f.of("r + slope*d", r=imaginary[row], slope=slope, d=v[column])
+        elimination.substitute_complex(f, re, im, pivots, right, imaginary)
+        for i in range(n):
+            one = {"u": right[i], "v": imaginary[i], "x": x, "y": y}
+            u[i], v[i] = f.of("d + (u*x - v*y)", d=u[i], **one), f.of("d + (u*y + v*x)", d=v[i], **one)
+        return u + right, v + imaginary
+
+    def _correct(self) -> Program:
+        """Correct the stages of every lane that is open once, and judge: `radau.correct`, `radau.judged`."""
+        f, u = self._formulas("_"), self._used
+        t, h = f.load(Place("at", T)), f.load(Place("at", H))
+        y = [f.load(Place("y", i)) for i in range(u)]
+        stages, turned = self._vectors(f, "stages"), self._vectors(f, "turned")
+        slopes = []
+        for k, c in enumerate(NODES):
+            time = f.of("t + c*h" if k < 2 else "t + h", t=t, c=c, h=h)
+            values = [f.of("y + z", y=y[i], z=stages[k][i]) for i in range(u)]
+            slopes.append(self._evaluate(f, f"stage{k}", time, values))
+        f.write("gamma = g/h\nalpha = a/h\nbeta = b/h", g=GAMMA, a=ALPHA, b=BETA, h=h)
+        defects = _transformed(f, slopes)
+        for i in range(u):
+            w0, w1, w2 = (turned[k][i] for k in range(3))
+            defects[0][i] = f.of("d - gamma*w", d=defects[0][i], w=w0)
+            defects[1][i] = f.of("d - (alpha*w1 - beta*w2)", d=defects[1][i], w1=w1, w2=w2)
+            defects[2][i] = f.of("d - (beta*w1 + alpha*w2)", d=defects[2][i], w1=w1, w2=w2)
+        changes = [self._solve_real(f, defects[0]), *self._solve_complex(f, defects[1], defects[2])]
+        new = [[f.of("w + d", w=turned[k][i], d=changes[k][i]) for i in range(u)] for k in range(3)]
+        moved = _back(f, new)
+        f.write("size = one", one=self._correction(f, y, moved, changes))
+        for name, vectors, old in (("turned", new, turned), ("stages", moved, stages)):
+            chosen = [[f.of("where(open > 0, a, b)", a=vectors[k][i], b=old[k][i]) for i in range(u)] for k in range(3)]
+            self._put(f, name, chosen)
+        self._judge(f)
+        local = {f"stage{k}": len(self._layout.record) for k in range(3)} | {f"at_stage{k}": len(AT) for k in range(3)}
+        return self._finished(CORRECT, "One simplified Newton iteration.", f, **local)
+
+    def _correction(self, f: Formulas, y: list[Operand], stages: list[list[Operand]], changes: list[list[Operand]]) -> Operand:  # fmt: skip
+        """Return the largest of the last corrections over its tolerance: `radau.correction`."""
+        largest: Operand = 0.0
+        for i in range(self._used):
+            scale = f.of("atol + rtol*abs(y)", atol=f.load(Place("w", self._atol + i)), y=y[i])
+            if self._follows:
+                size = f.of("max(abs(a), abs(b), abs(c))", a=stages[0][i], b=stages[1][i], c=stages[2][i])
+                scale = f.of("where(scale == 0, rtol*size, scale)", scale=scale, size=size)
+            for k in range(3):
+                change = f.of("abs(d)", d=changes[k][i])
+                given = {"change": change, "scale": scale, "largest": largest}
+                largest = f.of("where(change != 0, max(largest, change/scale), largest)", **given)
+        return largest
+
+    def _judge(self, f: Formulas) -> None:
+        """Judge the iterations by their corrections: `radau.judged`."""
+        f.write("turn_now = turn + 1")
+        f.write(_JUDGED)
+        for left in range(1, int(radau.MOST_TURNS) - 1):  # one for each iteration that is left
+            f.write(f"lacking = where(turn_now <= {int(radau.MOST_TURNS) - left}, lacking*theta_now, lacking)")
+        f.write("rounding = ten*eps/rtol\ntolerance = max(share*rounding, min(most_share, sqrt(rtol)))", ten=10.0, share=0.05, most_share=radau.SHARE)  # fmt: skip
+        f.write(_VERDICT)
+        told = {
+            "turn": "turn_now", "theta": "where(turn_now > 1.5, theta_now, theta)", "ratio": "where(turn_now > 1.5, ratio_now, ratio)",
+            "eta_tried": "where(passes > 0, eta_then, eta_tried)", "change": "where(passes > 0, max(size, eps), change)",
+            "turns": "where(passes > 0, turn_now, turns)", "vain": "where(verdict == 2, 1, vain)", "open": "where(verdict == 0, open, 0)",
+        }  # fmt: skip
+        values = {name: f.of(f"where(open > 0, {text}, {name})") for name, text in told.items()}
+        for name, value in values.items():
+            f.store(self.places[name], value)
+
+    def _estimate(self, f: Formulas, slopes: list[Operand], only: str = "") -> None:
+        """Put the error by the embedded formula, with some slopes, to `e`: `radau.estimate`."""
+        stages, h = self._vectors(f, "stages"), f.load(Place("at", H))
+        e1, e2, e3 = ERROR
+        given = [dict(zip(("a", "b", "c"), (stages[k][i] for k in range(3)), strict=True)) for i in range(self._used)]
+        defects = [f.of("(e1*a + e2*b + e3*c)/h", h=h, e1=e1, e2=e2, e3=e3, **one) for one in given]
+        errors = self._solve_real(f, [f.of("d + s", d=d, s=s) for d, s in zip(defects, slopes, strict=True)])
+        for i, error in enumerate(errors):
+            kept = f.of(f"where({only} > 0, new, old)", new=error, old=f.load(Place("e", i))) if only else error
+            f.store(Place("e", i), kept)
+
+    def _estimate_again(self) -> Program:
+        """Estimate with the slopes that the first estimate leads to."""
+        f, u = self._formulas("_"), self._used
+        values = [f.of("y + e", y=f.load(Place("y", i)), e=f.load(Place("e", i))) for i in range(u)]
+        self._estimate(f, self._evaluate(f, "beside", f.of("t"), values), "again")
+        about, record = "The error by the slopes that the first estimate leads to.", len(self._layout.record)
+        return self._finished(ESTIMATE, about, f, beside=record, at_beside=len(AT))
+
+
+def lengths(layout: Layout) -> dict[str, int]:
+    """Return what of a lane's memory has how many numbers, behind `KEPT`; rows exchanged are behind the matrices."""
+    used, size = len(layout.used), len(layout.used) - len(layout.coordinates)
+    matrix = 3 * size * size + 2 * size
+    return {"slopes": len(layout.couplings), "stages": 3 * used, "past": 3 * used, "matrix": matrix, "turned": 3 * used}
+
+
+def width(layout: Layout) -> int:
+    """Return how many numbers that is in all."""
+    return len(KEPT) + sum(lengths(layout).values())
+
+
+def _transformed(f: Formulas, vectors: list[list[Operand]]) -> list[list[Operand]]:
+    """Multiply by T**-1."""
+    rows = [dict(zip("abc", row, strict=True)) for row in T_INVERSE]
+    return [[f.of("a*x + b*y + c*z", x=x, y=y, z=z, **row) for x, y, z in zip(*vectors, strict=True)] for row in rows]
+
+
+def _back(f: Formulas, vectors: list[list[Operand]]) -> list[list[Operand]]:
+    """Multiply by T."""
+    rows = [dict(zip("abc", row, strict=True)) for row in T_MATRIX[:2]]
+    found = [[f.of("a*x + b*y + c*z", x=x, y=y, z=z, **row) for x, y, z in zip(*vectors, strict=True)] for row in rows]
+    last = T_MATRIX[2][0]
+    return [*found, [f.of("a*x + y", a=last, x=x, y=y) for x, y, _ in zip(*vectors, strict=True)]]

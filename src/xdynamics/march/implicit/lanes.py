@@ -1,0 +1,93 @@
+"""What a step of Radau IIA keeps for the next one, put into a lane and taken out of it: `kernels.collocation`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels.collocation import KEPT, LASTING
+from xdynamics.kernels.compiling import borrowing
+from xdynamics.kernels.linear import COMPLEX, REAL, note_extents
+from xdynamics.kernels.striding import LANE
+from xdynamics.march.run import BEGUN, Run
+
+Floats = NDArray[np.float64]
+
+(
+    K_FACTORED, K_THETA, K_ETA, K_BEFORE, K_NORM_BEFORE, K_LINEARISED, K_FRESH, K_SINCE, K_TURNS, K_ITERATIONS,
+    K_EVALUATIONS, K_JACOBIANS, K_FACTORISATIONS,
+) = range(len(LASTING))  # fmt: skip
+OF_LANE, OF_KEPT = np.int64(len(LANE)), np.int64(len(KEPT))
+
+
+@borrowing
+def of_kept(run: Run) -> int:
+    """Return where a lane has what a step of Radau IIA keeps."""
+    return OF_LANE + 3 * run.plan[0].used + 2 * run.detectors.shape[0]
+
+
+@borrowing
+def begin_anew(run: Run, w: Floats, lane: int) -> None:
+    """Have the next step use nothing of those before, as behind a node."""
+    if run.plan[0].simplified:
+        w[of_kept(run) + K_SINCE, lane] = BEGUN
+
+
+@borrowing
+def enter_kept(run: Run, w: Floats, lane: int) -> int:
+    """Put what a step keeps for the next one into a lane, in the order of `collocation.lengths`; return what is behind."""
+    first, kept = of_kept(run), run.kept[0]
+    if not run.plan[0].simplified:
+        return first
+    w[first + K_FACTORED, lane], w[first + K_THETA, lane], w[first + K_ETA, lane] = kept.factored, kept.theta, kept.eta
+    w[first + K_BEFORE, lane], w[first + K_NORM_BEFORE, lane] = kept.step, kept.norm
+    w[first + K_LINEARISED, lane], w[first + K_FRESH, lane] = float(kept.linearised), float(kept.fresh)
+    w[first + K_SINCE, lane], w[first + K_TURNS, lane] = float(kept.since), float(kept.turns)
+    w[first + K_ITERATIONS, lane] = w[first + K_EVALUATIONS, lane] = 0.0
+    w[first + K_JACOBIANS, lane] = w[first + K_FACTORISATIONS, lane] = 0.0
+    first += OF_KEPT
+    stages, matrix, size = run.stages.shape[0], run.matrix.shape[0], run.pivots.shape[0] // 6
+    for k in range(run.entries.shape[0]):
+        w[first + k, lane] = run.w[stages + k]
+    first += run.entries.shape[0]
+    for i in range(stages):
+        w[first + i, lane], w[first + stages + i, lane] = run.stages[i], run.past[i]
+    first += 2 * stages
+    for i in range(matrix):
+        w[first + i, lane] = run.matrix[i]
+    for k in range(size):
+        w[first + matrix + k, lane] = float(run.pivots[k])
+        w[first + matrix + size + k, lane] = float(run.pivots[3 * size + k])
+    return first + matrix + 2 * size + stages
+
+
+@borrowing
+def leave_kept(run: Run, w: Floats, lane: int) -> int:
+    """Take it out again, with what was counted; return what is behind."""
+    first, kept, now = of_kept(run), run.kept[0], run.now[0]
+    if not run.plan[0].simplified:
+        return first
+    kept.factored, kept.theta, kept.eta = w[first + K_FACTORED, lane], w[first + K_THETA, lane], w[first + K_ETA, lane]
+    kept.step, kept.norm = w[first + K_BEFORE, lane], w[first + K_NORM_BEFORE, lane]
+    kept.linearised, kept.fresh = np.int64(w[first + K_LINEARISED, lane]), np.int64(w[first + K_FRESH, lane])
+    kept.since, kept.turns = np.int64(w[first + K_SINCE, lane]), np.int64(w[first + K_TURNS, lane])
+    run.trial[0].iterations = np.int64(w[first + K_ITERATIONS, lane])
+    now.evaluations += np.int64(w[first + K_EVALUATIONS, lane])
+    now.jacobians += np.int64(w[first + K_JACOBIANS, lane])
+    now.factorisations += np.int64(w[first + K_FACTORISATIONS, lane])
+    first += OF_KEPT
+    stages, matrix, size = run.stages.shape[0], run.matrix.shape[0], run.pivots.shape[0] // 6
+    for k in range(run.entries.shape[0]):
+        run.w[stages + k] = w[first + k, lane]
+    first += run.entries.shape[0]
+    for i in range(stages):
+        run.stages[i], run.past[i] = w[first + i, lane], w[first + stages + i, lane]
+    first += 2 * stages
+    for i in range(matrix):
+        run.matrix[i] = w[first + i, lane]
+    for k in range(size):
+        run.pivots[k] = np.int64(w[first + matrix + k, lane])
+        run.pivots[3 * size + k] = np.int64(w[first + matrix + size + k, lane])
+    note_extents(run.matrix, run.pivots, size, REAL)
+    note_extents(run.matrix, run.pivots, size, COMPLEX)
+    return first + matrix + 2 * size + stages
