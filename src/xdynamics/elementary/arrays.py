@@ -49,10 +49,10 @@ def product(left: Floats, right: Floats) -> Floats:
     [[1.0, 2.0], [3.0, 4.0]]
     """
     shape = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
-    found: Floats = np.zeros((*shape, left.shape[-2], right.shape[-1]))
+    total: Floats = np.zeros((*shape, left.shape[-2], right.shape[-1]))
     for k in range(left.shape[-1]):
-        found += left[..., :, k : k + 1] * right[..., k : k + 1, :]
-    return found
+        total += left[..., :, k : k + 1] * right[..., k : k + 1, :]
+    return total
 
 
 def dot(left: Floats, right: Floats) -> Floats:
@@ -63,8 +63,8 @@ def dot(left: Floats, right: Floats) -> Floats:
     >>> float(dot(np.array([1.0, 2.0]), np.array([3.0, 4.0])))
     11.0
     """
-    found: Floats = product(np.asarray(left)[..., None, :], np.asarray(right)[..., :, None])[..., 0, 0]
-    return found
+    total: Floats = product(np.asarray(left)[..., None, :], np.asarray(right)[..., :, None])[..., 0, 0]
+    return total
 
 
 def solved(matrices: Floats, right: Floats) -> Floats:
@@ -83,22 +83,22 @@ def solved(matrices: Floats, right: Floats) -> Floats:
     [[3.0], [2.0]]
     """
     n, shape = matrices.shape[-1], np.broadcast_shapes(matrices.shape[:-2], right.shape[:-2])
-    both = np.concatenate([np.broadcast_to(one, shape + one.shape[-2:]) for one in (matrices, right)], axis=-1)
+    both = np.concatenate([np.broadcast_to(array, shape + array.shape[-2:]) for array in (matrices, right)], axis=-1)
     rows = both.reshape(-1, n, both.shape[-1])  # what was joined is a copy
-    each = np.arange(len(rows))
+    systems = np.arange(len(rows))
     with np.errstate(all="ignore"):
         for k in range(n):
             best = k + np.argmax(np.abs(rows[:, k:, k]), axis=1)
-            taken = rows[each, best].copy()
-            rows[each, best] = rows[:, k]
-            rows[:, k] = taken
-            factors = rows[:, k + 1 :, k] / taken[:, None, k]
-            rows[:, k + 1 :, k:] -= factors[:, :, None] * taken[:, None, k:]
-        found = rows[:, :, n:]
+            pivot_rows = rows[systems, best].copy()
+            rows[systems, best] = rows[:, k]
+            rows[:, k] = pivot_rows
+            factors = rows[:, k + 1 :, k] / pivot_rows[:, None, k]
+            rows[:, k + 1 :, k:] -= factors[:, :, None] * pivot_rows[:, None, k:]
+        solution = rows[:, :, n:]
         for k in reversed(range(n)):
-            found[:, k] /= rows[:, k, k, None]
-            found[:, :k] -= rows[:, :k, k, None] * found[:, k, None]
-    return found.reshape(*shape, n, right.shape[-1])
+            solution[:, k] /= rows[:, k, k, None]
+            solution[:, :k] -= rows[:, :k, k, None] * solution[:, k, None]
+    return solution.reshape(*shape, n, right.shape[-1])
 
 
 def least_squares(columns: Floats, values: Floats) -> Floats:
@@ -123,17 +123,17 @@ def least_squares(columns: Floats, values: Floats) -> Floats:
         unit = left[:, k] / size
         upper[k, k:] = np.sum(unit[:, None] * left[:, k:], axis=0)
         left[:, k:] -= unit[:, None] * upper[k, None, k:]
-    found = np.zeros(n)
+    coefficients = np.zeros(n)
     for k in reversed(range(n)):
         if upper[k, k]:
-            found[k] = (upper[k, n] - float(np.sum(upper[k, k + 1 : n] * found[k + 1 :]))) / upper[k, k]
-    return found
+            coefficients[k] = (upper[k, n] - float(np.sum(upper[k, k + 1 : n] * coefficients[k + 1 :]))) / upper[k, k]
+    return coefficients
 
 
 def applied(name: str, *given: Any, math_functions: str = NAME) -> Floats:
     """Return an elementary function, of a set, of arrays of one shape or of numbers."""
-    arrays = np.broadcast_arrays(*(np.asarray(one, float) for one in given))
+    arrays = np.broadcast_arrays(*(np.asarray(argument, float) for argument in given))
     with np.errstate(all="ignore"):
         # an array without a dimension comes out of comparisons as something else
-        found: Floats = np.reshape(SETS[math_functions][name](*map(np.atleast_1d, arrays)), arrays[0].shape)
-    return found
+        values: Floats = np.reshape(SETS[math_functions][name](*map(np.atleast_1d, arrays)), arrays[0].shape)
+    return values

@@ -33,10 +33,10 @@ def tan(x: Number) -> Number:
     near, near_tail = ordered_sum(1.0, -0.5 * u)
     below, below_tail = ordered_sum(near, near_tail - 0.5 * lost + u * (u * polynomial(u, COSINE)))
     even = (n & 1) == 0
-    one, one_tail = choose(even, above, -below), choose(even, above_tail, -below_tail)
-    other, other_tail = choose(even, below, above), choose(even, below_tail, above_tail)
-    found, rest = divided(one, one_tail, other, other_tail)
-    return choose(high == 0.0, choose(even, high, found), found + rest)
+    numerator, numerator_tail = choose(even, above, -below), choose(even, above_tail, -below_tail)
+    denominator, denominator_tail = choose(even, below, above), choose(even, below_tail, above_tail)
+    quotient, rest = divided(numerator, numerator_tail, denominator, denominator_tail)
+    return choose(high == 0.0, choose(even, high, quotient), quotient + rest)
 
 
 def arc(above: Number, below: Number) -> tuple[Number, Number]:

@@ -55,7 +55,7 @@ LOG2, LOG2_TAIL = 0.6931471805598903, 5.497923018708371e-14  # log(2): 42 bits b
 # of 1 - sin(x)/x over x**2 and cos(x) - 1 + x**2/2 over x**4, from fdlibm's k_sin.c and k_cos.c (Sun Microsystems 1993);
 # the others fitted at Chebyshev's points to (f(x)/x - 1)/x**2 by tests/elementary_tables.py
 SINE = (1.66666666666666324348e-01, -8.33333333332248946124e-03, 1.98412698298579493134e-04, -2.75573137070700676789e-06, 2.50507602534068634195e-08, -1.58969099521155010221e-10)  # fmt: skip
-SINE_OF_EIGHTH = (8.0 * SINE[0] - 1.0, *(8.0 * one for one in SINE[1:]))  # the same over x**3/8, less 1
+SINE_OF_EIGHTH = (8.0 * SINE[0] - 1.0, *(8.0 * coefficient for coefficient in SINE[1:]))  # the same over x**3/8, less 1
 COSINE = (4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05, -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11)  # fmt: skip
 ARCTANGENT = (-0.3333333333333333, 0.19999999999999984, -0.1428571428570344, 0.11111111108020631, -0.0909090864922547, 0.07692272169458476, -0.06664983363564835, 0.05835588665745958, -0.045522960151103915)  # fmt: skip
 ARCSINE = (0.16666666666666669, 0.07499999999998433, 0.04464285714635543, 0.030381944138531247, 0.02237217294214989, 0.017352392720869973, 0.013971212973552933, 0.011479177415184906, 0.01032281435018578, 0.005457506718640358, 0.01740087944269402, -0.014851887071247204, 0.028757851367421566)  # fmt: skip
@@ -70,10 +70,10 @@ def polynomial(u: Number, powers: tuple[float, ...]) -> Number:
     while len(terms) > 3:
         terms = [terms[i] + step * terms[i + 1] for i in range(0, len(terms) - 1, 2)] + terms[len(terms) // 2 * 2 :]
         step = step * step
-    found = terms.pop()
+    value = terms.pop()
     while terms:
-        found = terms.pop() + step * found
-    return found
+        value = terms.pop() + step * value
+    return value
 
 
 # ----------------------------------------------------------------------------------------------------------- angles
@@ -211,17 +211,17 @@ def tan(x: Number) -> Number:
     near, near_tail = ordered_sum(1.0, -0.5 * u)
     below, below_tail = ordered_sum(near, near_tail - 0.5 * lost + u * (u * polynomial(u, COSINE)))
     even = (n & 1) == 0
-    one, one_tail = choose(even, above, -below), choose(even, above_tail, -below_tail)
-    other, other_tail = choose(even, below, above), choose(even, below_tail, above_tail)
-    found, rest = divided(one, one_tail, other, other_tail)
-    return choose(high == 0.0, choose(even, high, found), found + rest)
+    numerator, numerator_tail = choose(even, above, -below), choose(even, above_tail, -below_tail)
+    denominator, denominator_tail = choose(even, below, above), choose(even, below_tail, above_tail)
+    quotient, rest = divided(numerator, numerator_tail, denominator, denominator_tail)
+    return choose(high == 0.0, choose(even, high, quotient), quotient + rest)
 
 
 def divided(x: Number, x_tail: Number, y: Number, y_tail: Number) -> tuple[Number, Number]:
     """Return the rounded quotient of two numbers with tails, and its tail."""
-    found = x / choose(y == 0.0, 1.0, y)
-    product, lost = exact_product(found, y)
-    return found, (((x - product) - lost) + (x_tail - found * y_tail)) / choose(y == 0.0, 1.0, y)
+    quotient = x / choose(y == 0.0, 1.0, y)
+    product, lost = exact_product(quotient, y)
+    return quotient, (((x - product) - lost) + (x_tail - quotient * y_tail)) / choose(y == 0.0, 1.0, y)
 
 
 # ----------------------------------------------------------------------------------------------------------- arcs
@@ -246,8 +246,8 @@ def arc(above: Number, below: Number) -> tuple[Number, Number]:
 
 def exponent_of(x: Number) -> Whole:
     """Return the exponent of |x|, within -1022 and 1021."""
-    found = ((bits(x) >> 52) & 2047) - 1023
-    return choose(found < 1022, choose(found < -1022, -1022, found), 1021)
+    exponent = ((bits(x) >> 52) & 2047) - 1023
+    return choose(exponent < 1022, choose(exponent < -1022, -1022, exponent), 1021)
 
 
 def angle_by(arc: Callable[[Number, Number], tuple[Number, Number]], y: Number, x: Number) -> Number:
@@ -279,8 +279,8 @@ def atan(x: Number) -> Number:
     steep = size > 1.0
     high, low = arc(choose(steep, 1.0, size), choose(steep, choose(size < 2.0**60, size, 2.0**60), 1.0))
     total, lost = ordered_sum(HALF_PI, -high)
-    found = choose(steep, total + (lost + (HALF_PI_TAIL - low)), high + low)
-    return choose(x == x, signed(found, x), NAN)
+    angle = choose(steep, total + (lost + (HALF_PI_TAIL - low)), high + low)
+    return choose(x == x, signed(angle, x), NAN)
 
 
 def from_one(size: Number) -> tuple[Number, Number, Number]:
@@ -299,8 +299,8 @@ def asin(x: Number) -> Number:
     arm, tail, more = from_one(size)
     rest = tail + arm * more
     total, lost = ordered_sum(HALF_PI, -2.0 * arm)
-    found = choose(size < 0.5, arm + rest, total + (lost + (HALF_PI_TAIL - 2.0 * rest)))
-    return signed(found, x)
+    angle = choose(size < 0.5, arm + rest, total + (lost + (HALF_PI_TAIL - 2.0 * rest)))
+    return signed(angle, x)
 
 
 def acos(x: Number) -> Number:
@@ -431,14 +431,14 @@ def power_anywhere(x: Number, y: Number) -> Number:
     product, lost = ordered_sum(product, lost + far * low)
     within = absolute(product) < 800.0
     root, more, k = growth(choose(within, product, 0.0), choose(within, lost, 0.0))
-    found = choose(within, scaled(root + more, k), choose(product > 0.0, INF, 0.0))
+    result = choose(within, scaled(root + more, k), choose(product > 0.0, INF, 0.0))
     nothing, endless = size == 0.0, size == INF
-    found = choose(nothing | endless, choose((y > 0.0) == nothing, 0.0, INF), found)
+    result = choose(nothing | endless, choose((y > 0.0) == nothing, 0.0, INF), result)
     whole, odd = wholeness(y)
-    found = choose((bits(x) < 0) & odd, -found, found)
-    found = choose((x < 0.0) & (size < INF), choose(whole, found, NAN), found)
-    found = choose((x == x) & (y == y), found, NAN)
-    return choose((y == 0.0) | (x == 1.0), 1.0, found)
+    result = choose((bits(x) < 0) & odd, -result, result)
+    result = choose((x < 0.0) & (size < INF), choose(whole, result, NAN), result)
+    result = choose((x == x) & (y == y), result, NAN)
+    return choose((y == 0.0) | (x == 1.0), 1.0, result)
 
 
 def wholeness(y: Number) -> tuple[Truth, Truth]:
@@ -492,15 +492,15 @@ def tanh(x: Number) -> Number:
     high, low = scaled(high, k), scaled(low, k)
     above, above_tail = ordered_sum(high, -1.0)
     below, below_tail = ordered_sum(high, 1.0)
-    found, rest = divided(above, above_tail + low, below, below_tail + low)
-    far = found + rest
+    quotient, rest = divided(above, above_tail + low, below, below_tail + low)
+    far = quotient + rest
     return choose(x == x, signed(choose(size < 0.25, near, far), x), NAN)
 
 
 def hypot(x: Number, y: Number) -> Number:
     """Distance of the point (x, y) from the origin; no square is beyond the numbers."""
-    one, other = absolute(x), absolute(y)
-    larger, smaller = choose(one > other, one, other), choose(one > other, other, one)
+    width, height = absolute(x), absolute(y)
+    larger, smaller = choose(width > height, width, height), choose(width > height, height, width)
     within = (larger < 2.0**500) & (smaller > 2.0**-450)
     return usually(within, lambda: length(larger, smaller), lambda: hypot_anywhere(x, y))
 
@@ -517,13 +517,13 @@ def length(a: Number, b: Number) -> Number:
 
 def hypot_anywhere(x: Number, y: Number) -> Number:
     """Distance of any point from the origin, computed at the scale of 1."""
-    one, other = absolute(x), absolute(y)
-    larger, smaller = choose(one > other, one, other), choose(one > other, other, one)
+    width, height = absolute(x), absolute(y)
+    larger, smaller = choose(width > height, width, height), choose(width > height, height, width)
     usable = (larger > 0.0) & (larger < INF) & (smaller == smaller)
     larger, smaller = choose(usable, larger, 1.0), choose(usable, smaller, 0.0)
     k = exponent_of(larger)
     scale = power_of_two(0 - k)
-    unusual = choose((one == INF) | (other == INF), INF, choose((x == x) & (y == y), 0.0, NAN))
+    unusual = choose((width == INF) | (height == INF), INF, choose((x == x) & (y == y), 0.0, NAN))
     return choose(usable, scaled(length(larger * scale, smaller * scale), k), unusual)
 
 

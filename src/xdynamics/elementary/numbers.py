@@ -58,8 +58,12 @@ def usually(truth: Truth, usual: Callable[[], Any], unusual: Callable[[], Any]) 
         return truth.usually(usual(), unusual)
     if truth.all():
         return usual()
-    one, other = usual(), unusual()
-    return tuple(map(partial(np.where, truth), one, other)) if isinstance(one, tuple) else np.where(truth, one, other)
+    first, second = usual(), unusual()
+    return (
+        tuple(map(partial(np.where, truth), first, second))
+        if isinstance(first, tuple)
+        else np.where(truth, first, second)
+    )
 
 
 def sqrt(x: Number) -> Number:

@@ -271,5 +271,5 @@ _LIMBS = {
 }
 TABLES: dict[str, tuple[float, ...] | tuple[int, ...]] = {
     **{name: tuple(map(float.fromhex, text.split())) for name, text in _NUMBERS.items()},
-    **{name: tuple(int(one, 16) for one in text.split()) for name, text in _LIMBS.items()},
+    **{name: tuple(int(limb, 16) for limb in text.split()) for name, text in _LIMBS.items()},
 }

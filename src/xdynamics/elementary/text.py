@@ -17,16 +17,16 @@ def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, 
     """Print one function of a set, `@elementary_sin` say, and name the tables that it reads."""
     lines = Lines(lanes)
     function = TOGETHER.get(name) or SETS[math_functions][name]
-    given = [Written(lines, "n", f"%x{i}") for i in range(len(inspect.signature(function).parameters))]
-    found, kind, returned = function(*given), lines.kind("n"), lines.kind("n")
-    if isinstance(found, tuple):
-        returned, whole = struct_of(name, lanes), "poison"
-        for i, one in enumerate(found):
-            whole = lines.line("n", f"insertvalue {returned} {whole}, {kind} {one.text}, {i}").text
-        found = Written(lines, "n", whole)
-    signature = ", ".join(f"{kind} {one.text}" for one in given)
-    body = "\n".join(one if one.endswith(":") else f"  {one}" for one in lines.lines)
-    text = f"define internal {returned} @elementary_{name}({signature}) ATTRIBUTES {{\nentry:\n{body}\n  ret {returned} {found.text}\n}}"
+    arguments = [Written(lines, "n", f"%x{i}") for i in range(len(inspect.signature(function).parameters))]
+    result, kind, returned = function(*arguments), lines.kind("n"), lines.kind("n")
+    if isinstance(result, tuple):
+        returned, aggregate = struct_of(name, lanes), "poison"
+        for i, item in enumerate(result):
+            aggregate = lines.line("n", f"insertvalue {returned} {aggregate}, {kind} {item.text}, {i}").text
+        result = Written(lines, "n", aggregate)
+    signature = ", ".join(f"{kind} {item.text}" for item in arguments)
+    body = "\n".join(item if item.endswith(":") else f"  {item}" for item in lines.lines)
+    text = f"define internal {returned} @elementary_{name}({signature}) ATTRIBUTES {{\nentry:\n{body}\n  ret {returned} {result.text}\n}}"
     return text, tuple(sorted(lines.tables))
 
 
@@ -59,21 +59,21 @@ def declarations(lanes: int) -> str:
     """Declare what functions and laws call of LLVM's own."""
     lines = Lines(lanes)
     number, suffix = lines.kind("n"), lines.suffix()
-    found = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in ("sqrt", "fabs")]
-    found.append(f"declare {number} @llvm.copysign.{suffix}({number}, {number})")
+    printed = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in ("sqrt", "fabs")]
+    printed.append(f"declare {number} @llvm.copysign.{suffix}({number}, {number})")
     if lanes > 1:
-        found += [
+        printed += [
             f"declare {lines.kind(letter)} @llvm.masked.gather.{lines.suffix(letter)}.v{lanes}p0"
             f"({lines.kind('p')}, i32, {lines.kind('t')}, {lines.kind(letter)})"
             for letter in "nw"
         ]
-        found.append(f"declare i1 @llvm.vector.reduce.and.{lines.suffix('t')}({lines.kind('t')})")
-    return "\n".join([*found, "!0 = !{}"])
+        printed.append(f"declare i1 @llvm.vector.reduce.and.{lines.suffix('t')}({lines.kind('t')})")
+    return "\n".join([*printed, "!0 = !{}"])
 
 
 def _table(name: str) -> str:
     table = TABLES[name]
     lines = Lines(1)
     kind = lines.kind("w" if isinstance(table[0], int) else "n")
-    entries = ", ".join(f"{kind} {lines.constant(one).text}" for one in table)
+    entries = ", ".join(f"{kind} {lines.constant(value).text}" for value in table)
     return f"@table_{name} = internal constant [{len(table)} x {kind}] [{entries}]"

@@ -35,8 +35,8 @@ class Lines:
 
     def kind(self, letter: str) -> str:
         """Return LLVM's name for numbers (n), whole numbers (w) and truths (t)."""
-        one = {"n": "double", "w": "i64", "t": "i1", "p": "ptr"}[letter]
-        return one if self.lanes == 1 else f"<{self.lanes} x {one}>"
+        scalar = {"n": "double", "w": "i64", "t": "i1", "p": "ptr"}[letter]
+        return scalar if self.lanes == 1 else f"<{self.lanes} x {scalar}>"
 
     def constant(self, value: float | int) -> Written:
         """Write a constant as an operand: a whole number as one, another with all its bits."""
@@ -69,13 +69,13 @@ class Lines:
 
     def call(self, name: str, given: list[Written]) -> Written:
         """Call a function of numbers."""
-        arguments = ", ".join(f"{self.kind('n')} {one.text}" for one in given)
+        arguments = ", ".join(f"{self.kind('n')} {argument.text}" for argument in given)
         return self.line("n", f"call {self.kind('n')} @{name}({arguments})")
 
     def suffix(self, letter: str = "n") -> str:
         """Return how intrinsics for this many lanes are told apart."""
-        one = {"n": "f64", "w": "i64", "t": "i1"}[letter]
-        return one if self.lanes == 1 else f"v{self.lanes}{one}"
+        scalar = {"n": "f64", "w": "i64", "t": "i1"}[letter]
+        return scalar if self.lanes == 1 else f"v{self.lanes}{scalar}"
 
 
 class Written:
@@ -95,9 +95,11 @@ class Written:
         return self._lines.constant(float(value) if self.letter == "n" else value)
 
     def _binary(self, sign: str, left: Any, right: Any) -> Written:
-        one, other = self.alike(left), self.alike(right)
+        first, second = self.alike(left), self.alike(right)
         instruction = _INSTRUCTIONS[sign][self.letter != "n"]
-        return self._lines.line(self.letter, f"{instruction} {self._lines.kind(self.letter)} {one.text}, {other.text}")
+        return self._lines.line(
+            self.letter, f"{instruction} {self._lines.kind(self.letter)} {first.text}, {second.text}"
+        )
 
     def _compared(self, sign: str, other: Any) -> Written:
         instruction = _COMPARED[sign][self.letter != "n"]
@@ -190,11 +192,11 @@ class Written:
         if not isinstance(yes, Written) and not isinstance(no, Written):
             yes = self._lines.constant(yes)
         like = yes if isinstance(yes, Written) else no
-        one, other = like.alike(yes), like.alike(no)
+        first, second = like.alike(yes), like.alike(no)
         kind = self._lines.kind(like.letter)
         return self._lines.line(
             like.letter,
-            f"select {self._lines.kind('t')} {self.text}, {kind} {one.text}, {kind} {other.text}, !unpredictable !0",
+            f"select {self._lines.kind('t')} {self.text}, {kind} {first.text}, {kind} {second.text}, !unpredictable !0",
         )
 
     def entry(self, table: str) -> Written:
@@ -218,19 +220,27 @@ class Written:
         """Branch to what is unusual unless no lane needs it; other lanes keep what is usual."""
         lines, before = self._lines, self._lines.block
         here, end = lines.label(), lines.label()
-        met = self.text
+        all_usual = self.text
         if lines.lanes > 1:
-            met = lines.line("t", f"call i1 @llvm.vector.reduce.and.{lines.suffix('t')}({lines.kind('t')} {met})").text
-        lines.lines.append(f"br i1 {met}, label %{end}, label %{here}")
-        was = usual if isinstance(usual, tuple) else (usual,)
+            all_usual = lines.line(
+                "t", f"call i1 @llvm.vector.reduce.and.{lines.suffix('t')}({lines.kind('t')} {all_usual})"
+            ).text
+        lines.lines.append(f"br i1 {all_usual}, label %{end}, label %{here}")
+        usual_values = usual if isinstance(usual, tuple) else (usual,)
         lines.begin(here)
-        found = unusual()
-        new = [self.choose(*pair) for pair in zip(was, found if isinstance(usual, tuple) else (found,), strict=True)]
-        left = lines.block
+        computed = unusual()
+        chosen = [
+            self.choose(*pair)
+            for pair in zip(usual_values, computed if isinstance(usual, tuple) else (computed,), strict=True)
+        ]
+        last_block = lines.block
         lines.lines.append(f"br label %{end}")
         lines.begin(end)
         joined = [
-            lines.line(one.letter, f"phi {lines.kind(one.letter)} [ {old.text}, %{before} ], [ {one.text}, %{left} ]")
-            for old, one in zip(was, new, strict=True)
+            lines.line(
+                value.letter,
+                f"phi {lines.kind(value.letter)} [ {old.text}, %{before} ], [ {value.text}, %{last_block} ]",
+            )
+            for old, value in zip(usual_values, chosen, strict=True)
         ]
         return tuple(joined) if isinstance(usual, tuple) else joined[0]

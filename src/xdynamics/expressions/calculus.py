@@ -96,12 +96,12 @@ def derivatives(node: Node, rates: Mapping[str, Rates]) -> dict[str, Node]:
             return {by: negative(rate) for by, rate in derivatives(node.operand, rates).items()}
         case Binary():
             first, links = chain(node)
-            found = derivatives(first, rates)
-            for one in links:
-                found = _joined(one, found, derivatives(one.right, rates))
-            return found
+            gradient = derivatives(first, rates)
+            for part in links:
+                gradient = _joined(part, gradient, derivatives(part.right, rates))
+            return gradient
         case Call():
-            inner = [derivatives(one, rates) for one in node.arguments]
+            inner = [derivatives(part, rates) for part in node.arguments]
             return _by_each(inner, lambda given: _of_call(node, given))
     return {}
 
@@ -121,8 +121,11 @@ def _joined(node: Binary, left: dict[str, Node], right: dict[str, Node]) -> dict
 
 def _by_each(inner: list[dict[str, Node]], rule: Callable[[list[Node]], Node]) -> dict[str, Node]:
     """Apply a rule to the derivatives of the operands by each thing that one of them depends on."""
-    found = {by: rule([one.get(by, ZERO) for one in inner]) for by in dict.fromkeys(by for one in inner for by in one)}
-    return {by: rate for by, rate in found.items() if rate != ZERO}
+    rates = {
+        by: rule([operand.get(by, ZERO) for operand in inner])
+        for by in dict.fromkeys(by for operand in inner for by in operand)
+    }
+    return {by: rate for by, rate in rates.items() if rate != ZERO}
 
 
 class _Sizes:
@@ -135,15 +138,15 @@ class _Sizes:
     def of(self, node: Node, above: int = 0) -> tuple[int, int]:
         nodes, deepest, waiting = 0, 0, [(node, 0)]
         while waiting:
-            one, level = waiting.pop()
+            current, level = waiting.pop()
             nodes, deepest = nodes + 1, max(deepest, level)
-            if isinstance(one, Name) and one.name in self._definitions:
-                inner = self._of_definition(one.name, above + level + 1)
+            if isinstance(current, Name) and current.name in self._definitions:
+                inner = self._of_definition(current.name, above + level + 1)
                 nodes, deepest = nodes - 1 + inner[0], max(deepest, level + 1 + inner[1])
-            elif isinstance(one, Binary):
-                waiting += [(one.left, level), (one.right, level + 1)]
+            elif isinstance(current, Binary):
+                waiting += [(current.left, level), (current.right, level + 1)]
             else:
-                waiting += [(child, level + 1) for child in children(one)]
+                waiting += [(child, level + 1) for child in children(current)]
         return nodes, deepest
 
     def _of_definition(self, name: str, above: int) -> tuple[int, int]:
@@ -166,17 +169,17 @@ def _expand(node: Node, definitions: Mapping[str, Node], known: dict[str, Node])
             return node if operand is node.operand else Negative(operand, node.column)
         case Binary():
             first, links = chain(node)
-            found = _expand(first, definitions, known)
-            for one in links:
-                right = _expand(one.right, definitions, known)
-                same = found is one.left and right is one.right
-                found = one if same else Binary(one.operator, found, right, one.column)
-            return found
+            tree = _expand(first, definitions, known)
+            for part in links:
+                right = _expand(part.right, definitions, known)
+                same = tree is part.left and right is part.right
+                tree = part if same else Binary(part.operator, tree, right, part.column)
+            return tree
         case Compare():
             left, right = _expand(node.left, definitions, known), _expand(node.right, definitions, known)
             return Compare(node.operator, left, right, node.column)
         case Call():
-            return Call(node.function, tuple(_expand(one, definitions, known) for one in node.arguments), node.column)
+            return Call(node.function, tuple(_expand(part, definitions, known) for part in node.arguments), node.column)
     return node
 
 
@@ -249,7 +252,7 @@ def _of_call(node: Call, inner_rates: list[Node]) -> Node:
         above = add(multiply(inner_rates[0], x), negative(multiply(y, inner_rates[1])))
         return divide(above, Binary("+", Binary("**", x, TWO), Binary("**", y, TWO)))
     if node.function == "hypot":
-        terms = [multiply(one, rate) for one, rate in zip(node.arguments, inner_rates, strict=True)]
+        terms = [multiply(argument, rate) for argument, rate in zip(node.arguments, inner_rates, strict=True)]
         return divide(add(*terms), node)
     return _OUTER[node.function](node.arguments[0], node, inner_rates[0])
 

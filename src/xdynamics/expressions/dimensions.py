@@ -26,8 +26,8 @@ def dimension_of(node: Node, names: Mapping[str, Dimension]) -> Dimension:
         If a name is unknown, or terms that are added or compared differ, or a function needs a pure number;
         with the column and both units.
     """
-    found = _dimension(node, names)
-    return NONE if found is None else found
+    dimension = _dimension(node, names)
+    return NONE if dimension is None else dimension
 
 
 def _dimension(node: Node, names: Mapping[str, Dimension]) -> Dimension | None:
@@ -52,10 +52,10 @@ def _dimension(node: Node, names: Mapping[str, Dimension]) -> Dimension | None:
 
 def _binary(node: Binary, names: Mapping[str, Dimension]) -> Dimension | None:
     first, links = chain(node)
-    found = _dimension(first, names)
-    for one in links:
-        found = _joined(one, found, names)
-    return found
+    dimension = _dimension(first, names)
+    for link in links:
+        dimension = _joined(link, dimension, names)
+    return dimension
 
 
 def _joined(node: Binary, left: Dimension | None, names: Mapping[str, Dimension]) -> Dimension | None:
@@ -95,8 +95,8 @@ def _agreed(nodes: tuple[Node, ...], names: Mapping[str, Dimension], label: str)
     """Return the one dimension that all of `nodes` have."""
     agreed = nodes[0], _dimension(nodes[0], names)
     for node in nodes[1:]:
-        found = node, _dimension(node, names)
-        dimension = _one_of(agreed, found, label)
+        current = node, _dimension(node, names)
+        dimension = _one_of(agreed, current, label)
         agreed = agreed if agreed[1] is not None else (node, dimension)
     return agreed[1]
 
@@ -105,14 +105,14 @@ def _one_of(
     first: tuple[Node, Dimension | None], second: tuple[Node, Dimension | None], label: str
 ) -> Dimension | None:
     """Return the dimension that two expressions share."""
-    (one, agreed), (other, found) = first, second
-    if agreed is None or found is None:
-        return found if agreed is None else agreed
-    if agreed != found:
+    (left, left_dimension), (right, right_dimension) = first, second
+    if left_dimension is None or right_dimension is None:
+        return right_dimension if left_dimension is None else left_dimension
+    if left_dimension != right_dimension:
         raise InputError(
-            f"{label} joins '{shown(one)}' in '{agreed}' with '{shown(other)}' in '{found}' (column {other.column})"
+            f"{label} joins '{shown(left)}' in '{left_dimension}' with '{shown(right)}' in '{right_dimension}' (column {right.column})"
         )
-    return agreed
+    return left_dimension
 
 
 MOST_COMPARED = 1_000  # names among which one that was meant is looked for

@@ -43,8 +43,8 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
     >>> evaluate(parse("where(x > 1, x**-1.5, 1/0)"), {"x": 4.0})
     0.125
     """
-    found: float = _walked(node, values, FLOATS)
-    return found
+    value: float = _walked(node, values, FLOATS)
+    return value
 
 
 def evaluate_many(node: Node, values: Mapping[str, Any], math_functions: str = NAME) -> Any:
@@ -84,7 +84,7 @@ def _walked(node: Node, values: Mapping[str, Any], by: Arithmetic) -> Any:
             return -_walked(node.operand, values, by)
         case Binary():
             first, links = chain(node)
-            return reduce(lambda left, one: _joined(one, left, values, by), links, _walked(first, values, by))
+            return reduce(lambda left, part: _joined(part, left, values, by), links, _walked(first, values, by))
         case Compare():
             return by.operators[node.operator](_walked(node.left, values, by), _walked(node.right, values, by))
         case Call(function="where"):
@@ -92,9 +92,9 @@ def _walked(node: Node, values: Mapping[str, Any], by: Arithmetic) -> Any:
             ways = (lambda: _walked(yes, values, by), lambda: _walked(no, values, by))
             return by.where(_walked(condition, values, by), *ways)
         case Call(function="min" | "max"):
-            return reduce(by.choices[node.function], (_walked(one, values, by) for one in node.arguments))
+            return reduce(by.choices[node.function], (_walked(part, values, by) for part in node.arguments))
         case Call():
-            return by.functions[node.function](*(_walked(one, values, by) for one in node.arguments))
+            return by.functions[node.function](*(_walked(part, values, by) for part in node.arguments))
 
 
 def _joined(node: Binary, left: Any, values: Mapping[str, Any], by: Arithmetic) -> Any:
@@ -109,10 +109,10 @@ def power(base: Any, exponent: Fraction, by: Arithmetic) -> Any:
         return 1.0
     if exponent < 0:
         return by.operators["/"](1.0, power(base, -exponent, by))
-    whole, rest = divmod(exponent, 1)
-    if rest == 0:
+    whole, fraction = divmod(exponent, 1)
+    if fraction == 0:
         return _product(base, whole)
-    if rest == Fraction(1, 2):
+    if fraction == Fraction(1, 2):
         root = by.functions["sqrt"](base)
         return _product(base, whole) * root if whole else root
     return by.functions["power"](base, exponent)
@@ -125,10 +125,10 @@ def _product(base: Any, times: int) -> Any:
     return half * half * base if times % 2 else half * half
 
 
-def _quotient(above: float, below: float) -> float:
-    if below != 0.0:
-        return above / below
-    return math.copysign(1.0, below) * above * math.inf
+def _quotient(numerator: float, denominator: float) -> float:
+    if denominator != 0.0:
+        return numerator / denominator
+    return math.copysign(1.0, denominator) * numerator * math.inf
 
 
 def _of_floats(function: Callable[..., float]) -> Callable[..., float]:
@@ -148,7 +148,7 @@ _CHOICES: dict[str, Callable[[float, float], float]] = {
 NUMERIC: dict[str, Callable[..., float]] = {
     "abs": abs, "sign": lambda x: 1.0 if x > 0.0 else (-1.0 if x < 0.0 else x),
     "sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan, "positive": lambda x: x if x > 0.0 else math.nan,
-    **{name: _of_floats(one) for name, one in FUNCTIONS.items()},
+    **{name: _of_floats(function) for name, function in FUNCTIONS.items()},
 }  # fmt: skip
 FLOATS = Arithmetic(_OPERATORS, _CHOICES, NUMERIC, lambda truth, yes, no: yes() if truth else no())
 

@@ -36,10 +36,10 @@ def latex(node: Node) -> str:
 
 def _chain(node: Binary) -> str:
     first, links = chain(node)
-    found = latex(first)
-    for one in links:
-        found = _joined(one, found)
-    return found
+    text = latex(first)
+    for link in links:
+        text = _joined(link, text)
+    return text
 
 
 def _joined(node: Binary, left: str) -> str:
@@ -57,7 +57,7 @@ def _joined(node: Binary, left: str) -> str:
 
 
 def _call(node: Call) -> str:
-    inner = [latex(one) for one in node.arguments]
+    inner = [latex(argument) for argument in node.arguments]
     if node.function == "abs":
         return rf"\left|{inner[0]}\right|"
     if node.function == "sqrt":

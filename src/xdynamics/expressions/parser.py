@@ -76,8 +76,8 @@ def _check_raw(source: str) -> None:
     if end < len(source):
         remedy = "; a power is written **" if source[end] == "^" else ""
         raise InputError(f"expression {_shown(source)} has the character {source[end]!r} at column {end + 1}{remedy}")
-    if found := re.search(r"(?<![A-Za-z0-9_])[0-9.]+_", source):
-        raise InputError(f"expression {_shown(source)} has an underscore in a number at column {found.start() + 1}")
+    if match := re.search(r"(?<![A-Za-z0-9_])[0-9.]+_", source):
+        raise InputError(f"expression {_shown(source)} has an underscore in a number at column {match.start() + 1}")
 
 
 def _shown(source: str) -> str:
@@ -102,10 +102,10 @@ class _Reader:
 
     def whole(self) -> Node:
         """Read the text to its end."""
-        found = self._expression(self._compared())
+        tree = self._expression(self._compared())
         if self.next.text:
             raise self._unreadable(f"{self.next.text!r} has no operator before it")
-        return found
+        return tree
 
     def _compared(self) -> Node:
         """Read a sum, or a comparison of two."""
@@ -113,19 +113,19 @@ class _Reader:
         if self.next.text not in _COMPARED:
             return left
         operator = self._take().text
-        found = Compare(operator, left, self._joined(1), column)
+        comparison = Compare(operator, left, self._joined(1), column)
         if self.next.text in _COMPARED:
             raise self._fault(column, "a comparison has two sides")
-        return found
+        return comparison
 
     def _joined(self, weakest: int) -> Node:
         """Read operands joined by operators, all at least as strong as `weakest`."""
-        column, found = self.next.column, self._signed()
+        column, tree = self.next.column, self._signed()
         while (strength := _STRENGTH.get(self.next.text, 0)) >= weakest:
             operator = self._take().text
             right = self._joined(strength + 1)
-            found = Binary(operator, self._expression(found), self._expression(right), column)
-        return found
+            tree = Binary(operator, self._expression(tree), self._expression(right), column)
+        return tree
 
     def _signed(self) -> Node:
         """Read an operand with its signs, and its exponent."""
@@ -191,7 +191,7 @@ class _Reader:
         conditions = 1 if function == "where" else 0
         if conditions and not isinstance(arguments[0], Compare):
             raise self._fault(column, "the first argument of 'where' must be one comparison, like 'y > 0*metre'")
-        further = (self._expression(one) for one in arguments[conditions:])
+        further = (self._expression(argument) for argument in arguments[conditions:])
         return Call(function, (*arguments[:conditions], *further), column)
 
     def _expression(self, node: Node) -> Node:
@@ -235,16 +235,16 @@ class _Reader:
         return token
 
     def _token(self) -> _Token:
-        found = _TOKEN.match(self.source, self.position)
-        if found is None and self.source[self.position :].strip():
+        match = _TOKEN.match(self.source, self.position)
+        if match is None and self.source[self.position :].strip():
             column = self.position + 1
             raise InputError(
                 f"expression {_shown(self.source)} cannot be read at column {column}: no word, number or sign of the language"
             )
-        if found is None or found.lastgroup is None:
+        if match is None or match.lastgroup is None:
             return _Token("end", "", len(self.source) + 1)
-        self.position = found.end()
-        return _Token(found.lastgroup, found[found.lastgroup], found.start(found.lastgroup) + 1)
+        self.position = match.end()
+        return _Token(match.lastgroup, match[match.lastgroup], match.start(match.lastgroup) + 1)
 
     def _unreadable(self, what: str, token: _Token | None = None) -> InputError:
         column = (token or self.next).column

@@ -39,9 +39,9 @@ def check_repeats(called: str, words: Sequence[str], first: Sequence[Node], seco
     """
     if len(first) != len(second):
         raise InputError(f"{called} returns {len(first)} values and, called again, {len(second)}; {REMEDY}")
-    for word, one, other in zip(words, first, second, strict=True):
-        if one != other:
-            texts = _parting(text_of(one), text_of(other))
+    for word, node, repeated in zip(words, first, second, strict=True):
+        if node != repeated:
+            texts = _parting(text_of(node), text_of(repeated))
             raise InputError(f"{called} gives {word} as '{texts[0]}' and, called again, as '{texts[1]}'; {REMEDY}")
 
 
@@ -75,26 +75,26 @@ def check_numbers(
     """
     with np.errstate(all="ignore"):
         try:
-            found = np.asarray(function(), float).ravel()
-            expected = np.array([evaluate(one, values) for one in nodes])
+            computed = np.asarray(function(), float).ravel()
+            expected = np.array([evaluate(node, values) for node in nodes])
         except Exception:  # noqa: BLE001 - somebody else's code, at a state that it need not bear
             return
-    if found.shape != expected.shape:
-        raise InputError(f"{called} returns {len(nodes)} values for names and {found.size} for numbers; {REMEDY}")
+    if computed.shape != expected.shape:
+        raise InputError(f"{called} returns {len(nodes)} values for names and {computed.size} for numbers; {REMEDY}")
     with np.errstate(invalid="ignore"):
-        apart = np.abs(found - expected) > CLOSE * np.maximum(np.abs(found), np.abs(expected)) + least
-    for i in np.flatnonzero(apart & np.isfinite(found) & np.isfinite(expected)).tolist():
+        apart = np.abs(computed - expected) > CLOSE * np.maximum(np.abs(computed), np.abs(expected)) + least
+    for i in np.flatnonzero(apart & np.isfinite(computed) & np.isfinite(expected)).tolist():
         raise InputError(
-            f"{called} gives {float(found[i])!r} for {words[i]} at t = {values['t']:.6g} s, and the expression that it"
+            f"{called} gives {float(computed[i])!r} for {words[i]} at t = {values['t']:.6g} s, and the expression that it"
             f" wrote down, '{_parting(text_of(nodes[i]), '')[0]}', gives {float(expected[i])!r} there; {REMEDY}"
         )
 
 
-def _parting(one: str, other: str) -> tuple[str, str]:
+def _parting(first: str, second: str) -> tuple[str, str]:
     """Return two texts around the place from which they differ."""
-    same = next((i for i, pair in enumerate(zip(one, other, strict=False)) if pair[0] != pair[1]), min(len(one), len(other)))  # fmt: skip
+    same = next((i for i, pair in enumerate(zip(first, second, strict=False)) if pair[0] != pair[1]), min(len(first), len(second)))  # fmt: skip
     start = max(0, same - BEFORE)
-    return _shortened(one, start, same), _shortened(other, start, same)
+    return _shortened(first, start, same), _shortened(second, start, same)
 
 
 def _shortened(text: str, start: int, same: int) -> str:

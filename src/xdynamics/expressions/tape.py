@@ -60,14 +60,14 @@ class Tape:
         """
         if missing := [name for name in self._given if name not in values]:
             raise InputError(f"name '{missing[0]}' has no value; there are {', '.join(values) or 'none'}")
-        found: list[Any] = [0.0] * self._size
+        results: list[Any] = [0.0] * self._size
         for place, number in self._numbers.items():
-            found[place] = number
+            results[place] = number
         for name, place in self._given.items():
-            found[place] = values[name]
+            results[place] = values[name]
         for operation, place, operands in self._steps:
-            found[place] = operation(*[found[one] for one in operands])
-        return {name: found[place] for name, place in self._named.items()}
+            results[place] = operation(*[results[operand] for operand in operands])
+        return {name: results[place] for name, place in self._named.items()}
 
     def _place(self, node: Node) -> int:
         """Return where the value of a node stands, behind what it takes to compute it."""
@@ -76,9 +76,9 @@ class Tape:
             links.append(node)
             node = node.left
         place = self._seen[id(node)][0] if id(node) in self._seen else self._first(node)
-        for one in reversed(links):
-            place = self._joined(one, place)
-            self._seen[id(one)] = place, one
+        for link in reversed(links):
+            place = self._joined(link, place)
+            self._seen[id(link)] = place, link
         return place
 
     def _first(self, node: Node) -> int:
@@ -102,8 +102,8 @@ class Tape:
                 return self._step("where", _chosen, *map(self._place, node.arguments))
             case Call(function="min" | "max"):
                 first, *others = map(self._place, node.arguments)
-                for one in others:
-                    first = self._step(node.function, FLOATS.choices[node.function], first, one)
+                for other in others:
+                    first = self._step(node.function, FLOATS.choices[node.function], first, other)
                 return first
             case Call():
                 return self._step(node.function, FLOATS.functions[node.function], *map(self._place, node.arguments))

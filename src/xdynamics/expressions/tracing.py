@@ -106,10 +106,10 @@ class Traced:
         if how != "__call__":
             return NotImplemented
         arrays = np.broadcast_arrays(*map(_boxed, given))
-        found = np.empty(arrays[0].shape, object)
-        for place in np.ndindex(found.shape):
-            found[place] = _applied(ufunc.__name__, [one[place] for one in arrays])
-        return found if found.shape else found[()]
+        results = np.empty(arrays[0].shape, object)
+        for place in np.ndindex(results.shape):
+            results[place] = _applied(ufunc.__name__, [array[place] for array in arrays])
+        return results if results.shape else results[()]
 
     def __array_function__(self, function: Any, _types: Any, given: Any, _more: Any) -> Any:
         """Take `numpy.where` of one condition."""
@@ -152,36 +152,39 @@ def node_of(one: Any) -> Node:
 
 def called(function: str, *given: Any) -> Traced:
     """Write a function of the language."""
-    parts = [_as(one) for one in given]
-    return Traced(Call(function, tuple(one.node for one in parts)), 1 + sum(one.nodes for one in parts))
+    arguments = [_as(argument) for argument in given]
+    return Traced(
+        Call(function, tuple(argument.node for argument in arguments)),
+        1 + sum(argument.nodes for argument in arguments),
+    )
 
 
-def _as(one: Any) -> Traced:
-    if isinstance(one, Traced):
-        return one
-    if isinstance(one, np.ndarray) and one.shape == ():
-        return _as(one.item())
+def _as(value: Any) -> Traced:
+    if isinstance(value, Traced):
+        return value
+    if isinstance(value, np.ndarray) and value.shape == ():
+        return _as(value.item())
     try:
-        value = float(one)
+        number = float(value)
     except (TypeError, ValueError):
-        raise InputError(f"the function makes {str(one)[:40]!r}, needs numbers") from None
-    if not isfinite(value):
-        raise InputError(f"the function makes {value!r}, needs finite numbers")
-    return Traced(Negative(Number(-value)) if value < 0 else Number(value))
+        raise InputError(f"the function makes {str(value)[:40]!r}, needs numbers") from None
+    if not isfinite(number):
+        raise InputError(f"the function makes {number!r}, needs finite numbers")
+    return Traced(Negative(Number(-number)) if number < 0 else Number(number))
 
 
 def _joined(operator: str, left: Any, right: Any) -> Any:
     if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
         return NotImplemented
-    one, other = _as(left), _as(right)
-    nodes = one.nodes + other.nodes + 1
-    if operator == "*" and Number(0.0) in (one.node, other.node):  # a sparse matrix times a vector
+    first, second = _as(left), _as(right)
+    nodes = first.nodes + second.nodes + 1
+    if operator == "*" and Number(0.0) in (first.node, second.node):  # a sparse matrix times a vector
         return Traced(Number(0.0))
-    if (operator == "+" and one.node == Number(0.0)) or (operator == "*" and one.node == Number(1.0)):
-        return other
-    if (operator in "+-" and other.node == Number(0.0)) or (operator in "*/" and other.node == Number(1.0)):
-        return one
-    return Traced(Binary(operator, one.node, other.node), nodes)
+    if (operator == "+" and first.node == Number(0.0)) or (operator == "*" and first.node == Number(1.0)):
+        return second
+    if (operator in "+-" and second.node == Number(0.0)) or (operator in "*/" and second.node == Number(1.0)):
+        return first
+    return Traced(Binary(operator, first.node, second.node), nodes)
 
 
 def _power(base: Any, exponent: Any) -> Any:
@@ -189,15 +192,15 @@ def _power(base: Any, exponent: Any) -> Any:
         return NotImplemented
     if isinstance(exponent, Traced) or abs(float(exponent)) > LARGEST_EXPONENT:
         return called("exp", _joined("*", exponent, called("log", base)))
-    one = _as(base)
-    return Traced(Binary("**", one.node, _as(exponent).node), one.nodes + 2)
+    traced_base = _as(base)
+    return Traced(Binary("**", traced_base.node, _as(exponent).node), traced_base.nodes + 2)
 
 
 def _compared(operator: str, left: Any, right: Any) -> Any:
     if isinstance(right, np.ndarray):
         return NotImplemented
-    one, other = _as(left), _as(right)
-    return Traced(Compare(operator, one.node, other.node), one.nodes + other.nodes + 1)
+    first, second = _as(left), _as(right)
+    return Traced(Compare(operator, first.node, second.node), first.nodes + second.nodes + 1)
 
 
 def _chosen(condition: Any, yes: Any, no: Any) -> Traced:
@@ -206,12 +209,12 @@ def _chosen(condition: Any, yes: Any, no: Any) -> Traced:
     return called("where", condition, yes, no)
 
 
-def _boxed(one: Any) -> Any:
+def _boxed(value: Any) -> Any:
     """Return an array of objects; of one number without a dimension."""
-    if isinstance(one, np.ndarray | list | tuple):
-        return np.asarray(one, object)
+    if isinstance(value, np.ndarray | list | tuple):
+        return np.asarray(value, object)
     box = np.empty((), object)
-    box[()] = one
+    box[()] = value
     return box
 
 
@@ -238,7 +241,7 @@ def _applied(ufunc: str, given: Sequence[Any]) -> Any:
 def _methods() -> None:
     """Give numbers that are not known the methods that numpy calls in arrays of objects."""
     for word, ours in NAMED.items():
-        setattr(Traced, word, lambda self, *more, ours=ours: called(ours, self, *more))
+        setattr(Traced, word, lambda self, *others, ours=ours: called(ours, self, *others))
 
 
 _methods()

@@ -56,16 +56,16 @@ class Binary:
             return NotImplemented
         if self is other:
             return True
-        (first, links), (others_first, others) = chain(self), chain(other)
+        (first, links), (other_first, other_links) = chain(self), chain(other)
         return (
-            len(links) == len(others)
-            and first == others_first
-            and all(a.operator == b.operator and a.right == b.right for a, b in zip(links, others, strict=True))
+            len(links) == len(other_links)
+            and first == other_first
+            and all(a.operator == b.operator and a.right == b.right for a, b in zip(links, other_links, strict=True))
         )
 
     def __hash__(self) -> int:
         first, links = chain(self)
-        return hash((first, *((one.operator, one.right) for one in links)))
+        return hash((first, *((link.operator, link.right) for link in links)))
 
     def __repr__(self) -> str:
         return f"<Binary {text_of(self)}>"
@@ -73,7 +73,7 @@ class Binary:
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle and copy a chain as a list: both go down a tree by recursion."""
         first, links = chain(self)
-        return _linked, (first, [(one.operator, one.right, one.column) for one in links])
+        return _linked, (first, [(link.operator, link.right, link.column) for link in links])
 
 
 @dataclass(frozen=True)
@@ -135,14 +135,14 @@ def every(node: Node) -> Iterator[Node]:
     """Yield a node and all below it, in no order that means anything."""
     waiting = [node]
     while waiting:
-        one = waiting.pop()
-        yield one
-        waiting += children(one)
+        current = waiting.pop()
+        yield current
+        waiting += children(current)
 
 
 def free_names(node: Node) -> set[str]:
     """Return every name an expression mentions."""
-    return {one.name for one in every(node) if isinstance(one, Name)}
+    return {leaf.name for leaf in every(node) if isinstance(leaf, Name)}
 
 
 def size(node: Node) -> int:
@@ -188,8 +188,8 @@ def exponent_of(node: Node) -> Fraction | None:
             inner = exponent_of(node.operand)
             return None if inner is None else -inner
         case Binary(operator="/", left=Number() | Negative(), right=Number(value=value)) if value:
-            above = exponent_of(node.left)
-            return None if above is None else above / Fraction(repr(value))
+            numerator = exponent_of(node.left)
+            return None if numerator is None else numerator / Fraction(repr(value))
     return None
 
 
@@ -209,13 +209,13 @@ def _text_of_chain(node: Binary) -> str:
     """Print a chain from its first operand on; parentheses on the left all open before it."""
     first, links = chain(node)
     parts, opened, strength = [text_of(first)], 0, _strength(first)
-    for one in links:
-        own = _STRENGTH[one.operator]
-        if strength < (5 if one.operator == "**" else own):
+    for link in links:
+        own = _STRENGTH[link.operator]
+        if strength < (5 if link.operator == "**" else own):
             parts.append(")")
             opened += 1
         gap = " " if own == 1 else ""
-        parts.append(f"{gap}{one.operator}{gap}{_wrapped(one.right, 3 if one.operator == '**' else own + 1)}")
+        parts.append(f"{gap}{link.operator}{gap}{_wrapped(link.right, 3 if link.operator == '**' else own + 1)}")
         strength = own
     return "(" * opened + "".join(parts)
 

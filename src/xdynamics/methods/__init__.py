@@ -4,6 +4,6 @@ from xdynamics.methods import composition, euler, implicit, midpoint, moreau, ny
 from xdynamics.methods.method import Evaluation, Method, Solve, Statement, method_named
 
 FAMILIES = (euler, midpoint, verlet, composition, moreau, runge_kutta, nystrom, implicit)
-METHODS: dict[str, Method] = {one.name: one for family in FAMILIES for one in family.METHODS}
+METHODS: dict[str, Method] = {method.name: method for family in FAMILIES for method in family.METHODS}
 
 __all__ = ["METHODS", "Evaluation", "Method", "Solve", "Statement", "method_named"]

@@ -51,8 +51,8 @@ def update_of(text: str) -> str:
 
 def _kick(newest: dict[str, str], number: str, part: str) -> list[str]:
     """Move v and x."""
-    lines = [f"{one}{number} = {_sum(newest[one], part, newest[slope])}" for one, slope in ("va", "xr")]
-    newest |= {one: one + number for one in "vx"}
+    lines = [f"{letter}{number} = {_sum(newest[letter], part, newest[slope])}" for letter, slope in ("va", "xr")]
+    newest |= {letter: letter + number for letter in "vx"}
     return lines
 
 
@@ -62,7 +62,7 @@ def _drift(newest: dict[str, str], number: str, part: str, time: Fraction) -> li
         f"q{number} = {_sum(newest['q'], part, newest['v'])}",
         f"a{number}, r{number} = f({_at(number, time)}, q{number}, {newest['v']}, {newest['x']})",
     ]
-    newest |= {one: one + number for one in "qar"}
+    newest |= {letter: letter + number for letter in "qar"}
     return lines
 
 
@@ -92,9 +92,11 @@ def verlet_composed(text: str) -> str:
 
     The last kick of one and the first of the next are one: a force evaluation for each step.
     """
-    half = [Fraction(one) for one in text.split()]
+    half = [Fraction(part) for part in text.split()]
     parts = [*half, *half[-2::-1]]
-    kicks = [(one + other) / 2 for one, other in zip([Fraction(0), *parts], [*parts, Fraction(0)], strict=True)]
+    kicks = [
+        (part + next_part) / 2 for part, next_part in zip([Fraction(0), *parts], [*parts, Fraction(0)], strict=True)
+    ]
     return update_of(f"kick {' '.join(map(_printed, kicks))}\ndrift {' '.join(map(_printed, parts))}")
 
 

@@ -88,30 +88,30 @@ class Solve:
     @property
     def definitions(self) -> tuple[Statement, ...]:
         """Vectors that follow from the unknowns, each behind those that it reads."""
-        waiting = [one for one in self.body if isinstance(one, Statement) and one.target not in self.unknowns]
+        waiting = [line for line in self.body if isinstance(line, Statement) and line.target not in self.unknowns]
         ordered: list[Statement] = []
         while waiting:
-            missing = {one.target for one in waiting}
-            ready = [one for one in waiting if not one.vectors & missing]
+            missing = {line.target for line in waiting}
+            ready = [line for line in waiting if not line.vectors & missing]
             ordered += ready
-            waiting = [one for one in waiting if one not in ready]
+            waiting = [line for line in waiting if line not in ready]
         return tuple(ordered)
 
     @property
     def evaluations(self) -> tuple[Evaluation, ...]:
         """Forces at the unknown states."""
-        return tuple(one for one in self.body if isinstance(one, Evaluation))
+        return tuple(line for line in self.body if isinstance(line, Evaluation))
 
     @property
     def equations(self) -> tuple[Statement, ...]:
         """One for each unknown, in their order."""
-        by_target = {one.target: one for one in self.body if isinstance(one, Statement)}
+        by_target = {line.target: line for line in self.body if isinstance(line, Statement)}
         return tuple(by_target[name] for name in self.unknowns)
 
     def text(self, *, motion: bool, states: bool) -> str:
         """Print it with the vectors that a model has."""
-        unknowns = [one for one in self.unknowns if (states if one[0] == "x" else motion)]
-        lines = [one.text(motion=motion, states=states) for one in self.body]
+        unknowns = [item for item in self.unknowns if (states if item[0] == "x" else motion)]
+        lines = [item.text(motion=motion, states=states) for item in self.body]
         return f"solve {', '.join(unknowns)}: {{{'; '.join(line for line in lines if line)}}}"
 
 
@@ -188,7 +188,7 @@ class Method:
     @property
     def implicit(self) -> bool:
         """Whether a step solves equations."""
-        return any(isinstance(one, Solve) for one in self.statements)
+        return any(isinstance(line, Solve) for line in self.statements)
 
     def equations(self, model: Model | None = None) -> str:
         """Return the update equations as one line, with the vectors that a model has."""
@@ -197,10 +197,10 @@ class Method:
     def refusals(self, model: Model, *, by_differences: bool = False) -> list[str]:
         """Say why the method cannot march a model, perhaps with derivatives by differences; empty if it can."""
         traits = traits_of(model) if self.refuses else {}
-        found = [trait for trait in self.refuses if trait in traits]
+        refused = [trait for trait in self.refuses if trait in traits]
         if by_differences and self.simplified:
-            found = [trait for trait in found if trait not in (Trait.PYTHON_FORCES, Trait.CONTACTS)]
-        return [f"it is not defined for {trait} ({traits[trait]})" for trait in found]
+            refused = [trait for trait in refused if trait not in (Trait.PYTHON_FORCES, Trait.CONTACTS)]
+        return [f"it is not defined for {trait} ({traits[trait]})" for trait in refused]
 
 
 def method_named(name: str, model: Model, methods: Mapping[str, Method], *, by_differences: bool = False) -> Method:
@@ -214,11 +214,11 @@ def method_named(name: str, model: Model, methods: Mapping[str, Method], *, by_d
     refusals = methods[name].refusals(model, by_differences=by_differences) if name in methods else []
     if name in methods and not refusals:
         return methods[name]
-    fitting = [one.name for one in methods.values() if not one.refusals(model)]
+    fitting = [method.name for method in methods.values() if not method.refusals(model)]
     fitting += [
-        f"{one.name} with jacobian = 'differences'"
-        for one in methods.values()
-        if one.name not in fitting and not one.refusals(model, by_differences=True)
+        f"{method.name} with jacobian = 'differences'"
+        for method in methods.values()
+        if method.name not in fitting and not method.refusals(model, by_differences=True)
     ]
     fits = ", ".join(fitting) or "none"
     if name not in methods:
@@ -233,13 +233,13 @@ def read_lines(text: str) -> tuple[Line, ...]:
     read: list[Line] = []
     while lines:
         line = lines.pop(0)
-        if not (found := _SOLVE.fullmatch(line)):
+        if not (match := _SOLVE.fullmatch(line)):
             read.append(_read(line))
             continue
-        body = list(takewhile(lambda one: one.startswith(" "), lines))
+        body = list(takewhile(lambda part: part.startswith(" "), lines))
         del lines[: len(body)]
-        unknowns = tuple(one.strip() for one in found.group(1).split(","))
-        read.append(Solve(unknowns, tuple(_read(one.strip()) for one in body)))
+        unknowns = tuple(part.strip() for part in match.group(1).split(","))
+        read.append(Solve(unknowns, tuple(_read(part.strip()) for part in body)))
     return tuple(read)
 
 
@@ -247,7 +247,7 @@ def printed(lines: Iterable[Line], model: Model | None = None) -> str:
     """Return lines as one text, with the vectors that a model has; without a model, with all."""
     motion = model is None or bool(model.coordinates)
     states = model is None or bool(model.states)
-    texts = [one.text(motion=motion, states=states) for one in lines]
+    texts = [line.text(motion=motion, states=states) for line in lines]
     return "; ".join(text for text in texts if text)
 
 
@@ -266,11 +266,11 @@ def spread(text: str) -> str:
     """
     written = []
     for line in dedent(text).strip("\n").splitlines():
-        if found := _SOLVE.fullmatch(line):
-            unknowns = [one.strip() for one in found.group(1).split(",")]
-            written.append(f"solve {', '.join([_as(one, 'v', 'a') for one in unknowns] + [_as(one, 'x', 'r') for one in unknowns])}:")  # fmt: skip
-        elif found := re.fullmatch(r"( *)k(\w*) = f\((.+), y(\w*)\)", line):
-            indent, stage, time, point = found.groups()
+        if match := _SOLVE.fullmatch(line):
+            unknowns = [unknown.strip() for unknown in match.group(1).split(",")]
+            written.append(f"solve {', '.join([_as(unknown, 'v', 'a') for unknown in unknowns] + [_as(unknown, 'x', 'r') for unknown in unknowns])}:")  # fmt: skip
+        elif match := re.fullmatch(r"( *)k(\w*) = f\((.+), y(\w*)\)", line):
+            indent, stage, time, point = match.groups()
             written.append(f"{indent}a{stage}, r{stage} = f({time}, q{point}, v{point}, x{point})")
         else:
             written += [_as(line, *pair) for pair in _SPREAD]
@@ -283,7 +283,7 @@ def _as(line: str, value: str, slope: str) -> str:
 
 
 def _read(line: str) -> Statement | Evaluation:
-    if found := _EVALUATION.fullmatch(line):
-        return Evaluation(*found.groups())
+    if match := _EVALUATION.fullmatch(line):
+        return Evaluation(*match.groups())
     target, expression = line.split(" = ")
     return Statement(target, parse(expression), line)

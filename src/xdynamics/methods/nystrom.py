@@ -44,7 +44,7 @@ def _read(text: str) -> dict[str, Weights]:
     """Read ``name | weight | weight`` rows; a row without a name goes on with the one above."""
     rows: dict[str, list[str]] = {}
     for line in text.replace("R", "sqrt(8581)").splitlines():
-        name, *weights = (one.strip() for one in line.split("|"))
+        name, *weights = (cell.strip() for cell in line.split("|"))
         if weights:
             rows.setdefault(name or list(rows)[-1], []).extend(weights)
     return {name: tuple(weights) for name, weights in rows.items()}
@@ -52,15 +52,15 @@ def _read(text: str) -> dict[str, Weights]:
 
 def _sum(weights: Weights, slope: str) -> str:
     """``329/4212*a + 200/17901*a5``."""
-    return combined(weights, [slope + one for one in _STAGES[: len(weights)]])
+    return combined(weights, [slope + stage for stage in _STAGES[: len(weights)]])
 
 
-def _less(one: str, other: str) -> str:
+def _less(weight: str, embedded: str) -> str:
     """A weight less another, exactly: the difference stays as it is."""
-    if other == "0":
-        return one
-    minus = f"-{other}".removeprefix("--") if other.startswith("-") else f"-{other}"
-    return minus if one == "0" else f"({one} - {other})".replace("- -", "+ ")
+    if embedded == "0":
+        return weight
+    minus = f"-{embedded}".removeprefix("--") if embedded.startswith("-") else f"-{embedded}"
+    return minus if weight == "0" else f"({weight} - {embedded})".replace("- -", "+ ")
 
 
 def _update(rows: dict[str, Weights]) -> str:

@@ -23,16 +23,16 @@ class Update:
 def updates(method: Method) -> dict[str, Update]:
     """Return the sums by which q, v and x become q1, v1 and x1, by the vector that each gives; none unless all do so."""
     sums = {line.target: _apart(line) for line in method.statements if isinstance(line, Statement)}
-    found = {}
+    by_target = {}
     for letter in "qvx":
         target = f"{letter}1"
         while target != letter:
             update = sums.get(target)
             if update is None or update.before[0] != letter:
                 return {}
-            found[target] = update
+            by_target[target] = update
             target = update.before
-    return found
+    return by_target
 
 
 def _apart(line: Statement) -> Update | None:

@@ -62,10 +62,10 @@ class Tableau:
     def listed(cls, times: str, text: str, end: int) -> Tableau:
         """Read ``i j a`` rows, as codes print large tableaus; the stage `end` is the end of the step."""
         c = tuple(times.split())
-        given = {
+        weights = {
             (int(i), int(j)): value for i, j, value in (line.split() for line in text.splitlines() if line.strip())
         }
-        rows = tuple(tuple(given.get((i, j), "0") for j in range(1, i)) for i in range(1, len(c) + 1))
+        rows = tuple(tuple(weights.get((i, j), "0") for j in range(1, i)) for i in range(1, len(c) + 1))
         return cls(c, rows, (*rows[end - 1], "0"))
 
     @property
@@ -116,8 +116,8 @@ class Tableau:
 def columns(text: str, stages: int) -> tuple[Weights, ...]:
     """Read rows of a stage's number and its weights, one in each column; the stages left out have weight zero."""
     rows = {int(number): weights for number, *weights in (line.split() for line in text.splitlines() if line.strip())}
-    none = ["0"] * len(next(iter(rows.values())))
-    return tuple(zip(*(rows.get(i, none) for i in range(1, stages + 1)), strict=True))
+    zeros = ["0"] * len(next(iter(rows.values())))
+    return tuple(zip(*(rows.get(i, zeros) for i in range(1, stages + 1)), strict=True))
 
 
 def combined(weights: Iterable[str], vectors: Iterable[str]) -> str:
@@ -129,11 +129,11 @@ def combined(weights: Iterable[str], vectors: Iterable[str]) -> str:
 
 def differences(weights: Weights, others: Weights) -> Weights:
     """Return weights less others, exactly: fractions as fractions, decimals as decimals."""
-    return tuple(_difference(one, other) for one, other in zip(weights, others, strict=True))
+    return tuple(_difference(weight, subtracted) for weight, subtracted in zip(weights, others, strict=True))
 
 
-def _difference(one: str, other: str) -> str:
-    if "/" in one + other:
-        return str(Fraction(one) - Fraction(other))
+def _difference(weight: str, subtracted: str) -> str:
+    if "/" in weight + subtracted:
+        return str(Fraction(weight) - Fraction(subtracted))
     with localcontext(prec=60):  # more digits than any table prints
-        return format(Decimal(one) - Decimal(other), "f")
+        return format(Decimal(weight) - Decimal(subtracted), "f")

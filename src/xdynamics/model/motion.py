@@ -1,7 +1,7 @@
 """M a = F as trees: every quantity of one force evaluation, each after those that it reads.
 
-Compiled laws are printed from these assignments, and the same assignments are evaluated where one state is looked at:
-a linearisation, the search for what failed. There is no other place that says how a force becomes an acceleration.
+Compiled laws are printed from these assignments, and the same assignments are evaluated where a single state is
+examined: in a linearisation, in the search for a failure. No other place states how a force becomes an acceleration.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from xdynamics.model.switches import Switch, told, where_it_decides
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.units import CONSTANTS, UNSCALED, Scales, constant
 
-REGIME_NUMBER = "_regime"  # by which trees tell in which regime they are, from 0
+REGIME_NUMBER = "_regime"  # the name by which trees read the number of the current regime, from 0
 Table = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def variables(model: Model) -> tuple[str, ...]:
-    """Return what the forces use and the motion is differentiated by: coordinates, velocities, first-order states."""
+    """Return the variables of the motion: coordinates, velocities, first-order states."""
     return (*model.coordinates, *(velocity(name) for name in model.coordinates), *model.states)
 
 
@@ -44,7 +44,7 @@ def first_regime(model: Model) -> int:
 
 
 def slope(drive: str) -> str:
-    """Name the slope of a drive by its argument."""
+    """Name the derivative of a drive by its argument."""
     return f"_slope_{drive}"
 
 
@@ -52,9 +52,9 @@ def slope(drive: str) -> str:
 def motion(model: Model) -> tuple[Assignment, ...]:
     """Write force terms, accelerations and rates.
 
-    A diagonal mass divides; a full one is taken apart as L D L^T (Golub and Van Loan, Matrix Computations, 4th ed.,
+    A diagonal mass divides; a full one is factored as L D L^T (Golub and Van Loan, Matrix Computations, 4th ed.,
     section 4.1.2). A mass that is not positive gives nan, which ends a run. Contacts and friction elements add their
-    forces to what is free without them.
+    forces to the free accelerations.
     """
     assignments = [*_terms(model), *factors(model)]
     named = free if reactions(model) else acceleration
@@ -64,7 +64,7 @@ def motion(model: Model) -> tuple[Assignment, ...]:
 
 
 def _terms(model: Model) -> Iterator[Assignment]:
-    """Write every force term; in a regime of which it is none it is 0, whatever it would be there."""
+    """Write every force term; in a regime in which it does not act it is 0, whatever its value would be."""
     for term, components in model.force_components.items():
         for name, component in components.items():
             target = force(term, name)
@@ -83,7 +83,7 @@ def acts_always(model: Model, term: str) -> bool:
 
 
 def in_regimes(model: Model, term: str, tree: Node) -> Node:
-    """Return what a tree of a force term is in the regime that holds: itself, or 0."""
+    """Return a tree of a force term as it is in the current regime: itself, or 0."""
     if acts_always(model, term):
         return tree
     selected: Node = ZERO
@@ -95,7 +95,7 @@ def in_regimes(model: Model, term: str, tree: Node) -> Node:
 
 
 def decides(model: Model, switch: Switch) -> Node:
-    """Return 1 where a switch decides something, else 0: elsewhere are other sides of a `where`, or other regimes."""
+    """Return 1 where a switch has an effect, else 0: on other sides of a `where`, and in other regimes."""
     indicator = where_it_decides(switch, {}, ONE, ZERO)
     return in_regimes(model, switch.owner, indicator) if switch.owner in model.forces else indicator
 
@@ -104,7 +104,7 @@ def decides(model: Model, switch: Switch) -> Node:
 def slopes(model: Model) -> tuple[Assignment, ...]:
     """Write the derivatives of accelerations and rates, to follow `motion`: M da = dF - dM a.
 
-    Names: ``_dF_x_by`` for what a force total or rate has by itself, ``_s_x_by`` for dF - dM a, ``_da_x_by``.
+    Names: ``_dF_x_by`` for the derivative of a force total or rate, ``_s_x_by`` for dF - dM a, ``_da_x_by``.
 
     Raises
     ------
@@ -122,9 +122,9 @@ def slopes(model: Model) -> tuple[Assignment, ...]:
 
 @lru_cache(maxsize=64)
 def _changes(model: Model) -> dict[str, dict[str, Node]]:
-    """Return dF - dM a by what is differentiated by and then by coordinate, in their orders.
+    """Return dF - dM a by the variable of differentiation and then by coordinate, in their orders.
 
-    Of a diagonal mass what is zero is left out; factors of a full one lead from each row to all.
+    With a diagonal mass, zeros are left out; the factors of a full one couple each row to all others.
     """
     taken: dict[tuple[str, str], list[Node]] = {}
     coordinates = list(model.coordinates)
@@ -141,18 +141,18 @@ def _changes(model: Model) -> dict[str, dict[str, Node]]:
 
 
 def _acting(model: Model) -> list[tuple[str, str]]:
-    """Return every coordinate whose force depends on something, with that."""
+    """Return the pairs of a coordinate and a variable that its force depends on."""
     owners = {f"force_{name}": name for name in model.coordinates}
     return [(owners[key], by) for key, by in force_derivatives(model) if key in owners]
 
 
 def jacobian(model: Model) -> dict[tuple[str, str], str]:
-    """Return the name of every derivative of an acceleration or rate that is not zero throughout.
+    """Return the name of every derivative of an acceleration or rate that is not identically zero.
 
     Returns
     -------
     dict of (str, str) to str
-        By a coordinate (for its acceleration) or the rate of a state, and what it is differentiated by.
+        Keyed by a coordinate (for its acceleration) or the rate of a state, and the variable of differentiation.
     """
     columns = _places(model)
     rows = {name: i for i, name in enumerate((*model.coordinates, *map(rate, model.states)))}
@@ -163,7 +163,7 @@ def jacobian(model: Model) -> dict[tuple[str, str], str]:
 
 @lru_cache(maxsize=64)
 def force_totals(model: Model) -> dict[str, Node]:
-    """Return the whole force of each coordinate as ``force_<coordinate>`` and the rate of each state as ``rate_<state>``.
+    """Return the total force of each coordinate as ``force_<coordinate>`` and the rate of each state as ``rate_<state>``.
 
     Raises
     ------
@@ -192,8 +192,8 @@ def force_derivatives(model: Model) -> dict[tuple[str, str], Node]:
     Returns
     -------
     dict of (str, str) to Node
-        By what is differentiated, ``force_<coordinate>`` or ``rate_<state>``, and by what; zeros are left out. The
-        slope of a drive of a coordinate or velocity stands as the name ``_slope_<drive>``; a drive of time has none.
+        Keyed by the function, ``force_<coordinate>`` or ``rate_<state>``, and the variable; zeros are left out. The
+        slope of a drive of a coordinate or velocity appears as the name ``_slope_<drive>``; a drive of time has none.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
     Returns
     -------
     dict of ((int, int), str) to Node
-        By row and column, from 0, and by what; zeros are left out. Slopes of drives are named as in `force_derivatives`.
+        Keyed by row and column, from 0, and the variable; zeros are left out. Slopes of drives as in `force_derivatives`.
     """
     return {
         ((i, j), by): derivative
@@ -227,7 +227,7 @@ def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
 def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     """Return parameters, unit constants, pi, and the modes of open contacts, in the order of a law's `p`.
 
-    They are in SI units over the scales. A march that closes a contact changes its modes, the last of them.
+    They are in SI units over the scales. A march that closes a contact changes the modes, which come last.
     """
     sizes = {name: scales.of(dimension) for name, dimension in model.dimensions.items()}
     values = {name: parameter.quantity.si / sizes[name] for name, parameter in model.parameters.items()}
@@ -237,27 +237,33 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
 
 @lru_cache(maxsize=16)
 def tables_of(model: Model, scales: Scales = UNSCALED) -> tuple[Table, ...]:
-    """Return the pieces of every drive, in SI units over the scales."""
+    """Return the pieces of every drive, in SI units over the scales.
+
+    Raises
+    ------
+    ModelError
+        If a slope between two points of a table overflows.
+    """
     tables = []
     for name, drive in model.drives.items():
         argument = drive.table.argument / scales.of(model.dimensions[drive.argument])
         value = drive.table.value / scales.of(model.dimensions[name])
         of_time = drive.argument == "t"
-        with np.errstate(all="ignore"):  # judged below, where the place is known
+        with np.errstate(all="ignore"):  # checked below, where the position is known
             tables.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=of_time))
         _check_pieces(name, drive, tables[-1])
     return tuple(tables)
 
 
 def _check_pieces(name: str, drive: Drive, pieces: Table) -> None:
-    """Refuse a table that passes between two of its points with a slope that no number holds."""
+    """Refuse a table whose slope between two of its points overflows."""
     inner = pieces[1][:, 1:-1]
     wrong = np.flatnonzero(~np.isfinite(inner).all(axis=0))
     if wrong.size:
         argument, value = drive.table.argument, drive.table.value
         with np.errstate(all="ignore"):
             steep = np.flatnonzero(~np.isfinite(np.diff(value) / np.diff(argument)))
-        first = int([*steep, *wrong][0])  # one slope of a spline spoils them all
+        first = int([*steep, *wrong][0])  # one bad slope of a spline spoils them all
         last = first + 1
         raise ModelError(
             f"drive '{name}': table '{drive.table.name}' goes from {value[first]:.6g} at {argument[first]:.15g} to"
@@ -274,7 +280,7 @@ def evaluated(
     *,
     sloped: bool = False,
 ) -> dict[str, float]:
-    """Evaluate forces, accelerations and rates at one state, by the operations that a compiled law does.
+    """Evaluate forces, accelerations and rates at one state, by the operations of a compiled law.
 
     Parameters
     ----------
@@ -291,7 +297,7 @@ def evaluated(
     Returns
     -------
     dict of str to float
-        Everything by its name, drives among it.
+        All values by name, including drives.
     """
     values = dict(known) | {name: state[name] for name in ("t", *variables(model))}
     values[REGIME_NUMBER] = state.get(REGIME_NUMBER, float(first_regime(model)))
@@ -307,7 +313,7 @@ def evaluated(
 
 @lru_cache(maxsize=16)
 def _tape(model: Model) -> Tape:
-    """Return the operations of the motion and its derivatives, of which there may be many thousand."""
+    """Return the operations of the motion and its derivatives; there may be many thousands of them."""
     return Tape(
         (assignment.name, assignment.value)
         for assignment in (*motion(model), *slopes(model))
@@ -324,13 +330,13 @@ def evaluated_many(
     math_functions: str = NAME,
     read: Sequence[Assignment] | None = None,
 ) -> list[Any]:
-    """Evaluate expressions at many states at once: what `evaluated` gives, and of the motion only what they read.
+    """Evaluate expressions at many states at once, with the values of `evaluated`; only the motion they read is computed.
 
     Parameters
     ----------
     model : Model
     wanted : sequence of Node
-        Without definitions left in them.
+        With definitions expanded.
     state : mapping of str to ndarray, shape (k,)
         For `t`, every coordinate, velocity and first-order state, and the regime.
     known, tables
@@ -338,7 +344,7 @@ def evaluated_many(
     math_functions : str
         The set of elementary functions.
     read : sequence of Assignment, optional
-        `read_by` them, where that is known.
+        The result of `read_by`, if it is available.
     """
     values: dict[str, Any] = dict(known) | dict(state)
     for (name, drive), table in zip(model.drives.items(), tables, strict=True):
@@ -353,13 +359,13 @@ def evaluated_many(
 
 
 def read_by(model: Model, wanted: Iterable[Node]) -> list[Assignment]:
-    """Return what of the motion expressions without definitions read, in its order."""
-    needed = set().union(*(free_names(one) for one in wanted))
+    """Return the assignments of the motion that expressions without definitions depend on, in order."""
+    needed = set().union(*(free_names(item) for item in wanted))
     read: list[Assignment] = []
-    for one in reversed(motion(model)):
-        if one.name in needed:
-            read.append(one)
-            needed |= {*one.value.arguments} if isinstance(one.value, Function) else free_names(one.value)
+    for item in reversed(motion(model)):
+        if item.name in needed:
+            read.append(item)
+            needed |= {*item.value.arguments} if isinstance(item.value, Function) else free_names(item.value)
     return read[::-1]
 
 
@@ -381,13 +387,13 @@ def _totals(model: Model) -> dict[str, Node]:
 
 @lru_cache(maxsize=64)
 def _places(model: Model) -> dict[str, int]:
-    """Number what the motion is differentiated by; a coordinate's place is its row of the mass too."""
+    """Number the variables of the motion; the number of a coordinate is its row of the mass too."""
     return {name: i for i, name in enumerate(variables(model))}
 
 
 @lru_cache(maxsize=64)
 def _varying(model: Model) -> dict[str, dict[str, Node]]:
-    """Return how each variable, and each drive of one, changes by it."""
+    """Return the derivative of each variable, and of each drive of one, by that variable."""
     own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in variables(model)}
     return own | {
         name: {drive.argument: Name(slope(name))} for name, drive in model.drives.items() if drive.argument in own
@@ -395,5 +401,5 @@ def _varying(model: Model) -> dict[str, dict[str, Node]]:
 
 
 def _derivatives(model: Model, tree: Node) -> list[tuple[str, Node]]:
-    """Return the partial derivatives that are not zero, each with its variable."""
+    """Return the non-zero partial derivatives, each with its variable."""
     return sorted(derivatives(tree, _varying(model)).items(), key=lambda pair: _places(model)[pair[0]])

@@ -1,4 +1,4 @@
-"""The parts of a model, each a frozen record of what the file says."""
+"""The parts of a model, each a frozen record of an entry of the file."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from xdynamics.units import Quantity, Unit
 
 DIRECTIONS = ("rising", "falling", "either")
 ACTIONS = ("record", "stop", "switch", "reset")
-STRIKE = "impact"  # the action of an event that is a contact, and is read as one
+STRIKE = "impact"  # the action of an event that is read as a contact
 ROOT_STATES = ("reintegrate", "interpolant")
 TANGENTIALS = ("frictionless", "coulomb")
 IMPACT_LAWS = NEWTON, POISSON, SEQUENTIAL, ENERGETIC = ("newton", "poisson", "sequential", "energetic")
-APPROACH = "approach_speed"  # by which a coefficient of restitution may know how fast a gap closes
+APPROACH = "approach_speed"  # the name by which a coefficient of restitution reads how fast a gap closes
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A coordinate of the motion; its shape is () until block coordinates come."""
+    """A coordinate of the motion; its shape is () until there are block coordinates."""
 
     unit: Unit
     description: str = ""
@@ -35,7 +35,7 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A constant of the model, or a value at the start, with how it is spread, where that is known."""
+    """A constant of the model, or a value at the start, with its distribution if known."""
 
     quantity: Quantity
     spread: Spread | None = None
@@ -43,7 +43,7 @@ class Parameter:
 
     @property
     def uncertainty(self) -> float:
-        """The standard uncertainty in the value's own unit; 0 where none is known."""
+        """The standard uncertainty in the value's own unit; 0 if none is known."""
         if self.spread is None:
             return 0.0
         standard = self.spread.standard
@@ -52,7 +52,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Fitted:
-    """Which data the numbers of a model were fitted to, and whether its residuals bear the fit out."""
+    """The data that the parameters of a model were fitted to, and whether the residuals support the fit."""
 
     data: str = ""
     adequate: bool = True
@@ -61,7 +61,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class State:
-    """A first-order companion of the motion; `smooth` as in `Force`."""
+    """A first-order state beside the motion; `smooth` as in `Force`."""
 
     unit: Unit
     rate: Node
@@ -73,8 +73,8 @@ class State:
 class Function:
     """A force component or an event function written in Python: a numba-compilable function of declared names, SI in and out.
 
-    The source is evidence. It is never run: to march a model that was read from a file, the function itself
-    is handed over, and its digest is compared first.
+    The source is evidence and is never run: to march a model that was read from a file, the function itself
+    is passed, and its digest is compared first.
     """
 
     name: str
@@ -90,7 +90,8 @@ class Function:
         Raises
         ------
         InputError
-            If its source cannot be found or it does not take plain positional arguments.
+            If its source cannot be found, it does not take plain positional arguments, has no plain name, or reads
+            variables of an enclosing function.
         """
         name = getattr(function, "__name__", repr(function))
         plain: Any = getattr(function, "py_func", function)
@@ -115,7 +116,7 @@ class Function:
 class Force:
     """A force term: a potential, or a component per coordinate.
 
-    Of one that is declared smooth, zeros in the arguments of `abs`, `sign`, `min`, `max`, `where` are stepped over.
+    If it is declared smooth, zeros in the arguments of its `abs`, `sign`, `min`, `max`, `where` are stepped over.
     """
 
     potential: Node | None = None
@@ -137,30 +138,31 @@ class Drive:
 
 @dataclass(frozen=True)
 class Event:
-    """A scalar function of the state whose zero is located, and what is done there.
+    """A scalar function of the state whose zeros are located, and the action taken there.
 
     Attributes
     ----------
     function : Node or Function
-        One in Python has no derivative and no bounds: it is looked at in places, and slopes are differences.
+        One in Python has no derivative and no bounds: it is sampled, and slopes are differences.
     direction : {"rising", "falling", "either"}
-        A touch counts where the function comes from the side that this asks for.
+        A touch counts if the function approaches zero from the matching side.
     action : {"record", "stop", "switch", "reset"}
     time_tolerance : Quantity, optional
-        How well it is located; without it as the run's settings say.
+        How well it is located; by default as in the settings of the run.
     position_tolerance : Quantity, optional
-        How far from zero its function may be at the accepted state, in its own unit; without it what the time leaves.
+        How far from zero its function may be at the accepted state, in its own unit; by default what the time tolerance
+        leaves.
     description : str
     to : str
-        The regime to go on in, of a switch.
+        The regime that a switch leads to.
     reset : mapping of str to Node
         New values of coordinates, velocities or states, from those before.
     count : int
         The occurrence from which on to act.
     root_state : {"reintegrate", "interpolant"}
-        Whether it is located on shortened steps of the method, or on the interpolant of the whole one.
+        Whether it is located on shortened steps of the method, or on the interpolant of the full step.
     unit : Unit, optional
-        What a function in Python gives, in SI; without it a number.
+        The unit of what a function in Python returns (in SI); by default a pure number.
     """
 
     function: Node | Function
@@ -178,7 +180,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Contact:
-    """A unilateral contact: motion only where its gap is not negative.
+    """A unilateral contact: motion is possible only where its gap is not negative.
 
     Attributes
     ----------
@@ -192,13 +194,13 @@ class Contact:
     friction, static : Node, optional
         Coefficients while it slips, and up to which it sticks.
     time_tolerance : Quantity, optional
-        Of impacts, rest and take-off; without it as the run's settings say.
+        Of impacts, rest and take-off; by default as in the settings of the run.
     position_tolerance : Quantity, optional
-        How large the gap may be at the accepted state of an impact; without it what the time leaves.
+        How large the gap may be at the accepted state of an impact; by default what the time tolerance leaves.
     rest_height : Quantity, optional
-        Bounces lower than this may be skipped into rest; without it 1e-9 of the largest gap so far.
+        Bounces lower than this may be skipped into rest; by default 1e-9 of the largest gap so far.
     law : {"newton", "poisson", "sequential", "energetic"}
-        Of impacts, several at once included.
+        Of impacts, including simultaneous ones.
     description : str
     """
 
@@ -217,16 +219,16 @@ class Contact:
 
 @dataclass(frozen=True)
 class Friction:
-    """Dry friction with true stick, where the load is known: a force along the derivative of `slip` by the velocities.
+    """Dry friction with true stick under a known load: a force along the derivative of `slip` by the velocities.
 
     Attributes
     ----------
     slip : Node
         Relative velocity, linear in velocities.
     kinetic, static : Node
-        How large the force is while it slips, and the most that sticking holds.
+        Size of the force while it slips, and the largest force that sticking holds.
     time_tolerance : Quantity, optional
-        Of stick and slip; without it as the run's settings say.
+        Of stick and slip; by default as in the settings of the run.
     description : str
     """
 
@@ -239,7 +241,7 @@ class Friction:
 
 @dataclass(frozen=True)
 class Observable:
-    """How an observable is recorded: its unit, where that is chosen, and what it is."""
+    """How an observable is recorded: its unit, if one is chosen, and its description."""
 
     unit: Unit | None = None
     description: str = ""
@@ -247,14 +249,14 @@ class Observable:
 
 @dataclass(frozen=True)
 class Pictured:
-    """What pictures show of a motion.
+    """What figures show of a motion.
 
     Attributes
     ----------
     plane : tuple of (Node, Node)
-        Where bodies are, across and up.
+        Positions of bodies, across and up.
     section : Node, optional
-        The period of Poincare's section.
+        The period of the Poincare section.
     wrap : tuple of str
         Angles that are drawn within half a turn to either side.
     """
@@ -266,7 +268,7 @@ class Pictured:
 
 @dataclass(frozen=True)
 class Validation:
-    """What a quantity of a run is to be.
+    """The expected value of a quantity of a run.
 
     Attributes
     ----------
@@ -275,13 +277,13 @@ class Validation:
     quantity : str
         A coordinate, velocity, state, energy, observable, contact force; at an event `t` too, its time.
     times : tuple of float, s
-        Where it is compared; at every accepted state where there are none.
+        Where it is compared; if empty, at every accepted state.
     bound : str or Quantity
-        The most that it may be off, or a word for how that is derived.
+        The largest deviation allowed, or a word for how it is derived.
     event : str
-        The event behind which it is compared.
+        The event after which it is compared.
     occurrence : int
-        Which of these, from 1.
+        Which occurrence of the event, from 1.
     description : str
     """
 
@@ -296,7 +298,7 @@ class Validation:
 
 @dataclass(frozen=True)
 class Regime:
-    """The force terms that act while it lasts."""
+    """The force terms that act during a regime."""
 
     forces: tuple[str, ...]
     description: str = ""

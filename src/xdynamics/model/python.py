@@ -1,4 +1,4 @@
-"""Functions written in Python, as a model is given them: the function itself, or what an archive keeps of it."""
+"""Functions written in Python, as a model takes them: the function itself, or the description an archive keeps."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Functions = Mapping[str, Callable[..., float]]
 
 
 def expression_or_function(value: Any, functions: Functions) -> Node | Function:
-    """Read an expression, a Python function, or a table that tells which function it was.
+    """Read an expression, a Python function, or a table that describes one.
 
     Raises
     ------
     InputError
-        If it cannot be read, or the function handed over is another one.
+        If it cannot be read, or the function passed is a different one.
     """
     if callable(value):
         return Function.of(value)

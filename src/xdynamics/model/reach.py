@@ -10,22 +10,22 @@ from xdynamics.files import decoded, read_bounded
 
 LARGEST_TABLE = 10_000_000  # bytes
 
-# a file's own folder and below; any file; none, where tables are part of the text
+# a file's own folder and below; any file; no file, as the tables are part of the text
 BELOW, ANYWHERE, EMBEDDED = "below", "anywhere", "embedded"
 REACHES = (BELOW, ANYWHERE)
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Where the tables of a model are looked for, and how far that may lead.
+    """Where the tables of a model are looked for, and which files are allowed.
 
     Attributes
     ----------
     folder : Path
-        Where the names of tables begin.
+        What the names of tables are relative to.
     tables : {"below", "anywhere", "embedded"}
-        A model that came as a file from somebody else is read with no right to the reader's other files: what a table
-        says comes into the archive, and parts of it into errors.
+        A model file from somebody else must not give access to the reader's other files: the contents of a table are
+        stored in the archive, and parts of them appear in errors.
     """
 
     folder: Path
@@ -37,7 +37,7 @@ class Reach:
         Raises
         ------
         InputError
-            If the file is out of reach, in which case it is not opened, or cannot be read.
+            If the file is out of reach (it is then not opened) or cannot be read.
         """
         if self.tables == EMBEDDED:
             raise InputError(
@@ -51,12 +51,12 @@ class Reach:
             return decoded(read_bounded(path, LARGEST_TABLE))
         except InputError as error:
             why = str(error)
-        except (OSError, ValueError) as error:  # ValueError: bytes that are no text, or a name with a null
+        except (OSError, ValueError) as error:  # ValueError: bytes that are not text, or a name with a null
             why = error.strerror if isinstance(error, OSError) and error.strerror else "it is no UTF-8 text"
         raise InputError(f"table {str(self.folder / name)!r} cannot be read: {why}")
 
     def _below(self, name: str) -> Path:
-        """Follow every link of a name that stays below the folder."""
+        """Resolve the links of a name, which must stay below the folder."""
         remedy = (
             f"move it there, or allow every file with tables='{ANYWHERE}' (on the command line: --tables {ANYWHERE})"
         )
@@ -68,7 +68,7 @@ class Reach:
         try:
             folder = self.folder.resolve()
             path = (folder / name).resolve()
-        except (OSError, RuntimeError, ValueError):  # a loop of links
+        except (OSError, RuntimeError, ValueError):  # RuntimeError: a loop of links
             raise InputError(f"table {name!r} cannot be read: it is no path for a file") from None
         if not path.is_relative_to(folder):
             raise InputError(

@@ -1,10 +1,10 @@
-"""What contacts and dry friction add to M a = F, as trees: forces that are found together with the accelerations.
+"""What contacts and dry friction add to M a = F, as trees: forces that are solved for together with the accelerations.
 
-A contact that is closed and a friction element that sticks each hold one row of the motion: the gap's, or the slip's,
-second derivative is zero. Their forces u are such that R a + bias = 0 with a = M^-1 (F + R^T u), so that they solve
+A closed contact and a sticking friction element each constrain one row of the motion: the second derivative of the gap,
+or the first of the slip, is zero. Their forces u are such that R a + bias = 0 with a = M^-1 (F + R^T u), so they solve
 R M^-1 R^T u = -(R a_free + bias) (Pfeiffer and Glocker, Multibody Dynamics with Unilateral Contacts, 1996, chapter 5).
-What slips has a force that is known, as a number or as a part of the normal force. Which of them hold, slip or are open
-are numbers behind the parameters, so that the same assignments serve them all.
+A slipping element has a known force, a number or a fraction of the normal force. Whether each holds, slips or is open
+is a number after the parameters, so the same assignments serve all cases.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from xdynamics.schema import acceleration, contact_force, friction_force, veloci
 from xdynamics.units import Dimension
 
 NORMAL, TANGENT, DRY = range(3)  # of a contact, along its surface, of a friction element
-MODES = 2  # numbers of each reaction: whether it holds; the way it slips, or until when a contact settles
+MODES = 2  # numbers of each reaction: whether it holds; the direction of slip, or when a contact has settled
 
 
 @dataclass(frozen=True)
@@ -38,18 +38,18 @@ class Reaction:
     sort : int
         `NORMAL`, `TANGENT` or `DRY`.
     normal : int
-        Of a tangent the number of its normal force, else its own.
+        For a tangent the number of its normal force, else its own.
     gap : Node
-        Of a normal force; zero of others.
+        Of a normal force; zero for others.
     rate : Node
         How fast the gap opens, or the slip.
     row : mapping of str to Node
         The derivative of `rate` by the velocity of each coordinate that it depends on: the force acts along it.
     bias : Node
-        The time derivative of `rate` where nothing accelerates.
+        The time derivative of `rate` with zero accelerations.
     size, most : Node
-        Coefficient of friction, or force, while it slips, and up to which it sticks; `size` of a normal force is the
-        coefficient of restitution.
+        Coefficient of friction, or force, while it slips, and the largest at which it sticks; `size` of a normal force
+        is the coefficient of restitution.
     """
 
     name: str
@@ -87,7 +87,7 @@ def _tangent(model: Model, owner: str, sort: int, normal: int, trees: tuple[Node
 
 
 def _moved(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
-    """Return the derivatives of a rate by the velocities, and its derivative in time where nothing accelerates."""
+    """Return the derivatives of a rate by the velocities, and its time derivative with zero accelerations."""
     rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.coordinates}
     accelerations = {Name(acceleration(name)) for name in rows}
     still = {name: tree for name, tree in model.rates.items() if tree not in accelerations}
@@ -100,12 +100,12 @@ def holds(reaction: Reaction) -> str:
 
 
 def way(reaction: Reaction) -> str:
-    """Name the number that is the sign of the slip, or of a contact the time at which it has settled."""
+    """Name the number that is the sign of the slip, or the time at which a contact has settled."""
     return f"_until_{reaction.name}" if reaction.sort == NORMAL else f"_way_{reaction.name}"
 
 
 def modes(model: Model) -> tuple[str, ...]:
-    """Name the numbers that say what contacts and friction do."""
+    """Name the numbers that describe the modes of contacts and friction elements."""
     return tuple(name for reaction in reactions(model) for name in (holds(reaction), way(reaction)))
 
 
@@ -115,7 +115,7 @@ def free(name: str) -> str:
 
 
 def reaction_dimensions(model: Model) -> dict[str, Dimension]:
-    """Return the dimension of each reaction: what it does is work."""
+    """Return the dimension of each reaction: power over that of its rate."""
     dimensions, by_reaction = model.dimensions, {}
     for reaction in reactions(model):
         i, name = next((i, name) for i, name in enumerate(model.coordinates) if name in reaction.row)
@@ -140,8 +140,8 @@ def rate_dimension(model: Model, reaction: Reaction) -> Dimension:
 def reacting(model: Model) -> Iterator[Assignment]:
     """Write the reactions, and the accelerations with them.
 
-    The matrix is taken apart without exchanging rows: its pivots are positive where there is one solution for every
-    load (a P-matrix, Cottle, Pang, Stone, The Linear Complementarity Problem, 1992, section 3.3), and nan where not.
+    The matrix is eliminated without exchanging rows: its pivots are positive where there is one solution for every
+    load (a P-matrix, Cottle, Pang, Stone, The Linear Complementarity Problem, 1992, section 3.3), and nan otherwise.
     """
     acting = reactions(model)
     if not acting:
@@ -170,7 +170,7 @@ def reacting(model: Model) -> Iterator[Assignment]:
 
 
 def pressing(model: Model) -> Iterator[Assignment]:
-    """Write rows, what a unit of each reaction does to accelerations and to each row, and each row's free acceleration."""
+    """Write rows, the effect of a unit of each reaction on accelerations and rows, and each row's free acceleration."""
     acting = reactions(model)
     for k, reaction in enumerate(acting):
         yield from (Assignment(_row(k, name), tree) for name, tree in reaction.row.items())
@@ -187,13 +187,13 @@ def pressing(model: Model) -> Iterator[Assignment]:
 
 
 def table(model: Model) -> tuple[list[Node], ...]:
-    """Return what `march.contacts.linking` is told of a state: by reaction its numbers, then the matrices, row by row.
+    """Return what `march.contacts.linking` needs of a state: the numbers of each reaction, then the matrices, row by row.
 
     Returns
     -------
     tuple of list of Node
-        Gap, rate, free acceleration of the row, size and most of each; what each does to each row; its row; what a
-        unit of it does to each acceleration.
+        Gap, rate, free acceleration of the row, size and most of each; the effect of each on each row; its row; the
+        effect of a unit of it on each acceleration.
     """
     acting, coordinates = reactions(model), list(model.coordinates)
     numbers: list[Node] = []
@@ -209,14 +209,14 @@ def table(model: Model) -> tuple[list[Node], ...]:
 
 
 def _let_go(reaction: Reaction, k: int, j: int) -> Node:
-    """Return an entry of the row of a reaction that holds nothing: it is zero, or what slipping makes of the normal force."""
+    """Return an entry of the row of a reaction that does not hold: zero force, or a fraction of the normal force."""
     if j == k:
         return ONE
     return multiply(Name(way(reaction)), reaction.size) if reaction.sort == TANGENT and j == reaction.normal else ZERO
 
 
 def _eliminated(entries: dict[tuple[int, int], Node], right: list[Node], names: list[str]) -> Iterator[Assignment]:
-    """Solve for the reactions by Gaussian elimination; entries that are not there are zero."""
+    """Solve for the reactions by Gaussian elimination; missing entries are zero."""
     n = len(names)
     for p in range(n):
         yield Assignment(f"_pivot{p}", Call("positive", (entries[p, p],)))
@@ -235,12 +235,12 @@ def _eliminated(entries: dict[tuple[int, int], Node], right: list[Node], names: 
 
 
 def _reached(model: Model, reaction: Reaction) -> list[str]:
-    """Return the coordinates that a reaction accelerates: through a full mass all."""
+    """Return the coordinates that a reaction accelerates: all of them through a full mass."""
     return list(model.coordinates) if model.mass_is_full else list(reaction.row)
 
 
 def _meet(model: Model, reaction: Reaction, other: Reaction) -> list[str]:
-    """Return the coordinates through which one reaction meets another."""
+    """Return the coordinates through which one reaction is coupled to another."""
     return [name for name in reaction.row if name in _reached(model, other)]
 
 

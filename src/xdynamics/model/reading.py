@@ -1,4 +1,4 @@
-"""From the words of a model file to the parts of a model, gathering every fault on the way."""
+"""Reading the entries of a model file into the parts of a model, collecting every fault."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
 
 
 def _head(name: Any, statement: Mapping[str, Any], ledger: Ledger) -> str:
-    """Return the description of a model; of its name too the signs are looked at."""
+    """Return the description of a model; the characters of its name are checked too."""
     description = ""
     with ledger.entry("description"):
         description = described(statement)
@@ -133,7 +133,7 @@ def _head(name: Any, statement: Mapping[str, Any], ledger: Ledger) -> str:
 def _initial(
     starts: Mapping[str, Parameter], coordinates: Mapping[str, Coordinate], section: Mapping[str, Any], time: Unit
 ) -> dict[str, Quantity]:
-    """Return where a motion starts: at 0 and at rest, where nothing else is said."""
+    """Return where a motion starts: at time 0 and at rest, unless stated otherwise."""
     at_rest = {velocity(entry): Quantity(0.0, about.unit.per(time)) for entry, about in coordinates.items()}
     initial = {"t": Quantity(0.0, time)} | {key: entry.quantity for key, entry in starts.items()}
     return initial | {key: entry for key, entry in at_rest.items() if key not in section}
@@ -153,7 +153,7 @@ def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[st
 def _told_apart(
     events: Mapping[str, Any], contacts: Mapping[str, Any], ledger: Ledger
 ) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    """Return the events, and apart from them those that are contacts."""
+    """Return the events, and separately those that are contacts."""
     strikes = {
         name: entry for name, entry in events.items() if isinstance(entry, Mapping) and entry.get("action") == STRIKE
     }
@@ -243,7 +243,7 @@ def _force(given: Any, functions: Functions) -> Force:
 def _drive(owner: str, given: Any, reach: Reach) -> Drive:
     words = {*given} if isinstance(given, Mapping) else None
     if words is None or not (words & {"table", "csv"} or words <= {*SECTIONS["drives"].known}):
-        given = {"table": given}  # a table of Python, in the place of an entry
+        given = {"table": given}  # a table from Python in place of an entry
     if "table" in given and not isinstance(given["table"], str):
         given = dict(given) | {"table": f"{owner}.csv", "csv": tabled(owner, given["table"])}
     elif "csv" in given:
@@ -269,7 +269,7 @@ def _drive(owner: str, given: Any, reach: Reach) -> Drive:
 
 
 def _first_regime(initial: Mapping[str, Any], regimes: list[str], ledger: Ledger) -> str:
-    """Read which regime a motion begins in: the first, unless it is said."""
+    """Read the regime in which a motion begins: by default the first."""
     given = initial.get("regime", regimes[0] if regimes else "")
     if given not in regimes and "regime" in initial:
         ledger.note(f"initial regime {given!r} is none; there are: {', '.join(regimes) or 'none'}")
@@ -277,7 +277,7 @@ def _first_regime(initial: Mapping[str, Any], regimes: list[str], ledger: Ledger
 
 
 def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node, ...], ...]:
-    """Read the mass matrix as rows, whether written by coordinate or as a matrix."""
+    """Read the mass matrix as rows, whether it is written by coordinate or as a matrix."""
     if "matrix" in given and "matrix" not in coordinates:
         rows = given["matrix"]
         n = len(coordinates)
@@ -297,7 +297,7 @@ def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node,
 
 
 def _derive(parts: dict[str, Any], mass: Mapping[str, Any]) -> None:
-    """Put the mass matrix and the forces of a Lagrangian into the parts of a model."""
+    """Add the mass matrix and the forces of a Lagrangian to the parts of a model."""
     if mass:
         raise InputError("stands beside [mass], which follows from it; leave one out")
     if taken := [name for name in TERMS if name in parts["forces"]]:

@@ -1,4 +1,4 @@
-"""A table as text: whatever separates its cells, whichever decimal mark it has, its columns with their names and units."""
+"""A table as text with any separator and decimal mark, and the names and units of its columns."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import Any
 from xdynamics.faults import InputError, Ledger
 from xdynamics.units import Unit, parse_unit
 
-SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}  # the first that a header has
+SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}  # the first one that occurs in the header
 COMMENTS = ("#", "%", "//")
-MOST_FAULTS = 20  # of a table that an error tells
+MOST_FAULTS = 20  # of a table, listed in an error
 SHOWN = 24  # characters of a cell that an error shows
 LONGEST_HEADER = 10_000
 
-# name [unit], name (unit), name / unit: of u(name), u_common(name) the name is in the parentheses
+# name [unit], name (unit), name / unit; the parentheses of u(name), u_common(name) belong to the name
 _TITLES = tuple(
     re.compile(pattern)
     for pattern in (
@@ -34,7 +34,7 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+(?:[eE][+-]?[0-9]+)?\s*")
 
 @dataclass(frozen=True)
 class Title:
-    """What stands above a column: ``thrust [N]``; `u(thrust)` and `u_common(thrust)` are uncertainties of `thrust`."""
+    """The title of a column: ``thrust [N]``; `u(thrust)` and `u_common(thrust)` are uncertainties of `thrust`."""
 
     name: str
     unit: Unit
@@ -42,7 +42,7 @@ class Title:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table whose cells are told apart and not yet read.
+    """A table split into cells that are not yet read.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Sheet:
         As it was written.
     header_line : int
     lines : tuple of (int, list of str)
-        Cells with the number of their line; as many as the header has.
+        Cells with the number of their line.
     """
 
     name: str
@@ -66,12 +66,12 @@ class Sheet:
 
     @classmethod
     def of(cls, name: str, text: str) -> Sheet:
-        """Tell lines, separator and decimal mark.
+        """Split text into lines and cells, and detect separator and decimal mark.
 
         Raises
         ------
         InputError
-            If it is empty, or mixes decimal commas and points.
+            If it is empty, mixes decimal commas and points, or a cell is too long.
         """
         lines = [(n, one) for n, one in enumerate(normal(text).split("\n"), 1) if one.strip() and not one.lstrip().startswith(COMMENTS)]  # fmt: skip
         if not lines:
@@ -84,7 +84,7 @@ class Sheet:
 
     @property
     def found(self) -> str:
-        """Say how it was read, for messages."""
+        """How the table was read, for messages."""
         return f"separated by {SEPARATORS[self.separator]}, columns {', '.join(shown(cell) for cell in self.header)}"
 
     def titles(self) -> tuple[Title, ...]:
@@ -93,7 +93,7 @@ class Sheet:
         Raises
         ------
         InputError
-            With every column that has no name or no unit that can be read.
+            With every column without a readable unit, and every name that occurs twice.
         """
         ledger = Ledger(f"table '{self.name}', line {self.header_line} ({self.found})")
         columns = []
@@ -113,12 +113,12 @@ class Sheet:
         ----------
         columns : sequence of int
         skip : bool
-            Whether to leave lines with a gap out.
+            Whether to leave out lines with a gap.
 
         Raises
         ------
         InputError
-            With every line that is none of numbers.
+            With every line that cannot be read as finite numbers.
         """
         ledger = Ledger(f"table '{self.name}' ({self.found})")
         rows: list[tuple[int, tuple[float, ...]]] = []
@@ -162,7 +162,7 @@ class Sheet:
 
 
 def _cells(name: str, number: int, line: str, separator: str) -> list[str]:
-    """Tell the cells of one line: a quote that is not closed ends with it."""
+    """Split one line into cells; a quote that is not closed ends with the line."""
     try:
         return next(csv.reader([line], delimiter=separator))
     except csv.Error:  # the one thing that it refuses
@@ -171,7 +171,7 @@ def _cells(name: str, number: int, line: str, separator: str) -> list[str]:
 
 
 def normal(text: str) -> str:
-    """Return a text without the mark of a file, with lines that end by newlines."""
+    """Return a text without a byte-order mark, with newlines as line ends."""
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -181,7 +181,7 @@ def title(cell: str) -> Title:
     Raises
     ------
     InputError
-        If it has no unit, or none that can be read.
+        If it has no readable unit.
 
     Examples
     --------
@@ -195,13 +195,13 @@ def title(cell: str) -> Title:
 
 
 def shown(cell: str) -> str:
-    """Show the beginning of a cell: enough to find it, too little to tell what else is in a file."""
+    """Show the beginning of a cell: enough to find it, too little to disclose the contents of a file."""
     cell = cell.strip()
     return repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "…")
 
 
 def _decimal(name: str, separator: str, rows: Sequence[tuple[int, list[str]]]) -> str:
-    """Tell the decimal mark of a table that is not separated by commas."""
+    """Detect the decimal mark of a table; it is a point if commas separate the cells."""
     if separator == ",":
         return "."
     commas = next((n for n, cells in rows for cell in cells if _DECIMAL_COMMA.fullmatch(cell)), 0)
@@ -212,12 +212,12 @@ def _decimal(name: str, separator: str, rows: Sequence[tuple[int, list[str]]]) -
 
 
 def written(columns: dict[str, Any]) -> str:
-    """Write columns, by their titles, as CSV text that is read to the same numbers.
+    """Write columns, by their titles, as CSV text that reads back as the same numbers.
 
     Raises
     ------
     InputError
-        If they have other lengths, or are no numbers.
+        If their lengths differ, or they are not numbers.
     """
     import io
 

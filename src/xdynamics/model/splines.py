@@ -1,4 +1,4 @@
-"""Slopes at the points of a measured table, by arithmetic in the order written: no library's version is in a run."""
+"""Slopes at the points of a measured table, in a fixed order of arithmetic that no library's version changes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Floats = NDArray[np.float64]
 
 
 def hermite_pieces(x: Floats, y: Floats, slope: Floats) -> Floats:
-    """Return the cubic of every piece that has these values and slopes at its ends.
+    """Return the cubic of every piece from the values and slopes at its ends.
 
     Parameters
     ----------
@@ -27,10 +27,10 @@ def hermite_pieces(x: Floats, y: Floats, slope: Floats) -> Floats:
 
 
 def monotone_slopes(x: Floats, y: Floats) -> Floats:
-    """Weighted harmonic means of neighbouring secants, zero where these part in sign.
+    """Weighted harmonic means of neighbouring secants, zero where these differ in sign.
 
-    Fritsch and Butland 1984 (SIAM J. Sci. Stat. Comput. 5, 300); the ends by three points, shape kept (Moler, Numerical
-    Computing with MATLAB, section 3.6).
+    Fritsch and Butland 1984 (SIAM J. Sci. Stat. Comput. 5, 300); the ends by a shape-preserving three-point formula
+    (Moler, Numerical Computing with MATLAB, section 3.6).
     """
     h = np.diff(x)
     secant = np.diff(y) / h
@@ -53,10 +53,10 @@ def _at_end(h: float, h_next: float, secant: float, next_secant: float) -> float
 
 
 def spline_slopes(x: Floats, y: Floats) -> Floats:
-    """Slopes of the cubic spline whose third derivative passes the second and the last point but one (not-a-knot).
+    """Slopes of the cubic spline with a continuous third derivative at the second and the last point but one (not-a-knot).
 
     de Boor, A Practical Guide to Splines (1978), chapter IV: a tridiagonal system, eliminated from the first row on,
-    whose pivots stay positive. Three points lie on a parabola, two on a line.
+    whose pivots stay positive. Three points are joined by a parabola, two by a line.
     """
     h = np.diff(x)
     secant = np.diff(y) / h

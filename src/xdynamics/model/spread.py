@@ -1,4 +1,4 @@
-"""How far a number of a model may be from its value: standard uncertainties, bounds, distributions, correlations."""
+"""Uncertainty of the numbers of a model: standard uncertainties, bounds, distributions, correlations."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from xdynamics.units import Quantity, parse_quantity
 
 NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT = "normal", "rectangular", "triangular", "arcsine", "t"
 DISTRIBUTIONS = (NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT)
-# half widths of those that have bounds, in standard deviations (JCGM 101:2008, 6.4.2 to 6.4.6)
+# half widths of bounded distributions, in standard deviations (JCGM 101:2008, 6.4.2 to 6.4.6)
 HALF_WIDTHS = {RECTANGULAR: sqrt(3.0), TRIANGULAR: sqrt(6.0), ARCSINE: sqrt(2.0)}
 SIZES = ("uncertainty", "half_width")
 KEYS = (*SIZES, "distribution", "degrees_of_freedom")
 
 _BETWEEN = re.compile(r"±|\+/-|\+-")
-NOTHING = 1e-12  # of a variance that is left
+NOTHING = 1e-12  # a remaining variance that counts as zero
 
 Floats = NDArray[np.float64]
 
@@ -36,13 +36,13 @@ class Spread:
     Attributes
     ----------
     size : Quantity
-        As it was given: the standard uncertainty, or half the width between the bounds.
+        As specified: the standard uncertainty, or half the width between the bounds.
     distribution : {"normal", "rectangular", "triangular", "arcsine", "t"}
     bounded : bool
         Whether the size is half a width.
     degrees_of_freedom : float, optional
-        Of Student's t, over 2. Its standard deviation is the standard uncertainty; what is known from n readings by
-        s/sqrt(n) has that times sqrt((n - 1)/(n - 3)) (JCGM 101:2008, 6.4.9).
+        Of Student's t, over 2. Its standard deviation is the standard uncertainty; a mean of n readings has
+        s/sqrt(n) times sqrt((n - 1)/(n - 3)) (JCGM 101:2008, 6.4.9).
     """
 
     size: Quantity
@@ -52,14 +52,14 @@ class Spread:
 
     @property
     def standard(self) -> Quantity:
-        """The standard uncertainty, in the unit that was given."""
+        """The standard uncertainty, in the unit of the size."""
         factor = HALF_WIDTHS[self.distribution] if self.bounded else 1.0
         return Quantity(self.size.value / factor, self.size.unit)
 
     def at(self, points: Floats) -> Floats:
-        """Return how many standard uncertainties from the value the distribution reaches numbers between 0 and 1.
+        """Return the quantiles of probabilities between 0 and 1, in standard uncertainties from the value.
 
-        Of all but Student's t, which is scipy's, from arithmetic that is the same on every machine.
+        For all but Student's t, which is scipy's, the arithmetic is the same on every machine.
         """
         if self.distribution == RECTANGULAR:
             return HALF_WIDTHS[RECTANGULAR] * (2.0 * points - 1.0)
@@ -79,14 +79,19 @@ class Spread:
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """What a model's approximations may have a quantity wrong, as its author declares it."""
+    """The error in a quantity due to the approximations of the model, as declared by its author."""
 
     standard: Quantity
     description: str = ""
 
 
 def parted(text: Any) -> tuple[str, str] | None:
-    """Take ``50 ± 0.5 g`` apart into the value and its standard uncertainty, as `show` prints them.
+    """Split ``50 ± 0.5 g`` into the value and its standard uncertainty, as `show` prints them.
+
+    Raises
+    ------
+    InputError
+        If the uncertainty is not a quantity.
 
     Examples
     --------
@@ -101,12 +106,12 @@ def parted(text: Any) -> tuple[str, str] | None:
 
 
 def spread_of(given: Mapping[str, Any], value: Quantity) -> Spread | None:
-    """Read the spread of an entry, where it has one.
+    """Read the spread of an entry, if it has one.
 
     Raises
     ------
     InputError
-        If its keys contradict each other, or its unit is another one than the value's.
+        If its keys contradict each other, or its unit is not that of the value.
     """
     sizes = [key for key in SIZES if key in given]
     if not sizes:
@@ -147,12 +152,12 @@ def _freedom(given: Mapping[str, Any], distribution: str) -> float | None:
 
 
 def correlations_of(section: Mapping[str, Any]) -> dict[tuple[str, str], float]:
-    """Read which names are correlated, and how much.
+    """Read the correlation coefficients of pairs of names.
 
     Raises
     ------
     InputError
-        If one is no number from -1 to 1, or a pair is there twice.
+        If a coefficient is not a number from -1 to 1, or a pair occurs twice.
     """
     coefficients: dict[tuple[str, str], float] = {}
     for name, others in section.items():
@@ -183,7 +188,7 @@ _FAR = (
 
 
 def normal_quantile(points: Floats) -> Floats:
-    """Return where the standard normal distribution reaches numbers between 0 and 1, to 16 digits."""
+    """Return the quantiles of the standard normal distribution for probabilities between 0 and 1, to 16 digits."""
     off = points - 0.5
     far: Floats = np.sqrt(-FUNCTIONS["log"](np.minimum(points, 1.0 - points)))
     tail = np.where(far <= 5.0, _ratio(_TAIL, far - 1.6), _ratio(_FAR, far - 5.0))
@@ -198,19 +203,19 @@ def _ratio(powers: tuple[tuple[float, ...], tuple[float, ...]], x: Floats) -> Fl
 
 
 def deviations(spreads: Sequence[Spread], correlation: Floats, points: Floats) -> Floats:
-    """Return draws in standard uncertainties from their values; normal ones with their correlations.
+    """Return draws as deviations from the values in standard uncertainties; normal ones with their correlations.
 
     Parameters
     ----------
     spreads : sequence of Spread
     correlation : ndarray, shape (n, n)
     points : ndarray, shape (draws, n)
-        Independent, evenly spread from 0 to 1.
+        Independent, uniform from 0 to 1.
 
     Raises
     ------
     InputError
-        If no numbers can be correlated so.
+        If the correlations contradict each other.
     """
     root = root_of(correlation)
     draws = np.stack([spread.at(points[:, i]) for i, spread in enumerate(spreads)], axis=-1)
@@ -223,12 +228,12 @@ def deviations(spreads: Sequence[Spread], correlation: Floats, points: Floats) -
 
 
 def root_of(correlation: Floats) -> Floats:
-    """Return the lower triangle whose product with itself is a correlation matrix (Cholesky), zero where there is nothing left.
+    """Return the lower Cholesky factor of a correlation matrix, with zero columns where no variance remains.
 
     Raises
     ------
     InputError
-        If no numbers can be correlated so.
+        If the correlations contradict each other.
     """
     n = len(correlation)
     root = np.zeros((n, n))

@@ -1,4 +1,4 @@
-"""What a model file says, read and typed: between its words and a model that was checked."""
+"""A model file, read and typed but not yet checked."""
 
 from __future__ import annotations
 
@@ -43,22 +43,22 @@ class Statement:
     drives: dict[str, Drive]
     states: dict[str, State]
     initial: dict[str, Quantity]
-    starts: dict[str, Parameter]  # of what is initial that has a spread or a description
+    starts: dict[str, Parameter]  # initial values with a spread or a description
     events: dict[str, Event]
     contacts: dict[str, Contact]
     frictions: dict[str, Friction]
     regimes: dict[str, Regime]
     regime: str  # that the motion begins in
     observables: dict[str, Node]
-    observed: dict[str, Observable]  # of which a unit is chosen, or something is said
+    observed: dict[str, Observable]  # observables with a chosen unit or a description
     run: dict[str, Any]
     validation: dict[str, Validation]
     correlations: dict[tuple[str, str], float]
     discrepancy: dict[str, Discrepancy]
     time_unit: Unit = SECONDS
-    pictured: Pictured = field(default_factory=Pictured)  # what pictures show
-    fit: Fitted | None = None  # that the numbers are from
-    at_rest: tuple[str, ...] = ()  # velocities that were not given, and are 0
+    pictured: Pictured = field(default_factory=Pictured)  # what figures show
+    fit: Fitted | None = None  # where the parameters come from
+    at_rest: tuple[str, ...] = ()  # velocities without an initial value: 0
     lagrangian: Lagrangian | None = None  # from which the mass and some forces are derived
 
     @cached_property
@@ -73,7 +73,7 @@ class Statement:
 
     @cached_property
     def functions(self) -> tuple[Function, ...]:
-        """Everything that is written in Python, in the order written: force components, then event functions."""
+        """Everything written in Python, in the order written: force components, then event functions."""
         parts = [part for item in self.forces.values() for part in item.components.values()]
         parts += [item.function for item in self.events.values()]
         return tuple(item for item in parts if isinstance(item, Function))

@@ -97,10 +97,10 @@ def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDAr
     start = np.eye(size)
     state = {"q": start[:n], "v": start[n : 2 * n], "x": start[2 * n :]}
     step = h[:, None, None]
-    given = state | {"a": system.acceleration, "r": system.rate, "h": step, "t": 0.0, "t1": step}
-    end = _run(method.statements, given, system)
-    parts = [np.broadcast_to(end[name], (len(h), rows, size)) for name, rows in (("q1", n), ("v1", n), ("x1", m))]
-    return np.concatenate(parts, axis=1)
+    vectors = state | {"a": system.acceleration, "r": system.rate, "h": step, "t": 0.0, "t1": step}
+    end = _run(method.statements, vectors, system)
+    blocks = [np.broadcast_to(end[name], (len(h), rows, size)) for name, rows in (("q1", n), ("v1", n), ("x1", m))]
+    return np.concatenate(blocks, axis=1)
 
 
 def factors(matrices: Floats) -> Complexes:
@@ -114,11 +114,11 @@ def factors(matrices: Floats) -> Complexes:
         half = (matrices[:, 0, 0] + matrices[:, 1, 1]) / 2.0
         determinant = matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
         root = np.sqrt((half * half - determinant).astype(np.complex128))
-        found: Complexes = np.stack([half - root, half + root], axis=1)
+        eigenvalues: Complexes = np.stack([half - root, half + root], axis=1)
     else:
-        found = np.linalg.eigvals(matrices).astype(np.complex128)
-    found[~finite] = np.nan
-    return found
+        eigenvalues = np.linalg.eigvals(matrices).astype(np.complex128)
+    eigenvalues[~finite] = np.nan
+    return eigenvalues
 
 
 class _Matrices(Walker):
@@ -151,8 +151,8 @@ def _applied(system: LinearSystem, at: Sequence[Any]) -> tuple[Any, Any]:
     n = len(system.acceleration)
     places = (slice(0, n), slice(n, 2 * n), slice(2 * n, None))
     return (
-        sum(system.acceleration[:, place] @ one for place, one in zip(places, at, strict=True)),
-        sum(system.rate[:, place] @ one for place, one in zip(places, at, strict=True)),
+        sum(system.acceleration[:, place] @ vector for place, vector in zip(places, at, strict=True)),
+        sum(system.rate[:, place] @ vector for place, vector in zip(places, at, strict=True)),
     )
 
 
@@ -163,13 +163,13 @@ def _solved(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
     cuts = np.cumsum(sizes)[:-1]
 
     def answers(known: Vectors, unknown: Floats) -> Floats:
-        inside = known | dict(zip(line.unknowns, np.split(unknown, cuts), strict=True))
-        inside = _run((*line.definitions, *line.evaluations), inside, system)
-        parts = [
-            np.broadcast_to(_value(one.expression, inside), (k, size, unknown.shape[1]))
-            for one, size in zip(line.equations, sizes, strict=True)
+        local = known | dict(zip(line.unknowns, np.split(unknown, cuts), strict=True))
+        local = _run((*line.definitions, *line.evaluations), local, system)
+        blocks = [
+            np.broadcast_to(_value(equation.expression, local), (k, size, unknown.shape[1]))
+            for equation, size in zip(line.equations, sizes, strict=True)
         ]
-        return np.concatenate(parts, axis=1)
+        return np.concatenate(blocks, axis=1)
 
     total = sum(sizes)
     scalars = {name: vectors[name] for name in SCALARS if name in vectors}

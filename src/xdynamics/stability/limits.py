@@ -102,8 +102,8 @@ def stable_step_of(jacobian: Floats, method: Method, model: Model, *, growth: fl
         return np.inf
     frequency = float(np.max(np.abs(system.eigenvalues.imag), initial=0.0, where=system.growing))
     most = oscillator_limit(method) / frequency if frequency > AT_REST else np.inf
-    found = largest_step(method, system, growth / system.fastest)
-    return (min(found, most) if most > 0.0 else found) / system.fastest
+    step = largest_step(method, system, growth / system.fastest)
+    return (min(step, most) if most > 0.0 else step) / system.fastest
 
 
 def fastest_rate(jacobian: Floats) -> float:
@@ -159,10 +159,10 @@ def stiffness(model: Model, method: Method, states: Sequence[Mapping[str, float]
     if not moved or not 0.0 < limit < np.inf:
         return 0.0
     limited = 0
-    for found, (_, h) in zip(linearise_each(model, (state for state, _ in moved)), moved, strict=True):
+    for linearisation, (_, h) in zip(linearise_each(model, (state for state, _ in moved)), moved, strict=True):
         # the eigenvalues of 1,000 masses take 20 s, the bound on them half a second
-        if np.isfinite(found.jacobian).all() and fastest_rate(found.jacobian) * h >= 0.49 * limit:
-            eigenvalues = np.linalg.eigvals(found.jacobian)
+        if np.isfinite(linearisation.jacobian).all() and fastest_rate(linearisation.jacobian) * h >= 0.49 * limit:
+            eigenvalues = np.linalg.eigvals(linearisation.jacobian)
             decays = -eigenvalues.real[-eigenvalues.real >= np.abs(eigenvalues.imag)]
             limited += bool(0.5 * limit <= float(np.max(decays, initial=0.0)) * h <= 1.5 * limit)
     return limited / len(moved)
@@ -252,15 +252,15 @@ def _bracket(growth: Growth, ratio: float) -> tuple[float, float]:
 
 def _growth(method: Method, system: LinearSystem, rate: float, h: Floats) -> Floats:
     """Return how much a step makes a mode grow that does not grow in the system, over what is allowed."""
-    found = factors(amplification(method, system, h))
+    multipliers = factors(amplification(method, system, h))
     moved = np.abs(system.eigenvalues) * h[:, None]
     at_rest = np.sum(moved < AT_REST, axis=1)
     growing = np.sum((moved >= AT_REST) & system.growing, axis=1)
     # position and velocity of a slow mode are nearly parallel eigenvectors, and its factors less exact
     slowest = np.min(moved, axis=1, initial=1.0, where=moved >= AT_REST)
-    growth = _over_allowed(found, (1.0 + h * h) * ROUND_OFF * (1.0 + 0.1 / slowest) + rate * h)
+    growth = _over_allowed(multipliers, (1.0 + h * h) * ROUND_OFF * (1.0 + 0.1 / slowest) + rate * h)
     place = np.arange(growth.shape[1])
-    changes = np.argsort(np.argsort(np.abs(found - 1.0), axis=1), axis=1)
+    changes = np.argsort(np.argsort(np.abs(multipliers - 1.0), axis=1), axis=1)
     growth[changes < at_rest[:, None]] = -np.inf
     growth = np.sort(growth, axis=1)
     growth[place >= growth.shape[1] - growing[:, None]] = -np.inf
@@ -270,11 +270,11 @@ def _growth(method: Method, system: LinearSystem, rate: float, h: Floats) -> Flo
 def _growth_along(method: Method, eigenvalues: Complexes, rate: float, h: Floats) -> Floats:
     """Return the same for a method that takes each eigenvalue by itself: its stability function R(z) at z = h l."""
     z = (h[:, None] * eigenvalues).ravel()
-    found = amplification(method, GROWTH, z)[:, 0, 0].reshape(len(h), len(eigenvalues))
-    growth = _over_allowed(found, (1.0 + h * h) * ROUND_OFF + rate * h)
+    multipliers = amplification(method, GROWTH, z)[:, 0, 0].reshape(len(h), len(eigenvalues))
+    growth = _over_allowed(multipliers, (1.0 + h * h) * ROUND_OFF + rate * h)
     return np.asarray(np.max(growth, axis=1, initial=-np.inf))
 
 
-def _over_allowed(found: Complexes, allowed: Floats) -> Floats:
-    growth = (np.abs(found) - 1.0) / allowed[:, None]
+def _over_allowed(multipliers: Complexes, allowed: Floats) -> Floats:
+    growth = (np.abs(multipliers) - 1.0) / allowed[:, None]
     return np.where(np.isnan(growth), np.inf, growth)
