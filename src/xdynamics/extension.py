@@ -23,6 +23,7 @@ from xdynamics.record.kinds import said_of, said_of_log
 from xdynamics.record.provenance import asked_of
 from xdynamics.schema import (
     END_MEMORY,
+    ERRORS,
     EVENT_AFTER,
     FAR,
     FIRST_PASSED,
@@ -33,6 +34,7 @@ from xdynamics.schema import (
     STEP_NUMBER,
     STEPS,
     WITNESSES,
+    error,
     velocity,
 )
 from xdynamics.units import TIME, behind, parse_unit, time_in
@@ -187,7 +189,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     if march.thinning:
         march.thinning.stand_behind(kept.sizes[STEPS])
     if march.settings.partial:
-        memory, numbers, march.witnesses = _witnesses(march, memory, numbers, rows)
+        memory, numbers = _recall_witnesses(march, memory, numbers, rows)
     go_on(march.run, memory, numbers)
     now = march.now
     if int(now.rows) != rows or float(now.t) * march.settings.scales.of(TIME) != float(kept["time"][-1]):
@@ -209,16 +211,23 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     scale = march.settings.scales.of(TIME)
     factors = {"time": scale, "step_size": scale} | record.factors(march.model, march.settings.scales)
     march.witnesses = np.array([np.arange(0.0, rows, stride), *(one / factors[name] for name, one in found.items())])
+    march.errors = np.empty((len(march.estimated), march.witnesses.shape[1]))
+    for i, name in enumerate(march.layout.used if march.estimated else ()):
+        march.errors[i] = kept[error(name)][::stride].values / factors[name]
 
 
-def _witnesses(march: March, memory: str, numbers: Floats, rows: int) -> tuple[str, Floats, Floats]:
-    """Take the rows of the whole march, which a record without all rows keeps behind its memory, off that."""
-    stride = march.stride(rows)
-    shape = (3 + len(march.layout.used), len(range(0, rows, stride)))
-    if not memory.endswith(f" {WITNESSES}") or numbers.size < shape[0] * shape[1]:
+def _recall_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> tuple[str, Floats]:
+    """Take rows of the whole march, which a record without all rows keeps behind its memory, off that."""
+    kept, count, used = memory, len(range(0, rows, march.stride(rows))), len(march.layout.used)
+    march.errors = np.full((len(march.estimated), count), np.nan)
+    if memory.endswith(f" {ERRORS}") and numbers.size >= march.errors.size:
+        border = numbers.size - march.errors.size
+        kept, numbers, march.errors = kept.removesuffix(f" {ERRORS}"), numbers[:border], numbers[border:].reshape(march.errors.shape).copy()  # fmt: skip
+    border = numbers.size - (3 + used) * count
+    if not kept.endswith(f" {WITNESSES}") or border < 0:
         raise InputError(f"the run cannot be extended, its '{END_MEMORY.name}' has no {WITNESSES}: march it anew, up to the new end")  # fmt: skip
-    border = numbers.size - shape[0] * shape[1]
-    return memory.removesuffix(f" {WITNESSES}"), numbers[:border], numbers[border:].reshape(shape).copy()
+    march.witnesses = numbers[border:].reshape(3 + used, count).copy()
+    return kept.removesuffix(f" {WITNESSES}"), numbers[:border]
 
 
 def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:

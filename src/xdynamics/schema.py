@@ -288,6 +288,7 @@ MEMORY = "memory"
 END_MEMORY = Variable(
     "end_memory", (MEMORY,), "f8", "1", "what the march goes on from behind its end, in its own units", "memory"
 )
+ERRORS = "errors"  # of the steps to what stands before these, where given absolute tolerances are judged by them
 WITNESSES = "witnesses"  # the last of these in a record without all rows: some of the whole march, column by column
 SMOOTH_SWITCH = "smooth_switch"
 PASSED = Variable(

@@ -28,7 +28,7 @@ from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning
 from xdynamics.model import Model
-from xdynamics.schema import EVENT_AFTER
+from xdynamics.schema import EVENT_AFTER, error
 from xdynamics.units import TIME
 
 PAUSE_ROWS = 250_000  # between two looks at the clock and the keyboard
@@ -88,6 +88,7 @@ class March:
             len(self.layout.watched), bool
         )  # detectors of which a state was farther from zero than asked
         self.witnesses: NDArray[np.float64] = np.empty((3 + len(self.layout.used), 0))  # row number, time, step, state
+        self.errors: NDArray[np.float64] = np.empty((len(self.estimated), 0))  # of the steps that led to them
 
     @cached_property
     def run(self) -> Run:
@@ -106,6 +107,14 @@ class March:
     def now(self) -> Any:
         """Where the march stands, with a field for each number."""
         return self.run.now[0]
+
+    @cached_property
+    def estimated(self) -> list[int]:
+        """Return the columns of a log that estimate errors of variables, where given absolute tolerances are judged by them."""
+        asked, used = self.settings.tolerances, self.layout.used
+        if not self.settings.adaptive or asked is None or not any(asked.of(name) for name in used):
+            return []
+        return [self.layout.row.index(error(name)) for name in used]
 
     @property
     def expected_rows(self) -> int | None:
@@ -187,6 +196,7 @@ class March:
         """Return all that it takes to go on from here, by name."""
         kept = {
             "witnesses": self.witnesses,
+            "errors": self.errors,
             "event_pairs": np.array([self.event_pairs]),
             "gains": np.array(self.gains),
             "misplaced": self.misplaced,
@@ -206,6 +216,7 @@ class March:
         if "gains" in memory:  # version 0.2 kept none; what is empty is not kept
             self.gains = Gains(*memory["gains"].tolist())
         self.misplaced = memory.get("misplaced", self.misplaced).copy()
+        self.errors = memory.get("errors", np.full((len(self.estimated), self.witnesses.shape[1]), np.nan))
         if self.thinning:
             self.thinning.go_on_from(memory)
 
@@ -243,9 +254,11 @@ class March:
             np.arange(new.start, rows, stride),
             block.log.rows[:n, new.start - first : block.rows : stride],
         )
+        errors = block.log.rows[self.estimated, new.start - first : block.rows : stride]
         if first:
-            found = np.hstack([self.witnesses[:, self.witnesses[0] % stride == 0], found])
-        self.witnesses = found
+            still = self.witnesses[0] % stride == 0
+            found, errors = np.hstack([self.witnesses[:, still], found]), np.hstack([self.errors[:, still], errors])
+        self.witnesses, self.errors = found, errors
 
     @staticmethod
     def stride(rows: int) -> int:

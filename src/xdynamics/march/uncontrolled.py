@@ -76,17 +76,17 @@ def effect_of(march: March) -> Effect:
         loose = (given > COMPARABLE * asked.rtol * sizes) & (sizes > 0.0)
         if not loose.any():
             return Effect(f"not looked at: no atol is above {COMPARABLE:g} rtol times the size of its variable", none)
-        moves = np.where(loose, given, 0.0)
+        moves = np.where(loose, np.fmin(given, _estimated(march)), 0.0)
         share = march.accepted * np.where(loose, moves / np.where(sizes > 0.0, sizes, 1.0), 0.0)
-        why = _obstacle(march, steps)
+        why = _obstacle(march, steps) or ("steps had none" if not moves.any() else "")
         found = None if why else _followed(march, end, steps, moves, sizes)
     if found is None:
         why = why or "the forces give no finite slopes beside the run"
-        said = f"not looked at: {why}; errors of atol in each of {march.accepted} steps are {share.max():.2g} of a variable if they neither grow nor decay"
+        said = f"not looked at: {why}; errors of atol, or as large as estimated, in each of {march.accepted} steps are {share.max():.2g} of a variable if they neither grow nor decay"
         return Effect(said, share > LOSS)
     growth, covered, rows = found
     said = (
-        f"{share.max() * growth:.2g} of a variable, by errors of atol in each of {march.accepted} steps that come to {growth:.3g}"
+        f"{share.max() * growth:.2g} of a variable, by errors of atol, or as large as estimated, in each of {march.accepted} steps that come to {growth:.3g}"
         f" times their size over the run; followed from {rows} of its rows over {covered:.0%} of it"
     )
     return Effect(said, share * growth > LOSS)
@@ -95,6 +95,18 @@ def effect_of(march: March) -> Effect:
 def _given(asked: Tolerances, layout: Layout) -> Floats:
     """Return the absolute tolerances that were given, SI; 0 of what follows, which is in proportion."""
     return np.array([asked.of(name) or 0.0 for name in layout.used])
+
+
+def _estimated(march: March) -> Floats:
+    """Return the largest error of each variable that was estimated in any step that is kept; nan where none is.
+
+    Steps are as short as the strictest tolerance asks for: others are far from what theirs would let pass.
+    """
+    errors = np.abs(march.errors)
+    if not errors.shape[1] or np.isnan(errors).any():  # kept by a version that did not know them
+        return np.full(len(march.layout.used), np.nan)
+    found: Floats = errors.max(axis=1)
+    return found
 
 
 def _tops(layout: Layout, largest: Floats) -> Floats:

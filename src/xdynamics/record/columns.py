@@ -99,6 +99,8 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     names, numbers = numbers_at_end(march.run)
     if march.settings.partial:  # rows that a march is judged by, and that its record may have left out
         names, numbers = f"{names} {schema.WITNESSES}", np.append(numbers, march.witnesses)
+        if march.errors.size:
+            names, numbers = f"{names} {schema.ERRORS}", np.append(numbers, march.errors)
     found.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
     functions = "".join(
         f"\n\n# Python function {one.name}, sha256 {one.digest}\n{one.source}" for one in march.model.python_functions
