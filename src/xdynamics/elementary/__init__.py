@@ -1,4 +1,4 @@
-"""Sine, logarithm, power and the others, from arithmetic that is the same on every machine."""
+"""Elementary functions (sine, logarithm, power and others) from arithmetic that is the same on every machine."""
 
 from xdynamics.elementary.functions import FUNCTIONS, NAME, PAIRS, TOGETHER
 from xdynamics.elementary.sets import SETS, kept_set

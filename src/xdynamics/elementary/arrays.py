@@ -1,7 +1,7 @@
-"""Arrays of numbers by arithmetic that is the same on every machine.
+"""Operations on arrays by arithmetic that is the same on every machine.
 
-numpy takes logarithms and powers, and BLAS and LAPACK products and solutions, by what the processor has: their last bits
-are other ones elsewhere. What evidence is made of comes from here.
+numpy's logarithms and powers, and the products and solutions of BLAS and LAPACK, depend on the processor: their last
+bits differ between machines. Everything that enters evidence is computed here.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from xdynamics.elementary.sets import SETS
 
 Floats = NDArray[np.float64]
 
-DEPENDENT = 1e-14  # of a column, that is left beside those before it
+DEPENDENT = 1e-14  # of a column: a smaller remainder beside the preceding columns counts as zero
 
 
 def log(x: Any) -> Floats:
-    """Return natural logarithms: -inf of 0, nan of what is negative."""
+    """Return natural logarithms: -inf at 0, nan below."""
     return applied("log", x)
 
 
@@ -30,18 +30,18 @@ def exp(x: Any) -> Floats:
 
 
 def expm1(x: Any) -> Floats:
-    """Return exp(x) - 1, near 0 too: 2 sinh(x/2) exp(x/2)."""
+    """Return exp(x) - 1, accurate near 0 too: 2 sinh(x/2) exp(x/2)."""
     half = np.asarray(x, float) / 2.0
     return 2.0 * applied("sinh", half) * applied("exp", half)
 
 
 def power(x: Any, y: Any) -> Floats:
-    """Return x**y, x not negative."""
+    """Return x**y for non-negative x."""
     return applied("power", x, y)
 
 
 def product(left: Floats, right: Floats) -> Floats:
-    """Return the matrix product of the last two axes, summed from the first number on.
+    """Return the matrix product over the last two axes, summed from the first term on.
 
     Examples
     --------
@@ -56,7 +56,7 @@ def product(left: Floats, right: Floats) -> Floats:
 
 
 def dot(left: Floats, right: Floats) -> Floats:
-    """Return the sum of products along the last axis, from the first one on.
+    """Return the sum of products along the last axis, from the first term on.
 
     Examples
     --------
@@ -68,9 +68,9 @@ def dot(left: Floats, right: Floats) -> Floats:
 
 
 def solved(matrices: Floats, right: Floats) -> Floats:
-    """Solve systems side by side, by elimination with the largest pivot of each column.
+    """Solve stacked linear systems by elimination with partial pivoting.
 
-    Golub and Van Loan, Matrix Computations, 4th ed., section 3.4. Singular ones give what is no number.
+    Golub and Van Loan, Matrix Computations, 4th ed., section 3.4. Singular ones give inf or nan.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def solved(matrices: Floats, right: Floats) -> Floats:
     """
     n, shape = matrices.shape[-1], np.broadcast_shapes(matrices.shape[:-2], right.shape[:-2])
     both = np.concatenate([np.broadcast_to(array, shape + array.shape[-2:]) for array in (matrices, right)], axis=-1)
-    rows = both.reshape(-1, n, both.shape[-1])  # what was joined is a copy
+    rows = both.reshape(-1, n, both.shape[-1])  # a view, but of a copy: `concatenate` made one
     systems = np.arange(len(rows))
     with np.errstate(all="ignore"):
         for k in range(n):
@@ -102,11 +102,11 @@ def solved(matrices: Floats, right: Floats) -> Floats:
 
 
 def least_squares(columns: Floats, values: Floats) -> Floats:
-    """Return the coefficients of a sum of columns that is nearest to values, by orthogonal columns.
+    """Return the least-squares coefficients of columns for given values, by orthogonalisation.
 
-    Golub and Van Loan, Matrix Computations, 4th ed., section 5.2.8 (modified Gram-Schmidt), the values as a last column,
-    which keeps what is small beside them (Björck 1967, doi:10.1007/BF01934122). A column that depends on those before
-    it has the coefficient 0.
+    Golub and Van Loan, Matrix Computations, 4th ed., section 5.2.8 (modified Gram-Schmidt), with the values as a last
+    column, which preserves small residuals (Björck 1967, doi:10.1007/BF01934122). A column that depends linearly on
+    those before it has the coefficient 0.
 
     Examples
     --------
@@ -131,9 +131,9 @@ def least_squares(columns: Floats, values: Floats) -> Floats:
 
 
 def applied(name: str, *given: Any, math_functions: str = NAME) -> Floats:
-    """Return an elementary function, of a set, of arrays of one shape or of numbers."""
+    """Apply an elementary function of a set to numbers or arrays that broadcast together."""
     arrays = np.broadcast_arrays(*(np.asarray(argument, float) for argument in given))
     with np.errstate(all="ignore"):
-        # an array without a dimension comes out of comparisons as something else
+        # comparisons of zero-dimensional arrays give scalars, not arrays
         values: Floats = np.reshape(SETS[math_functions][name](*map(np.atleast_1d, arrays)), arrays[0].shape)
     return values

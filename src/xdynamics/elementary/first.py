@@ -1,6 +1,6 @@
-"""The tangent and the angle of a point as the set `xdynamics 1` had them: for archives that were made with it.
+"""The tangent and the angle of a point as in the set `xdynamics 1`, for archives made with it.
 
-That tangent is up to 1.1 ulp from the true value, that angle loses digits where y is subnormal.
+This tangent is up to 1.1 ulp from the true value; this angle loses digits where y is subnormal.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def tan(x: Number) -> Number:
 
 def arc(above: Number, below: Number) -> tuple[Number, Number]:
     """Return the arc whose tangent is above/below in [0, 1] as a number and its tail."""
-    scale = choose(below < 2.0**-400, 2.0**600, 1.0)  # so that what rounding takes from a product is a number
+    scale = choose(below < 2.0**-400, 2.0**600, 1.0)  # so that the rounding error of a product does not underflow
     y, x = above * scale, below * scale
     ratio = y / x
     product, lost = exact_product(ratio, x)

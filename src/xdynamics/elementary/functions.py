@@ -1,9 +1,9 @@
 """The elementary functions, from arithmetic that is the same on every machine.
 
 Each is one sequence of operations, for floats, arrays and written programs alike, and at most 1 ulp from the true
-value. Where a branch would be needed both ways are computed and one is chosen; what few arguments need is `usually` left
-out. How: reduction and polynomials as in fdlibm (Ng 1993), tables as Tang proposed (1989,
-doi:10.1145/63522.214389), what rounding takes kept as a second number (Dekker 1971, doi:10.1007/BF01397083).
+value. In place of a branch both results are computed and one is chosen; work that few arguments need is skipped by
+`usually`. Reduction and polynomials are those of fdlibm (Ng 1993), tables as Tang proposed (1989,
+doi:10.1145/63522.214389), and rounding errors are kept as a second number (Dekker 1971, doi:10.1007/BF01397083).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from xdynamics.elementary.numbers import (
     whole_number,
 )
 
-NAME = "xdynamics 2"  # of this set: another order of operations is another set, and `sets` keeps the older ones
+NAME = "xdynamics 2"  # of this set: a different order of operations is a different set; `sets` keeps the older ones
 
 INF, NAN = math.inf, math.nan
 SIGN = -(1 << 63)
@@ -50,7 +50,7 @@ PART1, PART2, PART3 = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959
 LOG2_128 = 184.6649652337873  # 128/log(2)
 # log(2)/128: 34 bits, whose products with 18 are exact; the rest
 STEP, STEP_TAIL = 0.005415212347998022, 1.2655086083325438e-13
-LOG2, LOG2_TAIL = 0.6931471805598903, 5.497923018708371e-14  # log(2): 42 bits behind the point; the rest
+LOG2, LOG2_TAIL = 0.6931471805598903, 5.497923018708371e-14  # log(2): 42 bits after the point; the rest
 
 # of 1 - sin(x)/x over x**2 and cos(x) - 1 + x**2/2 over x**4, from fdlibm's k_sin.c and k_cos.c (Sun Microsystems 1993);
 # the others fitted at Chebyshev's points to (f(x)/x - 1)/x**2 by tests/elementary_tables.py
@@ -64,7 +64,7 @@ TANH = (-0.3333333333333333, 0.13333333333333333, -0.05396825396825387, 0.021869
 
 
 def polynomial(u: Number, powers: tuple[float, ...]) -> Number:
-    """Evaluate a polynomial, pairs of terms side by side: half as long a wait as one term after the other (Estrin)."""
+    """Evaluate a polynomial by pairs of terms in parallel (Estrin), with half the latency of Horner's scheme."""
     terms: list[Number] = list(powers)
     step = u
     while len(terms) > 3:
@@ -80,11 +80,11 @@ def polynomial(u: Number, powers: tuple[float, ...]) -> Number:
 
 LIMB = 28  # bits of the whole numbers that 2/pi is kept in
 MASK = (1 << LIMB) - 1
-PADDING = 3  # of them that are zero, in front
+PADDING = 3  # leading ones that are zero
 
 
 def reduced(x: Number) -> Any:
-    """Return x - n pi/2 in [-pi/4, pi/4] as a number and its tail, and n; of n the two last bits count."""
+    """Return x - n pi/2 in [-pi/4, pi/4] as a number and its tail, and n, of which only the last two bits count."""
     return usually(absolute(x) < 0.785, lambda: (x, x * 0.0, bits(x) & 0), lambda: reduced_near(x))
 
 
@@ -105,17 +105,17 @@ def reduced_far(x: Number) -> Any:
 
 
 def less_turns(x: Number) -> tuple[Number, Number, Whole, Number]:
-    """Return what pi/2 in three parts leaves of an angle, its tail, n, and |n|."""
+    """Return the remainder of an angle by pi/2 in three parts, its tail, n, and |n|."""
     turns, n = rounded(x * TWO_OVER_PI)
     rest, lost = ordered_sum(x - turns * PART1, -(turns * PART2))
     return rest, lost - turns * PART3, n, absolute(turns)
 
 
 def reduced_exactly(x: Number) -> tuple[Number, Number, Whole]:
-    """Reduce any angle by as many bits of 2/pi as matter to it (Payne, Hanek 1983, doi:10.1145/1057600.1057602)."""
+    """Reduce any angle by the bits of 2/pi that matter to it (Payne, Hanek 1983, doi:10.1145/1057600.1057602)."""
     word = bits(absolute(x))
     exponent = (word >> 52) - 1075
-    exponent = choose(exponent > -53, exponent, -53)  # of smaller angles none needs this
+    exponent = choose(exponent > -53, exponent, -53)  # no smaller angle needs this
     mantissa = (word & FRACTION) | (1 << 52)
     first = whole_quotient(exponent)
     shift = exponent - first * LIMB
@@ -133,7 +133,7 @@ def reduced_exactly(x: Number) -> tuple[Number, Number, Whole]:
         limbs.append(total & MASK)
         carry = total >> LIMB
     top = limbs[8]
-    above = top >> (LIMB - 1)  # 1 where the fraction is a half or more: then it is below the next whole number
+    above = top >> (LIMB - 1)  # 1 where the fraction is a half or more: then it is measured from the next whole number
     turns = limbs[9] + above
     fraction, tail = whole_number(top - (above << LIMB)) * 2.0**-LIMB, 0.0
     for q in range(7, -1, -1):
@@ -171,7 +171,7 @@ def turned(x: Number, n: Whole) -> Number:
 
 
 def circular(x: Number, tail: Number, sine: Truth) -> Number:
-    """Sine of a reduced angle where that is asked for, else cosine."""
+    """Sine of a reduced angle if `sine` holds, else its cosine."""
     p = polynomial(x * x, tuple(choose(sine, *pair) for pair in zip(SINE, COSINE, strict=True)))
     return choose(sine, sine_of(x, tail, p), cosine_of(x, tail, p))
 
@@ -189,7 +189,7 @@ def cos(x: Number) -> Number:
 
 
 def sin_cos(x: Number) -> tuple[Number, Number]:
-    """Sine and cosine of one angle, to the bits that they have alone."""
+    """Sine and cosine of one angle, with the same bits as `sin` and `cos`."""
     high, low, n = reduced(x)
     u = high * high
     sine, cosine = sine_of(high, low, polynomial(u, SINE)), cosine_of(high, low, polynomial(u, COSINE))
@@ -202,7 +202,7 @@ def tan(x: Number) -> Number:
     high, low, n = reduced(x)
     u, lost = exact_product(high, high)
     lost = lost + 2.0 * (high * low)
-    # sin(x) = x - x**3/8 (1 + 1/3 - …): an eighth is exact, and what rounding takes from x**3/8 is kept
+    # sin(x) = x - x**3/8 (1 + 1/3 - …): an eighth is exact, and the rounding error of x**3/8 is kept
     eighth = 0.125 * high
     cube, cube_lost = exact_product(u, eighth)
     rest = cube_lost + (lost * eighth + cube * polynomial(u, SINE_OF_EIGHTH))
@@ -229,11 +229,11 @@ def divided(x: Number, x_tail: Number, y: Number, y_tail: Number) -> tuple[Numbe
 
 def arc(above: Number, below: Number) -> tuple[Number, Number]:
     """Return the arc whose tangent is above/below in [0, 1] as a number and its tail."""
-    scale = choose(below < 2.0**-400, 2.0**600, 1.0)  # so that what rounding takes from a product is a number
+    scale = choose(below < 2.0**-400, 2.0**600, 1.0)  # so that the rounding error of a product does not underflow
     y, x = above * scale, below * scale
     ratio = y / x
     product, lost = exact_product(ratio, x)
-    # of a small ratio nothing is missing but what rounding took, and that may be below the least number
+    # for a small ratio the rest is rounding error only, which may underflow
     rest = choose(ratio < 2.0**-60, 0.0, (y - product) - lost) / x
     sixteenths, nearest = rounded(choose(ratio > 0.15625, ratio * 16.0, 0.0))
     center = sixteenths * 0.0625
@@ -245,13 +245,13 @@ def arc(above: Number, below: Number) -> tuple[Number, Number]:
 
 
 def exponent_of(x: Number) -> Whole:
-    """Return the exponent of |x|, within -1022 and 1021."""
+    """Return the exponent of |x|, limited to -1022 … 1021."""
     exponent = ((bits(x) >> 52) & 2047) - 1023
     return choose(exponent < 1022, choose(exponent < -1022, -1022, exponent), 1021)
 
 
 def angle_by(arc: Callable[[Number, Number], tuple[Number, Number]], y: Number, x: Number) -> Number:
-    """Angle of the point (x, y) by the arc tangent of a quotient from 0 to 1, in two parts."""
+    """Angle of the point (x, y) from the arc tangent, in two parts, of a quotient between 0 and 1."""
     up, right = absolute(y), absolute(x)
     steep = up > right
     above, below = choose(steep, right, up), choose(steep, up, right)
@@ -323,7 +323,7 @@ def acos(x: Number) -> Number:
 
 
 def growth(x: Number, tail: Number) -> tuple[Number, Number, Whole]:
-    """Return exp(x + tail) over 2**k, between 1 and 2, as a number and a small one to be added, and k; |x| < 800."""
+    """Return exp(x + tail)/2**k, between 1 and 2, as a number and a small one to be added, and k; |x| < 800."""
     steps, n = rounded(x * LOG2_128)
     r = ((x - steps * STEP) - steps * STEP_TAIL) + tail
     higher = (r * r) * (0.5 + r * (0.16666666666666666 + r * (0.041666666666666664 + r * 0.008333333333333333)))
@@ -333,13 +333,13 @@ def growth(x: Number, tail: Number) -> tuple[Number, Number, Whole]:
 
 
 def scaled(x: Number, k: Whole) -> Number:
-    """Return x 2**k, in two steps: it may go beyond the numbers, or below the normal ones."""
+    """Return x 2**k, in two steps, since it may overflow or be subnormal."""
     half = k >> 1
     return (x * power_of_two(half)) * power_of_two(k - half)
 
 
 def held(x: Number, limit: float) -> Number:
-    """Return x, or the limit of either sign where it lies beyond; for what is no number, a limit."""
+    """Return x clipped to plus or minus the limit; for nan, a limit."""
     return choose(x > limit, limit, choose(x > -limit, x, -limit))
 
 
@@ -356,17 +356,17 @@ def normal_exp(x: Number, tail: Number) -> Number:
 
 
 def exp_anywhere(x: Number) -> Number:
-    """Exponential function where it may be no normal number."""
+    """Exponential function where the result may be infinite, subnormal or nan."""
     root, more, k = growth(held(x, 800.0), 0.0)
     return choose(x == x, scaled(root + more, k), NAN)
 
 
 def split(x: Number) -> tuple[Number, Whole, Number, Number]:
-    """Write a normal x > 0 as 2**k (1 + r)/c, c a number of a table: return k, its place in it, and r in two parts."""
+    """Write a normal x > 0 as 2**k (1 + r)/c with c from a table: return k, the place of c, and r in two parts."""
     word = bits(x)
     fraction = word & FRACTION
     place = (fraction + (1 << 44)) >> 45
-    # from its center an argument is a number of 44 bits, and c of 9: exact, both
+    # the distance from the center has 44 bits, and c has 9: both the difference and the product are exact
     part = (number(fraction | ONE) - entry("center", place)) * entry("inverse", place)
     return number((word >> 52) + (MAGIC_BITS - 1023)) - MAGIC, place, part, entry("offset", place)
 
@@ -388,14 +388,14 @@ def log_of(k: Number, place: Whole, part: Number, offset: Number) -> Number:
 
 
 def log_anywhere(x: Number) -> Number:
-    """Natural logarithm of what is no normal number above 0."""
+    """Natural logarithm of anything but a positive normal number."""
     small = (x > 0.0) & (x < 1.0)
     k, *others = split(choose(small, x * 2.0**54, 1.0))
     return choose(small, log_of(k - 54.0, *others), choose(x == 0.0, -INF, choose(x > 0.0, x, NAN)))
 
 
 def logarithm(k: Number, place: Whole, part: Number, offset: Number) -> tuple[Number, Number]:
-    """Return the logarithm of a split number to twice the digits, as two numbers."""
+    """Return the logarithm of a split number in double the precision, as two numbers."""
     r, r_tail = exact_sum(offset, part)
     r_upper = upper(r)
     square, square_tail = 0.5 * (r_upper * r_upper), (r - r_upper) * (0.5 * (r + r_upper))
@@ -426,7 +426,7 @@ def power_anywhere(x: Number, y: Number) -> Number:
     small = size < 2.0**-1022
     k, *others = split(choose(usable, choose(small, size * 2.0**54, size), 1.0))
     high, low = logarithm(choose(usable & small, k - 54.0, k), *others)
-    far = held(y, 2.0**70)  # the products of more would be beyond the numbers, where the result is long so
+    far = held(y, 2.0**70)  # a larger product would overflow, where the result has long done so
     product, lost = exact_product(far, high)
     product, lost = ordered_sum(product, lost + far * low)
     within = absolute(product) < 800.0
@@ -442,9 +442,9 @@ def power_anywhere(x: Number, y: Number) -> Number:
 
 
 def wholeness(y: Number) -> tuple[Truth, Truth]:
-    """Tell whether a number but zero is whole, and odd."""
+    """Return whether a non-zero number is whole, and whether it is odd."""
     word = bits(absolute(y))
-    places = 1075 - (word >> 52)  # behind the point
+    places = 1075 - (word >> 52)  # after the point
     within = (places > 0) & (places <= 52)
     shift = choose(within, places, 0)
     mantissa = (word & FRACTION) | (1 << 52)
@@ -498,7 +498,7 @@ def tanh(x: Number) -> Number:
 
 
 def hypot(x: Number, y: Number) -> Number:
-    """Distance of the point (x, y) from the origin; no square is beyond the numbers."""
+    """Distance of the point (x, y) from the origin, without overflow of the squares."""
     width, height = absolute(x), absolute(y)
     larger, smaller = choose(width > height, width, height), choose(width > height, height, width)
     within = (larger < 2.0**500) & (smaller > 2.0**-450)
@@ -516,7 +516,7 @@ def length(a: Number, b: Number) -> Number:
 
 
 def hypot_anywhere(x: Number, y: Number) -> Number:
-    """Distance of any point from the origin, computed at the scale of 1."""
+    """Distance of any point from the origin, computed after scaling to about 1."""
     width, height = absolute(x), absolute(y)
     larger, smaller = choose(width > height, width, height), choose(width > height, height, width)
     usable = (larger > 0.0) & (larger < INF) & (smaller == smaller)
@@ -527,7 +527,7 @@ def hypot_anywhere(x: Number, y: Number) -> Number:
     return choose(usable, scaled(length(larger * scale, smaller * scale), k), unusual)
 
 
-PAIRS = {"sin": ("sin_cos", 0), "cos": ("sin_cos", 1)}  # what is computed together at less cost
+PAIRS = {"sin": ("sin_cos", 0), "cos": ("sin_cos", 1)}  # functions that are cheaper when computed together
 TOGETHER: dict[str, Callable[[Number], tuple[Number, ...]]] = {"sin_cos": sin_cos}
 FUNCTIONS: dict[str, Callable[..., Number]] = {
     "sin": sin, "cos": cos, "tan": tan, "asin": asin, "acos": acos, "atan": atan, "atan2": atan2, "sinh": sinh,

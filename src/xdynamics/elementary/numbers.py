@@ -1,7 +1,7 @@
-"""Numbers that the elementary functions are written for: floats, arrays, and lines of a program that is being written.
+"""The numbers that elementary functions are written for: floats, arrays, and lines of a program that is being written.
 
-Only what IEEE 754 makes the same on every machine: + - * / and square roots rounded to nearest, comparisons, choices,
-and exact work on the 64 bits of a number. A function in these words is one text for Python, NumPy and machine code.
+Only operations that IEEE 754 makes the same on every machine: + - * / and square roots rounded to nearest, comparisons,
+choices, and exact work on the 64 bits of a number. A function written so serves Python, NumPy and machine code.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from xdynamics.elementary.tables import TABLES
 from xdynamics.elementary.written import Written
 
 Number = Any  # a float, an array of floats, or a written one
-Whole = Any  # the same of whole numbers of 64 bits
+Whole = Any  # the same for whole numbers of 64 bits
 Truth = Any
 
 _FLOATS = struct.Struct("<d")
 _WHOLES = struct.Struct("<q")
 _ARRAYS = {name: np.array(table) for name, table in TABLES.items()}
 UPPER_HALF = -(1 << 27)  # the bits of sign, exponent and 25 of the 52 others
-MAGIC = 1.5 * 2.0**52  # beyond it numbers are whole: what is added to it is rounded to a whole number
+MAGIC = 1.5 * 2.0**52  # numbers of this size are whole: a number added to it is rounded to a whole one
 MAGIC_BITS = 0x4338000000000000
 
 
 def bits(x: Number) -> Whole:
-    """Return the 64 bits of a number as a whole one."""
+    """Return the 64 bits of a number as a whole number."""
     if isinstance(x, float):
         return _WHOLES.unpack(_FLOATS.pack(x))[0]
     return x.view(np.int64) if isinstance(x, np.ndarray) else x.bits()
@@ -44,14 +44,14 @@ def number(w: Whole) -> Number:
 
 
 def choose(truth: Truth, yes: Any, no: Any) -> Any:
-    """Return the one or the other; both have been computed."""
+    """Return one of two values, both already computed."""
     if isinstance(truth, bool):
         return yes if truth else no
     return np.where(truth, yes, no) if isinstance(truth, np.ndarray) else truth.choose(yes, no)
 
 
 def usually(truth: Truth, usual: Callable[[], Any], unusual: Callable[[], Any]) -> Any:
-    """Return what is computed for most arguments, and where the truth does not hold, what is for the rest."""
+    """Return the usual result where a truth holds, and elsewhere the unusual one, computed only if it is needed."""
     if isinstance(truth, bool):
         return usual() if truth else unusual()
     if isinstance(truth, Written):
@@ -93,13 +93,13 @@ def entry(table: str, index: Whole) -> Number:
 
 
 def rounded(x: Number) -> tuple[Number, Whole]:
-    """Return the whole number next to x, |x| < 2**51, as a number and as a whole one."""
+    """Return the whole number nearest to x, |x| < 2**51, as a float and as an integer."""
     moved = x + MAGIC
     return moved - MAGIC, bits(moved) - MAGIC_BITS
 
 
 def whole_number(w: Whole) -> Number:
-    """Return a whole number, |w| < 2**51, as a number."""
+    """Return a whole number, |w| < 2**51, as a float."""
     return number(w + MAGIC_BITS) - MAGIC
 
 
@@ -109,25 +109,25 @@ def power_of_two(w: Whole) -> Number:
 
 
 def upper(x: Number) -> Number:
-    """Return x with 26 significant bits: products of two such are exact."""
+    """Return x with 26 significant bits: products of two such numbers are exact."""
     return number(bits(x) & UPPER_HALF)
 
 
 def exact_sum(x: Number, y: Number) -> tuple[Number, Number]:
-    """Return the rounded sum and what rounding took from it, for any x and y (Knuth)."""
+    """Return the rounded sum and its rounding error, for any x and y (Knuth)."""
     total = x + y
     other = total - x
     return total, (x - (total - other)) + (y - other)
 
 
 def ordered_sum(x: Number, y: Number) -> tuple[Number, Number]:
-    """Return the rounded sum and what rounding took from it, where |x| >= |y| (Dekker 1971, doi:10.1007/BF01397083)."""
+    """Return the rounded sum and its rounding error, for |x| >= |y| (Dekker 1971, doi:10.1007/BF01397083)."""
     total = x + y
     return total, y - (total - x)
 
 
 def exact_product(x: Number, y: Number) -> tuple[Number, Number]:
-    """Return the rounded product and what rounding took from it, but for 2**-105 of it (Dekker)."""
+    """Return the rounded product and its rounding error, to within 2**-105 of the product (Dekker)."""
     product = x * y
     x1, y1 = upper(x), upper(y)
     x2, y2 = x - x1, y - y1

@@ -1,4 +1,4 @@
-"""The sets of elementary functions by name: a run has those of one, and keeps its name."""
+"""The sets of elementary functions by name: a run uses one set, and records its name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SETS: Mapping[str, Mapping[str, Callable[..., Number]]] = {
 
 
 def kept_set(name: str | None) -> str:
-    """Return the set that a record names; the newest where there is none of that name, as of archives with `libm`.
+    """Return the set that a record names; the newest if there is none of that name, as for archives with `libm`.
 
     Examples
     --------

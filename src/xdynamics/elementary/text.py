@@ -31,21 +31,21 @@ def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, 
 
 
 def struct_of(name: str, lanes: int) -> str:
-    """Return the LLVM type of what functions that are computed together return."""
+    """Return the LLVM type of the results of functions that are computed together."""
     count = sum(pair == name for pair, _ in PAIRS.values())
     return f"{{ {', '.join([Lines(lanes).kind('n')] * count)} }}"
 
 
 def definitions(names: Mapping[str, bool], lanes: int, math_functions: str = NAME) -> str:
-    """Print functions, which call what `declarations` declares, and the tables that they read.
+    """Print functions, which call those of `declarations`, and the tables that they read.
 
     Parameters
     ----------
     names : mapping of str to bool
-        For each function whether it is put in the place of its calls.
+        For each function whether it is inlined.
     lanes : int
     math_functions : str
-        The set that they are of.
+        The set that they belong to.
     """
     printed = {name: definition(name, lanes, math_functions) for name in sorted(names)}
     tables = sorted({table for _, read in printed.values() for table in read})
@@ -56,7 +56,7 @@ def definitions(names: Mapping[str, bool], lanes: int, math_functions: str = NAM
 
 
 def declarations(lanes: int) -> str:
-    """Declare what functions and laws call of LLVM's own."""
+    """Declare the LLVM intrinsics that functions and laws call."""
     lines = Lines(lanes)
     number, suffix = lines.kind("n"), lines.suffix()
     printed = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in ("sqrt", "fabs")]

@@ -1,4 +1,4 @@
-"""A number that stands for a line of LLVM text: working with it writes the next lines."""
+"""A number that stands for a line of LLVM text; arithmetic with it writes further lines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COMPARED = {
 
 
 class Lines:
-    """The lines of one function, with one number for every lane.
+    """The lines of one function, whose values have one number per lane.
 
     Parameters
     ----------
@@ -34,18 +34,18 @@ class Lines:
         self._count = 0
 
     def kind(self, letter: str) -> str:
-        """Return LLVM's name for numbers (n), whole numbers (w) and truths (t)."""
+        """Return LLVM's type for numbers (n), whole numbers (w), truths (t) and pointers (p)."""
         scalar = {"n": "double", "w": "i64", "t": "i1", "p": "ptr"}[letter]
         return scalar if self.lanes == 1 else f"<{self.lanes} x {scalar}>"
 
     def constant(self, value: float | int) -> Written:
-        """Write a constant as an operand: a whole number as one, another with all its bits."""
+        """Write a constant as an operand: a whole number in digits, any other with all its bits."""
         if isinstance(value, int):
             return self._repeated("w", "i64", str(value))
         return self._repeated("n", "double", f"0x{struct.pack('>d', value).hex().upper()}")
 
     def everywhere(self) -> Written:
-        """Write what is true in every lane."""
+        """Write the truth that holds in every lane."""
         return self._repeated("t", "i1", "true")
 
     def _repeated(self, letter: str, scalar: str, text: str) -> Written:
@@ -73,7 +73,7 @@ class Lines:
         return self.line("n", f"call {self.kind('n')} @{name}({arguments})")
 
     def suffix(self, letter: str = "n") -> str:
-        """Return how intrinsics for this many lanes are told apart."""
+        """Return the suffix of intrinsics for this many lanes."""
         scalar = {"n": "f64", "w": "i64", "t": "i1"}[letter]
         return scalar if self.lanes == 1 else f"v{self.lanes}{scalar}"
 
@@ -89,7 +89,7 @@ class Written:
         self.text = text
 
     def alike(self, value: Any) -> Written:
-        """Return a value, which may be a constant, as one of the same kind."""
+        """Return a value, which may be a constant, as a written one of the same kind."""
         if isinstance(value, Written):
             return value
         return self._lines.constant(float(value) if self.letter == "n" else value)
@@ -172,7 +172,7 @@ class Written:
         return self._lines.line("w", f"bitcast {self._lines.kind('n')} {self.text} to {self._lines.kind('w')}")
 
     def number(self) -> Written:
-        """Return the number of bits."""
+        """Return the number that has these bits."""
         return self._lines.line("n", f"bitcast {self._lines.kind('w')} {self.text} to {self._lines.kind('n')}")
 
     def sqrt(self) -> Written:
@@ -200,7 +200,7 @@ class Written:
         )
 
     def entry(self, table: str) -> Written:
-        """Return an entry of a table, which may be another in each lane."""
+        """Return an entry of a table, which may differ between lanes."""
         lines = self._lines
         lines.tables.add(table)
         letter, scalar = ("w", "i64") if isinstance(TABLES[table][0], int) else ("n", "double")
@@ -217,7 +217,7 @@ class Written:
         )
 
     def usually(self, usual: Any, unusual: Callable[[], Any]) -> Any:
-        """Branch to what is unusual unless no lane needs it; other lanes keep what is usual."""
+        """Branch to the unusual computation if any lane needs it; the other lanes keep the usual result."""
         lines, before = self._lines, self._lines.block
         here, end = lines.label(), lines.label()
         all_usual = self.text

@@ -1,6 +1,6 @@
 """Expressions: text to checked syntax tree; dimensions, derivatives, printing.
 
-Nothing in a text is ever executed. The tree is walked; that is all that happens to it.
+Nothing in a text is ever executed: its tree is walked, and that is all.
 """
 
 from xdynamics.expressions.calculus import derivative, derivatives, expand

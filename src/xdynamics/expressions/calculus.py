@@ -1,7 +1,7 @@
-"""Derivatives by the rules of the textbook, on our own tree.
+"""Derivatives by textbook rules, on the package's own tree.
 
-A derivative becomes arithmetic of a run. A computer-algebra system orders its terms by its own version; these
-rules keep the order in which the expression was written, whatever is installed. The tests hold them against one.
+A derivative becomes arithmetic of a run. In a computer-algebra system the order of terms depends on its version; these
+rules keep the order in which the expression was written, whatever is installed. The tests compare them with one.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from xdynamics.faults import InputError
 
 ZERO, ONE, TWO = Number(0.0), Number(1.0), Number(2.0)
 MOST_EXPANDED = 1_000_000
-MOST_LEVELS = 150  # so that every walk down a tree, and down its derivatives, stays far from Python's own limit
+MOST_LEVELS = 150  # so that every recursion into a tree, or into its derivatives, stays far from Python's own limit
 
-Rates = Mapping[str, Node]  # the derivative by each thing that is differentiated by; what is not listed is zero
+Rates = Mapping[str, Node]  # the derivative by each variable; those not listed are zero
 
 
 def expand(node: Node, definitions: Mapping[str, Node]) -> Node:
-    """Put definitions, themselves expanded, in the place of their names.
+    """Substitute definitions, themselves expanded, for their names.
 
     Raises
     ------
     InputError
-        If the result has more than 1,000,000 nodes, or more than 150 levels in one another.
+        If the result has more than 1,000,000 nodes, or more than 150 nested levels.
     """
     if not definitions:
         return node
@@ -54,33 +54,33 @@ def derivative(node: Node, rates: Rates) -> Node:
     Parameters
     ----------
     node : Node
-        An expression without definitions left in it.
+        An expression with definitions expanded.
     rates : mapping of str to Node
         The derivative of each name that varies: ``{"y": Number(1)}`` gives the partial derivative by y,
-        ``{"t": Number(1), "y": Name("v_y"), …}`` the one in time. A name not listed is constant.
+        ``{"t": Number(1), "y": Name("v_y"), …}`` the time derivative. A name not listed is constant.
 
     Notes
     -----
-    At the kink of ``abs``, ``min``, ``max``, ``where`` the derivative is the one of the branch taken; of ``sign``
-    it is zero everywhere.
+    At the kink of ``abs``, ``min``, ``max``, ``where`` the derivative is that of the branch taken; that of ``sign``
+    is zero everywhere.
     """
     return derivatives(node, {name: {"": rate} for name, rate in rates.items()}).get("", ZERO)
 
 
 def derivatives(node: Node, rates: Mapping[str, Rates]) -> dict[str, Node]:
-    """Return the derivatives by many things at once, those that are not zero.
+    """Return the non-zero derivatives by many variables at once.
 
     Parameters
     ----------
     node : Node
     rates : mapping of str to mapping
-        For each name that varies its derivative by each thing: ``{"x": {"x": Number(1)}, "y": {"y": Number(1)}}`` gives
-        the gradient.
+        For each name that varies its derivative by each variable: ``{"x": {"x": Number(1)}, "y": {"y": Number(1)}}``
+        gives the gradient.
 
     Notes
     -----
-    Of a term of a sum only what it mentions is differentiated by: the gradient of a chain's potential costs as much as
-    writing it, however long the chain is.
+    Each term of a sum is differentiated only by the variables it mentions: the gradient of a chain's potential costs as
+    much as writing it, however long the chain is.
 
     Examples
     --------
@@ -110,7 +110,7 @@ def _joined(node: Binary, left: dict[str, Node], right: dict[str, Node]) -> dict
     """Return the derivatives of a binary node from those of its operands."""
     if node.operator not in "+-":
         return _by_each([left, right], lambda given: _of_product(node, *given))
-    for by, rate in right.items():  # those of the terms before stay as they are
+    for by, rate in right.items():  # derivatives of the preceding terms stay as they are
         total = add(left.get(by, ZERO), rate if node.operator == "+" else negative(rate))
         if total == ZERO:
             left.pop(by, None)
@@ -120,7 +120,7 @@ def _joined(node: Binary, left: dict[str, Node], right: dict[str, Node]) -> dict
 
 
 def _by_each(inner: list[dict[str, Node]], rule: Callable[[list[Node]], Node]) -> dict[str, Node]:
-    """Apply a rule to the derivatives of the operands by each thing that one of them depends on."""
+    """Apply a rule to the derivatives of the operands by each variable that one of them depends on."""
     rates = {
         by: rule([operand.get(by, ZERO) for operand in inner])
         for by in dict.fromkeys(by for operand in inner for by in operand)
@@ -129,7 +129,7 @@ def _by_each(inner: list[dict[str, Node]], rule: Callable[[list[Node]], Node]) -
 
 
 class _Sizes:
-    """How many nodes and how many levels an expression has when it is expanded; a chain is one level."""
+    """The number of nodes and of levels of an expression when it is expanded; a chain is one level."""
 
     def __init__(self, definitions: Mapping[str, Node]) -> None:
         self._definitions = definitions
@@ -150,7 +150,7 @@ class _Sizes:
         return nodes, deepest
 
     def _of_definition(self, name: str, above: int) -> tuple[int, int]:
-        if above > MOST_LEVELS:  # definitions in a circle end here too
+        if above > MOST_LEVELS:  # circular definitions end here too
             return 0, 0
         if name not in self._known:
             self._known[name] = self.of(self._definitions[name], above)
@@ -158,7 +158,7 @@ class _Sizes:
 
 
 def _expand(node: Node, definitions: Mapping[str, Node], known: dict[str, Node]) -> Node:
-    """Expand; what has no definition in it stays the node that it is, and a definition is expanded once."""
+    """Expand; a node without definitions is returned as it is, and each definition is expanded once."""
     match node:
         case Name() if node.name in definitions:
             if node.name not in known:
@@ -258,7 +258,7 @@ def _of_call(node: Call, inner_rates: list[Node]) -> Node:
 
 
 def _of_choice(node: Call, inner_rates: list[Node]) -> Node:
-    """Differentiate min and max as the chain of `where` that they are."""
+    """Differentiate min and max as an equivalent chain of `where`."""
     operator = "<=" if node.function == "min" else ">="
     *rest, _ = node.arguments
     result = inner_rates[-1]

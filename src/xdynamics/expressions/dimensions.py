@@ -12,7 +12,7 @@ _KEEPS = ("abs", "min", "max", "hypot")  # of the same dimension as their argume
 
 
 def dimension_of(node: Node, names: Mapping[str, Dimension]) -> Dimension:
-    """Work out an expression's dimension, checking every part of it.
+    """Return the dimension of an expression, checking every part of it.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def dimension_of(node: Node, names: Mapping[str, Dimension]) -> Dimension:
     Raises
     ------
     InputError
-        If a name is unknown, or terms that are added or compared differ, or a function needs a pure number;
+        If a name is unknown, terms that are added or compared differ in dimension, or a function needs a pure number;
         with the column and both units.
     """
     dimension = _dimension(node, names)
@@ -31,7 +31,7 @@ def dimension_of(node: Node, names: Mapping[str, Dimension]) -> Dimension:
 
 
 def _dimension(node: Node, names: Mapping[str, Dimension]) -> Dimension | None:
-    """Return the dimension; None is a literal zero, which has every unit."""
+    """Return the dimension; None for a literal zero, which has every unit."""
     match node:
         case Number():
             return None if node.value == 0 else NONE
@@ -65,7 +65,7 @@ def _joined(node: Binary, left: Dimension | None, names: Mapping[str, Dimension]
     right = _dimension(node.right, names)
     if node.operator in "+-":
         return _one_of((node.left, left), (node.right, right), f"'{node.operator}'")
-    pair = left or NONE, right or NONE  # a zero that is multiplied is a number like others
+    pair = left or NONE, right or NONE  # in a product, zero is a pure number like any other
     return pair[0] * pair[1] if node.operator == "*" else pair[0] / pair[1]
 
 
@@ -92,7 +92,7 @@ def _call(node: Call, names: Mapping[str, Dimension]) -> Dimension | None:
 
 
 def _agreed(nodes: tuple[Node, ...], names: Mapping[str, Dimension], label: str) -> Dimension | None:
-    """Return the one dimension that all of `nodes` have."""
+    """Return the dimension that all of `nodes` share."""
     agreed = nodes[0], _dimension(nodes[0], names)
     for node in nodes[1:]:
         current = node, _dimension(node, names)
@@ -105,17 +105,15 @@ def _one_of(
     first: tuple[Node, Dimension | None], second: tuple[Node, Dimension | None], label: str
 ) -> Dimension | None:
     """Return the dimension that two expressions share."""
-    (left, left_dimension), (right, right_dimension) = first, second
-    if left_dimension is None or right_dimension is None:
-        return right_dimension if left_dimension is None else left_dimension
-    if left_dimension != right_dimension:
-        raise InputError(
-            f"{label} joins '{shown(left)}' in '{left_dimension}' with '{shown(right)}' in '{right_dimension}' (column {right.column})"
-        )
-    return left_dimension
+    (a, dim_a), (b, dim_b) = first, second
+    if dim_a is None or dim_b is None:
+        return dim_b if dim_a is None else dim_a
+    if dim_a != dim_b:
+        raise InputError(f"{label} joins '{shown(a)}' in '{dim_a}' with '{shown(b)}' in '{dim_b}' (column {b.column})")
+    return dim_a
 
 
-MOST_COMPARED = 1_000  # names among which one that was meant is looked for
+MOST_COMPARED = 1_000  # names compared to find the one that was meant
 
 
 def _near(name: str, names: Mapping[str, Dimension]) -> str:

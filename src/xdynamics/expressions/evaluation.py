@@ -1,4 +1,4 @@
-"""The number of a tree at given values, or its numbers at many of them, by the operations that compiled code does."""
+"""The value of a tree at one or many states, by the same operations as compiled code."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from xdynamics.faults import InputError
 
 
 def evaluate(node: Node, values: Mapping[str, float]) -> float:
-    """Return the number of an expression.
+    """Return the value of an expression.
 
     Parameters
     ----------
     node : Node
-        An expression without definitions left in it.
+        An expression with definitions expanded.
     values : mapping of str to float
-        A number for every name, `pi` and unit constants among them, in one system of units.
+        A number for every name, including `pi` and unit constants, in one system of units.
 
     Returns
     -------
     float
-        What compiled code gives: ``1/0`` is inf, ``sqrt(-1)`` is nan; arithmetic raises nothing.
+        As in compiled code: ``1/0`` is inf, ``sqrt(-1)`` is nan; arithmetic raises nothing.
 
     Raises
     ------
@@ -48,9 +48,14 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
 
 
 def evaluate_many(node: Node, values: Mapping[str, Any], math_functions: str = NAME) -> Any:
-    """Return the numbers of an expression at many values at once: arrays of one shape, or numbers, by name.
+    """Return the values of an expression for arrays of one shape, or numbers, by name.
 
-    The elementary functions are those of a set.
+    The elementary functions are those of the set `math_functions`.
+
+    Raises
+    ------
+    InputError
+        If a name has no value.
 
     Examples
     --------
@@ -64,7 +69,7 @@ def evaluate_many(node: Node, values: Mapping[str, Any], math_functions: str = N
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """What operators and functions do to numbers of one kind."""
+    """The operators and functions for numbers of one kind."""
 
     operators: Mapping[str, Callable[..., Any]]
     choices: Mapping[str, Callable[..., Any]]
@@ -104,7 +109,7 @@ def _joined(node: Binary, left: Any, values: Mapping[str, Any], by: Arithmetic) 
 
 
 def power(base: Any, exponent: Fraction, by: Arithmetic) -> Any:
-    """Raise to a constant power as the language does: by products and square roots where these are enough."""
+    """Raise to a constant power as the language does: by products and square roots where these suffice."""
     if exponent == 0:
         return 1.0
     if exponent < 0:
@@ -140,7 +145,7 @@ _OPERATORS: dict[str, Callable[[float, float], float]] = {
     "<": lambda x, y: x < y, "<=": lambda x, y: x <= y, ">": lambda x, y: x > y, ">=": lambda x, y: x >= y,
     "==": lambda x, y: x == y, "!=": lambda x, y: x != y,
 }  # fmt: skip
-# like compiled code, a nan on the left wins and one on the right does too: no comparison with it holds
+# as in compiled code, a nan on either side wins: no comparison with it holds
 _CHOICES: dict[str, Callable[[float, float], float]] = {
     "min": lambda x, y: x if x < y or math.isnan(x) else y,
     "max": lambda x, y: x if x > y or math.isnan(x) else y,
@@ -155,7 +160,7 @@ FLOATS = Arithmetic(_OPERATORS, _CHOICES, NUMERIC, lambda truth, yes, no: yes() 
 
 @lru_cache
 def _of_arrays(math_functions: str) -> Arithmetic:
-    """Arithmetic of arrays, with a set of elementary functions."""
+    """Return the arithmetic of arrays, with a set of elementary functions."""
     return Arithmetic(
     _OPERATORS | {"/": np.divide},
     {

@@ -1,4 +1,4 @@
-"""Text to syntax tree: words, numbers and signs, read from the left."""
+"""Parsing of text into a syntax tree: words, numbers and signs, read from the left."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def parse(text: str) -> Node:
     Parameters
     ----------
     text : str
-        ASCII, at most 40 levels of parentheses, functions and signs in one another; sums and products have any length.
+        ASCII, with at most 40 nested levels of parentheses, functions and signs; sums and products may have any length.
         Exponents are constant and at most 16 in size.
 
     Raises
@@ -50,7 +50,7 @@ def parse(text: str) -> Node:
 
     Notes
     -----
-    Precedence is that of Python: a power binds more than the sign before it and less than the one in its exponent.
+    Precedence is that of Python: a power binds more tightly than the sign before it, less than one in its exponent.
 
     Examples
     --------
@@ -66,7 +66,7 @@ def parse(text: str) -> Node:
 
 
 def _check_raw(source: str) -> None:
-    """Refuse a text that is none of the language at first sight."""
+    """Refuse a text that is empty, too long, or has characters outside the language."""
     if not source:
         raise InputError("expression is empty")
     if len(source) > LONGEST_TEXT:
@@ -92,7 +92,7 @@ class _Token:
 
 
 class _Reader:
-    """Reads by the strength of operators (V. R. Pratt, Top down operator precedence, 1973): a chain is a loop."""
+    """Parses by operator precedence (V. R. Pratt, Top down operator precedence, 1973), chains in a loop."""
 
     def __init__(self, source: str) -> None:
         self.source = source

@@ -1,4 +1,4 @@
-"""Whether a function that was written down as expressions gives the same again: written once more, and with numbers."""
+"""Checks that a function traced as expressions gives the same again: when traced once more, and with numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import Node, text_of
 from xdynamics.faults import InputError
 
-CLOSE = 1e-6  # of a value: more than sums in another order and last digits of elementary functions come to
+CLOSE = 1e-6  # of a value: more than another order of sums and the last digits of elementary functions amount to
 NEGLIGIBLE = 1e-9  # of a state, or of a state over the span: a difference that does not count
 BEFORE, BEHIND = 24, 40  # characters that are shown around a difference
 REMEDY = (
@@ -21,21 +21,21 @@ REMEDY = (
 
 
 def check_repeats(called: str, words: Sequence[str], first: Sequence[Node], second: Sequence[Node]) -> None:
-    """Refuse a function that was called twice with the same names and wrote down two things.
+    """Refuse a function whose two traces with the same names differ.
 
     Parameters
     ----------
     called : str
-        What it is called.
+        The name of the function in messages.
     words : sequence of str
-        What each of its values is.
+        What each of its values is called.
     first, second : sequence of Node
-        What it wrote down.
+        The expressions of both traces.
 
     Raises
     ------
     InputError
-        With both, where they part.
+        With both expressions, from where they differ.
     """
     if len(first) != len(second):
         raise InputError(f"{called} returns {len(first)} values and, called again, {len(second)}; {REMEDY}")
@@ -53,9 +53,9 @@ def check_numbers(
     values: Mapping[str, float],
     least: float,
 ) -> None:
-    """Refuse a function that, called with numbers, gives others than the expressions that it wrote down.
+    """Refuse a function that, called with numbers, gives values other than those of its traced expressions.
 
-    Where it raises, or either is not finite, nothing is said: the state may be outside its domain.
+    If it raises, or a value is not finite, the function is not refused: the state may be outside its domain.
 
     Parameters
     ----------
@@ -64,34 +64,34 @@ def check_numbers(
     function : callable
         Calls it with the numbers.
     values : mapping of str to float
-        The numbers by their names.
+        The numbers by name.
     least : float
         A difference that does not count.
 
     Raises
     ------
     InputError
-        With both numbers, and where.
+        With both numbers, and the time.
     """
     with np.errstate(all="ignore"):
         try:
-            computed = np.asarray(function(), float).ravel()
+            direct = np.asarray(function(), float).ravel()
             expected = np.array([evaluate(node, values) for node in nodes])
-        except Exception:  # noqa: BLE001 - somebody else's code, at a state that it need not bear
+        except Exception:  # noqa: BLE001 - somebody else's code, at a state where it may fail
             return
-    if computed.shape != expected.shape:
-        raise InputError(f"{called} returns {len(nodes)} values for names and {computed.size} for numbers; {REMEDY}")
+    if direct.shape != expected.shape:
+        raise InputError(f"{called} returns {len(nodes)} values for names and {direct.size} for numbers; {REMEDY}")
     with np.errstate(invalid="ignore"):
-        apart = np.abs(computed - expected) > CLOSE * np.maximum(np.abs(computed), np.abs(expected)) + least
-    for i in np.flatnonzero(apart & np.isfinite(computed) & np.isfinite(expected)).tolist():
+        apart = np.abs(direct - expected) > CLOSE * np.maximum(np.abs(direct), np.abs(expected)) + least
+    for i in np.flatnonzero(apart & np.isfinite(direct) & np.isfinite(expected)).tolist():
         raise InputError(
-            f"{called} gives {float(computed[i])!r} for {words[i]} at t = {values['t']:.6g} s, and the expression that it"
+            f"{called} gives {float(direct[i])!r} for {words[i]} at t = {values['t']:.6g} s, and the expression that it"
             f" wrote down, '{_parting(text_of(nodes[i]), '')[0]}', gives {float(expected[i])!r} there; {REMEDY}"
         )
 
 
 def _parting(first: str, second: str) -> tuple[str, str]:
-    """Return two texts around the place from which they differ."""
+    """Return excerpts of two texts around the first difference."""
     same = next((i for i, pair in enumerate(zip(first, second, strict=False)) if pair[0] != pair[1]), min(len(first), len(second)))  # fmt: skip
     start = max(0, same - BEFORE)
     return _shortened(first, start, same), _shortened(second, start, same)

@@ -1,7 +1,7 @@
-"""Expressions as a list of operations in the order in which trees are evaluated, what stands twice computed once.
+"""Expressions as a list of operations in the order of evaluation, with common subexpressions computed once.
 
-For whoever evaluates the same long expressions again and again without compiling them: derivatives of forces by many
-coordinates share most of their parts. Every number has the bits that `evaluate` gives.
+For evaluating the same long expressions many times without compiling them: derivatives of forces by many coordinates
+share most of their parts. Every value has the bits that `evaluate` gives.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Tape:
     Parameters
     ----------
     expressions : iterable of (str, Node)
-        Names and what they stand for, without definitions left in it.
+        Names and what they stand for, with definitions expanded.
 
     Examples
     --------
@@ -35,7 +35,7 @@ class Tape:
     """
 
     def __init__(self, expressions: Iterable[tuple[str, Node]]) -> None:
-        self._given: dict[str, int] = {}  # names that have to be known, and their places
+        self._given: dict[str, int] = {}  # names that need a value, and their places
         self._numbers: dict[int, float] = {}
         self._steps: list[tuple[Operation, int, tuple[int, ...]]] = []
         self._size = 0
@@ -51,7 +51,7 @@ class Tape:
         self._known.clear()
 
     def evaluated(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return the number of each expression by its name.
+        """Return the value of each expression by its name.
 
         Raises
         ------
@@ -70,7 +70,7 @@ class Tape:
         return {name: results[place] for name, place in self._named.items()}
 
     def _place(self, node: Node) -> int:
-        """Return where the value of a node stands, behind what it takes to compute it."""
+        """Return the place of a node's value, after adding the operations that compute it."""
         links = []
         while isinstance(node, Binary) and id(node) not in self._seen:  # a sum may have any length
             links.append(node)
@@ -82,7 +82,7 @@ class Tape:
         return place
 
     def _first(self, node: Node) -> int:
-        """Return the same of what is no binary node."""
+        """Return the place of the value of a node that is not binary."""
         place = self._of(node)
         self._seen[id(node)] = place, node
         return place
@@ -149,7 +149,7 @@ def _chosen(truth: bool, yes: float, no: float) -> float:  # noqa: FBT001 - an o
 
 @lru_cache(maxsize=256)
 def _raised(exponent: Fraction) -> Operation:
-    """Return what raises to a power, for the exponents of nearly all forces without a fraction's arithmetic."""
+    """Return the operation of a power; for the exponents of nearly all forces it avoids arithmetic of fractions."""
     if exponent < 0:
         above, quotient = _raised(-exponent), FLOATS.operators["/"]
         return lambda base: quotient(1.0, above(base))

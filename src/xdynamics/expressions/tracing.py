@@ -1,6 +1,6 @@
-"""Python functions of numbers as expressions: called once with names in the place of numbers, they write themselves down.
+"""Tracing of Python functions: called once with names in place of numbers, they write themselves down as expressions.
 
-What decides by a value, `if`, `while`, `int`, cannot be written down so and is refused; `numpy.where` can.
+A branch on a value, by `if`, `while` or `int`, cannot be traced and is refused; `numpy.where` can.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ COMPARED = {"greater": ">", "greater_equal": ">=", "less": "<", "less_equal": "<
 
 
 class Traced:
-    """A number that is not known: what is done with it is written down."""
+    """An unknown number that records the operations on it."""
 
     def __init__(self, node: Node, nodes: int = 1) -> None:
         self.node, self.nodes = node, nodes
@@ -102,7 +102,7 @@ class Traced:
     __int__ = __index__ = __float__
 
     def __array_ufunc__(self, ufunc: Any, how: str, *given: Any, **_: Any) -> Any:
-        """Do what a function of numpy does, number by number."""
+        """Apply a function of numpy element by element."""
         if how != "__call__":
             return NotImplemented
         arrays = np.broadcast_arrays(*map(_boxed, given))
@@ -112,19 +112,19 @@ class Traced:
         return results if results.shape else results[()]
 
     def __array_function__(self, function: Any, _types: Any, given: Any, _more: Any) -> Any:
-        """Take `numpy.where` of one condition."""
+        """Trace `numpy.where` of one condition."""
         if function is np.where and len(given) == 3:
             return _chosen(*given)
         raise InputError(f"the function calls numpy.{function.__name__}, which the language of expressions has not")
 
 
 def traced(function: Callable[..., Any], *given: Any) -> Any:
-    """Call a function with names in the place of numbers.
+    """Call a function with names in place of numbers.
 
     Raises
     ------
     InputError
-        If it does what cannot be written down.
+        If it does something that cannot be traced, or ends with an error of its own.
     """
     try:
         return function(*given)
@@ -135,23 +135,29 @@ def traced(function: Callable[..., Any], *given: Any) -> Any:
 
 
 def name(word: str) -> Traced:
-    """Return a number that is not known, by its name."""
+    """Return an unknown number by its name."""
     return Traced(Name(word))
 
 
 def node_of(one: Any) -> Node:
-    """Return what was written down, or a number.
+    """Return the tree of a traced number or of a plain one.
 
     Raises
     ------
     InputError
-        If it is neither.
+        If it is neither, or not finite.
     """
     return _as(one).node
 
 
 def called(function: str, *given: Any) -> Traced:
-    """Write a function of the language."""
+    """Trace the call of a function of the language.
+
+    Raises
+    ------
+    InputError
+        If an argument is not a finite number.
+    """
     arguments = [_as(argument) for argument in given]
     return Traced(
         Call(function, tuple(argument.node for argument in arguments)),
@@ -210,7 +216,7 @@ def _chosen(condition: Any, yes: Any, no: Any) -> Traced:
 
 
 def _boxed(value: Any) -> Any:
-    """Return an array of objects; of one number without a dimension."""
+    """Return an array of objects; a zero-dimensional one for a single number."""
     if isinstance(value, np.ndarray | list | tuple):
         return np.asarray(value, object)
     box = np.empty((), object)
@@ -239,7 +245,7 @@ def _applied(ufunc: str, given: Sequence[Any]) -> Any:
 
 
 def _methods() -> None:
-    """Give numbers that are not known the methods that numpy calls in arrays of objects."""
+    """Give traced numbers the methods that numpy calls on elements of object arrays."""
     for word, ours in NAMED.items():
         setattr(Traced, word, lambda self, *others, ours=ours: called(ours, self, *others))
 

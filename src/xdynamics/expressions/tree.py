@@ -1,7 +1,7 @@
-"""The syntax tree: six kinds of node, compared and hashed by what they say.
+"""The syntax tree: six kinds of node, compared and hashed by content.
 
-A sum or product of n terms is n - 1 binary nodes, each the left one of the next. Whoever goes down a tree takes such a
-chain in a loop, by `chain`, so that a sum may have any length; only what is nested costs a level of recursion.
+A sum or product of n terms is n - 1 binary nodes, each the left operand of the next. Code that descends a tree handles
+such a chain in a loop, by `chain`, so a sum may have any length; only nesting costs a level of recursion.
 """
 
 from __future__ import annotations
@@ -71,14 +71,14 @@ class Binary:
         return f"<Binary {text_of(self)}>"
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle and copy a chain as a list: both go down a tree by recursion."""
+        """Pickle and copy a chain as a list, since both descend a tree by recursion."""
         first, links = chain(self)
         return _linked, (first, [(link.operator, link.right, link.column) for link in links])
 
 
 @dataclass(frozen=True)
 class Compare:
-    """A comparison, found only as the first argument of `where`."""
+    """A comparison; it occurs only as the first argument of `where`."""
 
     operator: str
     left: Node
@@ -102,7 +102,7 @@ _STRENGTH = {"+": 1, "-": 1, "*": 2, "/": 2, "**": 4}
 
 
 def children(node: Node) -> tuple[Node, ...]:
-    """Return the nodes right below a node."""
+    """Return the nodes directly below a node."""
     match node:
         case Negative():
             return (node.operand,)
@@ -114,7 +114,7 @@ def children(node: Node) -> tuple[Node, ...]:
 
 
 def chain(node: Node) -> tuple[Node, list[Binary]]:
-    """Take a chain of binary nodes apart: its first operand, and the nodes from there up to `node`.
+    """Split a chain of binary nodes into its first operand and the nodes from there up to `node`.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def chain(node: Node) -> tuple[Node, list[Binary]]:
 
 
 def every(node: Node) -> Iterator[Node]:
-    """Yield a node and all below it, in no order that means anything."""
+    """Yield a node and all below it, in no particular order."""
     waiting = [node]
     while waiting:
         current = waiting.pop()
@@ -141,7 +141,7 @@ def every(node: Node) -> Iterator[Node]:
 
 
 def free_names(node: Node) -> set[str]:
-    """Return every name an expression mentions."""
+    """Return every name that an expression mentions."""
     return {leaf.name for leaf in every(node) if isinstance(leaf, Name)}
 
 
@@ -169,7 +169,7 @@ def text_of(node: Node) -> str:
 
 
 def shown(node: Node) -> str:
-    """Print an expression for a message: of a long one the beginning and the end."""
+    """Print an expression for a message; a long one is shortened to its beginning and end."""
     text = text_of(node)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:60]} … {text[-60:]}"
 
@@ -180,7 +180,7 @@ def digest(node: Node) -> str:
 
 
 def exponent_of(node: Node) -> Fraction | None:
-    """Return the value of a constant exponent (``2``, ``-1``, ``0.5``, ``3/2``), exact; None if it is none."""
+    """Return the exact value of a constant exponent (``2``, ``-1``, ``0.5``, ``3/2``); None if it is not one."""
     match node:
         case Number():
             return Fraction(repr(node.value))
@@ -206,7 +206,7 @@ def _limited(node: Node) -> bool:
 
 
 def _text_of_chain(node: Binary) -> str:
-    """Print a chain from its first operand on; parentheses on the left all open before it."""
+    """Print a chain from its first operand on; all parentheses on the left open before it."""
     first, links = chain(node)
     parts, opened, strength = [text_of(first)], 0, _strength(first)
     for link in links:
@@ -221,7 +221,7 @@ def _text_of_chain(node: Binary) -> str:
 
 
 def _wrapped(node: Node, needed: int) -> str:
-    """Print with parentheses where the node binds weaker than its place needs."""
+    """Print with parentheses where the node binds less tightly than its place needs."""
     text = text_of(node)
     return f"({text})" if _strength(node) < needed else text
 

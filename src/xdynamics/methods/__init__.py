@@ -1,4 +1,4 @@
-"""Named methods: their update equations as data. A new family is one file and one line here."""
+"""Named methods, with their update equations as data. A new family takes one file and one line here."""
 
 from xdynamics.methods import composition, euler, implicit, midpoint, moreau, nystrom, runge_kutta, verlet
 from xdynamics.methods.method import Evaluation, Method, Solve, Statement, method_named

@@ -15,10 +15,10 @@ _WORDS = "drifts with the newest velocity and kicks with the force at the newest
 
 
 def update_of(text: str) -> str:
-    """Write rows of ``kick`` and ``drift`` coefficients out as update lines; the row that stands first begins.
+    """Write rows of ``kick`` and ``drift`` coefficients as update lines, beginning with the row that comes first.
 
     A kick moves v and x with the newest forces, a drift moves q and the time with the newest velocity. Forces are
-    evaluated after each drift, the last ones at the end of the step: they are the first of the next.
+    evaluated after each drift; the last ones, at the end of the step, serve the next step.
 
     Examples
     --------
@@ -73,14 +73,14 @@ def _sum(value: str, part: str, slope: str) -> str:
 
 
 def _at(number: str, time: Fraction) -> str:
-    """``t + 0.25*h``; the last drift ends at t1, also where the digits given do not sum to 1 exactly."""
+    """``t + 0.25*h``; the last drift ends at t1 even if the digits of the coefficients do not sum to 1 exactly."""
     if number == "1":
         return "t1"
     return f"t + {_printed(time)}*h".replace("+ -", "- ") if time else "t"
 
 
 def _printed(number: Fraction) -> str:
-    """Print a number without loss: as a fraction if it is simple, else as a decimal."""
+    """Print a number exactly: as a fraction if it is simple, else as a decimal."""
     if number.denominator < 100:
         return str(number)
     with localcontext(prec=60):  # more digits than the coefficients have
@@ -88,9 +88,9 @@ def _printed(number: Fraction) -> str:
 
 
 def verlet_composed(text: str) -> str:
-    """Write steps of velocity Verlet out, the first half of a symmetric sequence and its middle given.
+    """Write out composed steps of velocity Verlet, from the first half of a symmetric sequence and its middle.
 
-    The last kick of one and the first of the next are one: a force evaluation for each step.
+    The last kick of one step and the first of the next are merged: one force evaluation for each.
     """
     half = [Fraction(part) for part in text.split()]
     parts = [*half, *half[-2::-1]]

@@ -1,4 +1,4 @@
-"""What a method is: its update equations, which are also the code that runs, and what is known of it."""
+"""Time-stepping methods: their update equations, which are also the code that runs, and their properties."""
 
 from __future__ import annotations
 
@@ -66,20 +66,20 @@ class Statement:
 
     @property
     def vectors(self) -> set[str]:
-        """The vectors it reads; what is left are scalars."""
+        """The vectors that it reads; other names are scalars."""
         return free_names(self.expression) - set(SCALARS)
 
     def text(self, *, motion: bool, states: bool) -> str:
-        """Print it, or nothing where the model has no such vectors."""
+        """Print it, or nothing if the model has no such vectors."""
         return self.source if (states if self.of_states else motion) else ""
 
 
 @dataclass(frozen=True)
 class Solve:
-    """``solve v2, x2:`` and the indented lines that hold together for these unknowns, found by Newton's method.
+    """``solve v2, x2:`` and the indented equations for these unknowns, solved simultaneously by Newton's method.
 
-    A line with an unknown on its left is an equation; the others say what stands in the equations. What the unknowns
-    were before is where the iteration starts.
+    A line with an unknown on its left is an equation; the others define what the equations use. The iteration starts
+    from the previous values of the unknowns.
     """
 
     unknowns: tuple[str, ...]
@@ -87,7 +87,7 @@ class Solve:
 
     @property
     def definitions(self) -> tuple[Statement, ...]:
-        """Vectors that follow from the unknowns, each behind those that it reads."""
+        """Vectors that follow from the unknowns, each after those that it reads."""
         waiting = [line for line in self.body if isinstance(line, Statement) and line.target not in self.unknowns]
         ordered: list[Statement] = []
         while waiting:
@@ -99,12 +99,12 @@ class Solve:
 
     @property
     def evaluations(self) -> tuple[Evaluation, ...]:
-        """Forces at the unknown states."""
+        """Force evaluations at the unknown states."""
         return tuple(line for line in self.body if isinstance(line, Evaluation))
 
     @property
     def equations(self) -> tuple[Statement, ...]:
-        """One for each unknown, in their order."""
+        """One equation for each unknown, in their order."""
         by_target = {line.target: line for line in self.body if isinstance(line, Statement)}
         return tuple(by_target[name] for name in self.unknowns)
 
@@ -124,28 +124,28 @@ class Method:
 
     The update is written in vectors: q, v, a of the motion and x, r of the first-order states at the start of a step
     of size h from t to t1; the same letters with 1 at its end; ``f`` solves M a = F and evaluates the rates. These
-    lines are the code: each is written out by component and compiled, and they are what a record quotes. The letter a
-    name begins with says what kind of vector it is.
+    lines are the code: each is written out by component and compiled, and a record quotes them. The first letter of a
+    name tells the kind of vector.
 
     Attributes
     ----------
     name : str
-        The literature's name.
+        The name in the literature.
     order : int
         Order of the global error of a smooth problem.
     symplectic : bool
     evaluations : int
-        Force evaluations a step, when the last one serves the next step; of an implicit method, those of one iteration.
+        Force evaluations per step, if the last one serves the next step; for an implicit method those of one iteration.
     update : str
         The lines above.
     words : str
-        The order of the update in words.
+        The sequence of the update in words.
     refuses : tuple of Trait
-        Models the method is not defined for.
+        Traits of models for which the method is not defined.
     reference : str
     synonyms : tuple of str
     estimate : str
-        Lines that give ``qe, ve, xe``, the local error by an embedded formula; empty where there is none.
+        Lines that give ``qe, ve, xe``, the local error by an embedded formula; empty if there is none.
     estimate_order : int
         Order of the embedded formula: the estimate falls as h**(estimate_order + 1).
     extension : str
@@ -153,9 +153,9 @@ class Method:
     interpolation : str
         The same in words.
     interpolation_order : int
-        Order of the local error of the interpolant, less one.
+        Order of the local error of the interpolant, minus one.
     simplified : bool
-        Whether its stages are found by the simplified Newton iterations of RADAU5 (`march.implicit.radau`), for the same solution.
+        Whether its stages are solved for by the simplified Newton iterations of RADAU5 (`march.implicit.radau`).
     symmetric : bool
         Whether a step of size -h undoes one of size h: the method is its own adjoint, impacts aside (Hairer, Lubich, Wanner, section V.1).
     stepping : bool
@@ -195,7 +195,7 @@ class Method:
         return printed(self.statements, model)
 
     def refusals(self, model: Model, *, by_differences: bool = False) -> list[str]:
-        """Say why the method cannot march a model, perhaps with derivatives by differences; empty if it can."""
+        """List why the method cannot march a model, perhaps with derivatives by differences; empty if it can."""
         traits = traits_of(model) if self.refuses else {}
         refused = [trait for trait in self.refuses if trait in traits]
         if by_differences and self.simplified:
@@ -204,12 +204,12 @@ class Method:
 
 
 def method_named(name: str, model: Model, methods: Mapping[str, Method], *, by_differences: bool = False) -> Method:
-    """Look a method up for a model, that may want the derivatives by differences.
+    """Look up a method by name for a model, perhaps with derivatives by differences.
 
     Raises
     ------
     InputError
-        If there is no such method, or it refuses the model; names the methods that fit.
+        If there is no such method, or it refuses the model; with the methods that fit.
     """
     refusals = methods[name].refusals(model, by_differences=by_differences) if name in methods else []
     if name in methods and not refusals:
@@ -228,7 +228,13 @@ def method_named(name: str, model: Model, methods: Mapping[str, Method], *, by_d
 
 @lru_cache(maxsize=256)
 def read_lines(text: str) -> tuple[Line, ...]:
-    """Read lines of vector statements; indented ones belong to the `solve` above them."""
+    """Parse lines of vector statements; indented ones belong to the `solve` above them.
+
+    Raises
+    ------
+    InputError
+        If an expression cannot be parsed.
+    """
     lines = dedent(text).strip("\n").splitlines()
     read: list[Line] = []
     while lines:
@@ -244,7 +250,7 @@ def read_lines(text: str) -> tuple[Line, ...]:
 
 
 def printed(lines: Iterable[Line], model: Model | None = None) -> str:
-    """Return lines as one text, with the vectors that a model has; without a model, with all."""
+    """Return lines as one text, with the vectors that a model has; with all if no model is passed."""
     motion = model is None or bool(model.coordinates)
     states = model is None or bool(model.states)
     texts = [line.text(motion=motion, states=states) for line in lines]
@@ -252,7 +258,7 @@ def printed(lines: Iterable[Line], model: Model | None = None) -> str:
 
 
 def spread(text: str) -> str:
-    r"""Write lines for y' = k, as textbooks have them, out for the vectors of a mechanical system.
+    r"""Write out lines for y' = k, as in textbooks, for the vectors of a mechanical system.
 
     ``y2 = y + h/2*k`` becomes a line each for q (with q' = v), v (with v' = a) and x (with x' = r).
 
@@ -278,7 +284,7 @@ def spread(text: str) -> str:
 
 
 def _as(line: str, value: str, slope: str) -> str:
-    """Put a pair of vectors in the places of y and k."""
+    """Substitute a pair of vectors for y and k."""
     return re.sub(r"\bk(\w*)", rf"{slope}\1", re.sub(r"\by(\w*)", rf"{value}\1", line))
 
 

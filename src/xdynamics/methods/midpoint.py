@@ -1,4 +1,4 @@
-"""The explicit midpoint method: a trial half step, then a full step with what was found there."""
+"""The explicit midpoint method: a trial half step, then a full step with the slopes there."""
 
 from xdynamics.methods.method import Method
 

@@ -1,4 +1,4 @@
-"""Runge-Kutta-Nystroem pairs, for q'' = f(t, q): stages for the coordinates only."""
+"""Runge-Kutta-Nystroem pairs, for q'' = f(t, q), with stages for the coordinates only."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ _EXTENSION = """
         | -s*(702 - s*(3028 - s*(4115 - 1800*s)))/220
 """
 
-_STAGES = ("", "2", "3", "4", "5", "1")  # what stands behind a and r: the last stage is the first of the next step
+_STAGES = ("", "2", "3", "4", "5", "1")  # suffixes of a and r: the last stage is the first of the next step
 
 
 def _read(text: str) -> dict[str, Weights]:
-    """Read ``name | weight | weight`` rows; a row without a name goes on with the one above."""
+    """Read ``name | weight | weight`` rows; a row without a name continues the one above."""
     rows: dict[str, list[str]] = {}
     for line in text.replace("R", "sqrt(8581)").splitlines():
         name, *weights = (cell.strip() for cell in line.split("|"))
@@ -56,7 +56,7 @@ def _sum(weights: Weights, slope: str) -> str:
 
 
 def _less(weight: str, embedded: str) -> str:
-    """A weight less another, exactly: the difference stays as it is."""
+    """Write one weight minus another, unevaluated and so exact."""
     if embedded == "0":
         return weight
     minus = f"-{embedded}".removeprefix("--") if embedded.startswith("-") else f"-{embedded}"
@@ -64,7 +64,7 @@ def _less(weight: str, embedded: str) -> str:
 
 
 def _update(rows: dict[str, Weights]) -> str:
-    """Write the update: positions of the stages, then both weighted sums."""
+    """Write the update: the positions of the stages, then both weighted sums."""
     lines = []
     for number, c in zip("2345", rows["c"][1:], strict=False):
         lines += [

@@ -1,4 +1,4 @@
-"""A method with its estimator: what steps, what judges a step, what stands inside it."""
+"""A method with its estimator: how steps are made, judged and interpolated."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ESTIMATE_WORDS = {
 
 @dataclass(frozen=True)
 class Scheme:
-    """A method, and where the estimate of its error comes from.
+    """A method with its error estimator and arithmetic.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class Scheme:
     estimator : str
         One of `ESTIMATORS`.
     jacobian : str
-        One of `JACOBIANS`: where an implicit method has the derivatives of the forces from.
+        One of `JACOBIANS`: how an implicit method obtains the derivatives of the forces.
     summation : str
-        One of `SUMMATIONS`: whether what rounding takes from the state is carried along.
+        One of `SUMMATIONS`: whether the rounding errors of the state are carried along.
     math_functions : str
         The set of elementary functions that forces are computed with.
     """
@@ -54,7 +54,7 @@ class Scheme:
 
     @property
     def halved(self) -> bool:
-        """Whether a step is made as a whole and as two halves, which go on."""
+        """Whether a step is made as a whole and as two halves, of which the halves are continued."""
         return self.estimator in (STEP_DOUBLING, EXTRAPOLATED)
 
     @property
@@ -64,16 +64,16 @@ class Scheme:
 
     @property
     def predictive(self) -> bool:
-        """Whether steps are chosen as RADAU5 does, and judged by an inner tolerance."""
+        """Whether step sizes are chosen as in RADAU5, and judged by an inner tolerance."""
         return self.method.simplified and self.estimator == EMBEDDED
 
     def inner(self, rtol: float) -> float:
         """Return the relative tolerance that steps are judged by.
 
-        An estimate of order h**k within tol makes steps of tol**(1/k), with a global error of h**p, p the order of what
-        goes on: where the estimate is of what goes on itself (k = p + 1) that is tol**(p/k), and tol**(k/p) in its place
-        makes the error proportional to tol; likewise for RADAU5, whose estimate is of order h**4. Decimal arithmetic
-        gives the power the same digits on every machine.
+        An estimate of order h**k within tol makes steps of tol**(1/k), with a global error of h**p, p the order of the
+        continued solution: where the estimate is of that solution itself (k = p + 1), the error is tol**(p/k), and
+        tol**(k/p) in place of tol makes it proportional to tol; likewise for RADAU5, whose estimate is of order h**4.
+        Decimal arithmetic gives the power the same digits on every machine.
         """
         if self.predictive:
             return INNER_SHARE * float(Decimal(rtol) ** INNER_EXPONENT)
@@ -83,7 +83,7 @@ class Scheme:
 
     @property
     def inner_norm(self) -> str:
-        """What `inner` does, in words; empty where it does nothing."""
+        """The effect of `inner` in words; empty if it has none."""
         if self.predictive:
             return INNER_NORM.format("0.1*rtol**(4/5)")
         if self.estimator == STEP_DOUBLING:
@@ -92,7 +92,7 @@ class Scheme:
 
     @property
     def order(self) -> int:
-        """Order of what goes on: that of the method, and one more where an estimate is added to it."""
+        """Order of the continued solution: that of the method, or one more if an estimate is added to it."""
         return self.method.order + (self.estimator == EXTRAPOLATED)
 
     @property
@@ -102,12 +102,12 @@ class Scheme:
 
     @property
     def error_lines(self) -> tuple[Line, ...]:
-        """The lines of the embedded formula, where that is what judges."""
+        """The lines of the embedded formula, if that is the estimator."""
         return read_lines(self.method.estimate) if self.estimator == EMBEDDED else ()
 
     @property
     def stages(self) -> int:
-        """Force evaluations of one step by the method's lines; of equations that are solved, those of one iteration."""
+        """Force evaluations of one step by the method's lines; for implicit equations, those of one iteration."""
         lines = () if self.method.simplified else self.error_lines
         return sum(_evaluations(line) for line in (*self.method.statements, *lines))
 
@@ -118,17 +118,17 @@ class Scheme:
 
     @property
     def extension(self) -> str:
-        """The lines of the interpolant of a step: the method's own, or Hermite's where half steps went on."""
+        """The lines of the interpolant of a step: the method's own, or Hermite's if half steps are continued."""
         return HERMITE if self.halved else self.method.extension
 
     def interpolation(self, rule: str = REINTEGRATE) -> str:
-        """What stands between accepted states, in words."""
+        """The interpolation between accepted states, in words."""
         if rule == REINTEGRATE:
             return REINTEGRATION_WORDS
         return HERMITE_WORDS if self.halved else self.method.interpolation
 
     def interpolation_order(self, rule: str = REINTEGRATE) -> int:
-        """Order of its local error, less one."""
+        """Order of the local error of the interpolation, minus one."""
         if rule == REINTEGRATE:
             return self.order
         return 3 if self.halved else self.method.interpolation_order

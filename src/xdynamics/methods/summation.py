@@ -1,4 +1,4 @@
-"""Which sums of a method's lines lead from the old state to the new one, so that what they lose can be carried along."""
+"""The sums of a method's lines that lead from the old state to the new one, for compensated summation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PLAIN, COMPENSATED = SUMMATIONS = ("plain", "compensated")
 
 @dataclass(frozen=True)
 class Update:
-    """``v3 = v2 + 3/4*h*a2`` taken apart: the vector before, and what is added to it."""
+    """``v3 = v2 + 3/4*h*a2`` split into the vector before and the increment."""
 
     before: str
     added: Node
@@ -21,7 +21,7 @@ class Update:
 
 @cache
 def updates(method: Method) -> dict[str, Update]:
-    """Return the sums by which q, v and x become q1, v1 and x1, by the vector that each gives; none unless all do so."""
+    """Return the sums by which q, v and x become q1, v1 and x1, keyed by their targets; none unless all do so."""
     sums = {line.target: _apart(line) for line in method.statements if isinstance(line, Statement)}
     by_target = {}
     for letter in "qvx":
@@ -36,7 +36,7 @@ def updates(method: Method) -> dict[str, Update]:
 
 
 def _apart(line: Statement) -> Update | None:
-    """Take a sum apart; None where a line does not begin with one vector."""
+    """Split a sum; None if a line does not begin with a single vector."""
     terms: list[tuple[str, Node]] = []
     node = line.expression
     while isinstance(node, Binary) and node.operator in "+-":

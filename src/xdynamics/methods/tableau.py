@@ -1,4 +1,4 @@
-"""Butcher tableaus: read as they are printed, written out as update equations."""
+"""Butcher tableaus, read as they are printed and written out as update equations."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Weights = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Tableau:
-    """The coefficients of an explicit Runge-Kutta method, as texts: they reach the equations as they are written.
+    """The coefficients of an explicit Runge-Kutta method, kept as texts, so that the equations have them as written.
 
-    Stage 1 is the state at the start of a step, whose forces the last step has found. The last line of the update
-    finds those at its end; where the last stage of the tableau is that same evaluation it is not done twice.
+    Stage 1 is the state at the start of a step, whose forces are known from the last step. The last line of the update
+    evaluates those at its end; if the last stage of the tableau is that same evaluation, it is not done twice.
 
     Attributes
     ----------
@@ -26,9 +26,9 @@ class Tableau:
     a : tuple of tuple of str
         Row i has the weights of the i stages before.
     b : tuple of str
-        The weights of the end. There may be more rows than these weights: stages of the continuous extension only.
+        The weights of the end. There may be more rows than weights: stages of the continuous extension only.
     b_hat : tuple of str
-        The weights of the embedded formula; empty where there is none.
+        The weights of the embedded formula; empty if there is none.
 
     Examples
     --------
@@ -107,28 +107,28 @@ class Tableau:
         return "\n".join(map(self.stage, range(len(self.b), len(self.c))))
 
     def _number(self, i: int) -> str:
-        """What stands behind y and k of a stage: nothing at the start, 1 at the end."""
+        """The suffix of y and k of a stage: nothing at the start, 1 at the end."""
         if i == 0:
             return ""
         return "1" if self.ends_with_its_last_stage and i == len(self.b) - 1 else str(i + 1)
 
 
 def columns(text: str, stages: int) -> tuple[Weights, ...]:
-    """Read rows of a stage's number and its weights, one in each column; the stages left out have weight zero."""
+    """Read rows of a stage number and its weights, one per column; omitted stages have weight zero."""
     rows = {int(number): weights for number, *weights in (line.split() for line in text.splitlines() if line.strip())}
     zeros = ["0"] * len(next(iter(rows.values())))
     return tuple(zip(*(rows.get(i, zeros) for i in range(1, stages + 1)), strict=True))
 
 
 def combined(weights: Iterable[str], vectors: Iterable[str]) -> str:
-    """``1/5*k - 2/3*k2``: weights times vectors, without those of weight zero."""
+    """``1/5*k - 2/3*k2``: weights times vectors, without terms of weight zero."""
     signs = {"1": "", "-1": "-"}
     terms = [f"{signs.get(w, w + '*')}{vector}" for w, vector in zip(weights, vectors, strict=True) if w != "0"]
     return " + ".join(terms).replace(" + -", " - ")
 
 
 def differences(weights: Weights, others: Weights) -> Weights:
-    """Return weights less others, exactly: fractions as fractions, decimals as decimals."""
+    """Return weights minus others, exactly: fractions as fractions, decimals as decimals."""
     return tuple(_difference(weight, subtracted) for weight, subtracted in zip(weights, others, strict=True))
 
 

@@ -1,4 +1,4 @@
-"""The one walk through a method's lines: whoever runs, prints or analyses them says what each kind of line does."""
+"""The walk through a method's lines; subclasses that run, print or analyse them define what each kind of line does."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from xdynamics.methods.method import Evaluation, Line, Solve, Statement
 
 
 class Walker(ABC):
-    """What is done with each kind of line."""
+    """Handles each kind of line of a method."""
 
     def walk(self, lines: Iterable[Line]) -> None:
-        """Go through lines in their order."""
+        """Go through lines in order."""
         for line in lines:
             if isinstance(line, Evaluation):
                 self.evaluate(line)
@@ -23,12 +23,12 @@ class Walker(ABC):
 
     @abstractmethod
     def assign(self, line: Statement) -> None:
-        """One vector from vectors of its length."""
+        """Handle one vector from vectors of the same length."""
 
     @abstractmethod
     def evaluate(self, line: Evaluation) -> None:
-        """Forces and rates at one time and state."""
+        """Handle accelerations and rates at one time and state."""
 
     @abstractmethod
     def solve(self, line: Solve) -> None:
-        """Equations that hold together."""
+        """Handle simultaneous equations."""

@@ -207,9 +207,9 @@ def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], le
         if name not in statement.initial:
             ledger.note(f"initial value of '{name}' is missing, in '{dimensions[name]}'")
         elif statement.initial[name].unit.dimension != dimensions[name]:
-            quantity = statement.initial[name]
+            start = statement.initial[name]
             ledger.note(
-                f"initial value '{name} = {quantity}' has units '{quantity.unit.dimension}', needs '{dimensions[name]}';"
+                f"initial value '{name} = {start}' has units '{start.unit.dimension}', needs '{dimensions[name]}';"
                 " write the unit behind the number"
             )
     for name in statement.initial:

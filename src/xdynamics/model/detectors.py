@@ -68,7 +68,7 @@ class Detector:
 
 @lru_cache(maxsize=64)
 def detectors(model: Model) -> tuple[Detector, ...]:
-    """Return the detectors of a model: its events in their order, contacts, friction, and the switches in its forces."""
+    """Return the detectors of a model: its events in their order, contacts, friction, and switches in its forces."""
     all_detectors = []
     for name, event in model.events.items():
         sampled = isinstance(event.function, Function)

@@ -98,7 +98,7 @@ def coefficients(
     outside : {"error", "zero", "hold"}
         The value beyond the table: nan (which ends a run), 0, or the last value.
     of_time : bool
-        Whether the argument is time: a march then continues beyond the last point, which otherwise belongs to the table.
+        Whether the argument is time: a march then goes on beyond the last point, which otherwise belongs to the table.
 
     Returns
     -------
@@ -178,7 +178,7 @@ def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None
 
 
 def looked_up(table: tuple[Floats, Floats], x: Any, *, of_time: bool) -> tuple[Any, Any]:
-    """Return value and slope of a table's piecewise polynomial at one or many arguments, from the piece that a march uses."""
+    """Return value and slope of a table's piecewise polynomial at one or many arguments, as a march computes them."""
     origin, powers = table
     last = len(origin) - 1
     piece = np.maximum(np.searchsorted(origin, x, side="right") - 1, 0)

@@ -276,8 +276,8 @@ SECTIONS: dict[str, Section] = {
     ),
     "run": Section(
         "defaults of `xdynamics run`, each an option of the command too", "",
-        tuple(Key(name, keyword.written, keyword.about, keyword.default) for name, keyword in KEYWORDS.items() if keyword.example),
-        "[run]\n" + "".join(f"{name} = {keyword.example}\n" for name, keyword in KEYWORDS.items() if keyword.example),
+        tuple(Key(name, key.written, key.about, key.default) for name, key in KEYWORDS.items() if key.example),
+        "[run]\n" + "".join(f"{name} = {key.example}\n" for name, key in KEYWORDS.items() if key.example),
     ),
 }  # fmt: skip
 

@@ -163,7 +163,7 @@ def jacobian(model: Model) -> dict[tuple[str, str], str]:
 
 @lru_cache(maxsize=64)
 def force_totals(model: Model) -> dict[str, Node]:
-    """Return the total force of each coordinate as ``force_<coordinate>`` and the rate of each state as ``rate_<state>``.
+    """Return the total force of each coordinate, ``force_<coordinate>``, and the rate of each state, ``rate_<state>``.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
     Returns
     -------
     dict of ((int, int), str) to Node
-        Keyed by row and column, from 0, and the variable; zeros are left out. Slopes of drives as in `force_derivatives`.
+        Keyed by row and column, from 0, and variable; zeros are left out. Slopes of drives as in `force_derivatives`.
     """
     return {
         ((i, j), by): derivative
@@ -330,7 +330,7 @@ def evaluated_many(
     math_functions: str = NAME,
     read: Sequence[Assignment] | None = None,
 ) -> list[Any]:
-    """Evaluate expressions at many states at once, with the values of `evaluated`; only the motion they read is computed.
+    """Evaluate expressions at many states at once, as `evaluated` would, with only those assignments that they read.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def _at_end(h: float, h_next: float, secant: float, next_secant: float) -> float
 
 
 def spline_slopes(x: Floats, y: Floats) -> Floats:
-    """Slopes of the cubic spline with a continuous third derivative at the second and the last point but one (not-a-knot).
+    """Slopes of the cubic spline with continuous third derivative at the second and last-but-one points (not-a-knot).
 
     de Boor, A Practical Guide to Splines (1978), chapter IV: a tridiagonal system, eliminated from the first row on,
     whose pivots stay positive. Three points are joined by a parabola, two by a line.

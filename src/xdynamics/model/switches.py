@@ -1,7 +1,7 @@
 """Switches hidden in forces: where the argument of `abs`, `sign`, `min`, `max` or `where` passes through zero.
 
-On either side a force is smooth, across it is not: no method keeps its order over a step that passes one. So it is with
-a measured table of a coordinate or velocity whose points are joined by straight lines, or by none.
+On either side a force is smooth, across the switch it is not: no method keeps its order over a step that passes one.
+The same holds for a measured table of a coordinate or velocity with linear or piecewise constant interpolation.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from xdynamics.model.model import Model
 from xdynamics.model.parts import Function
 from xdynamics.schema import velocity
 
-MOST_SWITCHES = 40  # that are watched for: a search for more costs more than it is worth
+MOST_SWITCHES = 40  # watched at most: locating more costs more than it is worth
 LOCATED, STEPPED_OVER = "located", "stepped over"
 SWITCHES = (LOCATED, STEPPED_OVER)
-# As version 0.2 did: also inside a `where` whose side does not hold, where they decide nothing. Archives are marched so again.
+# As in version 0.2, to reproduce archives: also in a branch of `where` that is not taken, where they have no effect.
 LOCATED_EVERYWHERE = "located everywhere"
 BENT = (
     "previous",
     "linear",
-)  # interpolations that jump or bend at every point; the others are smooth enough to step over
+)  # interpolations that jump or have a kink at every point; the others are smooth enough to step over
 
 
-# What has to hold for a switch to decide anything: comparisons of the `where`s around it, each with whether it is to be true.
+# The conditions for a switch to have an effect: comparisons of the `where`s around it, each with its required truth.
 Path = tuple[tuple[Compare, bool], ...]
 
 
@@ -40,21 +40,21 @@ class Switch:
     Attributes
     ----------
     owner : str
-        The force, or the state of the rate.
+        The force, or the state whose rate has the switch.
     name : str
-        That and the function: ``drag:abs``.
+        The owner and the function: ``drag:abs``.
     function : Node
-        What passes through zero.
+        The expression that passes through zero.
     jumps : bool
         Whether the force itself jumps there, and not a derivative.
     at_zero : int
         The side that zero belongs to.
     drive : str
-        The table, where that is the switch: the function is positive between two of its points.
+        The drive, if the switch is in a table: the function is positive between two of its points.
     paths : tuple of Path
-        It decides something where one of these holds: the `where`s that it stands in; an empty one holds everywhere.
+        The switch has an effect where one of these holds: the branches of `where` around it; an empty one always holds.
     flatness : int
-        The first derivative of the force, by the function, that jumps at zero: 0 is the force itself.
+        The lowest derivative of the force, by the function, that jumps at zero: 0 is the force itself.
     """
 
     owner: str
@@ -68,7 +68,7 @@ class Switch:
 
     @property
     def nested(self) -> bool:
-        """Whether it decides something in places alone."""
+        """Whether it has an effect in some states only."""
         return () not in self.paths
 
 
@@ -85,20 +85,20 @@ def switches(model: Model) -> tuple[Switch, ...]:
 
 @lru_cache(maxsize=64)
 def smooth_switches(model: Model) -> tuple[Switch, ...]:
-    """Return the hidden switches of forces and rates that are declared smooth: they are not located, but counted.
+    """Return the hidden switches of forces and rates that are declared smooth: they are counted, but not located.
 
-    Points of tables are not among them; see `bent_and_smooth`.
+    Points of tables are not included; see `bent_and_smooth`.
     """
     return tuple(switch for owner, trees in _trees(model, smooth=True) for switch in _of_trees(model, owner, trees))
 
 
 def bent_and_smooth(model: Model) -> tuple[str, ...]:
-    """Return the forces and rates, declared smooth, that read a table which bends at points that the motion passes."""
+    """Return the forces and rates, declared smooth, that read a table with kinks or jumps that the motion passes."""
     return tuple(owner for owner, trees in _trees(model, smooth=True) if _bent(model, trees))
 
 
 def _of_trees(model: Model, owner: str, trees: list[Node]) -> list[Switch]:
-    """Return the switches of one force or rate; what is met again holds along its other paths too."""
+    """Return the switches of one force or rate; one that occurs again gets further paths."""
     merged: dict[tuple[str, Node], Switch] = {}
     counts: dict[str, int] = {}
     for tree in trees:
@@ -119,13 +119,13 @@ def _of_trees(model: Model, owner: str, trees: list[Node]) -> list[Switch]:
 
 
 def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, outside: Node) -> Node:
-    """Return a tree that is one thing where a switch decides something, and another elsewhere.
+    """Return a tree that is `inside` where a switch has an effect, and `outside` elsewhere.
 
     Parameters
     ----------
     switch : Switch
     sides : mapping of Node to str
-        The names of the sides of the conditions that are switches themselves, by their functions; others are compared.
+        Names of the sides of conditions that are switches themselves, by their functions; others are compared.
     inside, outside : Node
     """
     if not switch.nested:
@@ -143,7 +143,7 @@ def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, ou
 
 
 def _bent(model: Model, trees: list[Node]) -> list[str]:
-    """Return the drives in some trees that bend or jump at points of their tables which the motion passes."""
+    """Return the drives in some trees with a kink or jump at points of their tables that the motion passes."""
     read = {name for tree in trees for name in free_names(tree)}
     return [
         name
@@ -153,7 +153,7 @@ def _bent(model: Model, trees: list[Node]) -> list[str]:
 
 
 def _between(model: Model, owner: str, name: str) -> Switch:
-    """Return the switch at the next points of a table on either side."""
+    """Return the switch at the neighbouring points of a table."""
     argument = Name(model.drives[name].argument)
     left, left_far, right, right_far = map(Name, borders(name))
     below = Binary("+", Binary("*", left, argument), left_far)
@@ -163,16 +163,16 @@ def _between(model: Model, owner: str, name: str) -> Switch:
 
 
 def watched_switches(model: Model) -> tuple[Switch, ...]:
-    """Return those that a march looks for: all, or none where they are too many."""
+    """Return the switches that a march locates: all, or none if there are too many."""
     hidden = switches(model)
     return hidden if len(hidden) <= MOST_SWITCHES else ()
 
 
 class Sided(Model):
-    """A model whose forces are told on which side of each switch they are.
+    """A model whose forces take the side of each switch from the march.
 
-    Up to the very end of a step that ends at a switch they are then those of the side that the motion came from, and
-    behind it those of the other one.
+    Up to the very end of a step that ends at a switch they are those of the side that the motion came from, and after
+    it those of the other side.
     """
 
     switches: tuple[Switch, ...]
@@ -180,12 +180,12 @@ class Sided(Model):
 
     @cached_property
     def digest(self) -> str:
-        """That of the model, and that it is this."""
+        """The digest of the plain model and the name of this class."""
         return f"{self.plain.digest} {type(self).__name__}"
 
     @cached_property
     def force_components(self) -> dict[str, dict[str, Node | Function]]:
-        """Every force term's components, each with sides in the place of what is decided by a sign."""
+        """The components of every force term, with the sides of switches in place of signs and comparisons."""
         terms = self.plain.force_components
         return {
             term: {
@@ -205,12 +205,12 @@ class Sided(Model):
 
 
 class SidedEverywhere(Sided):
-    """One whose switches are looked for where they decide nothing, too."""
+    """A sided model whose switches are located also where they have no effect."""
 
 
 @lru_cache(maxsize=64)
 def sided(model: Model, asked: str = LOCATED) -> Model:
-    """Return a model that is told its sides; itself, where there are none, or they are stepped over."""
+    """Return the sided form of a model; the model itself if it has no switches, or they are stepped over."""
     watched = watched_switches(model)
     if not watched or isinstance(model, Sided) or asked == STEPPED_OVER:
         return model
@@ -226,13 +226,13 @@ def sided(model: Model, asked: str = LOCATED) -> Model:
 
 
 def told(model: Model) -> tuple[str, ...]:
-    """Name the numbers that forces are told: of each switch its side, or how far the next points of its table are."""
+    """Name the numbers that forces take from the march: the side of each switch, or the next points of its table."""
     groups = [borders(switch.drive) if switch.drive else (side(i),) for i, switch in enumerate(watched_by(model))]
     return tuple(name for names in groups for name in names)
 
 
 def watched_by(model: Model) -> tuple[Switch, ...]:
-    """Return the switches that the forces of a model are told of; none but those of a sided one are."""
+    """Return the switches whose sides the forces of a model take from the march: none, unless it is sided."""
     return model.switches if isinstance(model, Sided) else ()
 
 
@@ -247,7 +247,7 @@ def side(i: int) -> str:
 
 
 def _told(node: Node, sides: Mapping[Node, str]) -> Node:
-    """Put sides in the place of signs."""
+    """Substitute sides for signs and comparisons."""
     if isinstance(node, Binary):
         first, links = chain(node)
         tree = _told(first, sides)
@@ -275,7 +275,7 @@ def _told(node: Node, sides: Mapping[Node, str]) -> Node:
 
 
 def _chosen(node: Call, inner: tuple[Node, ...], sides: Mapping[Node, str]) -> Node:
-    """Write min and max as choices, as far as their sides are known."""
+    """Write min and max as `where`, as far as their sides are known."""
     result, others = inner[-1], node.arguments[-1:]
     for i in range(len(inner) - 2, -1, -1):
         best = others[0] if len(others) == 1 else Call(node.function, others)
@@ -308,8 +308,8 @@ Kink = tuple[str, Node, bool, int, Path, int]
 def _kinks(node: Node, path: Path = (), factors: tuple[Node, ...] = ()) -> Iterator[Kink]:
     """Yield the switches of a tree from the inside out.
 
-    Each is function, what passes through zero, whether there is a jump, zero's side, the `where`s around it, and the
-    derivative that jumps: ``v*abs(v)`` is flatter at zero than ``abs(v)``.
+    Each is the name of a function, the expression that passes through zero, whether there is a jump, the side of zero,
+    the `where`s around it, and the derivative that jumps: ``v*abs(v)`` is flatter at zero than ``abs(v)``.
 
     Parameters
     ----------
@@ -326,7 +326,7 @@ def _kinks(node: Node, path: Path = (), factors: tuple[Node, ...] = ()) -> Itera
     if isinstance(condition, Compare):
         branches = children(node)[1:]
         yield from _kinks(condition, path)
-        bounded = condition.operator in ("==", "!=")  # of what moves, true or false at instants alone
+        bounded = condition.operator in ("==", "!=")  # of a moving value, these change at single instants only
         for part, holds in zip(branches, (True, False), strict=True):
             yield from _kinks(part, path if bounded else (*path, (condition, holds)), factors)
     else:
@@ -340,9 +340,9 @@ def _kinks(node: Node, path: Path = (), factors: tuple[Node, ...] = ()) -> Itera
 
 
 def _kinks_of_chain(node: Binary, path: Path, factors: tuple[Node, ...]) -> Iterator[Kink]:
-    """Yield the switches of sums, and of products, whose factors make each other's flatter."""
+    """Yield the switches of sums, and of products, where a factor can make a switch of another flatter."""
     first, links = chain(node)
-    pending = [factors]  # what the value up to each link is yet to be multiplied by, from the last link to the first
+    pending = [factors]  # the factors that the value up to each link is multiplied by, from the last link to the first
     for link in reversed(links):
         right_factors = _powers(link.right) if link.operator == "*" else ()
         pending.append(() if link.operator == "**" else (*pending[-1], *right_factors))
@@ -354,7 +354,7 @@ def _kinks_of_chain(node: Binary, path: Path, factors: tuple[Node, ...]) -> Iter
 
 
 def _powers(node: Node) -> Iterator[Node]:
-    """Write a product as its factors, and whole powers as factors too; the product itself is among them."""
+    """Yield the factors of a product, those of integer powers repeated; the product itself is included."""
     yield node
     if isinstance(node, Negative):
         yield from _powers(node.operand)
@@ -368,7 +368,7 @@ def _powers(node: Node) -> Iterator[Node]:
 
 
 def _own(node: Call) -> Iterator[tuple[Node, bool, int]]:
-    """Yield what passes through zero at the switches that a call itself is, whether there is a jump, and zero's side."""
+    """Yield the functions of the switches of a call itself, whether there is a jump, and the side of zero."""
     if node.function in ("abs", "sign"):
         yield node.arguments[0], node.function == "sign", 1
     elif node.function in ("min", "max"):
@@ -383,6 +383,6 @@ def _own(node: Call) -> Iterator[tuple[Node, bool, int]]:
 
 
 def _moves(model: Model, function: Node) -> bool:
-    """Whether what passes through zero changes along a motion."""
+    """Whether the function of a switch changes along a motion."""
     moving = {"t", *model.coordinates, *map(velocity, model.coordinates), *model.states}
     return bool(model.reads(function) & moving)

@@ -1,4 +1,4 @@
-"""Events and regimes, from the words of a model file."""
+"""Reading of events and regimes from a model file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from xdynamics.model.python import Functions, expression_or_function
 from xdynamics.model.words import choice, described, place_tolerance, tolerance
 from xdynamics.units import parse_unit
 
-_OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other knows
+_OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other takes
 
 
 def event(given: Any, functions: Functions) -> Event:
@@ -52,7 +52,7 @@ def event(given: Any, functions: Functions) -> Event:
 
 
 def _reset(given: Any) -> dict[str, Node]:
-    """Read what an event sets a state to."""
+    """Read the new values that an event sets."""
     if not isinstance(given, Mapping):
         raise InputError(f'set is {given!r}, needs a table like {{ v_y = "-v_y" }}')
     values = {}
@@ -70,7 +70,7 @@ def regime(given: Any) -> Regime:
     Raises
     ------
     InputError
-        If it lists no names of forces.
+        If its forces are not a list of distinct names.
     """
     keys_of("regimes", given)
     names = given["forces"]

@@ -1,4 +1,4 @@
-"""Equations of motion of `sympy.physics.mechanics` as a model: their trees are taken over node by node, never as text."""
+"""Equations of motion from `sympy.physics.mechanics` as a model: trees are converted node by node, never as text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TERM = "motion"  # the force term that holds the right-hand side
 
 
 def sections_of(equations: Any, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the sections of a model that equations of motion and what else is given make.
+    """Return the sections of a model from equations of motion and further sections.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def sections_of(equations: Any, given: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If sympy is not there, the object is none of these, its speeds are no derivatives of coordinates, or it holds what
-        the language of expressions has not.
+        If sympy is not installed, the object is neither of these, its speeds are not derivatives of coordinates, it
+        contains something the language of expressions does not have, or a coordinate lacks a unit.
     """
     try:
         import sympy
@@ -81,18 +81,18 @@ def sections_of(equations: Any, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class _Taken:
-    """Takes sympy's trees over: dynamic symbols by their names, parameters as they are called."""
+    """Converts sympy's trees: dynamic symbols by the names given, other symbols by their own."""
 
     def __init__(self, names: Mapping[Any, str]) -> None:
         self._names = names
 
     def tree(self, one: Any) -> Node:
-        """Return a tree of the language.
+        """Convert an expression of sympy.
 
         Raises
         ------
         InputError
-            If a node is none of the language.
+            If the language of expressions does not have a node.
         """
         import sympy
 

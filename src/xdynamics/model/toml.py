@@ -1,4 +1,4 @@
-"""A model as TOML text: everything it says, measured tables included."""
+"""A model as complete TOML text, measured tables included."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from xdynamics.units import Quantity, Unit, behind
 
 
 def write(statement: Statement) -> str:
-    """Return TOML from which the same model is read again."""
+    """Return TOML that reads back as the same model."""
     lines = [f"name = {_value(statement.name)}"]
     if statement.description:
         lines.append(f"description = {_value(statement.description)}")
@@ -166,7 +166,7 @@ def _component(component: Any) -> Any:
 
 
 def _value(value: Any) -> str:
-    """Print one TOML value; a text of several lines stands as it is, in a literal block."""
+    """Print one TOML value; a text of several lines is kept as it is, in a literal block."""
     if isinstance(value, str):
         printable = all(" " <= item != "\x7f" or item in "\n\t" for item in value)
         if "\n" in value and "'''" not in value and not value.endswith("'") and printable:

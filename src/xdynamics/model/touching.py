@@ -1,4 +1,4 @@
-"""Contacts and dry friction, from the words of a model file."""
+"""Reading of contacts and dry friction from a model file."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def contact(given: Any) -> Contact:
 
 
 def impact(given: Any) -> Contact:
-    """Read an event with the action ``impact``: a contact, and the event's function its gap.
+    """Read an event with the action ``impact`` as a contact, with the event's function as its gap.
 
     Raises
     ------

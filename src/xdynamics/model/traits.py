@@ -1,4 +1,4 @@
-"""What a model has that a method may refuse, each with the term that has it."""
+"""Traits of a model that a method may refuse, each with the term responsible."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Trait(StrEnum):
 
 @lru_cache(maxsize=64)
 def traits_of(model: Model) -> dict[Trait, str]:
-    """Return the traits a model has, each with the sentence that says where."""
+    """Return the traits of a model, each with a phrase that says where."""
     traits: dict[Trait, str] = {}
     if not model.coordinates:
         traits[Trait.NO_COORDINATES] = "the model has first-order states only"
@@ -53,7 +53,7 @@ def traits_of(model: Model) -> dict[Trait, str]:
 
 
 def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
-    """Every force component and mass entry, with the names that it reads."""
+    """Return every force component, mass entry and reaction, with the names that it reads."""
     forces = [
         (f"force '{term}' of '{coordinate}'", model.reads(expression))
         for term, components in model.force_components.items()

@@ -1,4 +1,4 @@
-"""Closed forms in a model file: what a run of the model is to be, and within which bound."""
+"""Closed forms in a model file: what a run should give, and within which bound."""
 
 from __future__ import annotations
 
@@ -19,7 +19,13 @@ WORDS = f"'{ROUNDING}', '{ROUNDING} from order 2', '{ORDER}', '{BAND}', '{UNSCAL
 
 
 def validation(name: str, given: Any, time: Unit) -> Validation:
-    """Read one closed form."""
+    """Read one closed form.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
     given = {"expression": given} if isinstance(given, str) else given
     keys_of("validation", given)
     times = given.get("times", [])
@@ -56,13 +62,13 @@ def _bound(given: Any) -> str | Quantity:
 
 
 def exact_from(bound: str) -> int:
-    """Return the order from which on a method has no error but rounding; 0 where every method has none."""
+    """Return the order from which methods have rounding errors only; 0 if all methods do."""
     match = _FROM_ORDER.fullmatch(bound)
     return int(match[1]) if match else 0
 
 
 def check_validation(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -> None:
-    """Check names and dimensions of closed forms: they are of time, parameters and unit names."""
+    """Check names and dimensions of closed forms, which may read time, parameters and unit names."""
     moving = {
         *statement.coordinates,
         *statement.states,
@@ -70,25 +76,25 @@ def check_validation(statement: Statement, known: dict[str, Dimension], ledger: 
         *(f"v_{name}" for name in statement.coordinates),
     }
     event_names = {*statement.events, *statement.contacts, *statement.frictions}
-    for name, closed_form in statement.validation.items():
+    for name, form in statement.validation.items():
         with ledger.entry(f"validation '{name}'"):
-            dimension = dimension_of(closed_form.expression, known)
-            if read := sorted(free_names(closed_form.expression) & moving):
+            dimension = dimension_of(form.expression, known)
+            if read := sorted(free_names(form.expression) & moving):
                 raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")
-            if closed_form.event and closed_form.event not in event_names:
+            if form.event and form.event not in event_names:
                 raise InputError(
-                    f"event '{closed_form.event}' is none of the model's; there are {', '.join(sorted(event_names)) or 'none'}"
+                    f"event '{form.event}' is none of the model's; there are {', '.join(sorted(event_names)) or 'none'}"
                 )
             needed = (
                 statement.time_unit.dimension
-                if closed_form.quantity == "t" and closed_form.event
-                else known.get(closed_form.quantity)
-                if closed_form.quantity in moving
+                if form.quantity == "t" and form.event
+                else known.get(form.quantity)
+                if form.quantity in moving
                 else None
             )
             if needed is not None and dimension != needed:
-                raise InputError(f"has units '{dimension}', needs '{needed}' of '{closed_form.quantity}'")
-            if isinstance(closed_form.bound, Quantity) and closed_form.bound.unit.dimension != dimension:
+                raise InputError(f"has units '{dimension}', needs '{needed}' of '{form.quantity}'")
+            if isinstance(form.bound, Quantity) and form.bound.unit.dimension != dimension:
                 raise InputError(
-                    f"bound '{closed_form.bound}' has units '{closed_form.bound.unit.dimension}', needs '{spell(dimension).text}'"
+                    f"bound '{form.bound}' has units '{form.bound.unit.dimension}', needs '{spell(dimension).text}'"
                 )

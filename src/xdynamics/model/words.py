@@ -1,4 +1,4 @@
-"""Tables of a model file: their keys, choices and texts."""
+"""Reading of tables in a model file: keys, choices, texts."""
 
 from __future__ import annotations
 
@@ -9,11 +9,17 @@ from typing import Any
 from xdynamics.faults import InputError
 from xdynamics.units import NONE, TIME, Quantity, parse_quantity
 
-MOST_COMPARED = 1_000  # names among which one that was meant is looked for
+MOST_COMPARED = 1_000  # names compared to find the one that was meant
 
 
 def keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
-    """Refuse what is no table, has other keys than the known ones, or lacks one that is needed; see `grammar`."""
+    """Check the keys of an entry; see `grammar`.
+
+    Raises
+    ------
+    InputError
+        If it is not a table, has unknown keys, or lacks a needed one.
+    """
     if not isinstance(given, Mapping):
         raise InputError(f"{given!r} must be a table with {', '.join(needed)}")
     faults = [f"key '{key}' is not known{near(key, known)}" for key in given if key not in known]
@@ -23,7 +29,13 @@ def keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
 
 
 def choice(given: Mapping[str, Any], key: str, known: tuple[str, ...], default: str) -> str:
-    """Return one of some words."""
+    """Read a key whose value is one of some words.
+
+    Raises
+    ------
+    InputError
+        If the value is none of them.
+    """
     value = given.get(key, default)
     if value not in known:
         raise InputError(f"{key} {value!r} is not known; there are {', '.join(known)}")
@@ -31,7 +43,13 @@ def choice(given: Mapping[str, Any], key: str, known: tuple[str, ...], default: 
 
 
 def tolerance(given: Mapping[str, Any]) -> Quantity | None:
-    """Return how well a time is to be located, where that is said."""
+    """Read the key `time_tolerance`, if it is there.
+
+    Raises
+    ------
+    InputError
+        If it is not a positive time.
+    """
     if "time_tolerance" not in given:
         return None
     quantity = parse_quantity(given["time_tolerance"])
@@ -41,7 +59,13 @@ def tolerance(given: Mapping[str, Any]) -> Quantity | None:
 
 
 def place_tolerance(given: Mapping[str, Any]) -> Quantity | None:
-    """Return how near to its zero a function is to be at the accepted state, where that is said; in its own unit."""
+    """Read the key `position_tolerance`, if it is there: how near to zero a function is at the accepted state.
+
+    Raises
+    ------
+    InputError
+        If it is not a positive quantity.
+    """
     if "position_tolerance" not in given:
         return None
     quantity = parse_quantity(given["position_tolerance"])
@@ -51,7 +75,13 @@ def place_tolerance(given: Mapping[str, Any]) -> Quantity | None:
 
 
 def described(given: Mapping[str, Any]) -> str:
-    """Return the description of an entry."""
+    """Read the description of an entry.
+
+    Raises
+    ------
+    InputError
+        If it has characters that are not printable.
+    """
     text = str(given.get("description", "")).strip()
     if not all(character.isprintable() or character in "\n\t" for character in text):
         raise InputError(f"text {text[:40]!r} has characters that are not printable")
@@ -59,7 +89,13 @@ def described(given: Mapping[str, Any]) -> str:
 
 
 def flag(given: Mapping[str, Any], key: str) -> bool:
-    """Return a truth, false where it is not given."""
+    """Read a truth value, false if the key is not there.
+
+    Raises
+    ------
+    InputError
+        If it is neither true nor false.
+    """
     value = given.get(key, False)
     if not isinstance(value, bool):
         raise InputError(f"{key} is {value!r}, needs true or false")
@@ -67,6 +103,6 @@ def flag(given: Mapping[str, Any], key: str) -> bool:
 
 
 def near(name: str, known: tuple[str, ...]) -> str:
-    """Say which word may have been meant, or which there are."""
+    """Suggest the word that may have been meant, or list those there are."""
     alike = get_close_matches(name, known[:MOST_COMPARED], n=1)
     return f"; did you mean '{alike[0]}'?" if alike else f"; there are {', '.join(known)}"

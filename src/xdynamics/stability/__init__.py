@@ -1,4 +1,4 @@
-"""How large a step a method bears, from the lines of its update."""
+"""The largest stable step of a method, from the lines of its update."""
 
 from xdynamics.stability.limits import (
     decay_limit,

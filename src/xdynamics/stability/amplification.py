@@ -1,4 +1,4 @@
-"""What one step of a method does to a linear system, found by running the lines of its update."""
+"""The effect of one step of a method on a linear system, found by running the lines of its update."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Vectors = dict[str, Any]
 
-AT_REST = 1e-6  # a mode that one step changes by less tells nothing: it is at rest, or far slower than the step
-SLOWEST = 1e-7  # eigenvalues below this fraction of the largest are zero but for round-off
+AT_REST = 1e-6  # a mode that one step changes by less says nothing: it is at rest, or far slower than the step
+SLOWEST = 1e-7  # eigenvalues below this fraction of the largest are zero apart from round-off
 _ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
 }  # fmt: skip
@@ -36,9 +36,9 @@ class LinearSystem:
     acceleration : ndarray, shape (n, 2n + m)
     rate : ndarray, shape (m, 2n + m)
     eigenvalues : ndarray of complex, shape (2n + m,)
-        Zero where they are zero but for round-off.
+        Set to zero where they are zero apart from round-off.
     fastest : float, s-1
-        Size of the fastest eigenvalue before the time was scaled.
+        Size of the fastest eigenvalue before time was scaled.
     """
 
     acceleration: Floats
@@ -68,7 +68,7 @@ class LinearSystem:
 
     @property
     def stiffness(self) -> Floats | None:
-        """K of a system that is nothing but q'' = -K q; None of another."""
+        """K of a system of the form q'' = -K q; None for any other."""
         n = len(self.acceleration)
         return None if self.acceleration[:, n:].any() or self.rate.any() else -self.acceleration[:, :n]
 
@@ -89,8 +89,8 @@ def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDAr
 
     Notes
     -----
-    Accelerations and rates at the start of the step are those of the state there. A method that ends with those of
-    another state must refuse the forces that would tell.
+    Accelerations and rates at the start of the step are those of the state there. A method whose last evaluation is at
+    another state must refuse the forces for which that makes a difference.
     """
     n, m = len(system.acceleration), len(system.rate)
     size = 2 * n + m
@@ -104,9 +104,9 @@ def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDAr
 
 
 def factors(matrices: Floats) -> Complexes:
-    """Return the eigenvalues of amplification matrices, nan of what is not finite; of 2 x 2 matrices by the quadratic formula.
+    """Return the eigenvalues of amplification matrices, nan where one is not finite.
 
-    The formula keeps factors on the unit circle there where they are nearly equal, which an iteration does not.
+    For 2 x 2 matrices the quadratic formula keeps nearly equal factors on the unit circle, which an iteration does not.
     """
     finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
     matrices = np.where(finite[:, None, None], matrices, 0.0)
@@ -122,7 +122,7 @@ def factors(matrices: Floats) -> Complexes:
 
 
 class _Matrices(Walker):
-    """Runs lines on matrices; their columns are the answers to each component of the state."""
+    """Runs lines on matrices, whose columns are the responses to each component of the state."""
 
     def __init__(self, given: Vectors, system: LinearSystem) -> None:
         self.vectors = dict(given)
@@ -147,7 +147,7 @@ def _run(lines: Iterable[Line], given: Vectors, system: LinearSystem) -> Vectors
 
 
 def _applied(system: LinearSystem, at: Sequence[Any]) -> tuple[Any, Any]:
-    """Return accelerations and rates at coordinates, velocities and states."""
+    """Return accelerations and rates for coordinates, velocities and states."""
     n = len(system.acceleration)
     places = (slice(0, n), slice(n, 2 * n), slice(2 * n, None))
     return (
@@ -157,7 +157,7 @@ def _applied(system: LinearSystem, at: Sequence[Any]) -> tuple[Any, Any]:
 
 
 def _solved(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
-    """Solve u = A u + b: the lines are linear, so that they give b at u = 0, and A where all that is known is 0."""
+    """Solve u = A u + b: the lines are linear, so they give b at u = 0, and A with all known vectors 0."""
     n, m, k = len(system.acceleration), len(system.rate), len(vectors["h"])
     sizes = [m if name[0] == "x" else n for name in line.unknowns]
     cuts = np.cumsum(sizes)[:-1]

@@ -1,4 +1,4 @@
-"""How large a step a method bears, computed from the lines of its update applied to linear systems."""
+"""The largest stable step of a method, computed by applying the lines of its update to linear systems."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from xdynamics.model import Model, Trait
 from xdynamics.model.linearisation import linearise, linearise_each
 from xdynamics.stability.amplification import AT_REST, SLOWEST, Complexes, Floats, LinearSystem, amplification, factors
 
-ROUND_OFF = 1e-12  # growth of one step that counts as none
+ROUND_OFF = 1e-12  # growth in one step that counts as none
 SMALLEST, FINER, LARGEST = 1e-5, 1e-2, 1e4  # steps that are tried, over the fastest time scale
 CHUNK = 256
 
-Growth = Callable[[Floats], Floats]  # of each step, over what is allowed
+Growth = Callable[[Floats], Floats]  # of each step, relative to what is allowed
 OSCILLATOR = LinearSystem.of(np.array([[0.0, 1.0], [-1.0, 0.0]]), 1)
 DRAGGED = LinearSystem.of(np.array([[0.0, 1.0], [0.0, -1.0]]), 1)
 DECAY, GROWTH = (LinearSystem.of(np.array([[rate]]), 0) for rate in (-1.0, 1.0))
@@ -29,14 +29,14 @@ def oscillator_limit(method: Method) -> float:
     Returns
     -------
     float
-        2 for velocity Verlet, sqrt(8) for the classical Runge-Kutta method; 0 where every step makes it grow, inf where
-        none does.
+        2 for velocity Verlet, sqrt(8) for the classical Runge-Kutta method; 0 if every step makes it grow, inf if none
+        does.
 
     Notes
     -----
     Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.2; the linear test of splitting methods
-    in Hairer, Lubich and Wanner, section I.5. The factors of a step stand on the unit circle for conservative
-    methods; growth below 1e-12 a step is taken for round-off if it stays there.
+    in Hairer, Lubich and Wanner, section I.5. The factors of a step lie on the unit circle for conservative methods;
+    growth below 1e-12 per step is taken for round-off if it stays there.
     """
     return _largest_step(partial(_growth, method, OSCILLATOR, 0.0), 1.005, creeping=False)
 
@@ -48,8 +48,8 @@ def decay_limit(method: Method) -> float:
     Returns
     -------
     float
-        For a velocity under linear drag and for a first-order state, whichever is less; 2 for forward Euler, inf for an
-        A-stable method, nan for a method that refuses both.
+        The smaller of the limits for a velocity under linear drag and for a first-order state; 2 for forward Euler, inf
+        for an A-stable method, nan for a method that refuses both.
 
     Notes
     -----
@@ -64,7 +64,7 @@ def decay_limit(method: Method) -> float:
 
 
 def stable_step(model: Model, method: Method, state: Mapping[str, float], *, growth: float = 0.0) -> float:
-    """Return the largest step with which a method is stable for a model linearised about a state.
+    """Return the largest step for which a method is stable on a model linearised about a state.
 
     Parameters
     ----------
@@ -73,13 +73,13 @@ def stable_step(model: Model, method: Method, state: Mapping[str, float], *, gro
     state : mapping of str to float
         SI numbers for `t`, coordinates, velocities and first-order states.
     growth : float, s-1
-        Rate of growth that is let pass: one over the length of a run lets a mode grow e times in it.
+        Rate of growth that is tolerated: one over the length of a run lets a mode grow e-fold in it.
 
     Returns
     -------
     float, s
-        inf where every step is stable, 0 where none is, as with forward Euler and an undamped oscillation; nan where
-        the method refuses the model, or the linearisation is not finite.
+        inf if every step is stable, 0 if none is, as with forward Euler and an undamped oscillation; nan if the method
+        refuses the model, or the linearisation is not finite.
 
     Raises
     ------
@@ -88,13 +88,13 @@ def stable_step(model: Model, method: Method, state: Mapping[str, float], *, gro
 
     Notes
     -----
-    Modes that grow in the model itself may grow. Where they oscillate, their frequency is held to `oscillator_limit`.
+    Modes that grow in the model itself may grow. If they oscillate, `oscillator_limit` is applied to their frequency.
     """
     return stable_step_of(linearise(model, state).jacobian, method, model, growth=growth)
 
 
 def stable_step_of(jacobian: Floats, method: Method, model: Model, *, growth: float = 0.0) -> float:
-    """Return the same as `stable_step`, from a Jacobian that is known already."""
+    """Return the same as `stable_step` from a Jacobian that is already known."""
     if method.refusals(model) or not np.isfinite(jacobian).all():
         return float(np.nan)
     system = LinearSystem.of(jacobian, len(model.coordinates))
@@ -107,15 +107,15 @@ def stable_step_of(jacobian: Floats, method: Method, model: Model, *, growth: fl
 
 
 def fastest_rate(jacobian: Floats) -> float:
-    """Bound the size of every eigenvalue, s-1, without finding one: by the largest row sum of the squared matrix."""
+    """Bound the size of every eigenvalue, s-1, without computing any: by the largest row sum of the squared matrix."""
     return float(np.sqrt(np.abs(jacobian @ jacobian).sum(axis=1).max(initial=0.0)))
 
 
 def surely_stable(jacobian: Floats, method: Method, coordinates: int, step: float) -> bool:
-    """Whether a step is stable by what can be seen without eigenvalues, which take 8 s for 1,000 masses.
+    """Whether a step can be shown to be stable without eigenvalues, which take 8 s for 1,000 masses.
 
-    It is where q'' = -K q with a symmetric K of dominant diagonal: its modes oscillate, none faster than the root of the
-    largest row sum (Gershgorin), and the method bears that frequency.
+    This holds for q'' = -K q with a symmetric, diagonally dominant K: its modes oscillate, none faster than the root of
+    the largest row sum (Gershgorin), and the method is stable at that frequency.
     """
     n = coordinates
     if len(jacobian) != 2 * n or jacobian[n:, n:].any():
@@ -127,7 +127,7 @@ def surely_stable(jacobian: Floats, method: Method, coordinates: int, step: floa
 
 
 def stiffness(model: Model, method: Method, states: Sequence[Mapping[str, float]], steps: Iterable[float]) -> float:
-    """Return the fraction of rows at which stability of a fast decay limits the step.
+    """Return the fraction of rows at which the stability of a fast decay limits the step.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def stiffness(model: Model, method: Method, states: Sequence[Mapping[str, float]
     states : sequence of mapping
         SI numbers of each row, as `stable_step` takes them.
     steps : iterable of float, s
-        Step used at each row; rows without one do not count.
+        Step used at each row; rows without a positive one do not count.
 
     Returns
     -------
@@ -151,8 +151,8 @@ def stiffness(model: Model, method: Method, states: Sequence[Mapping[str, float]
 
     Notes
     -----
-    Where the error test of an explicit method keeps its step at the edge of its region of stability, the problem is
-    stiff: Hairer and Wanner II, section IV.2.
+    A problem is stiff where the error test of an explicit method keeps its step at the edge of its region of stability:
+    Hairer and Wanner II, section IV.2.
     """
     limit = decay_limit(method)
     moved = [(state, h) for state, h in zip(states, steps, strict=True) if h > 0.0]
@@ -176,7 +176,7 @@ def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> flo
     method : Method
     system : LinearSystem
     rate : float
-        Rate of growth that is let pass, over the fastest eigenvalue.
+        Rate of growth that is tolerated, over the fastest eigenvalue.
 
     Returns
     -------
@@ -185,8 +185,8 @@ def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> flo
 
     Notes
     -----
-    A method that treats all kinds of vector alike takes each eigenvalue by itself, and so does every method with the
-    modes of q'' = -K q; of what is left the factors of the whole step are looked at.
+    For a method that treats all kinds of vector alike each eigenvalue is examined separately, and so are the modes of
+    q'' = -K q for every method; otherwise the factors of the full step are examined.
     """
     creeping = rate > 0.0
     if treats_alike(method):
@@ -220,12 +220,12 @@ def _oscillator_limit(method: Method, rate: float) -> float:
 
 
 def _largest_step(growth: Growth, ratio: float, *, creeping: bool) -> float:
-    """Find the least step with growth.
+    """Find the smallest step with growth.
 
-    Steps of one ratio are tried before bisection: instability over a narrower range can be missed. Unless growth may
-    be creeping, such that comes out of round-off slowly was there for every smaller step: the limit is zero.
+    Steps in a fixed ratio are tried before bisection: instability over a narrower range can be missed. Unless growth
+    may be creeping, growth that rises slowly out of round-off was present at every smaller step: the limit is zero.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows grows
+    with np.errstate(over="ignore", invalid="ignore"):  # an overflow counts as growth
         low, high = _bracket(growth, ratio)
         if low == 0.0 or high == np.inf:
             return low
@@ -239,7 +239,7 @@ def _largest_step(growth: Growth, ratio: float, *, creeping: bool) -> float:
 
 
 def _bracket(growth: Growth, ratio: float) -> tuple[float, float]:
-    """Return a stable step and the unstable one next to it; (0, …) where none is stable, (inf, inf) where all are."""
+    """Return a stable step and the unstable one next to it; (0, …) if none is stable, (inf, inf) if all are."""
     fine = np.geomspace(FINER, LARGEST, 2 + int(np.log(LARGEST / FINER) / np.log(ratio)))
     tried = np.concatenate([np.geomspace(SMALLEST, FINER, 20)[:-1], fine])
     for first in range(0, len(tried), CHUNK):
@@ -251,12 +251,12 @@ def _bracket(growth: Growth, ratio: float) -> tuple[float, float]:
 
 
 def _growth(method: Method, system: LinearSystem, rate: float, h: Floats) -> Floats:
-    """Return how much a step makes a mode grow that does not grow in the system, over what is allowed."""
+    """Return the growth in a step of modes that do not grow in the system, relative to what is allowed."""
     multipliers = factors(amplification(method, system, h))
     moved = np.abs(system.eigenvalues) * h[:, None]
     at_rest = np.sum(moved < AT_REST, axis=1)
     growing = np.sum((moved >= AT_REST) & system.growing, axis=1)
-    # position and velocity of a slow mode are nearly parallel eigenvectors, and its factors less exact
+    # a slow mode has nearly parallel eigenvectors, and its factors are less accurate
     slowest = np.min(moved, axis=1, initial=1.0, where=moved >= AT_REST)
     growth = _over_allowed(multipliers, (1.0 + h * h) * ROUND_OFF * (1.0 + 0.1 / slowest) + rate * h)
     place = np.arange(growth.shape[1])
@@ -268,7 +268,7 @@ def _growth(method: Method, system: LinearSystem, rate: float, h: Floats) -> Flo
 
 
 def _growth_along(method: Method, eigenvalues: Complexes, rate: float, h: Floats) -> Floats:
-    """Return the same for a method that takes each eigenvalue by itself: its stability function R(z) at z = h l."""
+    """Return the same from the stability function R(z) at z = h l, for a method that treats all vectors alike."""
     z = (h[:, None] * eigenvalues).ravel()
     multipliers = amplification(method, GROWTH, z)[:, 0, 0].reshape(len(h), len(eigenvalues))
     growth = _over_allowed(multipliers, (1.0 + h * h) * ROUND_OFF + rate * h)
