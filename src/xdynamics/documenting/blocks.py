@@ -1,4 +1,4 @@
-"""What a document is made of, and how each part is written in HTML and in Markdown."""
+"""The parts of a document, and how each is written in HTML and in Markdown."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ POINTS = 14  # of a formula
 
 @dataclass(frozen=True)
 class Words:
-    """A paragraph; the first words of it may stand out."""
+    """A paragraph, optionally with its first words in bold."""
 
     text: str
     strong: str = ""
@@ -30,15 +30,15 @@ class Words:
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula in LaTeX, and in words what it is."""
+    """A formula in LaTeX, with a caption."""
 
     latex: str
     said: str = ""
 
     def html(self) -> str:
-        """Return it as HTML: drawn, with the LaTeX as its text."""
-        said = f'<span class="said">{escape(self.said)}</span>' if self.said else ""
-        return f'<p class="formula"><img src="{_embedded(drawn(self.latex), "svg+xml")}" alt="{escape(self.latex)}">{said}</p>'
+        """Return it as HTML: an image with the LaTeX as its text."""
+        caption = f'<span class="said">{escape(self.said)}</span>' if self.said else ""
+        return f'<p class="formula"><img src="{_embedded(drawn(self.latex), "svg+xml")}" alt="{escape(self.latex)}">{caption}</p>'
 
     def markdown(self) -> str:
         """Return it as Markdown."""
@@ -54,37 +54,37 @@ class Table:
 
     def html(self) -> str:
         """Return it as HTML."""
-        head = "".join(f"<th>{escape(one)}</th>" for one in self.header)
-        rows = "".join("<tr>" + "".join(f"<td>{escape(one)}</td>" for one in row) + "</tr>" for row in self.rows)
+        head = "".join(f"<th>{escape(cell)}</th>" for cell in self.header)
+        rows = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
         return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
     def markdown(self) -> str:
         """Return it as Markdown."""
         lines = [self.header, ["---"] * len(self.header), *self.rows]
         return "\n".join(
-            "| " + " | ".join(one.replace("|", "\\|").replace("\n", " ") for one in row) + " |" for row in lines
+            "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row) + " |" for row in lines
         )
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as PNG, with what it shows."""
+    """A figure as PNG, with a caption."""
 
     content: bytes
     said: str
 
     def html(self) -> str:
-        """Return it as HTML, the picture in it."""
+        """Return it as HTML with the picture embedded."""
         return f'<figure><img src="{_embedded(self.content, "png")}" alt="{escape(self.said)}"><figcaption>{escape(self.said)}</figcaption></figure>'
 
     def markdown(self) -> str:
-        """Return it as Markdown, the picture in it."""
+        """Return it as Markdown with the picture embedded."""
         return f"![{self.said}]({_embedded(self.content, 'png')})"
 
 
 @dataclass(frozen=True)
 class Code:
-    """Text that is to be typed, or read by a program."""
+    """Text to be typed, or read by a program."""
 
     text: str
 
@@ -102,7 +102,7 @@ Block = Words | Formula | Table | Picture | Code
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it."""
+    """A heading and the blocks under it."""
 
     title: str
     blocks: Sequence[Block]
@@ -124,9 +124,10 @@ pre { background: #f4f4f2; padding: 0.8em; white-space: pre-wrap; overflow-wrap:
 
 
 def html(title: str, lead: str, sections: Sequence[Section]) -> str:
-    """Return a document as one file of HTML that needs no other, and no network."""
+    """Return a document as one self-contained HTML file."""
     body = "\n".join(
-        f"<h2>{escape(one.title)}</h2>\n" + "\n".join(block.html() for block in one.blocks) for one in sections
+        f"<h2>{escape(section.title)}</h2>\n" + "\n".join(block.html() for block in section.blocks)
+        for section in sections
     )
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
@@ -138,15 +139,15 @@ def html(title: str, lead: str, sections: Sequence[Section]) -> str:
 
 
 def markdown(title: str, lead: str, sections: Sequence[Section]) -> str:
-    """Return a document as one file of Markdown, pictures in it."""
+    """Return a document as one Markdown file with pictures embedded."""
     body = "\n\n".join(
-        f"## {one.title}\n\n" + "\n\n".join(block.markdown() for block in one.blocks) for one in sections
+        f"## {section.title}\n\n" + "\n\n".join(block.markdown() for block in section.blocks) for section in sections
     )
     return f"# {title}\n\n{lead}\n\n{body}\n"
 
 
 def drawn(latex: str) -> bytes:
-    """Draw a formula as SVG, by matplotlib's own mathematics; what it does not know stands as it is written."""
+    """Draw a formula as SVG with matplotlib's mathtext; a formula that it cannot parse is drawn as plain text."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 

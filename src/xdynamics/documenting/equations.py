@@ -11,7 +11,7 @@ from xdynamics.model.parts import Function, Parameter
 
 
 def of_model(model: Model) -> Iterator[Block]:
-    """Write the equations of motion, forces, definitions, events, and what numbers the model has."""
+    """Write the equations of motion, forces, definitions, events and numbers of a model."""
     if model.description:
         yield Words(model.description)
     for i, name in enumerate(model.coordinates):
@@ -21,7 +21,9 @@ def of_model(model: Model) -> Iterator[Block]:
             if (i, j) in model.statement.mass_entries
         ]
         acting = [
-            rf"F_{{\mathrm{{{_words(term)}}}}}" for term, parts in model.force_components.items() if name in parts
+            rf"F_{{\mathrm{{{_words(term)}}}}}"
+            for term, components in model.force_components.items()
+            if name in components
         ]
         yield Formula(f"{' + '.join(terms)} = {' + '.join(acting) or '0'}", f"motion of {name}")
     yield from _forces(model)
@@ -47,13 +49,13 @@ def of_model(model: Model) -> Iterator[Block]:
 
 def _forces(model: Model) -> Iterator[Formula]:
     for term, force in model.forces.items():
-        said = f"{term}: {force.description}" if force.description else term
+        description = f"{term}: {force.description}" if force.description else term
         if force.potential is not None:
-            yield Formula(rf"V_{{\mathrm{{{_words(term)}}}}} = {latex(force.potential)}", f"potential of {said}")
+            yield Formula(rf"V_{{\mathrm{{{_words(term)}}}}} = {latex(force.potential)}", f"potential of {description}")
         for name, part in force.components.items():
-            body = rf"\mathrm{{{_words(part.name)}}}({', '.join(_symbol(one) for one in part.arguments)})" if isinstance(part, Function) else latex(part)  # fmt: skip
+            body = rf"\mathrm{{{_words(part.name)}}}({', '.join(_symbol(argument) for argument in part.arguments)})" if isinstance(part, Function) else latex(part)  # fmt: skip
             on = f", on {name}" if len(model.coordinates) > 1 else ""
-            yield Formula(rf"F_{{\mathrm{{{_words(term)}}}}} = {body}", f"{said}{on}")
+            yield Formula(rf"F_{{\mathrm{{{_words(term)}}}}} = {body}", f"{description}{on}")
 
 
 def _occasions(model: Model) -> Iterator[Formula]:
@@ -95,13 +97,13 @@ def _words(name: str) -> str:
     return name.replace("_", r"\ ")
 
 
-def _number(name: str, one: Parameter) -> list[str]:
-    spread = one.spread
-    size = "" if spread is None else f"{one.uncertainty:.3g} {one.quantity.unit.text}".removesuffix(" 1")
+def _number(name: str, parameter: Parameter) -> list[str]:
+    spread = parameter.spread
+    size = "" if spread is None else f"{parameter.uncertainty:.3g} {parameter.quantity.unit.text}".removesuffix(" 1")
     return [
         name,
-        str(one.quantity).removesuffix(" 1"),
+        str(parameter.quantity).removesuffix(" 1"),
         size,
         "" if spread is None else spread.distribution,
-        one.description,
+        parameter.description,
     ]

@@ -13,13 +13,13 @@ from xdynamics.model.words import near
 from xdynamics.schema import Variable
 from xdynamics.units import CONSTANTS, PREFIX, SPELLING
 
-# functions of the language that need a word; the others are what they are anywhere
+# functions of the language that need an explanation; the others have their usual meaning
 SAID = {
     "where": "where(x > 0*metre, a, b): a where the comparison holds, else b; comparisons stand nowhere else",
     "min": "of two or more", "max": "of two or more", "sign": "-1, 0 or 1", "atan2": "atan2(y, x), in radians",
     "hypot": "sqrt(x**2 + y**2)", "sqrt": "of any unit with even powers", "log": "natural",
 }  # fmt: skip
-BY_NAME = (  # of the record, what is called after what
+BY_NAME = (  # variables of the record that are named after the model's own names
     ("x, v_x, a_x", "step", "every coordinate, its velocity and acceleration, in their own units"),
     ("force_<term>_x", "step", "every force term, by coordinate"),
     ("fuel, rate_fuel", "step", "every first-order state and its rate"),
@@ -109,29 +109,29 @@ def _model() -> Iterator[str]:
     yield from _keys(HEAD)
     yield "and its sections are"
     width = max(map(len, SECTIONS)) + 2
-    for name, one in SECTIONS.items():
-        yield f"  {f'[{name}]':{width}}  {one.about}"
+    for name, section in SECTIONS.items():
+        yield f"  {f'[{name}]':{width}}  {section.about}"
     yield "`xdynamics help forces`, and so on, tells the keys of one; `xdynamics new MODEL.toml` writes one to begin with."
 
 
 def _section(name: str) -> Iterator[str]:
-    one = SECTIONS[name]
-    where = f"[{name}] or [{name}.<{one.entry.replace(' ', '_')}>]" if one.entry else f"[{name}]"
-    yield f"{where}: {one.about}"
-    if one.short:
-        yield f"  in short, in the place of a table: {one.short}" if one.entry else f"  {one.short}"
-    yield from _keys(one.keys)
+    section = SECTIONS[name]
+    where = f"[{name}] or [{name}.<{section.entry.replace(' ', '_')}>]" if section.entry else f"[{name}]"
+    yield f"{where}: {section.about}"
+    if section.short:
+        yield f"  in short, in the place of a table: {section.short}" if section.entry else f"  {section.short}"
+    yield from _keys(section.keys)
     yield "for example"
-    for line in one.example.rstrip("\n").split("\n"):
+    for line in section.example.rstrip("\n").split("\n"):
         yield f"  {line}"
 
 
 def _keys(keys: Iterable[Key]) -> Iterator[str]:
-    known = list(keys)
-    width = max(len(one.name) for one in known)
-    for one in known:
-        rest = {"": "", NEEDED: "; needed"}.get(one.default, f"; default: {one.default}")
-        yield f"  {one.name:{width}}  {one.about}  ({one.takes}{rest})"
+    entries = list(keys)
+    width = max(len(key.name) for key in entries)
+    for key in entries:
+        default_note = {"": "", NEEDED: "; needed"}.get(key.default, f"; default: {key.default}")
+        yield f"  {key.name:{width}}  {key.about}  ({key.takes}{default_note})"
 
 
 def _language() -> Iterator[str]:
@@ -150,7 +150,7 @@ def _language() -> Iterator[str]:
 def _units() -> Iterator[str]:
     yield "A quantity is a number and a unit in UDUNITS spelling: '9.81 m s-2', '5 cm', '30 degree', '2 kg m2 s-1', '1' for none."
     yield f"  units     {', '.join(SPELLING.values())}"
-    yield f"  prefixes  {', '.join(one for one in PREFIX.values() if one)}; u is micro"
+    yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)}; u is micro"
     yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty behind a sign: 50 ± 0.5 g"
 
 
@@ -162,10 +162,12 @@ def _record() -> Iterator[str]:
     for name, dim, about in BY_NAME:
         yield f"  {name}{f' ({dim})' if dim else ''}: {about}"
     yield "then those of every run."
-    for one in schema.FIXED:
-        yield _variable(one)
+    for variable in schema.FIXED:
+        yield _variable(variable)
 
 
-def _variable(one: Variable) -> str:
-    told = [*one.dims, *([one.units] if one.units != "1" else [])]
-    return f"  {one.name}{' (' if told else ''}{', '.join(told)}{')' if told else ''}: {one.long_name}"
+def _variable(variable: Variable) -> str:
+    details = [*variable.dims, *([variable.units] if variable.units != "1" else [])]
+    return (
+        f"  {variable.name}{' (' if details else ''}{', '.join(details)}{')' if details else ''}: {variable.long_name}"
+    )

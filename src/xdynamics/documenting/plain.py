@@ -1,4 +1,4 @@
-"""A model in lines of text: its equations, where it starts, how fast it moves, which methods take it."""
+"""A model in lines of text: its equations, initial values, time scales, and the methods that integrate it."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ COUNTED = ("coordinates", "states", "parameters", "forces", "drives", "events", 
 
 
 def lines_of(model: Model) -> Iterator[str]:
-    """Say what a model is, of which every name and unit fits."""
+    """Summarise a checked model: its parts, motion, events, start and time scales."""
     yield from at_rest(model.statement.at_rest)
     counts = [(len(getattr(model, kind)), kind) for kind in COUNTED]
-    said = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
-    yield f"{model.name}: {said}; every name is known and every unit fits"
+    counted = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
+    yield f"{model.name}: {counted}; every name is known and every unit fits"
     yield from _motion(model)
     yield from _occasions(model)
     starts = (f"{name} = {quantity}" for name, quantity in model.initial.items())
@@ -31,7 +31,7 @@ def lines_of(model: Model) -> Iterator[str]:
 
 
 def at_rest(velocities: Sequence[str]) -> Iterator[str]:
-    """Say which velocities were not given."""
+    """Report the velocities that were not given."""
     if velocities:
         yield f"at rest   {', '.join(velocities)}: [initial] gives none, so that they are 0 at the start"
 
@@ -43,11 +43,15 @@ def _motion(model: Model) -> Iterator[str]:
             for j, other in enumerate(model.coordinates)
             if (i, j) in model.statement.mass_entries
         ]
-        acting = [term for term, parts in model.force_components.items() if name in parts]
+        acting = [term for term, components in model.force_components.items() if name in components]
         yield f"motion    {' + '.join(inertia)} = {' + '.join(acting) or '0'}"
-    for term, parts in model.force_components.items():
-        for name, one in parts.items():
-            body = f"{one.name}({', '.join(one.arguments)})" if isinstance(one, Function) else text_of(one)
+    for term, components in model.force_components.items():
+        for name, component in components.items():
+            body = (
+                f"{component.name}({', '.join(component.arguments)})"
+                if isinstance(component, Function)
+                else text_of(component)
+            )
             yield f"force     {term} of {name} = {body}"
     for name, definition in model.definitions.items():
         yield f"with      {name} = {text_of(definition)}"
@@ -68,33 +72,33 @@ def _occasions(model: Model) -> Iterator[str]:
         yield f"contact   {name}: {text_of(contact.gap)} >= 0, restitution {text_of(contact.restitution)}, {contact.tangential}"
     for name, friction in model.frictions.items():
         yield f"friction  {name}: at most {text_of(friction.static)} against {text_of(friction.slip)}, {text_of(friction.kinetic)} while it slips"
-    if hidden := [one.name for one in switches(model)]:
+    if hidden := [switch.name for switch in switches(model)]:
         yield f"switches  {', '.join(hidden)}: kinks and jumps inside forces, which are located"
 
 
 def _scales(model: Model) -> Iterator[str]:
-    """Say time scales and steps about the start, or why they are not known there."""
+    """Report time scales and suitable steps at the start, or why they are unknown there."""
     steps: dict[str, float] = {}
     second = behind(model.time_unit)
     try:
-        found = modes(model)
+        spectrum = modes(model)
     except InputError as error:
         yield f"scales    not known at the start: {error}"
     else:
-        periods = [f"{one:.4g}{second}" for one in found["period"].values if 0.0 < one < float("inf")]
-        fastest = float(found["fastest_time_scale"])
+        periods = [f"{one:.4g}{second}" for one in spectrum["period"].values if 0.0 < one < float("inf")]
+        fastest = float(spectrum["fastest_time_scale"])
         scale = (
             f"fastest {fastest:.4g}{second}" if fastest < float("inf") else "none at the start: nothing turns or decays"
         )
         yield f"scales    {scale}{'; periods ' if periods else ''}{', '.join(periods[:4])}"
-        steps = dict(zip(METHODS, found["suggested_step"].values.tolist(), strict=True))
+        steps = dict(zip(METHODS, spectrum["suggested_step"].values.tolist(), strict=True))
     refused: dict[str, list[str]] = {}
     for name, one in METHODS.items():
         if why := one.refusals(model):
             refused.setdefault("; ".join(why), []).append(name)
             continue
-        near = steps.get(name, float("nan"))
-        step = "" if not 0.0 < near < float("inf") else f", a step of {near:.2g}{second} to begin with"
+        suggested = steps.get(name, float("nan"))
+        step = "" if not 0.0 < suggested < float("inf") else f", a step of {suggested:.2g}{second} to begin with"
         yield f"method    {name}: order {one.order}{', chooses steps' if one.estimate else ''}{step}"
     for reason, names in refused.items():
         yield f"not by    {', '.join(names)}: {reason}"
