@@ -45,7 +45,7 @@ class About:
 
     @cached_property
     def units(self) -> Units:
-        """The unit of everything in it."""
+        """The unit of every quantity of the march."""
         return Units(self)
 
 
@@ -58,14 +58,14 @@ class Units:
         self.time = self.scales.of(TIME)
         self.known = dict(about.model.units)
         model = about.model
-        known = model.dimensions
+        dimensions = model.dimensions
         for i, (name, one) in enumerate(model.coordinates.items()):
             self.known[schema.acceleration(name)] = one.unit.per(model.time_unit, 2)
-            mass = dimension_of(model.mass[i][i], known)
-            needed = spell(mass * known[name] / model.time_unit.dimension**2, angle=known[name] == NONE)
-            for term, parts in model.force_components.items():
-                if name in parts:
-                    self.known[schema.force(term, name)] = needed
+            mass = dimension_of(model.mass[i][i], dimensions)
+            force_unit = spell(mass * dimensions[name] / model.time_unit.dimension**2, angle=dimensions[name] == NONE)
+            for term, components in model.force_components.items():
+                if name in components:
+                    self.known[schema.force(term, name)] = force_unit
         self.known |= {name: spell(one) for name, one in reaction_dimensions(model).items()}
         for name, state in model.states.items():
             self.known[schema.rate(name)] = state.unit.per(model.time_unit)
@@ -82,14 +82,15 @@ class Units:
             return spell(layout.energy_dimension or NONE)
         if name in layout.gaps:
             return spell(dimension_of(layout.gaps[name], self.about.model.dimensions))
-        chosen = self.about.model.observed.get(name)
-        if chosen is not None and chosen.unit is not None:
-            return chosen.unit
-        known = self.about.model.dimensions
+        observable = self.about.model.observed.get(name)
+        if observable is not None and observable.unit is not None:
+            return observable.unit
+        dimensions = self.about.model.dimensions
         accelerations = {
-            schema.acceleration(one): known[one] / self.about.model.time_unit.dimension**2 for one in layout.coordinates
+            schema.acceleration(coordinate): dimensions[coordinate] / self.about.model.time_unit.dimension**2
+            for coordinate in layout.coordinates
         }
-        return spell(dimension_of(self.about.model.observables[name], known | accelerations))
+        return spell(dimension_of(self.about.model.observables[name], dimensions | accelerations))
 
 
 def row_of(index: int, factor: float) -> Callable[[Block], Array]:
@@ -113,7 +114,7 @@ def event_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[Block], Ar
 
 
 def times(values: Array, factor: float) -> Array:
-    """Multiply, where that changes anything."""
+    """Multiply by a factor; return the same array if the factor is 1."""
     if factor == 1.0:
         return values
     scaled: Array = values * factor

@@ -1,4 +1,4 @@
-"""How a Dataset departs from the schema: attributes, variables, and the values that others are looked up with."""
+"""How a Dataset departs from the schema: attributes, variables, and values that index others."""
 
 from __future__ import annotations
 
@@ -62,23 +62,23 @@ def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> li
     ----------
     run : xarray.Dataset
     values : bool
-        Whether to read the times and flags too, or of all values those of events alone.
+        Whether to read times and flags too; else only the values of events.
     whole : bool
-        Whether a record that does not say it is a selection or derived data has to have all that a run has.
+        Whether a record not marked as a selection or derived data must have all that a run has.
     """
     whole = whole and is_whole(run.attrs)
-    named = {variable.name: variable for variable in FIXED}
+    expected = {fixed.name: fixed for fixed in FIXED}
     placed = is_run(run.attrs)
-    found = {
-        name: [*_variable(str(name), one, named.get(str(name)) if placed else None, placed=placed)]
-        for name, one in run.variables.items()
+    variable_faults = {
+        name: [*_variable(str(name), variable, expected.get(str(name)) if placed else None, placed=placed)]
+        for name, variable in run.variables.items()
     }
     faults = [*_attributes(run.attrs), *(_missing(run) if whole else ())]
     if STEPS in run.dims and not run.sizes[STEPS]:
         faults.append(f"dimension '{STEPS}' has no row, needs one at least")
-    faults += [f"variable {str(name)!r} {fault}" for name, ones in found.items() for fault in ones]
-    # values are looked at where they are what they have to be
-    sound = {str(name): run.variables[name] for name, ones in found.items() if not ones}
+    faults += [f"variable {str(name)!r} {fault}" for name, listed in variable_faults.items() for fault in listed]
+    # values are checked only of variables without faults
+    sound = {str(name): run.variables[name] for name, listed in variable_faults.items() if not listed}
     rows = run.sizes.get(STEPS, 0)
     faults += _rows(sound, rows) if whole else ()  # a selection's events name rows of the whole run
     return [*faults, *_flags(sound, everywhere=values), *(_times(sound) if values else ())]
@@ -127,43 +127,48 @@ def _missing(run: xr.Dataset) -> Iterator[str]:
         yield f"variable '{GIVEN_STEP.name}' is missing"
 
 
-def _variable(name: str, one: xr.Variable, expected: Variable | None, *, placed: bool) -> Iterator[str]:
-    """List what is wrong with a variable as such, and if it has its place in a record, there."""
-    about = one.attrs
+def _variable(name: str, variable: xr.Variable, expected: Variable | None, *, placed: bool) -> Iterator[str]:
+    """List the faults of a variable and, in a run record, of its place there."""
+    attributes = variable.attrs
     if not _is_name(name):
         yield "has a name that no file can keep"
-    if expected and tuple(one.dims) != expected.dims:
-        yield f"has dims {tuple(one.dims)}, needs {expected.dims}"
-    elif expected and expected.dtype != "U" and one.dtype != np.dtype(expected.dtype):
-        yield f"has the type {one.dtype}, needs {np.dtype(expected.dtype)}"
-    elif (one.dtype.kind in "UO" and one.dims and placed) or (
-        one.dtype.kind not in "UO" and one.dtype.str[1:] not in STORED
+    if expected and tuple(variable.dims) != expected.dims:
+        yield f"has dims {tuple(variable.dims)}, needs {expected.dims}"
+    elif expected and expected.dtype != "U" and variable.dtype != np.dtype(expected.dtype):
+        yield f"has the type {variable.dtype}, needs {np.dtype(expected.dtype)}"
+    elif (variable.dtype.kind in "UO" and variable.dims and placed) or (
+        variable.dtype.kind not in "UO" and variable.dtype.str[1:] not in STORED
     ):
-        yield f"has the type {one.dtype}, needs numbers, or one text without a dimension"
-    yield from (f"has no attribute '{word}'" for word in NEEDED if word not in about)
+        yield f"has the type {variable.dtype}, needs numbers, or one text without a dimension"
+    yield from (f"has no attribute '{word}'" for word in NEEDED if word not in attributes)
     texts = (*NEEDED, "flag_meanings")
     yield from (
-        f"has the attribute {word} = {_short(about[word])}, needs a text"
+        f"has the attribute {word} = {_short(attributes[word])}, needs a text"
         for word in texts
-        if word in about and not isinstance(about[word], str)
+        if word in attributes and not isinstance(attributes[word], str)
     )
     yield from (
-        f"has the attribute {word} = {_short(about[word])}, needs a number"
+        f"has the attribute {word} = {_short(attributes[word])}, needs a number"
         for word in ("uncertainty", "atol", "atol_si")
-        if word in about and not _is_number(about[word])
+        if word in attributes and not _is_number(attributes[word])
     )
-    yield from (f": {fault}" for fault in unkeepable(about))
-    role = about.get("role")
+    yield from (f": {fault}" for fault in unkeepable(attributes))
+    role = attributes.get("role")
     needed = (STEPS,) if role in ALONG_STEPS else () if role == "parameter" else None
-    if placed and needed is not None and isinstance(role, str) and (tuple(one.dims) != needed or one.dtype.kind != "f"):
-        yield f"is a {role} along {tuple(one.dims)} of type {one.dtype}, needs {needed} and float64"
+    if (
+        placed
+        and needed is not None
+        and isinstance(role, str)
+        and (tuple(variable.dims) != needed or variable.dtype.kind != "f")
+    ):
+        yield f"is a {role} along {tuple(variable.dims)} of type {variable.dtype}, needs {needed} and float64"
     timeless = (
-        expected is not None and expected.units == "s" and about.get("units") == "1"
-    )  # of a model without units of time
-    if expected and "units" in about and about["units"] != expected.units and not timeless:
-        yield f"has units {_short(about['units'])}, needs '{expected.units}'"
+        expected is not None and expected.units == "s" and attributes.get("units") == "1"
+    )  # a model with dimensionless time
+    if expected and "units" in attributes and attributes["units"] != expected.units and not timeless:
+        yield f"has units {_short(attributes['units'])}, needs '{expected.units}'"
     if role == "flag":
-        yield from _words(about)
+        yield from _words(attributes)
 
 
 def _words(about: Mapping[Any, Any]) -> Iterator[str]:
@@ -192,19 +197,19 @@ def unkeepable(attributes: Mapping[Any, Any]) -> Iterator[str]:
 
 def _rows(sound: Mapping[str, xr.Variable], rows: int) -> Iterator[str]:
     for name in ROWS:
-        found = np.asarray(sound[name].values) if name in sound else np.zeros(0)
-        wrong = np.flatnonzero((found < 0) | (found >= rows))
+        named_rows = np.asarray(sound[name].values) if name in sound else np.zeros(0)
+        wrong = np.flatnonzero((named_rows < 0) | (named_rows >= rows))
         if wrong.size:
-            yield f"variable '{name}' names row {found[wrong[0]]} at event {wrong[0]}, and there are {rows}"
+            yield f"variable '{name}' names row {named_rows[wrong[0]]} at event {wrong[0]}, and there are {rows}"
 
 
 def _flags(sound: Mapping[str, xr.Variable], *, everywhere: bool) -> Iterator[str]:
-    for name, one in sound.items():
-        if one.attrs["role"] == "flag" and (everywhere or EVENTS in one.dims):
-            found = np.asarray(one.values)
-            wrong = np.flatnonzero(~np.isin(found, np.atleast_1d(one.attrs["flag_values"])))
+    for name, variable in sound.items():
+        if variable.attrs["role"] == "flag" and (everywhere or EVENTS in variable.dims):
+            values = np.asarray(variable.values)
+            wrong = np.flatnonzero(~np.isin(values, np.atleast_1d(variable.attrs["flag_values"])))
             if wrong.size:
-                yield f"variable '{name}' has the value {found.flat[wrong[0]]} at {wrong[0]}, which no word in flag_meanings stands for"
+                yield f"variable '{name}' has the value {values.flat[wrong[0]]} at {wrong[0]}, which no word in flag_meanings stands for"
 
 
 def _times(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
@@ -223,8 +228,8 @@ def _times(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
 
 
 def _is_number(value: Any) -> bool:
-    one = plain({"": value})[""]
-    return isinstance(one, int) or (isinstance(one, float) and isfinite(one))
+    number = plain({"": value})[""]
+    return isinstance(number, int) or (isinstance(number, float) and isfinite(number))
 
 
 def _is_name(name: str) -> bool:

@@ -1,4 +1,4 @@
-"""A march as one Dataset, and what a Dataset needs to be a run record."""
+"""A march as one Dataset, and the check that a Dataset is a run record."""
 
 from __future__ import annotations
 
@@ -34,50 +34,50 @@ def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, A
     ----------
     march : March
     blocks : iterable of Block
-        Blocks that are not filled again, as `March.blocks` gives them without a size.
+        Blocks whose memory is not reused, as `March.blocks` yields them without a size.
     before : iterable of (str, ndarray)
-        Rows that stand before those of the march, taken before its first block is asked for.
+        Rows that precede those of the march, taken before its first block is requested.
     """
     spec = columns(march)
-    parts: dict[str, list[Array]] = {column.variable.name: [] for column in spec}
+    pieces: dict[str, list[Array]] = {column.variable.name: [] for column in spec}
     for name, values in before:
-        parts[name].append(values)
+        pieces[name].append(values)
     for block in chain(blocks, _rest(march)):
         for column in spec:
             taken = column.take(block)
-            parts[column.variable.name].append(taken.copy() if march.settings.log != FULL else taken)
-    more = followed_tolerances(march)
-    filled = [(_described(column.variable, more), _joined(parts.pop(column.variable.name))) for column in spec]
+            pieces[column.variable.name].append(taken.copy() if march.settings.log != FULL else taken)
+    tolerances = followed_tolerances(march)
+    filled = [(_described(column.variable, tolerances), _joined(pieces.pop(column.variable.name))) for column in spec]
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     return _assembled(filled, provenance.attributes(march))
 
 
 def _assembled(filled: Iterable[tuple[Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:
-    """Return variables of one march as a Dataset, for which nothing has to be aligned, compared or copied.
+    """Return the variables of one march as a Dataset, without aligning, comparing or copying them.
 
-    xarray's own way takes each of some hundred variables apart several times, longer than a short march lasts; what it
-    makes in the end is this, and dimensions of unlike sizes are refused here too.
+    xarray's public constructor takes each of some hundred variables apart several times, longer than a short march lasts;
+    the result is the same, and dimensions of unequal sizes are refused here too.
     """
     import xarray as xr
 
-    # fastpath: xarray would import dask to find out that a numpy array is none of its own
+    # fastpath: xarray would import dask to find out that a numpy array is not a dask array
     variables = {
-        one.name: xr.Variable(one.dims, data, one.attributes, fastpath=True)
-        for one, data in sorted(filled, key=lambda each: each[0].name == TIME)
+        variable.name: xr.Variable(variable.dims, data, variable.attributes, fastpath=True)
+        for variable, data in sorted(filled, key=lambda pair: pair[0].name == TIME)
     }
     return xr.Dataset._construct_direct(variables, {TIME}, attrs=attributes)  # noqa: SLF001
 
 
 def _rest(march: March) -> Iterator[Block]:
-    """Yield the last row of an interrupted march, where it is behind those that are kept."""
+    """Yield the last row of an interrupted march, if it follows those that were kept."""
     if (rest := march.rest()) is not None:
         yield rest
 
 
-def _described(variable: Variable, more: Mapping[str, Mapping[str, Any]]) -> Variable:
-    """Return a variable with what is known of it behind the march."""
-    known = more.get(variable.name)
-    return replace(variable, more={**variable.more, **known}) if known else variable
+def _described(variable: Variable, tolerances: Mapping[str, Mapping[str, Any]]) -> Variable:
+    """Return a variable with the attributes that are known after the march."""
+    extra = tolerances.get(variable.name)
+    return replace(variable, more={**variable.more, **extra}) if extra else variable
 
 
 def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:
@@ -94,7 +94,7 @@ def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:
 
 
 def check_kind(run: Any) -> None:
-    """Refuse what is plainly no run record, without reading it.
+    """Check that an object looks like a run record, without reading its values.
 
     Raises
     ------
@@ -115,5 +115,5 @@ def check_kind(run: Any) -> None:
         )
 
 
-def _joined(parts: list[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+def _joined(pieces: list[Array]) -> Array:
+    return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)

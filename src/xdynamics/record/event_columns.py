@@ -1,4 +1,4 @@
-"""What the record says of events: when, which and how sure, what was there on either side, what an impact took."""
+"""Columns of the events: when, which and how certain, the values there, and the effects of impacts."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def event_columns(about: About) -> list[Column]:
     def uncertainty(block: Block) -> Array:
         if not block.events:  # most blocks have none
             return np.zeros(0)
-        # of a time between two floats nobody knows more than that
+        # no time is known better than half the spacing of floats
         least = np.spacing(np.abs(times(block.log.events["time"][: block.events], time))) / 2.0
         return np.maximum(sum(part(block) for part in parts), least)
 
@@ -52,19 +52,19 @@ def event_columns(about: About) -> list[Column]:
         event_of("kind", "i1"),
         event_of("direction", "i1"),
     )
-    found = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
-    found += [Column(variable, take) for variable, take in zip(schema.EVENT_UNCERTAINTIES, parts, strict=True)]
+    collected = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
+    collected += [Column(variable, take) for variable, take in zip(schema.EVENT_UNCERTAINTIES, parts, strict=True)]
     names = labels(about.layout.watched)
-    owners = np.array([names.index(one.name) for one in about.layout.watched] or [0], np.int8)
-    more = schema.flags(dict(enumerate(names)) or {0: "none"}) | _detectors(about)
-    detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", more)
-    found.append(Column(detector, lambda block: owners[block.log.events["detector"][: block.events]]))
-    found += _values(about)
-    found += _positions(about)
-    found += _observed(about, uncertainty)
+    owners = np.array([names.index(watched.name) for watched in about.layout.watched] or [0], np.int8)
+    extra = schema.flags(dict(enumerate(names)) or {0: "none"}) | _detectors(about)
+    detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", extra)
+    collected.append(Column(detector, lambda block: owners[block.log.events["detector"][: block.events]]))
+    collected += _values(about)
+    collected += _positions(about)
+    collected += _observed(about, uncertainty)
     for i, name in enumerate(model.coordinates):
         impulse = _impulse_unit(model, i, name)
-        found += [
+        collected += [
             Column(Variable(f"event_impulse_{name}", (EVENTS,), "f8", impulse.text, f"contact impulse along {name}", "event", _laws(model)), _impulse(about, i, impulse)),
             Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"shift of {name} at the event, by a reset or by contacts that come to rest; those of one time add up; 0 where none was", "event"), _offset(about, i, units.known[name])),
         ]  # fmt: skip
@@ -73,36 +73,36 @@ def event_columns(about: About) -> list[Column]:
             _impulse_unit(model, 0, name := next(iter(model.coordinates))).dimension
             * model.dimensions[schema.velocity(name)]
         )
-        said = "energy that the motion lost in the impact, or in bounces that were skipped, relative to a surface that moves"
-        lost = Variable("event_energy_lost", (EVENTS,), "f8", energy.text, said, "event")
-        found.append(Column(lost, _impulse(about, len(model.coordinates), energy)))
-    return found
+        long_name = "energy that the motion lost in the impact, or in bounces that were skipped, relative to a surface that moves"
+        lost = Variable("event_energy_lost", (EVENTS,), "f8", energy.text, long_name, "event")
+        collected.append(Column(lost, _impulse(about, len(model.coordinates), energy)))
+    return collected
 
 
 def _impulse(about: About, i: int, unit: Unit) -> Callable[[Block], Array]:
-    """Impulses along a coordinate, or behind the last one the energy; none without contacts."""
+    """Take the impulses along a coordinate, or past the last one the lost energy; zeros without contacts."""
     factor = about.units.factor(unit)
     return (lambda block: times(block.log.impulses[i, : block.events], factor)) if about.layout.reactions else _nothing
 
 
 def _offset(about: About, i: int, unit: Unit) -> Callable[[Block], Array]:
-    """Shifts of a coordinate; none where nothing sets one and there are no contacts."""
+    """Take the shifts of a coordinate; zeros if nothing sets one and there are no contacts."""
     layout, factor = about.layout, about.units.factor(unit)
-    place = i - len(layout.coordinates)
+    row = i - len(layout.coordinates)
     return (
-        (lambda block: times(block.log.impulses[place, : block.events], factor))
+        (lambda block: times(block.log.impulses[row, : block.events], factor))
         if layout.reactions or layout.resets
         else _nothing
     )
 
 
 def _laws(model: Model) -> dict[str, str]:
-    """Say by which law impacts are computed, and in which order."""
+    """Return the law of impacts, and the order in which they are computed."""
     if not model.contacts:
         return {}
-    one = next(iter(model.contacts.values()))
-    restitutions = "; ".join(f"{name}: {text_of(one.restitution)}" for name, one in model.contacts.items())
-    return {"impact_law": one.law, "impact_order": " ".join(model.contacts), "restitution": restitutions}
+    contact = next(iter(model.contacts.values()))
+    restitutions = "; ".join(f"{name}: {text_of(contact.restitution)}" for name, contact in model.contacts.items())
+    return {"impact_law": contact.law, "impact_order": " ".join(model.contacts), "restitution": restitutions}
 
 
 def _bracket(factor: float) -> Callable[[Block], Array]:
@@ -121,10 +121,10 @@ def _left_over(about: About) -> Callable[[Block], Array]:
             return np.zeros(0)
         events = block.log.events[: block.events]
         residual, slope, kind = events["residual"], events["slope"], events["kind"]
-        # a vanishing slope makes this part infinite, which is what a tangent crossing is worth
+        # a vanishing slope makes this part infinite, as it should be for a tangent crossing
         with np.errstate(divide="ignore", invalid="ignore"):
             left = np.where(residual == 0.0, 0.0, np.abs(residual / slope))
-        # where a function jumps its value says nothing; where it cannot be told from zero, for how long does
+        # where a function jumps its value is no measure; where it is indistinguishable from zero, the duration of that is
         left = np.where(np.isin(kind, [schema.JUMP, schema.POLE]), 0.0, left)
         return times(
             np.where(np.isin(kind, [schema.TOUCH, schema.CLUSTER, schema.REST]), events["murk"] / 2.0, left), factor
@@ -134,42 +134,49 @@ def _left_over(about: About) -> Callable[[Block], Array]:
 
 
 def _detectors(about: About) -> dict[str, str]:
-    """Say of every event its function, direction, action and tolerances; of contacts and friction their rules."""
+    """Describe every event by its function, direction, action and tolerances, contacts and friction by their rules."""
     model = about.model
-    parts: dict[str, Mapping[str, Any]] = {"": model.events, "contact_": model.contacts, "friction_": model.frictions}
-    said: list[tuple[str, str, Callable[[Any], Any]]] = [
-        ("", "functions", lambda one: _text(one.function)),
-        ("", "directions", lambda one: one.direction),
-        ("", "actions", lambda one: one.action),
-        ("contact_", "gaps", lambda one: text_of(one.gap)),
-        ("contact_", "laws", lambda one: one.law),
-        ("contact_", "restitutions", lambda one: text_of(one.restitution)),
+    elements: dict[str, Mapping[str, Any]] = {
+        "": model.events,
+        "contact_": model.contacts,
+        "friction_": model.frictions,
+    }
+    entries: list[tuple[str, str, Callable[[Any], Any]]] = [
+        ("", "functions", lambda element: _text(element.function)),
+        ("", "directions", lambda element: element.direction),
+        ("", "actions", lambda element: element.action),
+        ("contact_", "gaps", lambda element: text_of(element.gap)),
+        ("contact_", "laws", lambda element: element.law),
+        ("contact_", "restitutions", lambda element: text_of(element.restitution)),
         ("contact_", "tangential_rules", _tangential),
-        ("contact_", "rest_heights", lambda one: one.rest_height or "1e-9 of the largest gap so far"),
+        ("contact_", "rest_heights", lambda element: element.rest_height or "1e-9 of the largest gap so far"),
         ("friction_", "rules", _rule),
-        *((kind, "time_tolerances", lambda one: one.time_tolerance or "solver_time_tolerance") for kind in parts),
         *(
-            (kind, "position_tolerances", lambda one: one.position_tolerance or TIME_LEAVES)
+            (kind, "time_tolerances", lambda element: element.time_tolerance or "solver_time_tolerance")
+            for kind in elements
+        ),
+        *(
+            (kind, "position_tolerances", lambda element: element.position_tolerance or TIME_LEAVES)
             for kind in ("", "contact_")
         ),
     ]
     return {
-        f"{kind}{what}": "; ".join(f"{name}: {text(one)}" for name, one in parts[kind].items())
-        for kind, what, text in said
-        if parts[kind]
+        f"{kind}{what}": "; ".join(f"{name}: {text(element)}" for name, element in elements[kind].items())
+        for kind, what, text in entries
+        if elements[kind]
     }
 
 
-def _tangential(one: Contact) -> str:
-    """Say what a contact does along its surface."""
-    if one.slip is None or one.friction is None or one.static is None:
-        return one.tangential
-    return f"{one.tangential}, slip {text_of(one.slip)}, friction {text_of(one.friction)}, static {text_of(one.static)}"
+def _tangential(contact: Contact) -> str:
+    """Describe how a contact acts along its surface."""
+    if contact.slip is None or contact.friction is None or contact.static is None:
+        return contact.tangential
+    return f"{contact.tangential}, slip {text_of(contact.slip)}, friction {text_of(contact.friction)}, static {text_of(contact.static)}"
 
 
-def _rule(one: Friction) -> str:
-    """Say what a friction element does."""
-    return f"slip {text_of(one.slip)}, kinetic {text_of(one.kinetic)}, static {text_of(one.static)}"
+def _rule(friction: Friction) -> str:
+    """Describe the rule of a friction element."""
+    return f"slip {text_of(friction.slip)}, kinetic {text_of(friction.kinetic)}, static {text_of(friction.static)}"
 
 
 def _text(function: Node | Function) -> str:
@@ -192,57 +199,61 @@ _WATCHED = {
 
 
 def _values(about: About) -> list[Column]:
-    """Values of the event functions at the accepted states, and what they are uncertain by; several units are said in words."""
+    """Return the event functions at the accepted states with their uncertainties; several units are listed in a comment."""
     model, scales = about.model, about.scales
     watched = about.layout.watched
-    dimensions = [function_dimension(model, one) for one in watched]
+    dimensions = [function_dimension(model, detector) for detector in watched]
     texts = [_unit_text(dimension) for dimension in dimensions]
     shared = set(texts)
-    more: dict[str, Any] = {}
+    extra: dict[str, Any] = {}
     if len(shared) > 1:
-        named = (f"{one.name}{_WATCHED[one.role]} {text}" for one, text in zip(watched, texts, strict=True))
-        more["comment"] = "SI unit by event: " + ", ".join(named)
+        listed = (
+            f"{detector.name}{_WATCHED[detector.role]} {text}" for detector, text in zip(watched, texts, strict=True)
+        )
+        extra["comment"] = "SI unit by event: " + ", ".join(listed)
     factors = np.array([scales.of(dimension) for dimension in dimensions] or [1.0])
     unit = shared.pop() if len(shared) == 1 else "1"
 
     def taken(name: str) -> Callable[[Block], Array]:
         def take(block: Block) -> Array:
             events = block.log.events[: block.events]
-            found: Array = events[name] * factors[events["detector"]]
-            return found
+            values: Array = events[name] * factors[events["detector"]]
+            return values
 
         return take
 
-    said = "uncertainty of the event function at the accepted state: rounding, and of a model's own events the estimated error of the step"
+    long_name = "uncertainty of the event function at the accepted state: rounding, and of a model's own events the estimated error of the step"
     return [
-        Column(Variable("event_residual", (EVENTS,), "f8", unit, "event function at the accepted state", "event", more), taken("residual")),
-        Column(Variable("event_function_uncertainty", (EVENTS,), "f8", unit, said, "event", more), taken("uncertainty")),
+        Column(Variable("event_residual", (EVENTS,), "f8", unit, "event function at the accepted state", "event", extra), taken("residual")),
+        Column(Variable("event_function_uncertainty", (EVENTS,), "f8", unit, long_name, "event", extra), taken("uncertainty")),
         Column(Variable("event_substeps", (EVENTS,), "i4", "1", "steps that were re-integrated to find and locate it", "event"), event_of("substeps", "i4")),
     ]  # fmt: skip
 
 
 def _positions(about: About) -> list[Column]:
-    """Say of every event whether it is as near to its zero as was asked for, where that was asked for."""
+    """Return, for every event with a position tolerance, whether it is met."""
     watched = about.layout.watched
-    if all(one.position_tolerance is None for one in watched):
+    if all(detector.position_tolerance is None for detector in watched):
         return []
     scales, model = about.scales, about.model
-    asked = np.array([np.inf if one.position_tolerance is None else one.position_tolerance.si / scales.of(function_dimension(model, one)) for one in watched])  # fmt: skip
+    tolerances = np.array([np.inf if detector.position_tolerance is None else detector.position_tolerance.si / scales.of(function_dimension(model, detector)) for detector in watched])  # fmt: skip
 
     def take(block: Block) -> Array:
         events = block.log.events[: block.events]
-        within = asked[events["detector"]]
-        met = np.where(np.abs(events["residual"]) <= within, schema.NEAR, schema.FAR)
-        return np.where(np.isinf(within), schema.UNASKED, met).astype("i1")
+        within = tolerances[events["detector"]]
+        position = np.where(np.abs(events["residual"]) <= within, schema.NEAR, schema.FAR)
+        return np.where(np.isinf(within), schema.UNASKED, position).astype("i1")
 
-    said = "whether the accepted state is as near to the zero of the event function as its position tolerance asks for"
-    more = schema.flags(dict(enumerate(schema.EVENT_POSITIONS)))
-    return [Column(Variable("event_position", (EVENTS,), "i1", "1", said, "flag", more), take)]
+    long_name = (
+        "whether the accepted state is as near to the zero of the event function as its position tolerance asks for"
+    )
+    extra = schema.flags(dict(enumerate(schema.EVENT_POSITIONS)))
+    return [Column(Variable("event_position", (EVENTS,), "i1", "1", long_name, "flag", extra), take)]
 
 
 def _observed(about: About, uncertainty: Callable[[Block], Array]) -> list[Column]:
-    """Observables at the accepted states, and what not knowing the time better makes of them."""
-    units, layout, found = about.units, about.layout, []
+    """Return the observables at the accepted states, and their uncertainty due to that of the event's time."""
+    units, layout, collected = about.units, about.layout, []
     rates, places = list(layout.followed), {name: i for i, name in enumerate(layout.row)}
 
     def value(place: int, factor: float) -> Callable[[Block], Array]:
@@ -260,12 +271,12 @@ def _observed(about: About, uncertainty: Callable[[Block], Array]) -> list[Colum
         variable = Variable(
             f"event_{name}", (EVENTS,), "f8", unit.text, f"{name} at the state before the event", "event"
         )
-        found.append(Column(variable, value(places[name], units.factor(unit))))
+        collected.append(Column(variable, value(places[name], units.factor(unit))))
         if name in rates:
-            said = f"uncertainty of {name} at the event by event_time_uncertainty"
-            variable = Variable(f"event_{name}_uncertainty", (EVENTS,), "f8", unit.text, said, "event")
-            found.append(Column(variable, doubt(rates.index(name), units.factor(unit) / units.time)))
-    return found
+            long_name = f"uncertainty of {name} at the event by event_time_uncertainty"
+            variable = Variable(f"event_{name}_uncertainty", (EVENTS,), "f8", unit.text, long_name, "event")
+            collected.append(Column(variable, doubt(rates.index(name), units.factor(unit) / units.time)))
+    return collected
 
 
 def _unit_text(dimension: Dimension) -> str:
@@ -276,8 +287,8 @@ def _unit_text(dimension: Dimension) -> str:
 
 
 def _impulse_unit(model: Model, i: int, name: str) -> Unit:
-    known = model.dimensions
-    return spell(dimension_of(model.mass[i][i], known) * known[schema.velocity(name)])
+    dimensions = model.dimensions
+    return spell(dimension_of(model.mass[i][i], dimensions) * dimensions[schema.velocity(name)])
 
 
 def _nothing(block: Block) -> Array:

@@ -1,4 +1,4 @@
-"""How large a run's record is going to be, and whether there is room for it."""
+"""How large a run's record will be, and whether there is room for it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from xdynamics.kernels import Layout
 from xdynamics.march import March
 
 UNITS = {"B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
-SMALL = 1e6  # bytes of a log that are there or nothing is: nobody asks the system for it
-ROOM = 0.8  # of the memory that is free, which one log may take
+SMALL = 1e6  # bytes of a log that always fit, so that the free memory is not looked up
+ROOM = 0.8  # of the free memory, which one log may take
 
 
 def bytes_of_row(layout: Layout, samples: int) -> int:
@@ -32,7 +32,7 @@ def memory_asked(given: str | float | None) -> float | None:
     Raises
     ------
     InputError
-        If it is none.
+        If it is no positive size.
 
     Examples
     --------
@@ -41,9 +41,9 @@ def memory_asked(given: str | float | None) -> float | None:
     """
     if given is None:
         return None
-    found = re.fullmatch(r"\s*([0-9.eE+]+)\s*([kMGT]?B)?\s*", str(given))
+    match = re.fullmatch(r"\s*([0-9.eE+]+)\s*([kMGT]?B)?\s*", str(given))
     try:
-        size = float(found[1]) * UNITS[found[2] or "B"] if found and not isinstance(given, bool) else 0.0
+        size = float(match[1]) * UNITS[match[2] or "B"] if match and not isinstance(given, bool) else 0.0
     except ValueError:
         size = 0.0
     if not 0.0 < size < float("inf"):
@@ -53,10 +53,10 @@ def memory_asked(given: str | float | None) -> float | None:
 
 def free_memory() -> float:
     """Return how many bytes of memory this process can have: what the system says is available, or its own limit."""
-    found = float("inf")
+    available = float("inf")
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        found = next(1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+        available = next(1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
     except (OSError, StopIteration, ValueError):  # no Linux: nothing is known
         pass
     try:
@@ -64,10 +64,10 @@ def free_memory() -> float:
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
         used = 4096.0 * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        found = min(found, limit - used) if limit != resource.RLIM_INFINITY else found
+        available = min(available, limit - used) if limit != resource.RLIM_INFINITY else available
     except (ImportError, OSError, ValueError):
         pass
-    return max(found, 0.0)
+    return max(available, 0.0)
 
 
 def said(size: float) -> str:
@@ -83,22 +83,22 @@ def said(size: float) -> str:
 
 
 def check_room(march: March, memory: str | float | None = None, path: Any = None) -> None:
-    """Refuse a march whose log would not fit, before it starts; of chosen steps the rows are not known.
+    """Check before a march that its log will fit; with adaptive steps the number of rows is unknown, and nothing is checked.
 
     Parameters
     ----------
     march : March
     memory : str or float, optional
-        The most that a log may take which is kept in memory; by default four fifths of what is free.
+        The most that a log kept in memory may take; by default four fifths of the free memory.
     path : str or Path, optional
-        Where it is streamed to, in bounded memory.
+        The file that the log is streamed to, in bounded memory.
 
     Raises
     ------
     InputError
-        With the rows, what they take and what there is.
+        With the number of rows, the room that they take and the room that is available.
     """
-    asked, rows = memory_asked(memory), march.expected_rows
+    allowed, rows = memory_asked(memory), march.expected_rows
     if rows is None:
         return
     kept = rows / march.settings.keep_every
@@ -116,11 +116,11 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
                 f"{what}, and the disk of '{path}' has {said(free)} free; take a longer step or an earlier end"
             )
         return
-    if asked is None and needed < SMALL:
+    if allowed is None and needed < SMALL:
         return
-    room = ROOM * free_memory() if asked is None else asked
+    room = ROOM * free_memory() if allowed is None else allowed
     if needed > room:
-        there = f"{said(room)} of memory {'can be had' if asked is None else 'were allowed'}"
+        limit = f"{said(room)} of memory {'can be had' if allowed is None else 'were allowed'}"
         raise InputError(
-            f"{what}, and {there}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer step or an earlier end"
+            f"{what}, and {limit}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer step or an earlier end"
         )

@@ -1,4 +1,4 @@
-"""What a march is of: model, settings, program, as words that can be compared one by one."""
+"""The identity of a march: model, settings and program, as words that can be compared one by one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from xdynamics.units import Unit
 if TYPE_CHECKING:
     import xarray as xr
 
-_SHOWN = 60  # characters of a value that are kept; of longer ones their digest is
+_SHOWN = 60  # characters of a value that are kept; longer values are abbreviated with a digest
 
 
 def identity(march: March) -> dict[str, str]:
@@ -29,21 +29,21 @@ def identity(march: March) -> dict[str, str]:
         "math_functions": march.settings.math_functions,
         "law": force_digest(march),
     }
-    said = dict(_words("", replace(march.settings, compress=False))) | dict(
+    words = dict(_words("", replace(march.settings, compress=False))) | dict(
         _words("model", tomllib.loads(march.model.to_toml()))
     )
-    return {name: _short(value) for name, value in (said | program).items()}
+    return {name: _short(value) for name, value in (words | program).items()}
 
 
 def apart(kept: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
-    """Say in which words two marches differ; the law's digest only where nothing else does."""
+    """List the words in which two marches differ; the law's digest only if nothing else does."""
     names = [name for name in {**kept, **here} if kept.get(name) != here.get(name)]
     names = [name for name in names if name != "law"] or names
     return [f"{name} was {kept.get(name, 'not given')} and is {here.get(name, 'not given')}" for name in names]
 
 
 def is_of(run: xr.Dataset, march: March) -> bool:
-    """Whether a finished record is of a march's model and law, by this version; its settings are another matter."""
+    """Whether a finished record is of a march's model and law, by this version; settings are not compared."""
     here = {
         "model_digest": march.model.digest,
         "force_digest": force_digest(march),
@@ -55,7 +55,7 @@ def is_of(run: xr.Dataset, march: March) -> bool:
 
 
 def comes_of(run: xr.Dataset, march: March) -> bool:
-    """Whether a finished record is that of a march, its settings too."""
+    """Whether a finished record is that of a march, including its settings."""
     if not is_of(run, march):
         return False
     settings = settings_for(march.model, **asked_of(run))
@@ -63,13 +63,13 @@ def comes_of(run: xr.Dataset, march: March) -> bool:
 
 
 def same_settings(one: Settings, other: Settings, names: tuple[str, ...]) -> bool:
-    """Whether two marches of a model with these variables are told the same, be tolerances named or not."""
+    """Whether the settings of two marches of a model with these variables agree, however their tolerances are given."""
     return _named(one, names) == _named(other, names)
 
 
 def _named(settings: Settings, names: tuple[str, ...]) -> dict[str, Any]:
-    asked = settings.tolerances
-    absolute = {f"atol of {name}": asked.of(name) for name in names} if asked else {}
+    tolerances = settings.tolerances
+    absolute = {f"atol of {name}": tolerances.of(name) for name in names} if tolerances else {}
     return {
         name: value
         for name, value in _words("", replace(settings, compress=False))
@@ -81,12 +81,12 @@ def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:
     """Take a value apart into names and texts."""
     if isinstance(value, Method):
         yield name, value.name
-    elif isinstance(value, Unit):  # the model's own: nothing is asked by it
+    elif isinstance(value, Unit):  # the model's own, which is no setting
         return
     elif is_dataclass(value):
-        own = "" if isinstance(value, Settings | Tolerances | Pacing) else f"{name}."
+        prefix = "" if isinstance(value, Settings | Tolerances | Pacing) else f"{name}."
         for one in fields(value):
-            yield from _words(own + one.name, getattr(value, one.name))
+            yield from _words(prefix + one.name, getattr(value, one.name))
     elif isinstance(value, Mapping):
         for key, one in value.items():
             yield from _words(f"{name}.{key}", one)

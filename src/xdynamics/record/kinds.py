@@ -1,4 +1,4 @@
-"""Records that are no whole run: a selection of one, or data derived from one."""
+"""Records that are not a whole run: a selection of one, or data derived from one."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ RARE = f"one in {{0}} (keep_every = {{0}}): {COMPLETED}"
 
 
 def is_derived(attributes: Mapping[Any, Any]) -> bool:
-    """Tell whether a record says that it was made from a run by something else than a march."""
+    """Whether a record is marked as made from a run by anything but a march."""
     return DERIVED in attributes
 
 
 def is_selection(attributes: Mapping[Any, Any]) -> bool:
-    """Tell whether a record says that it is a part of a run, nothing in it changed."""
+    """Whether a record is marked as an unchanged part of a run."""
     return SELECTION_OF in attributes and not is_derived(attributes)
 
 
 def is_evidence(attributes: Mapping[Any, Any]) -> bool:
-    """Tell whether a record says that it was made to judge runs by."""
+    """Whether a record is marked as evidence, made to judge runs."""
     return EVIDENCE in attributes and not is_derived(attributes)
 
 
 def is_run(attributes: Mapping[Any, Any]) -> bool:
-    """Tell whether a record is a run or a part of one, as it was marched."""
+    """Whether a record is a run or a part of one, as it was marched."""
     return EVIDENCE not in attributes and not is_derived(attributes)
 
 
 def is_whole(attributes: Mapping[Any, Any]) -> bool:
-    """Tell whether a record is to have all that a run has."""
+    """Whether a record should have all that a run has."""
     return is_run(attributes) and not is_selection(attributes)
 
 
@@ -58,7 +58,7 @@ def rows_apart(attributes: Mapping[Any, Any]) -> int:
 
 
 def check_every_row(attributes: Mapping[Any, Any], what: str) -> None:
-    """Refuse a record without all rows for what is made of all.
+    """Check that a record has every row, for evidence that needs them all.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def check_every_row(attributes: Mapping[Any, Any], what: str) -> None:
 
 
 def said_of_log(attributes: Mapping[Any, Any]) -> str:
-    """Say which columns of its log a record has, and what adds the others; nothing where it has all."""
+    """Describe which columns of its log a record has, and what adds the others; empty if it has all."""
     if LOG not in attributes:
         return ""
     which = (
@@ -82,7 +82,7 @@ def said_of_log(attributes: Mapping[Any, Any]) -> str:
 
 
 def check_every_column(attributes: Mapping[Any, Any], what: str) -> None:
-    """Refuse a record without all columns for what is made of all.
+    """Check that a record has every column, for evidence that needs them all.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def check_every_column(attributes: Mapping[Any, Any], what: str) -> None:
 
 
 def said_of(attributes: Mapping[Any, Any]) -> str:
-    """Say in words what a record is that is no whole run; nothing of one that is."""
+    """Describe a record that is not a whole run; empty for one that is."""
     if is_derived(attributes):
         return f"derived data, no run: {attributes[DERIVED]}; from run {attributes.get(DERIVED_FROM, 'unknown')}"
     if is_evidence(attributes):
@@ -111,7 +111,7 @@ def left_out_atols(attributes: Mapping[Any, Any]) -> dict[str, tuple[float, str]
     Raises
     ------
     InputError
-        If the attribute is not as it was written.
+        If the attribute cannot be read.
     """
     text = str(attributes.get(LEFT_OUT_ATOL, "{}"))
     try:

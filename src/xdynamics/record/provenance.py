@@ -1,4 +1,4 @@
-"""What was used, how it ended, on what it ran: the global attributes of a record, and the way back from them."""
+"""What was used, how it ended, on what it ran: the global attributes of a record, and the arguments recovered from them."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def attributes(march: March) -> dict[str, Any]:
     """Return the global attributes: what was used, how it ended, on what it ran."""
     model, settings, method = march.model, march.settings, march.settings.method
     end = ending(march)
-    used: dict[str, Any] = {
+    recorded: dict[str, Any] = {
         "Conventions": schema.CONVENTIONS,
         "title": f"{model.name}, by {method.name}",
         "summary": model.description or f"Numerical trajectory of {model.name}",
@@ -89,37 +89,37 @@ def attributes(march: March) -> dict[str, Any]:
         "force_digest": force_digest(march),
     }
     if settings.keep_every > 1:
-        used |= {
+        recorded |= {
             schema.KEEP_EVERY: settings.keep_every,
             f"{schema.KEEP_EVERY}_rule": KEPT_ROWS,
             "run_rows": int(march.now.rows),
         }
     if settings.log != FULL:
-        said = settings.log if isinstance(settings.log, str) else schema.CHOSEN
-        used |= {schema.LOG: said, f"{schema.LOG}_rule": KEPT_COLUMNS}
-        used |= {} if isinstance(settings.log, str) else {schema.LOGGED: " ".join(settings.log)}
+        log = settings.log if isinstance(settings.log, str) else schema.CHOSEN
+        recorded |= {schema.LOG: log, f"{schema.LOG}_rule": KEPT_COLUMNS}
+        recorded |= {} if isinstance(settings.log, str) else {schema.LOGGED: " ".join(settings.log)}
         left_out = left_out_tolerances(march)
-        used |= {schema.LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
+        recorded |= {schema.LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
     if settings.compress:
-        used[schema.COMPRESSION] = schema.COMPRESSION_WORDS
+        recorded[schema.COMPRESSION] = schema.COMPRESSION_WORDS
     if settings.nodes:
-        used |= {"solver_nodes": np.array(settings.nodes), "solver_nodes_units": "s"}
+        recorded |= {"solver_nodes": np.array(settings.nodes), "solver_nodes_units": "s"}
     if settings.scales != UNSCALED:
         scales = settings.scales
-        used |= {"solver_length_scale": scales.length, "solver_length_scale_units": "m",
+        recorded |= {"solver_length_scale": scales.length, "solver_length_scale_units": "m",
                  "solver_time_scale": scales.time, "solver_time_scale_units": "s",
                  "solver_mass_scale": scales.mass, "solver_mass_scale_units": "kg"}  # fmt: skip
-    if model.time_unit != SECONDS:  # nor have settings that are times a unit
-        used |= {
+    if model.time_unit != SECONDS:  # settings that are times are dimensionless too
+        recorded |= {
             key: NUMBERS.text
-            for key, one in used.items()
-            if key.endswith("_units") and isinstance(one, str) and one == SECONDS.text
+            for key, value in recorded.items()
+            if key.endswith("_units") and isinstance(value, str) and value == SECONDS.text
         }
-    return used | circumstances("simulated")
+    return recorded | circumstances("simulated")
 
 
 def interpolation(scheme: Scheme, rule: str = REINTEGRATE) -> dict[str, Any]:
-    """Say what stands between the accepted states of a run."""
+    """Describe the interpolation between the accepted states of a run."""
     return {
         "solver_interpolation": scheme.interpolation(rule),
         "solver_interpolation_order": scheme.interpolation_order(rule),
@@ -127,14 +127,14 @@ def interpolation(scheme: Scheme, rule: str = REINTEGRATE) -> dict[str, Any]:
 
 
 def interpolation_orders(scheme: Scheme, layout: Layout, rule: str = REINTEGRATE) -> dict[str, int]:
-    """Return the order of that for every coordinate, velocity and state."""
+    """Return the order of the interpolation for every coordinate, velocity and state."""
     if rule == INTERPOLANT and scheme.extension == HERMITE:
         return {name: 5 if name in layout.coordinates else 3 for name in layout.used}
     return dict.fromkeys(layout.used, scheme.interpolation_order(rule))
 
 
 def force_digest(march: March) -> str:
-    """sha256 of the law's text and of every Python function: the revision of the force function."""
+    """Return the sha256 of the law's text and of every Python function: the revision of the force function."""
     functions = "".join(one.digest for one in march.model.python_functions)
     if not functions:
         return march.law.source_digest
@@ -142,22 +142,22 @@ def force_digest(march: March) -> str:
 
 
 def _switches(march: March) -> dict[str, str]:
-    """Say what was done about switches hidden in forces, where there are any."""
-    asked, watched = march.settings.switches, watched_switches(march.model)
+    """Describe the treatment of switches hidden in forces, if there are any."""
+    choice, watched = march.settings.switches, watched_switches(march.model)
     if not watched:
         return {}
-    if asked == STEPPED_OVER or not any(one.nested for one in watched):
-        return {"solver_switches": asked}
-    where = EVERYWHERE if asked == LOCATED_EVERYWHERE else "where the side of the where around them holds"
+    if choice == STEPPED_OVER or not any(switch.nested for switch in watched):
+        return {"solver_switches": choice}
+    where = EVERYWHERE if choice == LOCATED_EVERYWHERE else "where the side of the where around them holds"
     return {"solver_switches": LOCATED, "solver_switches_watched": where}
 
 
 def _switches_asked(used: dict[str, Any]) -> str:
-    """Return what a record says was done about switches."""
-    asked = str(used.get("solver_switches", STEPPED_OVER))  # before there were any, they were stepped over
-    # nor did version 0.2 say where they were looked for: it was everywhere
+    """Return the treatment of switches that a record reports."""
+    choice = str(used.get("solver_switches", STEPPED_OVER))  # records from before this setting stepped over them
+    # version 0.2 did not record where it looked for them: it was everywhere
     everywhere = used.get("solver_switches_watched", EVERYWHERE) == EVERYWHERE
-    return LOCATED_EVERYWHERE if asked == LOCATED and everywhere else asked
+    return LOCATED_EVERYWHERE if choice == LOCATED and everywhere else choice
 
 
 def root_method_of(used: Mapping[str, Any]) -> str:
@@ -167,29 +167,29 @@ def root_method_of(used: Mapping[str, Any]) -> str:
 
 
 def _time_scales(march: March) -> dict[str, Any]:
-    """Say how steps compare with the fastest time scale, and the span with the slowest; or that it was not looked at."""
-    known = time_scales(march)
-    if known is None:
+    """Compare steps with the fastest time scale and the span with the slowest, or report that this was not done."""
+    scales = time_scales(march)
+    if scales is None:
         return {"run_h_omega_rule": "not looked at: the forces give no finite rate at the start"}
-    said: dict[str, Any] = {
-        "run_fastest_rate": known.rate, "run_fastest_rate_units": "s-1" if march.model.time_unit == SECONDS else NUMBERS.text,
-        "run_h_omega_start": known.start, "run_h_omega_largest": known.largest, "run_h_omega_rule": RULE.format(rows=known.rows),
+    reported: dict[str, Any] = {
+        "run_fastest_rate": scales.rate, "run_fastest_rate_units": "s-1" if march.model.time_unit == SECONDS else NUMBERS.text,
+        "run_h_omega_start": scales.start, "run_h_omega_largest": scales.largest, "run_h_omega_rule": RULE.format(rows=scales.rows),
     }  # fmt: skip
-    if np.isfinite(known.period):
+    if np.isfinite(scales.period):
         span = float(march.now.t) * march.settings.scales.of(TIME) - march.model.initial["t"].si
-        said |= {"run_slowest_period": known.period, "run_slowest_period_units": "s", "run_slowest_periods": float(f"{span / known.period:.3g}")}  # fmt: skip
-    elif np.isnan(known.period):
-        said["run_slowest_period_rule"] = f"not looked at: the state has more than {FEW} numbers"
-    return said
+        reported |= {"run_slowest_period": scales.period, "run_slowest_period_units": "s", "run_slowest_periods": float(f"{span / scales.period:.3g}")}  # fmt: skip
+    elif np.isnan(scales.period):
+        reported["run_slowest_period_rule"] = f"not looked at: the state has more than {FEW} numbers"
+    return reported
 
 
 def _assumed(model: Model) -> dict[str, str]:
-    """Say which coordinates start at rest because nothing else is given."""
+    """Name the coordinates that start at rest because no velocity is given."""
     return {schema.AT_REST: " ".join(model.statement.at_rest)} if model.statement.at_rest else {}
 
 
 def _located(march: March) -> dict[str, Any]:
-    """Say how well events are located that do not say so, where there are any."""
+    """Return the time tolerance of events that have none of their own, if there are events."""
     if not march.layout.watched:
         return {}
     return {"solver_time_tolerance": march.settings.time_tolerance, "solver_time_tolerance_units": "s"}
@@ -197,47 +197,49 @@ def _located(march: March) -> dict[str, Any]:
 
 def scales_of(run: xr.Dataset) -> Scales:
     """Return the scales of the nondimensional variables that a run was marched in."""
-    given = {name: run.attrs.get(f"solver_{name}_scale") for name in _SCALES}
+    recorded = {name: run.attrs.get(f"solver_{name}_scale") for name in _SCALES}
     return Scales.parse(
-        {name: f"{float(value)!r} {_SCALES[name]}" for name, value in given.items() if value is not None} or None
+        {name: f"{float(value)!r} {_SCALES[name]}" for name, value in recorded.items() if value is not None} or None
     )
 
 
 def asked_of(run: xr.Dataset) -> dict[str, Any]:
     """Return the arguments of `simulate` that a record was made with."""
-    used = run.attrs
+    recorded = run.attrs
     scales = {
-        name: f"{float(used[f'solver_{name}_scale'])!r} {unit}"
+        name: f"{float(recorded[f'solver_{name}_scale'])!r} {unit}"
         for name, unit in _SCALES.items()
-        if f"solver_{name}_scale" in used
+        if f"solver_{name}_scale" in recorded
     }
-    asked = {
-        name: one.read(_plain(used[one.attribute]), SECONDS) for name, one in KEYWORDS.items() if one.attribute in used
+    arguments = {
+        name: keyword.read(_plain(recorded[keyword.attribute]), SECONDS)
+        for name, keyword in KEYWORDS.items()
+        if keyword.attribute in recorded
     }
-    asked |= {
+    arguments |= {
         "scales": scales or None,
-        "summation": used.get("solver_summation", PLAIN),  # version 0.1 had no other
-        "switches": _switches_asked(used),
-        "math_functions": kept_set(used.get("math_functions")),
-        "event_root_method": root_method_of(used),
-        "keep_every": int(used[schema.KEEP_EVERY]) if schema.KEEP_EVERY in used else None,
-        "log": _log_asked(used),
-        "compress": True if schema.COMPRESSION in used else None,
+        "summation": recorded.get("solver_summation", PLAIN),  # version 0.1 had no other
+        "switches": _switches_asked(recorded),
+        "math_functions": kept_set(recorded.get("math_functions")),
+        "event_root_method": root_method_of(recorded),
+        "keep_every": int(recorded[schema.KEEP_EVERY]) if schema.KEEP_EVERY in recorded else None,
+        "log": _log_asked(recorded),
+        "compress": True if schema.COMPRESSION in recorded else None,
     }
-    if "nodes" in asked:
-        asked["nodes"] = np.atleast_1d(asked["nodes"]).tolist()
+    if "nodes" in arguments:
+        arguments["nodes"] = np.atleast_1d(arguments["nodes"]).tolist()
     if schema.GIVEN_STEP.name in run:
-        asked["step"] = np.asarray(run[schema.GIVEN_STEP.name])
-    elif "solver_step" in used:
-        asked["step"] = float(used["solver_step"])
-    if "solver_rtol" in used:
-        asked |= _tolerances(run)
-    if used["solver_step_control"] == "adaptive":
-        if used["solver_first_step_choice"] != FIRST_STEP:  # given, or chosen by the rule of another version
-            asked["step"] = float(used["solver_first_step"])
+        arguments["step"] = np.asarray(run[schema.GIVEN_STEP.name])
+    elif "solver_step" in recorded:
+        arguments["step"] = float(recorded["solver_step"])
+    if "solver_rtol" in recorded:
+        arguments |= _tolerances(run)
+    if recorded["solver_step_control"] == "adaptive":
+        if recorded["solver_first_step_choice"] != FIRST_STEP:  # given, or chosen by the rule of another version
+            arguments["step"] = float(recorded["solver_first_step"])
         if _asked_longest(run):
-            asked["max_step"] = float(used["solver_max_step"])
-    return asked
+            arguments["max_step"] = float(recorded["solver_max_step"])
+    return arguments
 
 
 def _plain(value: Any) -> Any:
@@ -246,7 +248,7 @@ def _plain(value: Any) -> Any:
 
 
 def _log_asked(used: Mapping[Any, Any]) -> str | list[str] | None:
-    """Return which columns of the log a record was asked for; None where it has all."""
+    """Return the choice of log columns that a record was made with; None if it has all."""
     if schema.LOG not in used:
         return None
     return str(used.get(schema.LOGGED, "")).split() if used[schema.LOG] == schema.CHOSEN else str(used[schema.LOG])
@@ -263,23 +265,25 @@ def _asked_longest(run: xr.Dataset) -> bool:
 
 def _tolerances(run: xr.Dataset) -> dict[str, Any]:
     """Return the tolerances that a record was made with; those that followed their variables do so again."""
-    rtol, wider = float(run.attrs["solver_rtol"]), 1.0
+    rtol, rescaling = float(run.attrs["solver_rtol"]), 1.0
     if run.attrs["solver_estimator"] == STEP_DOUBLING and "solver_rtol_used" not in run.attrs:
-        # version 0.1 judged by what was asked for: ask for what is rescaled to that
+        # version 0.1 judged by the given rtol: give the one that is rescaled to it
         order = int(run.attrs["solver_order"])
-        wider = rtol ** (order / (order + 1)) / rtol
+        rescaling = rtol ** (order / (order + 1)) / rtol
     atol = {
-        str(name): Quantity(wider * float(one.attrs["atol_si"]), Unit("SI", parse_unit(one.attrs["units"]).dimension))
-        for name, one in run.data_vars.items()
-        if "atol_si" in one.attrs and schema.ATOL_RULE not in one.attrs
+        str(name): Quantity(
+            rescaling * float(variable.attrs["atol_si"]), Unit("SI", parse_unit(variable.attrs["units"]).dimension)
+        )
+        for name, variable in run.data_vars.items()
+        if "atol_si" in variable.attrs and schema.ATOL_RULE not in variable.attrs
     }
     for name, (size, units) in left_out_atols(run.attrs).items():
-        atol[name] = Quantity(wider * size, Unit("SI", parse_unit(units).dimension))
-    return {"rtol": wider * rtol, "atol": atol or None}
+        atol[name] = Quantity(rescaling * size, Unit("SI", parse_unit(units).dimension))
+    return {"rtol": rescaling * rtol, "atol": atol or None}
 
 
 def _steps(march: March) -> dict[str, Any]:
-    """Say how steps were chosen."""
+    """Describe how steps were chosen."""
     settings, pacing = march.settings, march.settings.pacing
     if isinstance(settings.step, tuple):
         return {
@@ -312,45 +316,45 @@ def _steps(march: March) -> dict[str, Any]:
 
 
 def _longest(march: March) -> dict[str, Any]:
-    """Say how long a step may be: the span, where nothing is asked for."""
-    asked = march.settings.pacing.max_step
+    """Return the longest step: the span, unless it was given."""
+    max_step = march.settings.pacing.max_step
     span = march.settings.until - march.model.initial["t"].si
-    longest, choice = (asked, "given") if isfinite(asked) else (span, "the span")
+    longest, choice = (max_step, "given") if isfinite(max_step) else (span, "the span")
     return {"solver_max_step": longest, "solver_max_step_units": "s", "solver_max_step_choice": choice}
 
 
 def _errors(march: March) -> dict[str, Any]:
-    """Say how local errors were estimated and scaled, and how equations were solved."""
+    """Describe how local errors were estimated and scaled, and how equations were solved."""
     settings, method = march.settings, march.settings.method
-    said: dict[str, Any] = {"solver_estimator": settings.estimator}
+    reported: dict[str, Any] = {"solver_estimator": settings.estimator}
     if settings.scheme.estimates:
-        said["solver_error_estimate"] = ESTIMATE_WORDS[settings.estimator]
-        said["solver_error_exponent"] = settings.scheme.error_order  # k of an estimate that falls as h**k
+        reported["solver_error_estimate"] = ESTIMATE_WORDS[settings.estimator]
+        reported["solver_error_exponent"] = settings.scheme.error_order  # k of an estimate that falls as h**k
     if settings.scheme.error_lines:
-        said["solver_error_equations"] = printed(settings.scheme.error_lines, march.model)
+        reported["solver_error_equations"] = printed(settings.scheme.error_lines, march.model)
     if settings.tolerances is not None:
         scheme, rtol = settings.scheme, settings.tolerances.rtol
-        said |= {
+        reported |= {
             "solver_rtol": rtol,
             "solver_rtol_used": scheme.inner(rtol),
             "solver_error_norm": "; ".join(filter(None, [ERROR_NORM, scheme.inner_norm])),
         }
         if march.run.plan[0].follows:
-            said["solver_atol_rule"] = ATOL_RULE
+            reported["solver_atol_rule"] = ATOL_RULE
     if method.simplified:
-        said |= {
+        reported |= {
             "solver_equations_solved_by": SOLVED_BY,
             "solver_jacobian": settings.jacobian,
             "solver_newton_tolerance": SHARE if settings.adaptive else SETTLED,
             "solver_newton_most_iterations": int(MOST_TURNS if settings.adaptive else MOST_SETTLING),
         }
     elif method.implicit:
-        said |= {
+        reported |= {
             "solver_equations_solved_by": "Newton's method with exact Jacobians, until a correction is below the tolerance times the size of its unknown",
             "solver_newton_tolerance": NEWTON_TOLERANCE,
             "solver_newton_most_iterations": MOST_ITERATIONS,
         }
-    return said
+    return reported
 
 
 def _effort(march: March) -> dict[str, int]:
@@ -364,7 +368,7 @@ def _effort(march: March) -> dict[str, int]:
 
 
 def _last_step(march: March) -> str:
-    """Say whether the end lay on the grid."""
+    """Describe whether the end lay on the grid."""
     if march.now.status != COMPLETED:
         return "none: the run ended before"
     plan = march.run.plan[0]
@@ -381,7 +385,7 @@ def _last_step(march: March) -> str:
 
 @lru_cache
 def _machine() -> dict[str, str]:
-    """Versions and processor: volatile, and in no digest but their own."""
+    """Return versions and processor: volatile, and in no digest of content."""
     import platform
     from importlib.metadata import version
 
@@ -392,7 +396,7 @@ def _machine() -> dict[str, str]:
     return versions | {
         "python_version": platform.python_version(),
         "cpu_name": binding.get_host_cpu_name(),
-        "cpu_features": " ".join(sorted(name for name, there in features.items() if there)),
+        "cpu_features": " ".join(sorted(name for name, enabled in features.items() if enabled)),
     }
 
 
@@ -402,7 +406,7 @@ def xdynamics_version() -> str:
 
 
 def circumstances(done: str) -> dict[str, Any]:
-    """Say when and on what something was done; no digest of content has it."""
+    """Return when and on what machine something was done; no digest of content includes it."""
     from datetime import UTC, datetime
 
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -1,4 +1,4 @@
-"""What the record says of switches hidden in forces: on which side of each a row is, and of smooth ones how often they were passed."""
+"""Columns of the switches hidden in forces: the side of each for every row, and how often smooth ones were passed."""
 
 from __future__ import annotations
 
@@ -24,56 +24,58 @@ Array = NDArray[Any]
 
 
 def side_columns(about: About) -> list[Column]:
-    """Return on which side of each located switch every row is; of the points of a table the piece between them."""
-    found, places, place = [], {}, 2 + len(about.layout.reactions)
+    """Return the side of each located switch for every row; for the points of a table, the piece between them."""
+    collected, places, place = [], {}, 2 + len(about.layout.reactions)
     switches = watched_by(about.model)
-    for one in switches:
-        places[one.owner, one.function] = place
-        place += 3 if one.drive else 1
-    for one in switches:
-        first = places[one.owner, one.function]
-        if one.drive:
-            said = f"piece of table {one.drive} that '{one.owner}' reads: 0 is before its first point, 1 behind it"
-            variable = Variable(schema.side_of(one.name), (STEPS,), "i4", "1", said, "switch")
-            found.append(Column(variable, _piece(first)))
+    for switch in switches:
+        places[switch.owner, switch.function] = place
+        place += 3 if switch.drive else 1
+    for switch in switches:
+        first = places[switch.owner, switch.function]
+        if switch.drive:
+            long_name = (
+                f"piece of table {switch.drive} that '{switch.owner}' reads: 0 is before its first point, 1 behind it"
+            )
+            variable = Variable(schema.side_of(switch.name), (STEPS,), "i4", "1", long_name, "switch")
+            collected.append(Column(variable, _piece(first)))
             continue
-        own = {function: at for (owner, function), at in places.items() if owner == one.owner}
-        words = {number: word for number, word in schema.SIDES.items() if number or one.nested}
-        more = schema.flags(words) | {"function": text_of(one.function)}
-        said = f"side of switch {one.name}: the sign of its function"
-        said += "; elsewhere where it decides nothing, inside a where" if one.nested else ""
-        variable = Variable(schema.side_of(one.name), (STEPS,), "i1", "1", said, "flag", more)
-        found.append(Column(variable, _side(about, one, first, own)))
-    return found
+        places_of_owner = {function: at for (owner, function), at in places.items() if owner == switch.owner}
+        sides = {number: word for number, word in schema.SIDES.items() if number or switch.nested}
+        extra = schema.flags(sides) | {"function": text_of(switch.function)}
+        long_name = f"side of switch {switch.name}: the sign of its function"
+        long_name += "; elsewhere where it decides nothing, inside a where" if switch.nested else ""
+        variable = Variable(schema.side_of(switch.name), (STEPS,), "i1", "1", long_name, "flag", extra)
+        collected.append(Column(variable, _side(about, switch, first, places_of_owner)))
+    return collected
 
 
 def _piece(first: int) -> Callable[[Block], Array]:
     def take(block: Block) -> Array:
         digits = block.log.flags[first : first + 3, : block.rows].astype(np.int32)
-        found: Array = digits[0] + PIECES * (digits[1] + PIECES * digits[2])
-        return found
+        pieces: Array = digits[0] + PIECES * (digits[1] + PIECES * digits[2])
+        return pieces
 
     return take
 
 
 def _side(about: About, switch: Switch, place: int, places: Mapping[Node, int]) -> Callable[[Block], Array]:
-    """Take a side, and 0 where other branches hold of the `where`s around it."""
+    """Take a side, and 0 where the enclosing `where`s select other branches."""
     if not switch.nested:
         return lambda block: block.log.flags[place, : block.rows]
-    known = dict(constants(about.model, about.scales))
+    values = dict(constants(about.model, about.scales))
 
     def holds(condition: Compare, block: Block) -> Array:
         at = places.get(Binary("-", condition.left, condition.right))
-        if at is None:  # it compares what does not change
-            return np.full(block.rows, bool(evaluate(condition, known)))
+        if at is None:  # it compares constants
+            return np.full(block.rows, bool(evaluate(condition, values)))
         side = block.log.flags[at, : block.rows]
         return side < 0 if condition.operator[0] == "<" else side > 0
 
     def along(path: Path, block: Block) -> Array:
-        found = np.ones(block.rows, bool)
+        holding = np.ones(block.rows, bool)
         for condition, wanted in path:
-            found &= holds(condition, block) == wanted
-        return found
+            holding &= holds(condition, block) == wanted
+        return holding
 
     def take(block: Block) -> Array:
         decides = np.any([along(path, block) for path in switch.paths], axis=0)
@@ -83,12 +85,12 @@ def _side(about: About, switch: Switch, place: int, places: Mapping[Node, int]) 
 
 
 def passed(march: March) -> list[tuple[Variable, Array]]:
-    """Return how often each switch that was declared smooth was passed, and when first; nothing where there is none."""
+    """Return how often each switch that was declared smooth was passed, and when first; empty without such switches."""
     smooth = march.layout.smooth
     if not smooth:
         return []
     counts, times = march.passed
-    more = {"names": " ".join(one.name for one in smooth)}
+    more = {"names": " ".join(switch.name for switch in smooth)}
     return [
         (replace(schema.PASSED, more=more), counts),
         (

@@ -1,4 +1,4 @@
-"""Flags of a record as the words that they stand for, and its times with the unit that they have."""
+"""Flags of a record as the words that they stand for, and the unit of its times."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def words_of(flag: xr.DataArray) -> list[str]:
     """Return the word of every value of a flag."""
     words = str(flag.attrs["flag_meanings"]).split()
     names = dict(zip(np.atleast_1d(flag.attrs["flag_values"]).tolist(), words, strict=True))
-    return [names[int(one)] for one in np.atleast_1d(np.asarray(flag))]
+    return [names[int(value)] for value in np.atleast_1d(np.asarray(flag))]
 
 
 def time_unit(record: xr.Dataset) -> Unit:
-    """Return the unit of a record's times: seconds, or none where its model's time is a pure number."""
+    """Return the unit of a record's times: seconds, or 1 if its model's time is dimensionless."""
     times = (record.variables[name] for name in ("time", AT_TIME, "event_time") if name in record.variables)
-    units = next((str(one.attrs.get("units", SECONDS.text)) for one in times), SECONDS.text)
+    units = next((str(variable.attrs.get("units", SECONDS.text)) for variable in times), SECONDS.text)
     return NUMBERS if units == NUMBERS.text else SECONDS
