@@ -252,7 +252,7 @@ TOUCHED = {
     "evidence/diagnosing/summits.py": ("test_summits.py -k not random_sweeps",),
     "evidence/diagnosing/extremes.py": ("test_extremes.py -k not (budget or certified or named or sweep)",),
     "budgeting/budget.py": (
-        "test_budget_parts.py -k in_doubt or is_checked or are_declared",
+        "test_budget_parts.py -k in_doubt or is_checked or are_declared or have_no_budget",
         QUANTITIES,
         "test_budget.py -k cannot_be or declared or none_are or not_smooth or warned",
     ),

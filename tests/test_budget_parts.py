@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,6 +24,8 @@ from xdynamics.budgeting.tables import draws_as, terms_as
 from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import Declared, Term
 from xdynamics.budgeting.told import lines_of
+from xdynamics.model import toml
+from xdynamics.model.parts import Fitted
 from xdynamics.units import parse_unit
 
 EPS = float(np.finfo(float).eps)
@@ -558,6 +560,22 @@ def test_what_a_budget_is_asked_is_checked(draws: Any, seed: Any, coverage: Any,
         return
     with pytest.raises(xd.InputError, match=said):
         _check(draws, seed, coverage, digits)
+
+
+@pytest.mark.parametrize(("adequate", "asked", "refused"), [(False, {}, True), (False, {"inadequate_fit": True}, False), (True, {}, False), (False, {"inadequate_fit": 1}, True), (None, {}, False)])  # fmt: skip
+def test_fits_that_are_not_adequate_have_no_budget(adequate: bool | None, asked: dict[str, Any], refused: bool, monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
+    """Assert that a fitted model is refused where residuals speak against it, unless it is asked for in so many words."""
+    model = standing()
+    if adequate is not None:
+        model = xd.Model.from_text(toml.write(replace(model.statement, fit=Fitted("bench", adequate, "residuals swing"))))  # fmt: skip
+
+    def begun(*_: Any) -> None:
+        raise xd.InputError("a march began")
+
+    monkeypatch.setattr("xdynamics.budgeting.numerical.marched", begun)
+    said = "fitted to bench, and the fit is not adequate: residuals swing" if refused else "a march began"
+    with pytest.raises(xd.InputError, match=said):
+        xd.error_budget(model, "s", at="1 s", method="rk4", step="0.5 s", until="1 s", **asked)
 
 
 def test_declared_terms_are_declared() -> None:
