@@ -83,8 +83,10 @@ def solved(matrices: Floats, right: Floats) -> Floats:
     [[3.0], [2.0]]
     """
     n, shape = matrices.shape[-1], np.broadcast_shapes(matrices.shape[:-2], right.shape[:-2])
-    both = np.concatenate([np.broadcast_to(array, shape + array.shape[-2:]) for array in (matrices, right)], axis=-1)
-    rows = both.reshape(-1, n, both.shape[-1])  # a view, but of a copy: `concatenate` made one
+    augmented = np.concatenate(
+        [np.broadcast_to(array, shape + array.shape[-2:]) for array in (matrices, right)], axis=-1
+    )
+    rows = augmented.reshape(-1, n, augmented.shape[-1])  # a view, but of a copy: `concatenate` made one
     systems = np.arange(len(rows))
     with np.errstate(all="ignore"):
         for k in range(n):

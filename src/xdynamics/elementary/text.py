@@ -48,10 +48,10 @@ def definitions(names: Mapping[str, bool], lanes: int, math_functions: str = NAM
         The set that they belong to.
     """
     printed = {name: definition(name, lanes, math_functions) for name in sorted(names)}
-    tables = sorted({table for _, read in printed.values() for table in read})
+    tables = sorted({table for _, tables_read in printed.values() for table in tables_read})
     wide = '"prefer-vector-width"="512"'
-    inner = {True: f"nounwind alwaysinline {wide}", False: f"nounwind {wide}"}
-    text = [text.replace("ATTRIBUTES", inner[names[name]]) for name, (text, _) in printed.items()]
+    attributes = {True: f"nounwind alwaysinline {wide}", False: f"nounwind {wide}"}
+    text = [text.replace("ATTRIBUTES", attributes[names[name]]) for name, (text, _) in printed.items()]
     return "\n".join([*map(_table, tables), *text])
 
 

@@ -218,16 +218,16 @@ class Written:
 
     def usually(self, usual: Any, unusual: Callable[[], Any]) -> Any:
         """Branch to the unusual computation if any lane needs it; the other lanes keep the usual result."""
-        lines, before = self._lines, self._lines.block
-        here, end = lines.label(), lines.label()
+        lines, previous_block = self._lines, self._lines.block
+        unusual_block, end = lines.label(), lines.label()
         all_usual = self.text
         if lines.lanes > 1:
             all_usual = lines.line(
                 "t", f"call i1 @llvm.vector.reduce.and.{lines.suffix('t')}({lines.kind('t')} {all_usual})"
             ).text
-        lines.lines.append(f"br i1 {all_usual}, label %{end}, label %{here}")
+        lines.lines.append(f"br i1 {all_usual}, label %{end}, label %{unusual_block}")
         usual_values = usual if isinstance(usual, tuple) else (usual,)
-        lines.begin(here)
+        lines.begin(unusual_block)
         computed = unusual()
         chosen = [
             self.choose(*pair)
@@ -239,7 +239,7 @@ class Written:
         joined = [
             lines.line(
                 value.letter,
-                f"phi {lines.kind(value.letter)} [ {old.text}, %{before} ], [ {value.text}, %{last_block} ]",
+                f"phi {lines.kind(value.letter)} [ {old.text}, %{previous_block} ], [ {value.text}, %{last_block} ]",
             )
             for old, value in zip(usual_values, chosen, strict=True)
         ]

@@ -102,14 +102,14 @@ def derivatives(node: Node, rates: Mapping[str, Rates]) -> dict[str, Node]:
             return gradient
         case Call():
             inner = [derivatives(part, rates) for part in node.arguments]
-            return _by_each(inner, lambda given: _of_call(node, given))
+            return _by_each(inner, lambda operand_rates: _of_call(node, operand_rates))
     return {}
 
 
 def _joined(node: Binary, left: dict[str, Node], right: dict[str, Node]) -> dict[str, Node]:
     """Return the derivatives of a binary node from those of its operands."""
     if node.operator not in "+-":
-        return _by_each([left, right], lambda given: _of_product(node, *given))
+        return _by_each([left, right], lambda operand_rates: _of_product(node, *operand_rates))
     for by, rate in right.items():  # derivatives of the preceding terms stay as they are
         total = add(left.get(by, ZERO), rate if node.operator == "+" else negative(rate))
         if total == ZERO:
@@ -157,29 +157,31 @@ class _Sizes:
         return self._known[name]
 
 
-def _expand(node: Node, definitions: Mapping[str, Node], known: dict[str, Node]) -> Node:
+def _expand(node: Node, definitions: Mapping[str, Node], expanded: dict[str, Node]) -> Node:
     """Expand; a node without definitions is returned as it is, and each definition is expanded once."""
     match node:
         case Name() if node.name in definitions:
-            if node.name not in known:
-                known[node.name] = _expand(definitions[node.name], definitions, known)
-            return known[node.name]
+            if node.name not in expanded:
+                expanded[node.name] = _expand(definitions[node.name], definitions, expanded)
+            return expanded[node.name]
         case Negative():
-            operand = _expand(node.operand, definitions, known)
+            operand = _expand(node.operand, definitions, expanded)
             return node if operand is node.operand else Negative(operand, node.column)
         case Binary():
             first, links = chain(node)
-            tree = _expand(first, definitions, known)
+            tree = _expand(first, definitions, expanded)
             for part in links:
-                right = _expand(part.right, definitions, known)
+                right = _expand(part.right, definitions, expanded)
                 same = tree is part.left and right is part.right
                 tree = part if same else Binary(part.operator, tree, right, part.column)
             return tree
         case Compare():
-            left, right = _expand(node.left, definitions, known), _expand(node.right, definitions, known)
+            left, right = _expand(node.left, definitions, expanded), _expand(node.right, definitions, expanded)
             return Compare(node.operator, left, right, node.column)
         case Call():
-            return Call(node.function, tuple(_expand(part, definitions, known) for part in node.arguments), node.column)
+            return Call(
+                node.function, tuple(_expand(part, definitions, expanded) for part in node.arguments), node.column
+            )
     return node
 
 

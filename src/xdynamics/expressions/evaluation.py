@@ -114,12 +114,12 @@ def power(base: Any, exponent: Fraction, by: Arithmetic) -> Any:
         return 1.0
     if exponent < 0:
         return by.operators["/"](1.0, power(base, -exponent, by))
-    whole, fraction = divmod(exponent, 1)
+    integer, fraction = divmod(exponent, 1)
     if fraction == 0:
-        return _product(base, whole)
+        return _product(base, integer)
     if fraction == Fraction(1, 2):
         root = by.functions["sqrt"](base)
-        return _product(base, whole) * root if whole else root
+        return _product(base, integer) * root if integer else root
     return by.functions["power"](base, exponent)
 
 
@@ -137,7 +137,7 @@ def _quotient(numerator: float, denominator: float) -> float:
 
 
 def _of_floats(function: Callable[..., float]) -> Callable[..., float]:
-    return lambda *given: function(*map(float, given))
+    return lambda *arguments: function(*map(float, arguments))
 
 
 _OPERATORS: dict[str, Callable[[float, float], float]] = {

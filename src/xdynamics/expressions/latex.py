@@ -57,13 +57,13 @@ def _joined(node: Binary, left: str) -> str:
 
 
 def _call(node: Call) -> str:
-    inner = [latex(argument) for argument in node.arguments]
+    arguments = [latex(argument) for argument in node.arguments]
     if node.function == "abs":
-        return rf"\left|{inner[0]}\right|"
+        return rf"\left|{arguments[0]}\right|"
     if node.function == "sqrt":
-        return rf"\sqrt{{{inner[0]}}}"
+        return rf"\sqrt{{{arguments[0]}}}"
     name = rf"\{node.function}" if node.function in _PLAIN else rf"\mathrm{{{node.function}}}"
-    return rf"{name}\left({', '.join(inner)}\right)"
+    return rf"{name}\left({', '.join(arguments)}\right)"
 
 
 def _symbol(name: str) -> str:

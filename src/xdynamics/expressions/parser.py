@@ -101,14 +101,20 @@ class _Reader:
         self.next = self._token()
 
     def whole(self) -> Node:
-        """Read the text to its end."""
+        """Parse the text to its end.
+
+        Raises
+        ------
+        InputError
+            With the column where reading failed.
+        """
         tree = self._expression(self._compared())
         if self.next.text:
             raise self._unreadable(f"{self.next.text!r} has no operator before it")
         return tree
 
     def _compared(self) -> Node:
-        """Read a sum, or a comparison of two."""
+        """Read a sum, or a comparison of two sums."""
         column, left = self.next.column, self._joined(1)
         if self.next.text not in _COMPARED:
             return left
@@ -185,9 +191,9 @@ class _Reader:
         function, column = token.text, token.column
         if function not in FUNCTIONS:
             raise self._fault(column, f"function '{function}' is not known; there are {', '.join(FUNCTIONS)}")
-        needed, got = FUNCTIONS[function], len(arguments)
-        if got != needed and not (function in ("min", "max") and got > needed):
-            raise self._fault(column, f"function '{function}' takes {needed} arguments, got {got}")
+        arity, got = FUNCTIONS[function], len(arguments)
+        if got != arity and not (function in ("min", "max") and got > arity):
+            raise self._fault(column, f"function '{function}' takes {arity} arguments, got {got}")
         conditions = 1 if function == "where" else 0
         if conditions and not isinstance(arguments[0], Compare):
             raise self._fault(column, "the first argument of 'where' must be one comparison, like 'y > 0*metre'")

@@ -116,18 +116,18 @@ class Tape:
         return self._step(node.operator, FLOATS.operators[node.operator], left, self._place(node.right))
 
     def _step(self, key: object, operation: Operation, *operands: int) -> int:
-        known = (key, *operands)
-        if known not in self._known:
-            self._known[known] = self._new()
-            self._steps.append((operation, self._known[known], operands))
-        return self._known[known]
+        signature = (key, *operands)
+        if signature not in self._known:
+            self._known[signature] = self._new()
+            self._steps.append((operation, self._known[signature], operands))
+        return self._known[signature]
 
     def _number(self, value: float) -> int:
-        known = ("number", repr(value))  # 0.0 and -0.0 are equal
-        if known not in self._known:
-            self._known[known] = self._new()
-            self._numbers[self._known[known]] = value
-        return self._known[known]
+        key = ("number", repr(value))  # 0.0 and -0.0 are equal
+        if key not in self._known:
+            self._known[key] = self._new()
+            self._numbers[self._known[key]] = value
+        return self._known[key]
 
     def _name(self, name: str) -> int:
         if name not in self._given:

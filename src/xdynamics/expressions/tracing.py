@@ -234,14 +234,14 @@ _OPERATORS: dict[str, Callable[..., Any]] = {
 }  # fmt: skip
 
 
-def _applied(ufunc: str, given: Sequence[Any]) -> Any:
+def _applied(ufunc: str, arguments: Sequence[Any]) -> Any:
     if ufunc in _OPERATORS:
-        return _OPERATORS[ufunc](*given)
+        return _OPERATORS[ufunc](*arguments)
     if ufunc in COMPARED:
-        return _compared(COMPARED[ufunc], *given)
+        return _compared(COMPARED[ufunc], *arguments)
     if ufunc not in NAMED:
         raise InputError(f"the function calls numpy.{ufunc}, which the language of expressions has not; there are {', '.join(FUNCTIONS)}")  # fmt: skip
-    return called(NAMED[ufunc], *given)
+    return called(NAMED[ufunc], *arguments)
 
 
 def _methods() -> None:

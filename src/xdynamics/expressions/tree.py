@@ -154,8 +154,8 @@ def text_of(node: Node) -> str:
     """Print an expression so that parsing it again gives the same tree."""
     match node:
         case Number():
-            whole = node.value == int(node.value) and node.value < 1e15
-            return str(int(node.value)) if whole else repr(node.value)
+            is_whole = node.value == int(node.value) and node.value < 1e15
+            return str(int(node.value)) if is_whole else repr(node.value)
         case Name():
             return node.name
         case Negative():
@@ -210,13 +210,15 @@ def _text_of_chain(node: Binary) -> str:
     first, links = chain(node)
     parts, opened, strength = [text_of(first)], 0, _strength(first)
     for link in links:
-        own = _STRENGTH[link.operator]
-        if strength < (5 if link.operator == "**" else own):
+        strength_of_link = _STRENGTH[link.operator]
+        if strength < (5 if link.operator == "**" else strength_of_link):
             parts.append(")")
             opened += 1
-        gap = " " if own == 1 else ""
-        parts.append(f"{gap}{link.operator}{gap}{_wrapped(link.right, 3 if link.operator == '**' else own + 1)}")
-        strength = own
+        gap = " " if strength_of_link == 1 else ""
+        parts.append(
+            f"{gap}{link.operator}{gap}{_wrapped(link.right, 3 if link.operator == '**' else strength_of_link + 1)}"
+        )
+        strength = strength_of_link
     return "(" * opened + "".join(parts)
 
 

@@ -92,12 +92,15 @@ def verlet_composed(text: str) -> str:
 
     The last kick of one step and the first of the next are merged: one force evaluation for each.
     """
-    half = [Fraction(part) for part in text.split()]
-    parts = [*half, *half[-2::-1]]
+    half = [Fraction(coefficient) for coefficient in text.split()]
+    coefficients = [*half, *half[-2::-1]]
     kicks = [
-        (part + next_part) / 2 for part, next_part in zip([Fraction(0), *parts], [*parts, Fraction(0)], strict=True)
+        (coefficient + next_coefficient) / 2
+        for coefficient, next_coefficient in zip(
+            [Fraction(0), *coefficients], [*coefficients, Fraction(0)], strict=True
+        )
     ]
-    return update_of(f"kick {' '.join(map(_printed, kicks))}\ndrift {' '.join(map(_printed, parts))}")
+    return update_of(f"kick {' '.join(map(_printed, kicks))}\ndrift {' '.join(map(_printed, coefficients))}")
 
 
 POSITION_VERLET = Method(

@@ -47,8 +47,8 @@ class Evaluation:
     def text(self, *, motion: bool, states: bool) -> str:
         """Print it with the vectors that a model has."""
         results = [name for name, shown in ((self.acceleration, motion), (self.rate, states)) if shown]
-        used = [self.time, *([self.position, self.velocity] if motion else []), *([self.state] if states else [])]
-        return f"{', '.join(results)} = f({', '.join(used)})"
+        arguments = [self.time, *([self.position, self.velocity] if motion else []), *([self.state] if states else [])]
+        return f"{', '.join(results)} = f({', '.join(arguments)})"
 
 
 @dataclass(frozen=True)
@@ -236,17 +236,17 @@ def read_lines(text: str) -> tuple[Line, ...]:
         If an expression cannot be parsed.
     """
     lines = dedent(text).strip("\n").splitlines()
-    read: list[Line] = []
+    statements: list[Line] = []
     while lines:
         line = lines.pop(0)
         if not (match := _SOLVE.fullmatch(line)):
-            read.append(_read(line))
+            statements.append(_read(line))
             continue
         body = list(takewhile(lambda part: part.startswith(" "), lines))
         del lines[: len(body)]
         unknowns = tuple(part.strip() for part in match.group(1).split(","))
-        read.append(Solve(unknowns, tuple(_read(part.strip()) for part in body)))
-    return tuple(read)
+        statements.append(Solve(unknowns, tuple(_read(part.strip()) for part in body)))
+    return tuple(statements)
 
 
 def printed(lines: Iterable[Line], model: Model | None = None) -> str:

@@ -25,14 +25,14 @@ T_INVERSE = (
 # of the stages' increments in the estimate: (-13 - 7 sqrt(6))/3, (-13 + 7 sqrt(6))/3, -1/3; eq. (8.19) over gamma_0
 ERROR = (-10.048809399827416, 1.3821427331607488, -0.33333333333333333)
 
-# of the iterations and of the control of steps, as there
-MOST_TURNS = 7  # Newton iterations, where a shorter step is the remedy
-SLOW = 1e-3  # theta from which on derivatives are evaluated anew
-FEW_TURNS = 2  # that are no reason to
+# of the Newton iterations and the step-size control, as in RADAU5
+MOST_TURNS = 7  # Newton iterations, after which the step is shortened
+SLOW = 1e-3  # theta from which on derivatives are evaluated again
+FEW_TURNS = 2  # iterations that are no reason to do so
 DIVERGING = 0.99
-SAME_STEP = 1e-6  # relative difference of a step from the one of the factors that serve it too
-SHARE = 0.03  # of what the error may be, left to Newton's method
-STALLED = 0.5  # of a correction's ratio to the one before, where what is left is rounding
-LEAST_NORM = 1e-2  # that the next step remembers
-SMALLEST = 1e-10  # norm that is told from none
-HELD = 1.2  # growth up to which the step is kept, for the factors' sake
+SAME_STEP = 1e-6  # relative difference of step sizes up to which factors are reused
+SHARE = 0.03  # of the error allowed, for Newton's method
+STALLED = 0.5  # ratio of a correction to the one before from which only rounding is left
+LEAST_NORM = 1e-2  # lower bound of the error norm kept for the next step
+SMALLEST = 1e-10  # smallest norm distinguished from zero
+HELD = 1.2  # growth up to which the step is kept, to reuse the factors

@@ -53,9 +53,9 @@ class Tableau:
     def parse(cls, text: str) -> Tableau:
         """Read ``c | a a a`` rows, a rule, then the rows ``b |`` and, if there is an embedded formula, ``b^ |``."""
         rows = [line.split("|") for line in text.splitlines() if "|" in line]
-        read = [(label.strip(), tuple(weights.split())) for label, weights in rows]
-        stages = [row for row in read if not row[0].startswith("b")]
-        ends = dict(read[len(stages) :])
+        labelled = [(label.strip(), tuple(weights.split())) for label, weights in rows]
+        stages = [row for row in labelled if not row[0].startswith("b")]
+        ends = dict(labelled[len(stages) :])
         return cls(tuple(c for c, _ in stages), tuple(a for _, a in stages), ends["b"], ends.get("b^", ()))
 
     @classmethod

@@ -141,9 +141,9 @@ def _declared(statement: Statement) -> dict[str, Dimension]:
 def _define(statement: Statement, dimensions: dict[str, Dimension], ledger: Ledger) -> None:
     """Add the dimensions of definitions, each after those that it uses."""
     waiting: dict[str, Node] = dict(statement.definitions)
-    used = {name: free_names(node) & statement.definitions.keys() for name, node in waiting.items()}
+    uses = {name: free_names(node) & statement.definitions.keys() for name, node in waiting.items()}
     for levels in count():
-        ready = [name for name in waiting if not any(dependency in waiting for dependency in used[name])]
+        ready = [name for name in waiting if not any(dependency in waiting for dependency in uses[name])]
         if not waiting:
             return
         if not ready:
@@ -248,17 +248,21 @@ def _check_spreads(statement: Statement, dimensions: Mapping[str, Dimension], le
 def _check_motion(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
     """Check that every entry of M a = F has the unit that its row needs."""
     coordinates, time = list(statement.coordinates), statement.time_unit.dimension
-    needed: dict[str, Dimension] = {}
+    force_dimensions: dict[str, Dimension] = {}
     for i, name in enumerate(coordinates):
         with ledger.entry(f"mass of '{name}'"):
-            needed[name] = dimension_of(statement.mass[i][i], dimensions) * dimensions[name] / time**2
-    if len(needed) < len(coordinates):
+            force_dimensions[name] = dimension_of(statement.mass[i][i], dimensions) * dimensions[name] / time**2
+    if len(force_dimensions) < len(coordinates):
         return
     for (i, j), entry in statement.mass_entries.items():
         row, column, mirrored = coordinates[i], coordinates[j], statement.mass[j][i]
         if i != j:
             _needs(
-                ledger, f"mass entry ({i + 1}, {j + 1})", entry, dimensions, needed[row] / dimensions[column] * time**2
+                ledger,
+                f"mass entry ({i + 1}, {j + 1})",
+                entry,
+                dimensions,
+                force_dimensions[row] / dimensions[column] * time**2,
             )
         if entry != mirrored and (i < j or (j, i) not in statement.mass_entries):
             first, second = sorted([(i, j), (j, i)])
@@ -269,16 +273,16 @@ def _check_motion(statement: Statement, dimensions: Mapping[str, Dimension], led
             )
     for term, force in statement.forces.items():
         if force.potential is not None:
-            _check_potential(term, force.potential, statement, dimensions, needed, ledger)
+            _check_potential(term, force.potential, statement, dimensions, force_dimensions, ledger)
         for name, node in force.components.items():
-            if name not in needed:
+            if name not in force_dimensions:
                 ledger.note(
                     f"force '{term}' acts on '{name}', which is no coordinate; there are {', '.join(coordinates)}"
                 )
             elif isinstance(node, Function):
                 _check_function(f"force '{term}'", node, statement, dimensions, ledger)
             else:
-                _needs(ledger, f"force '{term}' of '{name}'", node, dimensions, needed[name])
+                _needs(ledger, f"force '{term}' of '{name}'", node, dimensions, force_dimensions[name])
 
 
 def _check_potential(
@@ -286,7 +290,7 @@ def _check_potential(
     potential: Node,
     statement: Statement,
     dimensions: Mapping[str, Dimension],
-    needed: Mapping[str, Dimension],
+    force_dimensions: Mapping[str, Dimension],
     ledger: Ledger,
 ) -> None:
     try:
@@ -300,13 +304,13 @@ def _check_potential(
             ledger.note(
                 f"potential of '{term}' uses the drive '{drive}' of '{statement.drives[drive].argument}'; write a component"
             )
-    if any(name.startswith("v_") and name[2:] in needed for name in used):
+    if any(name.startswith("v_") and name[2:] in force_dimensions for name in used):
         ledger.note(f"potential of '{term}' depends on a velocity; write a component")
-    if not needed:
+    if not force_dimensions:
         ledger.note(f"potential of '{term}' has no coordinate to act on")
         return
-    acted = [name for name in needed if name in used] or list(needed)[:1]
-    for energy in dict.fromkeys(needed[name] * dimensions[name] for name in acted):
+    acted = [name for name in force_dimensions if name in used] or list(force_dimensions)[:1]
+    for energy in dict.fromkeys(force_dimensions[name] * dimensions[name] for name in acted):
         _needs(ledger, f"potential of '{term}'", potential, dimensions, energy)
 
 
@@ -355,17 +359,17 @@ def _check_pictured(statement: Statement, dimensions: Mapping[str, Dimension], l
             if across != up:
                 raise InputError(f"is across in '{across}' and up in '{up}'; both need one unit")
             moving = {*statement.states, *statement.drives, *map(velocity, statement.coordinates)}
-            read = set().union(*(free_names(expand(expression, statement.definitions)) for expression in pair))
-            if strange := sorted(read & moving):
-                raise InputError(f"reads '{strange[0]}'; a place in the plane is of coordinates, t and parameters")
+            names = set().union(*(free_names(expand(expression, statement.definitions)) for expression in pair))
+            if forbidden := sorted(names & moving):
+                raise InputError(f"reads '{forbidden[0]}'; a place in the plane is of coordinates, t and parameters")
     with ledger.entry("figure: section"):
         if (section := statement.pictured.section) is not None:
             dimension = dimension_of(section, dimensions)
             if dimension != statement.time_unit.dimension:
                 raise InputError(f"has units '{dimension}', needs a period in '{statement.time_unit.text}'")
-            read = free_names(expand(section, statement.definitions))
-            if strange := sorted(read - {*statement.parameters, *CONSTANTS, "pi"}):
-                raise InputError(f"reads '{strange[0]}'; a period is of parameters")
+            names = free_names(expand(section, statement.definitions))
+            if forbidden := sorted(names - {*statement.parameters, *CONSTANTS, "pi"}):
+                raise InputError(f"reads '{forbidden[0]}'; a period is of parameters")
     for name in statement.pictured.wrap:
         if name not in statement.coordinates or dimensions[name] != NONE:
             ledger.note(f"figure: wrap has '{name}', which is no angle among the coordinates")

@@ -140,17 +140,17 @@ def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, i
     doubts = {header.format(name) for name in names for header in DOUBTS.values()}
     values = [k for k, name in enumerate(names) if k and name not in doubts]
     if column:
-        wanted = [k for k in values if column.strip() in (names[k], sheet.header[k].strip())]
-        if not wanted:
+        matching = [k for k in values if column.strip() in (names[k], sheet.header[k].strip())]
+        if not matching:
             raise InputError(f"table '{sheet.name}' has no column {shown(column)} of values; it is {sheet.found}")
-        values = wanted
+        values = matching
     if len(values) != 1:
-        many = (
+        problem = (
             f'{len(values)} columns of values: say which with column = "{names[values[0]]}"'
             if values
             else "no column of values beside the first"
         )
-        raise InputError(f"table '{sheet.name}', line {sheet.header_line}, has {many}; it is {sheet.found}, and needs two with units, like 'time [s],thrust [N]', with uncertainties further ones, 'u(thrust) [N]' of each value, 'u_common(thrust) [N]' of all together")  # fmt: skip
+        raise InputError(f"table '{sheet.name}', line {sheet.header_line}, has {problem}; it is {sheet.found}, and needs two with units, like 'time [s],thrust [N]', with uncertainties further ones, 'u(thrust) [N]' of each value, 'u_common(thrust) [N]' of all together")  # fmt: skip
     value_title, doubt_places = titles[values[0]], doubts_of(names[values[0]], names)
     for place in doubt_places.values():
         if titles[place].unit.dimension != value_title.unit.dimension:
@@ -163,13 +163,13 @@ def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, i
 def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None:
     """Refuse arguments that do not increase, negative uncertainties, and too few points."""
     ledger = Ledger(f"table '{sheet.name}'")
-    before = -inf
+    previous = -inf
     for number, row in rows:
-        if row[0] <= before:
-            ledger.note(f"line {number}: argument {row[0]!r} does not increase after {before!r}")
+        if row[0] <= previous:
+            ledger.note(f"line {number}: argument {row[0]!r} does not increase after {previous!r}")
         elif row[2:] and min(row[2:]) < 0:
             ledger.note(f"line {number}: the uncertainty {min(row[2:])!r} is negative")
-        before = max(before, row[0])
+        previous = max(previous, row[0])
         if len(ledger.faults) >= MOST_FAULTS:
             break
     if len(rows) < 2:

@@ -73,9 +73,9 @@ def motion_of(
     """
     kinetic = expand(energies.kinetic, definitions)
     velocities = [velocity(name) for name in coordinates]
-    if strange := sorted(free_names(kinetic) - {"t", *coordinates, *velocities} - known):
+    if forbidden := sorted(free_names(kinetic) - {"t", *coordinates, *velocities} - known):
         raise InputError(
-            f"kinetic reads '{strange[0]}'; a kinetic energy is of coordinates, velocities, t and parameters"
+            f"kinetic reads '{forbidden[0]}'; a kinetic energy is of coordinates, velocities, t and parameters"
         )
     momenta = [derivative(kinetic, {v: ONE}) for v in velocities]
     mass = [[derivative(momentum, {v: ONE}) for v in velocities] for momentum in momenta]
@@ -83,8 +83,8 @@ def motion_of(
         for j, entry in enumerate(row):
             if moving := sorted(free_names(entry) & set(velocities)):
                 raise InputError(f"kinetic is not quadratic in velocities: its second derivative by {velocities[i]} and {velocities[j]} still reads '{moving[0]}'; write squares, like v_x**2 + v_y**2, in the place of roots and absolute values")  # fmt: skip
-    if light := [name for name, row in zip(coordinates, mass, strict=True) if all(entry == ZERO for entry in row)]:
-        raise InputError(f"kinetic does not read {velocity(light[0])}, so that '{light[0]}' has no inertia; add its term, or make it a first-order state")  # fmt: skip
+    if massless := [name for name, row in zip(coordinates, mass, strict=True) if all(entry == ZERO for entry in row)]:
+        raise InputError(f"kinetic does not read {velocity(massless[0])}, so that '{massless[0]}' has no inertia; add its term, or make it a first-order state")  # fmt: skip
     n = len(coordinates)
     matrix = tuple(tuple(mass[min(i, j)][max(i, j)] for j in range(n)) for i in range(n))
     forces = {}

@@ -28,10 +28,10 @@ def factors(model: Model) -> Iterator[Assignment]:
     mass = [[model.expanded(entry) for entry in row] for row in model.mass]
     for i, row in enumerate(mass):
         for j in range(i):
-            taken = (product(f"_l{i}_{k}", f"_l{j}_{k}", f"_d{k}") for k in range(j))
-            yield Assignment(f"_l{i}_{j}", Binary("/", less(row[j], taken), Name(f"_d{j}")))
-        taken = (product(f"_l{i}_{k}", f"_l{i}_{k}", f"_d{k}") for k in range(i))
-        yield Assignment(f"_d{i}", Call("positive", (less(row[i], taken),)))
+            products = (product(f"_l{i}_{k}", f"_l{j}_{k}", f"_d{k}") for k in range(j))
+            yield Assignment(f"_l{i}_{j}", Binary("/", less(row[j], products), Name(f"_d{j}")))
+        products = (product(f"_l{i}_{k}", f"_l{i}_{k}", f"_d{k}") for k in range(i))
+        yield Assignment(f"_d{i}", Call("positive", (less(row[i], products),)))
 
 
 def solved(model: Model, rows: Mapping[str, Node], names: Iterable[str] | None = None) -> Iterator[Assignment]:

@@ -319,11 +319,11 @@ class Model:
     def reads(self, node: Node | Function) -> set[str]:
         """Return the names that an expression depends on, also through definitions and drives."""
         names = set(node.arguments) if isinstance(node, Function) else free_names(self.expanded(node))
-        through = {self.drives[name].argument for name in names if name in self.drives}
-        inner = {
+        drive_arguments = {self.drives[name].argument for name in names if name in self.drives}
+        in_definitions = {
             name for definition in names if definition in self.definitions for name in self.reads(Name(definition))
         }
-        return names | through | inner
+        return names | drive_arguments | in_definitions
 
     def rate_of(self, node: Node) -> Node:
         """Return an expression's time derivative along the motion, with `a_q`, `rate_x` and `_slope_d` as names."""
@@ -387,14 +387,14 @@ def _replaced(entry: str, old: Any, value: Any) -> Any:
     if getattr(value, "ndim", None) == 0:  # the repr of a numpy or xarray scalar includes its type
         value = value.item()
     try:
-        both = parted(value)
+        pair = parted(value)
     except InputError as error:
         raise ModelError(f"{entry} = {value!r}: {error}") from None
-    if both:
+    if pair:
         kept = (
             {key: item for key, item in old.items() if key not in ("unit", *SIZES)} if isinstance(old, Mapping) else {}
         )
-        return kept | {"value": both[0], "uncertainty": both[1]}
+        return kept | {"value": pair[0], "uncertainty": pair[1]}
     if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
         return value
     try:

@@ -126,17 +126,17 @@ def _changes(model: Model) -> dict[str, dict[str, Node]]:
 
     With a diagonal mass, zeros are left out; the factors of a full one couple each row to all others.
     """
-    taken: dict[tuple[str, str], list[Node]] = {}
+    inertia_terms: dict[tuple[str, str], list[Node]] = {}
     coordinates = list(model.coordinates)
     for (i, j), by in mass_derivatives(model):
         term = Binary("*", Name(f"_dM_{i}_{j}_{by}"), Name(acceleration(coordinates[j])))
-        taken.setdefault((coordinates[i], by), []).append(term)
+        inertia_terms.setdefault((coordinates[i], by), []).append(term)
     forces = {pair: Name(f"_dF_force_{pair[0]}_{pair[1]}") for pair in _acting(model)}
     full = ((name, by) for name in coordinates for by in variables(model)) if model.mass_is_full else ()
     place = _places(model)
     changes: dict[str, dict[str, Node]] = {}
-    for name, by in sorted({*forces, *taken, *full}, key=lambda pair: (place[pair[1]], place[pair[0]])):
-        changes.setdefault(by, {})[name] = less(forces.get((name, by), ZERO), taken.get((name, by), ()))
+    for name, by in sorted({*forces, *inertia_terms, *full}, key=lambda pair: (place[pair[1]], place[pair[0]])):
+        changes.setdefault(by, {})[name] = less(forces.get((name, by), ZERO), inertia_terms.get((name, by), ()))
     return changes
 
 
@@ -361,12 +361,12 @@ def evaluated_many(
 def read_by(model: Model, wanted: Iterable[Node]) -> list[Assignment]:
     """Return the assignments of the motion that expressions without definitions depend on, in order."""
     needed = set().union(*(free_names(item) for item in wanted))
-    read: list[Assignment] = []
+    assignments: list[Assignment] = []
     for item in reversed(motion(model)):
         if item.name in needed:
-            read.append(item)
+            assignments.append(item)
             needed |= {*item.value.arguments} if isinstance(item.value, Function) else free_names(item.value)
-    return read[::-1]
+    return assignments[::-1]
 
 
 def _number(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:

@@ -35,9 +35,9 @@ def _function(entry: Mapping[str, Any], functions: Functions) -> Function:
     kept = Function(name, tuple(arguments), entry.get("source", ""), entry["digest"])
     if name not in functions:
         return kept
-    handed = Function.of(functions[name])
-    if handed.digest != kept.digest:
+    passed = Function.of(functions[name])
+    if passed.digest != kept.digest:
         raise InputError(
-            f"function '{name}' handed over has digest {handed.digest[:12]}…, the model was made with {kept.digest[:12]}…"
+            f"function '{name}' handed over has digest {passed.digest[:12]}…, the model was made with {kept.digest[:12]}…"
         )
-    return handed
+    return passed

@@ -90,8 +90,8 @@ def _moved(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
     """Return the derivatives of a rate by the velocities, and its time derivative with zero accelerations."""
     rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.coordinates}
     accelerations = {Name(acceleration(name)) for name in rows}
-    still = {name: tree for name, tree in model.rates.items() if tree not in accelerations}
-    return {name: tree for name, tree in rows.items() if tree != ZERO}, derivative(rate, still)
+    unaccelerated = {name: tree for name, tree in model.rates.items() if tree not in accelerations}
+    return {name: tree for name, tree in rows.items() if tree != ZERO}, derivative(rate, unaccelerated)
 
 
 def holds(reaction: Reaction) -> str:
@@ -177,8 +177,8 @@ def pressing(model: Model) -> Iterator[Assignment]:
         reached = _reached(model, reaction)
         rows = {_reach(k, name): Name(_row(k, name)) if name in reaction.row else ZERO for name in reached}
         yield from solved(model, rows, reached)
-        moved = (Binary("*", Name(_row(k, name)), Name(free(name))) for name in reaction.row)
-        yield Assignment(_without(k), _sum(reaction.bias, *moved))
+        products = (Binary("*", Name(_row(k, name)), Name(free(name))) for name in reaction.row)
+        yield Assignment(_without(k), _sum(reaction.bias, *products))
     for k, reaction in enumerate(acting):
         for j, other in enumerate(acting):
             if shared := _meet(model, reaction, other):

@@ -163,29 +163,29 @@ def _told_apart(
     return {name: entry for name, entry in events.items() if name not in strikes}, strikes
 
 
-def _coordinate(given: Any) -> Coordinate:
-    given = {"unit": given} if isinstance(given, str) else given
-    keys_of("coordinates", given)
-    return Coordinate(parse_unit(given["unit"]), described(given))
+def _coordinate(entry: Any) -> Coordinate:
+    entry = {"unit": entry} if isinstance(entry, str) else entry
+    keys_of("coordinates", entry)
+    return Coordinate(parse_unit(entry["unit"]), described(entry))
 
 
-def _parameter(given: Any) -> Parameter:
-    if both := parted(given):
-        given = {"value": both[0], "uncertainty": both[1]}
-    if not isinstance(given, Mapping):
-        return Parameter(parse_quantity(given))
-    keys_of("parameters", given)
-    quantity = _in_unit(given["value"], given.get("unit"))
-    return Parameter(quantity, spread_of(given, quantity), described(given))
+def _parameter(entry: Any) -> Parameter:
+    if pair := parted(entry):
+        entry = {"value": pair[0], "uncertainty": pair[1]}
+    if not isinstance(entry, Mapping):
+        return Parameter(parse_quantity(entry))
+    keys_of("parameters", entry)
+    quantity = _in_unit(entry["value"], entry.get("unit"))
+    return Parameter(quantity, spread_of(entry, quantity), described(entry))
 
 
-def _pictured(given: Mapping[str, Any]) -> Pictured:
-    keys_of("figure", given)
-    wrap = given.get("wrap", [])
+def _pictured(section: Mapping[str, Any]) -> Pictured:
+    keys_of("figure", section)
+    wrap = section.get("wrap", [])
     if not isinstance(wrap, list | tuple) or not all(isinstance(angle, str) for angle in wrap):
         raise InputError(f'wrap is {wrap!r}, needs a list of angles, like ["theta"]')
-    section = parse(given["section"]) if "section" in given else None
-    return Pictured(_plane(given["plane"]) if "plane" in given else (), section, tuple(wrap))
+    period = parse(section["section"]) if "section" in section else None
+    return Pictured(_plane(section["plane"]) if "plane" in section else (), period, tuple(wrap))
 
 
 def _plane(row: Any) -> tuple[tuple[Node, Node], ...]:
@@ -195,104 +195,104 @@ def _plane(row: Any) -> tuple[tuple[Node, Node], ...]:
     return tuple((parse(across), parse(up)) for across, up in pairs)
 
 
-def _discrepancy(given: Any) -> Discrepancy:
-    given = given if isinstance(given, Mapping) else {"standard": given}
-    keys_of("discrepancy", given)
-    standard = parse_quantity(given["standard"])
+def _discrepancy(entry: Any) -> Discrepancy:
+    entry = entry if isinstance(entry, Mapping) else {"standard": entry}
+    keys_of("discrepancy", entry)
+    standard = parse_quantity(entry["standard"])
     if standard.value < 0:
-        raise InputError(f"standard {given['standard']!r} must be non-negative")
-    return Discrepancy(standard, described(given))
+        raise InputError(f"standard {entry['standard']!r} must be non-negative")
+    return Discrepancy(standard, described(entry))
 
 
-def _fitted(given: Any) -> Fitted:
-    keys_of("fit", given)
-    data, adequate = given.get("data", ""), given.get("adequate", True)
+def _fitted(section: Any) -> Fitted:
+    keys_of("fit", section)
+    data, adequate = section.get("data", ""), section.get("adequate", True)
     if not isinstance(data, str) or not isinstance(adequate, bool):
         raise InputError(f"data is {data!r}, needs a text, and adequate {adequate!r}, needs true or false")
-    return Fitted(data, adequate, described(given))
+    return Fitted(data, adequate, described(section))
 
 
-def _observable(given: Any) -> tuple[Node, Observable]:
-    given = given if isinstance(given, Mapping) else {"expression": given}
-    keys_of("observables", given)
-    unit = parse_unit(given["unit"]) if "unit" in given else None
-    return parse(given["expression"]), Observable(unit, described(given))
+def _observable(entry: Any) -> tuple[Node, Observable]:
+    entry = entry if isinstance(entry, Mapping) else {"expression": entry}
+    keys_of("observables", entry)
+    unit = parse_unit(entry["unit"]) if "unit" in entry else None
+    return parse(entry["expression"]), Observable(unit, described(entry))
 
 
-def _state(given: Any) -> State:
-    keys_of("states", given)
-    return State(parse_unit(given["unit"]), parse(given["rate"]), described(given), flag(given, "smooth"))
+def _state(entry: Any) -> State:
+    keys_of("states", entry)
+    return State(parse_unit(entry["unit"]), parse(entry["rate"]), described(entry), flag(entry, "smooth"))
 
 
-def _force(given: Any, functions: Functions) -> Force:
-    if not isinstance(given, Mapping) or not given:
-        raise InputError(f"{given!r} needs a potential or a component per coordinate")
-    components = {key: value for key, value in given.items() if key not in SECTIONS["forces"].known}
-    if not components and "potential" not in given:
+def _force(entry: Any, functions: Functions) -> Force:
+    if not isinstance(entry, Mapping) or not entry:
+        raise InputError(f"{entry!r} needs a potential or a component per coordinate")
+    components = {key: value for key, value in entry.items() if key not in SECTIONS["forces"].known}
+    if not components and "potential" not in entry:
         raise InputError("needs a potential or a component per coordinate")
-    if "potential" in given:
+    if "potential" in entry:
         if components:
             raise InputError(f"has a potential and the components {', '.join(components)}; write two forces")
-        return Force(parse(given["potential"]), {}, described(given), flag(given, "smooth"))
+        return Force(parse(entry["potential"]), {}, described(entry), flag(entry, "smooth"))
     by_coordinate: dict[str, Node | Function] = {}
     for coordinate, value in components.items():
         by_coordinate[coordinate] = expression_or_function(value, functions)
-    return Force(None, by_coordinate, described(given), flag(given, "smooth"))
+    return Force(None, by_coordinate, described(entry), flag(entry, "smooth"))
 
 
-def _drive(owner: str, given: Any, reach: Reach) -> Drive:
-    words = {*given} if isinstance(given, Mapping) else None
+def _drive(owner: str, entry: Any, reach: Reach) -> Drive:
+    words = {*entry} if isinstance(entry, Mapping) else None
     if words is None or not (words & {"table", "csv"} or words <= {*SECTIONS["drives"].known}):
-        given = {"table": given}  # a table from Python in place of an entry
-    if "table" in given and not isinstance(given["table"], str):
-        given = dict(given) | {"table": f"{owner}.csv", "csv": tabled(owner, given["table"])}
-    elif "csv" in given:
-        given = {"table": f"{owner}.csv"} | dict(given)
-    keys_of("drives", given)
-    if "table" not in given:
+        entry = {"table": entry}  # a table from Python in place of an entry
+    if "table" in entry and not isinstance(entry["table"], str):
+        entry = dict(entry) | {"table": f"{owner}.csv", "csv": tabled(owner, entry["table"])}
+    elif "csv" in entry:
+        entry = {"table": f"{owner}.csv"} | dict(entry)
+    keys_of("drives", entry)
+    if "table" not in entry:
         raise InputError("key 'table' is missing; name a CSV file there, or write its text behind csv")
-    name = given["table"]
-    if not isinstance(name, str) or not name.isprintable() or not isinstance(given.get("csv", ""), str):
+    name = entry["table"]
+    if not isinstance(name, str) or not name.isprintable() or not isinstance(entry.get("csv", ""), str):
         raise InputError(f"table {name!r} must be the name of a CSV file")
-    column = given.get("column", "")
+    column = entry.get("column", "")
     if not isinstance(column, str):
         raise InputError(f"column is {column!r}, needs the name of one")
-    text = given["csv"] if "csv" in given else reach.text_of(name)
-    table = Table.parse(Path(name).name, text, column, choice(given, "gaps", GAPS, REFUSE))
+    text = entry["csv"] if "csv" in entry else reach.text_of(name)
+    table = Table.parse(Path(name).name, text, column, choice(entry, "gaps", GAPS, REFUSE))
     return Drive(
         table,
-        str(given.get("argument", "t")),
-        choice(given, "interpolation", INTERPOLATIONS, "linear"),
-        choice(given, "outside", OUTSIDE, "error"),
-        described(given),
+        str(entry.get("argument", "t")),
+        choice(entry, "interpolation", INTERPOLATIONS, "linear"),
+        choice(entry, "outside", OUTSIDE, "error"),
+        described(entry),
     )
 
 
 def _first_regime(initial: Mapping[str, Any], regimes: list[str], ledger: Ledger) -> str:
     """Read the regime in which a motion begins: by default the first."""
-    given = initial.get("regime", regimes[0] if regimes else "")
-    if given not in regimes and "regime" in initial:
-        ledger.note(f"initial regime {given!r} is none; there are: {', '.join(regimes) or 'none'}")
-    return str(given)
+    name = initial.get("regime", regimes[0] if regimes else "")
+    if name not in regimes and "regime" in initial:
+        ledger.note(f"initial regime {name!r} is none; there are: {', '.join(regimes) or 'none'}")
+    return str(name)
 
 
-def _mass(given: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node, ...], ...]:
+def _mass(section: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node, ...], ...]:
     """Read the mass matrix as rows, whether it is written by coordinate or as a matrix."""
-    if "matrix" in given and "matrix" not in coordinates:
-        rows = given["matrix"]
+    if "matrix" in section and "matrix" not in coordinates:
+        rows = section["matrix"]
         n = len(coordinates)
         square = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
-        if len(given) > 1 or not square or [len(row) for row in rows] != [n] * n:
+        if len(section) > 1 or not square or [len(row) for row in rows] != [n] * n:
             raise InputError(
                 f"matrix needs {n} rows of {n} entries, one for each of {', '.join(coordinates)}, and no other key"
             )
         return tuple(tuple(parse(str(entry)) for entry in row) for row in rows)
-    missing = [name for name in coordinates if name not in given]
-    unknown = [name for name in given if name not in coordinates]
+    missing = [name for name in coordinates if name not in section]
+    unknown = [name for name in section if name not in coordinates]
     if missing or unknown:
         faults = [f"of coordinate '{name}' is missing" for name in missing]
         raise InputError("; ".join(faults + [f"of '{name}', which is no coordinate" for name in unknown]))
-    diagonal, n = [parse(str(given[name])) for name in coordinates], len(coordinates)
+    diagonal, n = [parse(str(section[name])) for name in coordinates], len(coordinates)
     return tuple((*[ZERO] * i, element, *[ZERO] * (n - 1 - i)) for i, element in enumerate(diagonal))
 
 
@@ -300,32 +300,32 @@ def _derive(parts: dict[str, Any], mass: Mapping[str, Any]) -> None:
     """Add the mass matrix and the forces of a Lagrangian to the parts of a model."""
     if mass:
         raise InputError("stands beside [mass], which follows from it; leave one out")
-    if taken := [name for name in TERMS if name in parts["forces"]]:
-        raise InputError(f"makes a force '{taken[0]}', and [forces] has one of that name; rename it")
+    if clashing := [name for name in TERMS if name in parts["forces"]]:
+        raise InputError(f"makes a force '{clashing[0]}', and [forces] has one of that name; rename it")
     matrix, forces = motion_of(parts["lagrangian"], list(parts["coordinates"]), parts["definitions"], {*parts["parameters"], *CONSTANTS, "pi"})  # fmt: skip
     parts["mass"], parts["forces"] = matrix, forces | parts["forces"]
 
 
-def _time(given: Mapping[str, Any]) -> Unit:
-    keys_of("time", given)
-    unit = given.get("unit", "s")
+def _time(section: Mapping[str, Any]) -> Unit:
+    keys_of("time", section)
+    unit = section.get("unit", "s")
     if unit not in ("s", "1"):
         raise InputError(f"unit is {unit!r}; time is in 's', or a pure number, '1'")
     return SECONDS if unit == "s" else NUMBERS
 
 
-def _run(given: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, Any]:
-    for key in given:
+def _run(section: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, Any]:
+    for key in section:
         if key not in IN_FILES:
             ledger.note(f"[run] has no setting '{key}'{near(key, IN_FILES)}")
     with ledger.entry("[run]"):
-        for key in filter(IN_FILES.__contains__, given):
-            KEYWORDS[key].read(given[key], time)
-        if "step" in given:
-            time_in(time, given["step"], "step")
-        Scales.parse(given.get("scales"))
-        columns_of(given.get("log", FULL))
-    return dict(given)
+        for key in filter(IN_FILES.__contains__, section):
+            KEYWORDS[key].read(section[key], time)
+        if "step" in section:
+            time_in(time, section["step"], "step")
+        Scales.parse(section.get("scales"))
+        columns_of(section.get("log", FULL))
+    return dict(section)
 
 
 def _in_unit(value: Any, unit: str | None) -> Quantity:

@@ -130,8 +130,8 @@ class Sheet:
                     f"line {number}, {shown(cells[0])} …, has {len(cells)} cells, the header {len(self.header)}"
                 )
                 continue
-            wanted = [cells[k] for k in columns]
-            gaps = [k for k, cell in zip(columns, wanted, strict=True) if cell.strip().lower() in _GAPS]
+            selected = [cells[k] for k in columns]
+            gaps = [k for k, cell in zip(columns, selected, strict=True) if cell.strip().lower() in _GAPS]
             if gaps and skip:
                 continue
             if gaps:
@@ -139,12 +139,12 @@ class Sheet:
                     f'line {number}: column {shown(self.header[gaps[0]])} has a gap; fill it, or leave such lines out with gaps = "skip"'
                 )
                 continue
-            read = [self._number(cell) for cell in wanted]
-            if wrong := [cell for cell, value in zip(wanted, read, strict=True) if value is None]:
+            parsed = [self._number(cell) for cell in selected]
+            if wrong := [cell for cell, value in zip(selected, parsed, strict=True) if value is None]:
                 ledger.note(f"line {number}: {shown(wrong[0])} is no number")
                 continue
-            row = tuple(value for value in read if value is not None)
-            if infinite := [cell for cell, value in zip(wanted, row, strict=True) if not isfinite(value)]:
+            row = tuple(value for value in parsed if value is not None)
+            if infinite := [cell for cell, value in zip(selected, row, strict=True) if not isfinite(value)]:
                 ledger.note(f"line {number}: {shown(infinite[0])} is not finite")
                 continue
             rows.append((number, row))

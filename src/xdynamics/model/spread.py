@@ -127,19 +127,19 @@ def spread_of(given: Mapping[str, Any], value: Quantity) -> Spread | None:
     return Spread(_size(given[sizes[0]], sizes[0], value), distribution, bounded, _freedom(given, distribution))
 
 
-def _size(given: Any, key: str, value: Quantity) -> Quantity:
-    size = parse_quantity(given)
+def _size(written: Any, key: str, value: Quantity) -> Quantity:
+    size = parse_quantity(written)
     if size.unit.text == "1":
         size = Quantity(size.value, value.unit)
     if size.value < 0:
-        raise InputError(f"{key} {given!r} must be non-negative")
+        raise InputError(f"{key} {written!r} must be non-negative")
     if size.unit.dimension != value.unit.dimension:
         raise InputError(f"{key} is in '{size.unit.dimension}', the value in '{value.unit.dimension}'")
     return size
 
 
-def _freedom(given: Mapping[str, Any], distribution: str) -> float | None:
-    value = given.get("degrees_of_freedom")
+def _freedom(entry: Mapping[str, Any], distribution: str) -> float | None:
+    value = entry.get("degrees_of_freedom")
     if distribution != STUDENT:
         if value is not None:
             raise InputError(f"degrees_of_freedom is {value!r}; a distribution that is {distribution} has none")

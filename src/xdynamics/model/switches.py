@@ -144,11 +144,11 @@ def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, ou
 
 def _bent(model: Model, trees: list[Node]) -> list[str]:
     """Return the drives in some trees with a kink or jump at points of their tables that the motion passes."""
-    read = {name for tree in trees for name in free_names(tree)}
+    names = {name for tree in trees for name in free_names(tree)}
     return [
         name
         for name, drive in model.drives.items()
-        if name in read and drive.argument != "t" and drive.interpolation in BENT
+        if name in names and drive.argument != "t" and drive.interpolation in BENT
     ]
 
 

@@ -51,12 +51,12 @@ def event(given: Any, functions: Functions) -> Event:
     )  # fmt: skip
 
 
-def _reset(given: Any) -> dict[str, Node]:
+def _reset(entries: Any) -> dict[str, Node]:
     """Read the new values that an event sets."""
-    if not isinstance(given, Mapping):
-        raise InputError(f'set is {given!r}, needs a table like {{ v_y = "-v_y" }}')
+    if not isinstance(entries, Mapping):
+        raise InputError(f'set is {entries!r}, needs a table like {{ v_y = "-v_y" }}')
     values = {}
-    for name, text in given.items():
+    for name, text in entries.items():
         try:
             values[name] = parse(text)
         except InputError as error:

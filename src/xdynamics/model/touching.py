@@ -69,9 +69,9 @@ def friction(given: Any) -> Friction:
     return Friction(parse(given["slip"]), kinetic, static, tolerance(given), described(given))
 
 
-def _expression(given: Mapping[str, Any], key: str) -> Node:
+def _expression(entry: Mapping[str, Any], key: str) -> Node:
     """Read an expression, or a plain number."""
-    value = given[key]
+    value = entry[key]
     plain = isinstance(value, int | float) and not isinstance(value, bool)
     try:
         return parse(repr(value) if plain else value)
@@ -79,10 +79,10 @@ def _expression(given: Mapping[str, Any], key: str) -> Node:
         raise InputError(f"{key}: {error}") from None
 
 
-def _height(given: Mapping[str, Any]) -> Quantity | None:
-    if "rest_height" not in given:
+def _height(entry: Mapping[str, Any]) -> Quantity | None:
+    if "rest_height" not in entry:
         return None
-    height = parse_quantity(given["rest_height"])
+    height = parse_quantity(entry["rest_height"])
     if height.value < 0:
         raise InputError(f"rest_height is '{height}', needs to be non-negative")
     return height

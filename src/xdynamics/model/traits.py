@@ -37,10 +37,10 @@ def traits_of(model: Model) -> dict[Trait, str]:
     velocities = {velocity(name) for name in model.coordinates}
     motion = velocities | set(model.coordinates)
     states = set(model.states)
-    for label, used in _right_hand_side(model):
-        if fault := used & velocities:
+    for label, names_read in _right_hand_side(model):
+        if fault := names_read & velocities:
             traits.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_listed(fault)}")
-        if fault := used & states:
+        if fault := names_read & states:
             traits.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_listed(fault)}")
     if model.mass_is_full:
         for (i, j), entry in model.statement.mass_entries.items():

@@ -48,16 +48,16 @@ def validation(name: str, given: Any, time: Unit) -> Validation:
     )  # fmt: skip
 
 
-def _bound(given: Any) -> str | Quantity:
+def _bound(written: Any) -> str | Quantity:
     """Read a bound: a quantity, or a word for how it is derived."""
-    if isinstance(given, str) and (given in (ROUNDING, ORDER, BAND, UNSCALED) or _FROM_ORDER.fullmatch(given)):
-        return given
+    if isinstance(written, str) and (written in (ROUNDING, ORDER, BAND, UNSCALED) or _FROM_ORDER.fullmatch(written)):
+        return written
     try:
-        quantity = parse_quantity(given)
+        quantity = parse_quantity(written)
     except InputError:
-        raise InputError(f"bound is {given!r}, needs a quantity like '1 mm', or one of {WORDS}") from None
+        raise InputError(f"bound is {written!r}, needs a quantity like '1 mm', or one of {WORDS}") from None
     if not quantity.value > 0.0:
-        raise InputError(f"bound is {given!r}, needs a positive one")
+        raise InputError(f"bound is {written!r}, needs a positive one")
     return quantity
 
 
@@ -79,8 +79,10 @@ def check_validation(statement: Statement, known: dict[str, Dimension], ledger: 
     for name, form in statement.validation.items():
         with ledger.entry(f"validation '{name}'"):
             dimension = dimension_of(form.expression, known)
-            if read := sorted(free_names(form.expression) & moving):
-                raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")
+            if computed := sorted(free_names(form.expression) & moving):
+                raise InputError(
+                    f"reads '{computed[0]}', which is what is computed; a closed form is of t and parameters"
+                )
             if form.event and form.event not in event_names:
                 raise InputError(
                     f"event '{form.event}' is none of the model's; there are {', '.join(sorted(event_names)) or 'none'}"

@@ -124,35 +124,35 @@ def factors(matrices: Floats) -> Complexes:
 class _Matrices(Walker):
     """Runs lines on matrices, whose columns are the responses to each component of the state."""
 
-    def __init__(self, given: Vectors, system: LinearSystem) -> None:
-        self.vectors = dict(given)
+    def __init__(self, vectors: Vectors, system: LinearSystem) -> None:
+        self.vectors = dict(vectors)
         self._system = system
 
     def assign(self, line: Statement) -> None:
         self.vectors[line.target] = _value(line.expression, self.vectors)
 
     def evaluate(self, line: Evaluation) -> None:
-        at = [self.vectors[line.position], self.vectors[line.velocity], self.vectors[line.state]]
-        self.vectors[line.acceleration], self.vectors[line.rate] = _applied(self._system, at)
+        state = [self.vectors[line.position], self.vectors[line.velocity], self.vectors[line.state]]
+        self.vectors[line.acceleration], self.vectors[line.rate] = _applied(self._system, state)
 
     def solve(self, line: Solve) -> None:
         self.vectors |= _solved(line, self.vectors, self._system)
         self.walk((*line.definitions, *line.evaluations))
 
 
-def _run(lines: Iterable[Line], given: Vectors, system: LinearSystem) -> Vectors:
-    matrices = _Matrices(given, system)
+def _run(lines: Iterable[Line], vectors: Vectors, system: LinearSystem) -> Vectors:
+    matrices = _Matrices(vectors, system)
     matrices.walk(lines)
     return matrices.vectors
 
 
-def _applied(system: LinearSystem, at: Sequence[Any]) -> tuple[Any, Any]:
+def _applied(system: LinearSystem, state: Sequence[Any]) -> tuple[Any, Any]:
     """Return accelerations and rates for coordinates, velocities and states."""
     n = len(system.acceleration)
     places = (slice(0, n), slice(n, 2 * n), slice(2 * n, None))
     return (
-        sum(system.acceleration[:, place] @ vector for place, vector in zip(places, at, strict=True)),
-        sum(system.rate[:, place] @ vector for place, vector in zip(places, at, strict=True)),
+        sum(system.acceleration[:, place] @ vector for place, vector in zip(places, state, strict=True)),
+        sum(system.rate[:, place] @ vector for place, vector in zip(places, state, strict=True)),
     )
 
 
@@ -162,8 +162,8 @@ def _solved(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
     sizes = [m if name[0] == "x" else n for name in line.unknowns]
     cuts = np.cumsum(sizes)[:-1]
 
-    def answers(known: Vectors, unknown: Floats) -> Floats:
-        local = known | dict(zip(line.unknowns, np.split(unknown, cuts), strict=True))
+    def answers(known_vectors: Vectors, unknown: Floats) -> Floats:
+        local = known_vectors | dict(zip(line.unknowns, np.split(unknown, cuts), strict=True))
         local = _run((*line.definitions, *line.evaluations), local, system)
         blocks = [
             np.broadcast_to(_value(equation.expression, local), (k, size, unknown.shape[1]))
@@ -173,8 +173,8 @@ def _solved(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
 
     total = sum(sizes)
     scalars = {name: vectors[name] for name in SCALARS if name in vectors}
-    rest = {name: np.zeros((m if name[0] in "xr" else n, total)) for name in vectors if name not in scalars}
-    matrix = np.eye(total) - answers(scalars | rest, np.eye(total))
+    zeros = {name: np.zeros((m if name[0] in "xr" else n, total)) for name in vectors if name not in scalars}
+    matrix = np.eye(total) - answers(scalars | zeros, np.eye(total))
     right = answers(vectors, np.zeros((total, 2 * n + m)))
     matrix[np.linalg.det(matrix) == 0.0] = np.nan  # a pole of the step: no number
     solution = np.linalg.solve(matrix, right)

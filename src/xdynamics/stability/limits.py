@@ -155,17 +155,17 @@ def stiffness(model: Model, method: Method, states: Sequence[Mapping[str, float]
     Hairer and Wanner II, section IV.2.
     """
     limit = decay_limit(method)
-    moved = [(state, h) for state, h in zip(states, steps, strict=True) if h > 0.0]
-    if not moved or not 0.0 < limit < np.inf:
+    stepped = [(state, h) for state, h in zip(states, steps, strict=True) if h > 0.0]
+    if not stepped or not 0.0 < limit < np.inf:
         return 0.0
     limited = 0
-    for linearisation, (_, h) in zip(linearise_each(model, (state for state, _ in moved)), moved, strict=True):
+    for linearisation, (_, h) in zip(linearise_each(model, (state for state, _ in stepped)), stepped, strict=True):
         # the eigenvalues of 1,000 masses take 20 s, the bound on them half a second
         if np.isfinite(linearisation.jacobian).all() and fastest_rate(linearisation.jacobian) * h >= 0.49 * limit:
             eigenvalues = np.linalg.eigvals(linearisation.jacobian)
             decays = -eigenvalues.real[-eigenvalues.real >= np.abs(eigenvalues.imag)]
             limited += bool(0.5 * limit <= float(np.max(decays, initial=0.0)) * h <= 1.5 * limit)
-    return limited / len(moved)
+    return limited / len(stepped)
 
 
 def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> float:
@@ -245,8 +245,8 @@ def _bracket(growth: Growth, ratio: float) -> tuple[float, float]:
     for first in range(0, len(tried), CHUNK):
         unstable = np.flatnonzero(growth(tried[first : first + CHUNK]) > 1.0)
         if unstable.size:
-            at = first + int(unstable[0])
-            return (float(tried[at - 1]) if at else 0.0), float(tried[at])
+            index = first + int(unstable[0])
+            return (float(tried[index - 1]) if index else 0.0), float(tried[index])
     return np.inf, np.inf
 
 
