@@ -20,16 +20,16 @@ from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGES
 
 @dataclass(frozen=True)
 class Examination:
-    """What was found in an archive.
+    """The result of examining an archive.
 
     Attributes
     ----------
     faults : tuple of str
         Everything that differs; empty for an archive as it was written.
     digest : str
-        The content digest that it bears.
+        The content digest that it states.
     outcome : str
-        How its run ended, as it says.
+        How its run ended, as recorded.
     """
 
     faults: tuple[str, ...]
@@ -37,28 +37,34 @@ class Examination:
     outcome: str = ""
 
     def settle(self, path: Path) -> None:
-        """Raise what was found, if anything was."""
+        """Raise the faults as one error, if there are any.
+
+        Raises
+        ------
+        ArchiveError
+            With every fault.
+        """
         if self.faults:
             raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(self.faults)}", self.faults)
 
 
 def examine(path: Path, tail: Tail, granted: Callable[[int], None] | None = None) -> Examination:
-    """Compare an archive with everything that it says of itself, in this process; see first what is in it.
+    """Compare an archive with its seal and digests, in this process; its objects are listed first.
 
     Parameters
     ----------
     path : Path
     tail : Tail
-        What stands at its end, as `tail_of` found it.
+        The end of the file, from `tail_of`.
     granted : callable, optional
-        Told how many bytes are to be read, once the file may have that many.
+        Called with the number of bytes to be read, once the file can hold that many.
     """
     faults = [tail.fault] if tail.fault else []
     try:
         objects = inventory(path)
     except DAMAGE as error:
         return Examination((*faults, f"it cannot be read: {words_of(error)}"))
-    if objects.faults:  # nothing of it is opened: the netCDF library follows what it finds
+    if objects.faults:  # not opened: the netCDF library would follow them
         return Examination((*faults, *objects.faults))
     return compare(path, tail, objects, granted)
 
@@ -66,16 +72,16 @@ def examine(path: Path, tail: Tail, granted: Callable[[int], None] | None = None
 def compare(
     path: Path, tail: Tail, objects: Inventory | None = None, granted: Callable[[int], None] | None = None
 ) -> Examination:
-    """Compare an archive, all of whose bytes are known here, with everything that it says of itself.
+    """Compare an archive, all of whose bytes are known here, with its seal and digests.
 
     Parameters
     ----------
     path : Path
     tail : Tail
     objects : Inventory, optional
-        What is in it, where others wrote it.
+        Its objects, if others wrote it.
     granted : callable, optional
-        As above.
+        As for `examine`.
     """
     faults = [tail.fault] if tail.fault else []
     try:
@@ -116,7 +122,7 @@ def _examined(file: Any, tail: Tail, faults: list[str], objects: Inventory | Non
 
 
 def _fault_of(name: str, variable: Any, digests: dict[str, str], own: dict[str, dict[str, Any]]) -> str:
-    """Compare one variable with its digest, and note its digest and attributes; return what is wrong."""
+    """Compare one variable with its digest, and note its digest and attributes; return its fault."""
     try:
         digests[name] = stored_digest(variable)
         attributes = attributes_of(variable)

@@ -1,4 +1,4 @@
-"""Archives read by a process of its own, with bounded time and memory, until their bytes are known here."""
+"""Archives read by a separate process, with bounded time and memory, until their bytes are known here."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ _lock = threading.Lock()
 
 
 def know(digest: str) -> None:
-    """Take down the seal of a file that was written here, in the place of the one used longest ago where there are many."""
+    """Remember the seal of a file that was written here; with too many, the one used longest ago is forgotten."""
     _take_down(_known, digest)
 
 
 def see(identity: Identity) -> None:
-    """Take down that a file, as it is now, has no object that the netCDF library would follow out of it."""
+    """Remember that a file, as it is now, has no object that the netCDF library would follow out of it."""
     _take_down(_seen, identity)
 
 
 def is_seen(identity: Identity) -> bool:
-    """Tell whether that is known of a file."""
+    """Whether a file is known to have no such object."""
     return identity in _seen
 
 
@@ -63,7 +63,7 @@ def _take_down(table: OrderedDict[Key, None], key: Key) -> None:
 
 
 def is_known(tail: Tail) -> bool:
-    """Tell whether a seal holds, of bytes that were written or examined here before."""
+    """Whether a seal holds for bytes that were written or examined here before."""
     if not tail.digest or tail.digest not in _known:
         return False
     know(tail.digest)
@@ -71,22 +71,22 @@ def is_known(tail: Tail) -> bool:
 
 
 def examined(path: Path, tail: Tail) -> Examination:
-    """Compare an archive with everything that it says of itself, where it can do no harm."""
+    """Compare an archive with its seal and digests, in a process where it can do no harm."""
     if is_known(tail):
         return compare(path, tail)
-    found = _EXAMINER.examine(path, tail)
-    if tail.digest and not found.faults:
+    examination = _EXAMINER.examine(path, tail)
+    if tail.digest and not examination.faults:
         know(tail.digest)
-    return found
+    return examination
 
 
 class _Examiner:
-    """The other process: started when it is first needed, one question at a time, started again when it has ended."""
+    """The separate process: started when first needed, asked one question at a time, restarted when it has ended."""
 
     def __init__(self) -> None:
         self._turn = threading.Lock()
         self._process: subprocess.Popen[str] | None = None
-        self._has_read = False  # the reader of that process, another file before
+        self._has_read = False  # whether the reader of that process has read another file before
 
     def examine(self, path: Path, tail: Tail, seconds: float = SECONDS, memory: int = MEMORY) -> Examination:
         """Have an archive examined.
@@ -122,13 +122,13 @@ class _Examiner:
         """End the process, whatever it does."""
         if self._process is not None:
             with suppress(ProcessLookupError):
-                os.killpg(self._process.pid, signal.SIGKILL)  # with what it was just reading a file in
+                os.killpg(self._process.pid, signal.SIGKILL)  # with the reader that it forked
             self._process.communicate()
             self._process = None
         self._has_read = False
 
     def forget(self) -> None:
-        """Leave the process to the one that this one was forked from."""
+        """Leave the process to the parent that this one was forked from."""
         self._turn = threading.Lock()
         if self._process is not None:
             self._process.returncode = 0  # not ours to wait for
@@ -136,7 +136,7 @@ class _Examiner:
         self._has_read = False
 
     def _asked(self, question: str, seconds: float) -> Any:
-        """Put a question, a second time where the reader might have a fault from another file; return the answer."""
+        """Ask a question, again if the reader may have a fault from another file; return the answer."""
         for _ in range(2):
             answer = self._answered(question, seconds)
             had_read, self._has_read = self._has_read, _is_faultless(answer)
@@ -147,8 +147,10 @@ class _Examiner:
         return answer
 
     def _answered(self, question: str, seconds: float) -> Any:
-        """Return what is answered, None where that is nothing, `READY` where there is no process to ask."""
-        for _ in range(2):  # the process reads no file itself: its own end, after a long pause say, is no fault of one
+        """Return the answer; None without one, `READY` if there is no process to ask."""
+        for _ in range(
+            2
+        ):  # the process reads no file itself: its own end, for example after a long pause, is no fault of a file
             process = self._started()
             if process is None:
                 return READY
@@ -162,7 +164,7 @@ class _Examiner:
         return None
 
     def _started(self) -> subprocess.Popen[str] | None:
-        """Return the process, ready; None where none can be had, and files are read here."""
+        """Return the process when it is ready; None if none can be started, so that files are read here."""
         if self._process is not None and self._process.poll() is None:
             return self._process
         self.end()
@@ -181,12 +183,12 @@ class _Examiner:
 
 
 def _is_faultless(answer: Any) -> bool:
-    """Tell whether an answer is that of a reader which goes on to the next file."""
+    """Whether an answer is that of a reader which goes on to the next file."""
     return isinstance(answer, dict) and not answer.get("faults", True)
 
 
 def _said(process: subprocess.Popen[str], seconds: float) -> Any:
-    """Return what a process says next; None where it says nothing, or ends."""
+    """Return the next answer of a process; None if it gives none in time, or ends."""
     assert process.stdout is not None  # noqa: S101
     ready = select.poll()
     ready.register(process.stdout, select.POLLIN)

@@ -1,8 +1,8 @@
-"""The process that reads files which nobody vouches for: what ends or hangs it is told from outside.
+"""The process that reads untrusted files: what ends or hangs it is noticed from outside.
 
-HDF5 follows what a file says; a file can be made so that it never comes to an end, takes all memory or crashes. The
+HDF5 follows what a file says; a file can be made to keep it busy for ever, take all memory or crash. The
 process takes one request a line, JSON, and answers in one line. It forks a reader, so that it starts fast, and ends with
-the first file that has a fault: nothing that one leaves behind in the library touches another.
+the first file that has a fault: nothing that such a file leaves in the library affects another.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from xdynamics.archive.seals import Tail
 
 PATIENCE = 60.0  # s without a request, after which the process ends
 READY = "ready"
-UNASKED = 64  # the exit code of a reader that nobody asks any more
+UNASKED = 64  # the exit code of a reader without further requests
 # bytes of chunks kept of each variable, which is read once and in order: the library's own 64 MiB, kept until the file
 # is closed, would make the memory needed that of the file
 CACHE = 1_000_000
 
 
 def main() -> None:
-    """Have requests answered until nobody asks any more."""
+    """Have requests answered until there are no more."""
     import netCDF4  # once, for every process that is forked
 
     netCDF4.set_chunk_cache(size=CACHE)
@@ -46,26 +46,28 @@ def main() -> None:
 
 
 def _read() -> None:
-    """Answer requests until a file has a fault, or nobody asks any more, in a process that ends with it."""
+    """Answer requests until a file has a fault or there are no more, then end this process."""
     while select.select([sys.stdin], [], [], PATIENCE)[0] and (line := sys.stdin.readline()):
-        found = _examined(json.loads(line))
-        _answer(vars(found))
-        if found.faults:
+        examination = _examined(json.loads(line))
+        _answer(vars(examination))
+        if examination.faults:
             os._exit(0)
     os._exit(UNASKED)
 
 
-def _examined(asked: dict[str, Any]) -> Examination:
+def _examined(request: dict[str, Any]) -> Examination:
     """Examine one file within its bounds."""
-    _bound_memory(asked["memory"])
+    _bound_memory(request["memory"])
     # processor time: what waits for a disk or for other processes is no fault of the file
-    signal.setitimer(signal.ITIMER_PROF, asked["seconds"])
+    signal.setitimer(signal.ITIMER_PROF, request["seconds"])
     try:
-        found = examine(Path(asked["path"]), Tail(**asked["tail"]), partial(_grant, asked["bytes_per_second"]))
-    except BaseException:  # noqa: BLE001 - whatever it is, it must not come to the loop that this one was forked from
+        examination = examine(
+            Path(request["path"]), Tail(**request["tail"]), partial(_grant, request["bytes_per_second"])
+        )
+    except BaseException:  # noqa: BLE001 - it must not reach the loop that this process was forked from
         os._exit(1)
     signal.setitimer(signal.ITIMER_PROF, 0.0)
-    return found
+    return examination
 
 
 def _grant(speed: float, size: int) -> None:
@@ -83,6 +85,6 @@ def _bound_memory(more: int) -> None:
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[0])
     except OSError:
-        return  # a system that does not say how much there is already
-    most = pages * resource.getpagesize() + more
-    resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
+        return  # a system that does not report the memory in use
+    limit = pages * resource.getpagesize() + more
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))

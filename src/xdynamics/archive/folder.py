@@ -1,4 +1,4 @@
-"""Folders that are whole or not there: built beside, under another name, and renamed when every file is on the disk."""
+"""Folders written whole or not at all: built under another name, and renamed when every file is on the disk."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ BUILT = ".building"
 
 @contextmanager
 def taking_folder(path: Path) -> Iterator[Path]:
-    """Lend a folder beside a path; when what follows is done, it takes the path's name, whole.
+    """Lend a folder beside a path; when the `with` block is done, it takes the path's name, whole.
 
-    What a killed process left of the same name is removed. Of two processes the first takes the name.
+    Remains of killed processes under the same name are removed. Of two processes the first takes the name.
 
     Raises
     ------
     InputError
-        If there is something under that name: before anything is done, or in the end where another was faster.
+        If something has that name: before anything is done, or in the end if another process was faster.
     ArchiveError
         If it cannot be written.
     """
@@ -53,28 +53,29 @@ def taking_folder(path: Path) -> Iterator[Path]:
 
 
 def check_empty(path: Path) -> None:
-    """Refuse a path that is no folder, or one with something in it; there may be nothing at all.
+    """Check that a path is an empty folder, or does not exist.
 
     Raises
     ------
     InputError
+        If it is anything else.
     """
     kind = asked(path, kind_of)
     if kind not in ("", "a directory"):
         raise InputError(f"'{path}' is {kind or 'a file'}; name a folder")
-    if kind and (there := sorted(one.name for one in path.iterdir())):
-        raise InputError(f"'{path}' holds '{there[0]}' already; name a folder that is empty, or not there")
+    if kind and (names := sorted(entry.name for entry in path.iterdir())):
+        raise InputError(f"'{path}' holds '{names[0]}' already; name a folder that is empty, or not there")
 
 
 def _finish(built: Path, target: Path) -> None:
     if target.is_dir():
         shutil.copymode(target, built)
-    for one in built.iterdir():
-        with synced(one):
+    for file in built.iterdir():
+        with synced(file):
             pass
     with synced(built):
         pass
-    built.rename(target)  # an empty folder gives way, another does not
+    built.rename(target)  # replaces an empty folder, and fails on any other
     with synced(target.parent):
         pass
 
@@ -91,22 +92,22 @@ def _begun(target: Path) -> tuple[Path, int]:
 
 
 def _sweep(target: Path) -> None:
-    """Remove what processes that are no more had begun under the same name."""
+    """Remove the folders that dead processes began under the same name."""
     names = re.compile(re.escape(_stem(target)) + r"[0-9a-f]{8}" + re.escape(BUILT))
-    for one in target.parent.iterdir():
-        if not names.fullmatch(one.name) or one.is_symlink() or not one.is_dir():
+    for folder in target.parent.iterdir():
+        if not names.fullmatch(folder.name) or folder.is_symlink() or not folder.is_dir():
             continue
         with suppress(OSError):
-            handle = os.open(one, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+            handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
             try:
                 if _is_taken(handle):
-                    shutil.rmtree(one, ignore_errors=True)
+                    shutil.rmtree(folder, ignore_errors=True)
             finally:
                 os.close(handle)
 
 
 def _is_taken(handle: int) -> bool:
-    """Lock a folder, unless another process has it locked; where a file system has no locks, it is this one's."""
+    """Lock a folder, unless another process has it locked; on a file system without locks it counts as this one's."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -1,4 +1,4 @@
-"""What objects an HDF5 file has, listed without following any: netCDF follows them, and does not show them all.
+"""The objects of an HDF5 file, listed without following any: netCDF follows them, and does not show them all.
 
 The functions are those of the HDF5 library that the netCDF4 package has loaded, so that no second library, nor a second
 reading of the format, can see another file than it does.
@@ -22,8 +22,8 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 INTERNAL = frozenset(
     {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "_Netcdf4Coordinates", "_Netcdf4Dimid", "_NCProperties"}
 )
-FOLLOWED = "DIMENSION_LIST"  # of the internal ones the one that is followed where a file is opened
-NON_COORDINATE = "_nc4_non_coord_"  # before the name of a variable that is called as a dimension, and is not along it
+FOLLOWED = "DIMENSION_LIST"  # the internal one that is followed when a file is opened
+NON_COORDINATE = "_nc4_non_coord_"  # before the name of a variable with a dimension's name that is not along it
 LINKS = {1: "a soft link", 64: "an external link, which leads out of the file"}  # H5L_type_t; 0 is an object's own name
 GROUP, TYPE, DATASET = 2, 3, 5  # H5I_type_t
 ROWS = 9  # H5T_class_t, as these but for whole numbers, floats and letters:
@@ -76,7 +76,7 @@ class Inventory:
     filled : set of str
         Datasets that hold values.
     faults : list of str
-        What no archive has, and nothing may follow: links, values in other files, references, groups, types.
+        What no archive has, and what must not be followed: links, values in other files, references, groups, types.
     """
 
     attributes: dict[str, set[str]] = field(default_factory=dict)
@@ -84,7 +84,7 @@ class Inventory:
     faults: list[str] = field(default_factory=list)
 
     def hidden(self, shown: dict[str, set[str]], dimensions: set[str]) -> list[str]:
-        """Name what netCDF does not show.
+        """List the objects and attributes that netCDF does not show.
 
         Parameters
         ----------
@@ -100,14 +100,14 @@ class Inventory:
                 faults.append(f"object '{stored}' is none that netCDF shows")
                 continue
             of = f" of '{name}'" if name else ""
-            more = sorted(names - INTERNAL - shown.get(name, set()))
-            faults += [f"attribute '{one}'{of} is none that netCDF shows" for one in more]
+            unseen = sorted(names - INTERNAL - shown.get(name, set()))
+            faults += [f"attribute '{attribute}'{of} is none that netCDF shows" for attribute in unseen]
         return faults
 
 
 @alone
 def inventory(path: Path) -> Inventory:
-    """List the objects of a file; of values none is read, and no other file is opened.
+    """List the objects of a file; no values are read, and no other file is opened.
 
     Raises
     ------
@@ -120,49 +120,51 @@ def inventory(path: Path) -> Inventory:
         if file.read(len(SIGNATURE)) != SIGNATURE:
             raise OSError("it does not begin as an HDF5 file does")
     openings.of(path)  # refuses one that was overwritten while the library has it open
-    found = Inventory()
+    objects = Inventory()
     with _held("H5Fopen", os.fsencode(path.absolute()), 0, 0, close="H5Fclose") as root:
-        found.attributes[""] = _attributes(root, "", found.faults)
+        objects.attributes[""] = _attributes(root, "", objects.faults)
         links = "H5Literate2" if hasattr(_library(), "H5Literate2") else "H5Literate"
-        for name, kind in _listed(links, root):  # the kind is the first that is said of a link
+        for name, kind in _listed(links, root):  # the first number reported of a link is its kind
             if kind:
-                found.faults.append(f"'{name}' is {LINKS.get(kind, 'a link of a foreign kind')}; no archive has links")
+                objects.faults.append(
+                    f"'{name}' is {LINKS.get(kind, 'a link of a foreign kind')}; no archive has links"
+                )
                 continue
-            with _held("H5Oopen", root, name.encode("utf-8", "surrogateescape"), 0, close="H5Oclose") as one:
-                _note(found, name, one)
-    return found
+            with _held("H5Oopen", root, name.encode("utf-8", "surrogateescape"), 0, close="H5Oclose") as handle:
+                _note(objects, name, handle)
+    return objects
 
 
-def _note(found: Inventory, name: str, one: int) -> None:
-    """Note an object under its name: a dataset, or what is none of a run."""
-    kind = _library().H5Iget_type(one)
+def _note(objects: Inventory, name: str, handle: int) -> None:
+    """Note an object under its name: a dataset, or a fault."""
+    kind = _library().H5Iget_type(handle)
     if kind != DATASET:
         what = {GROUP: "group", TYPE: "type"}.get(kind, "object")
-        found.faults.append(f"{what} '{name}' is none of a run")
+        objects.faults.append(f"{what} '{name}' is none of a run")
         return
-    with _held("H5Dget_create_plist", one, close="H5Pclose") as built:
+    with _held("H5Dget_create_plist", handle, close="H5Pclose") as built:
         if _library().H5Pget_layout(built) == VIRTUAL:
-            found.faults.append(f"variable '{name}' is a virtual dataset, whose values stand elsewhere")
+            objects.faults.append(f"variable '{name}' is a virtual dataset, whose values stand elsewhere")
             return
         if count := _library().H5Pget_external_count(built):
-            found.faults.append(f"variable '{name}' has its values in {count} other file{'s' if count > 1 else ''}")
+            objects.faults.append(f"variable '{name}' has its values in {count} other file{'s' if count > 1 else ''}")
             return
-    with _held("H5Dget_type", one, close="H5Tclose") as values:
+    with _held("H5Dget_type", handle, close="H5Tclose") as values:
         if held := CLASSES.get(_library().H5Tget_class(values)):
-            found.faults.append(f"variable '{name}' holds {held}, which no variable of an archive does")
-    if _library().H5Dget_storage_size(one):
-        found.filled.add(name)
-    found.attributes[name] = _attributes(one, name, found.faults)
+            objects.faults.append(f"variable '{name}' holds {held}, which no variable of an archive does")
+    if _library().H5Dget_storage_size(handle):
+        objects.filled.add(name)
+    objects.attributes[name] = _attributes(handle, name, objects.faults)
 
 
 def _listed(function: str, of: int) -> list[tuple[str, int]]:
-    """Return the names that a function of the library tells in turn, and the first number that is said of each."""
-    found: list[tuple[str, int]] = []
+    """Return the names that a function of the library iterates over, and the first number that it reports of each."""
+    entries: list[tuple[str, int]] = []
     broken: list[BaseException] = []
 
-    def noted(_of: int, name: bytes, about: Any, _data: int) -> int:
+    def noted(_of: int, name: bytes, numbers: Any, _data: int) -> int:
         try:
-            found.append((name.decode("utf-8", "surrogateescape"), about[0]))
+            entries.append((name.decode("utf-8", "surrogateescape"), numbers[0]))
         except BaseException as error:  # noqa: BLE001 - Ctrl-C, too, would be lost in a function that C calls
             broken.append(error)
             return -1
@@ -174,23 +176,23 @@ def _listed(function: str, of: int) -> list[tuple[str, int]]:
         if broken:
             raise broken[0] from None
         raise
-    return found
+    return entries
 
 
 def _attributes(of: int, name: str, faults: list[str]) -> set[str]:
-    """Return the names of an object's attributes; those by which netCDF finds dimensions lead nowhere else."""
-    found = {attribute for attribute, _ in _listed("H5Aiterate2", of)}
-    if FOLLOWED in found and not _is_within(of):
+    """Return the names of an object's attributes; its references to dimensions must stay within the file."""
+    names = {attribute for attribute, _ in _listed("H5Aiterate2", of)}
+    if FOLLOWED in names and not _is_within(of):
         faults.append(f"attribute '{FOLLOWED}' of '{name}' is none of netCDF's: it may lead out of the file")
-    return found
+    return names
 
 
 def _is_within(of: int) -> bool:
-    """Tell whether the references to an object's dimensions are rows of addresses in the file itself."""
+    """Whether the references to an object's dimensions are rows of addresses in the file itself."""
     library = _library()
     with (
-        _held("H5Aopen", of, FOLLOWED.encode(), 0, close="H5Aclose") as one,
-        _held("H5Aget_type", one, close="H5Tclose") as rows,
+        _held("H5Aopen", of, FOLLOWED.encode(), 0, close="H5Aclose") as attribute,
+        _held("H5Aget_type", attribute, close="H5Tclose") as rows,
     ):
         if library.H5Tget_class(rows) != ROWS:
             return False
@@ -199,7 +201,7 @@ def _is_within(of: int) -> bool:
 
 
 class _held:  # noqa: N801 - used as a statement, some hundred times a file
-    """Lends what a function of the library opens."""
+    """Lends a handle that a function of the library opens."""
 
     __slots__ = ("close", "handle")
 
@@ -214,7 +216,7 @@ class _held:  # noqa: N801 - used as a statement, some hundred times a file
 
 
 def _called(name: str, *arguments: Any) -> int:
-    """Call a function of the library, which says by a negative number that it could not."""
+    """Call a function of the library; raise OSError if it returns a negative number."""
     answer = int(getattr(_library(), name)(*arguments))
     if answer < 0:
         raise OSError(f"its objects cannot be listed ({name} of HDF5 says no more)")
@@ -223,7 +225,7 @@ def _called(name: str, *arguments: Any) -> int:
 
 @lru_cache
 def _library() -> ctypes.CDLL:
-    """Return the library: what an extension has not itself is looked for in the libraries that it was linked with."""
+    """Return the library: symbols that the extension lacks are found in the libraries that it was linked with."""
     from netCDF4 import _netCDF4
 
     library = ctypes.CDLL(_netCDF4.__file__)

@@ -1,8 +1,8 @@
-"""Temporary files: the ones that are being written are locked, and what dead processes left is removed.
+"""Temporary files: those being written are locked, and those that dead processes left are removed.
 
-Beside every temporary file stands an empty one with a lock of the system on it, which goes with its process, however
-that ends. So neither a process number that is used again nor one on another machine is ever asked for. The lock is not
-on the file itself, because HDF5 puts its own there.
+Beside every temporary file stands an empty one with a system lock on it, which is released when its process ends, however
+it does. So no process number is consulted, which may be used again or be of another machine. The lock is not on the file
+itself, because HDF5 puts its own there.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Part:
         ----------
         target : Path
         mode : int
-            As for `open`: the system takes away what the process' mask forbids.
+            As for `open`, subject to the umask of the process.
         """
         path, handle = _locked(target)
         try:
@@ -81,18 +81,18 @@ def _lock_of(part: Path) -> Path:
 
 
 def fitting(name: str, *, before: str = "", behind: str = "") -> str:
-    """Return a file's name with something before and behind it, no longer than names may be: its beginning and a digest then."""
-    own = os.fsencode(name)
-    if len(own) + len(before) + len(behind) > LONGEST:
-        own = own[: LONGEST - 32] + b"~" + sha256(own).hexdigest()[:16].encode()
-    return f"{before}{os.fsdecode(own)}{behind}"
+    """Return a file's name with a prefix and a suffix; if that is too long, its beginning and a digest take its place."""
+    encoded = os.fsencode(name)
+    if len(encoded) + len(before) + len(behind) > LONGEST:
+        encoded = encoded[: LONGEST - 32] + b"~" + sha256(encoded).hexdigest()[:16].encode()
+    return f"{before}{os.fsdecode(encoded)}{behind}"
 
 
 def sweep(folder: Path) -> None:
-    """Remove the temporary files of processes that are no more; what cannot be removed stays."""
+    """Remove the temporary files of dead processes; those that cannot be removed stay."""
     with suppress(OSError), os.scandir(folder) as entries:
-        found = [Path(entry.path) for entry in entries if _OURS.fullmatch(os.fsencode(entry.name))]
-        for path in found:
+        paths = [Path(entry.path) for entry in entries if _OURS.fullmatch(os.fsencode(entry.name))]
+        for path in paths:
             lock = path if path.name.endswith(LOCK) else _lock_of(path)
             with suppress(OSError):
                 if path == lock:
@@ -114,9 +114,9 @@ def _remove(guard: Path, paths: list[Path]) -> None:
 
 
 def take(handle: int, *, needed: bool) -> bool:
-    """Lock what is open, until it is closed, unless another process does.
+    """Lock an open file until it is closed, unless another process holds its lock.
 
-    Where the file system has no locks, one that is needed is not had: nothing is removed there, but all is written.
+    On a file system without locks a needed one is not obtained: nothing is removed there, but files are written.
     """
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,4 +1,4 @@
-"""Archives that stay open: how xarray comes to a file again, long after it was opened, from any thread or process."""
+"""Archives that stay open: how xarray reaches a file long after it was opened, from any thread or process."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _lent: WeakSet[Lent] = WeakSet()
 
 
 class Lent:
-    """One archive as xarray's backend asks for it, opened whenever it is wanted.
+    """One archive for xarray's backend, opened whenever it is needed.
 
-    It is the same file each time: where another has taken its name, or it was written to, that is an error and no
+    It is the same file each time: if another has taken its name, or it was written to, that is an error and never a
     number of another run.
     """
 
@@ -60,19 +60,19 @@ class Lent:
 
     @alone
     def close(self, needs_lock: bool = True) -> None:  # noqa: ARG002, FBT001, FBT002 - xarray's signature
-        """Close the file; its name may be given to another from now on, though this one may still be read again."""
+        """Close the file; its name may go to another from now on, though this one may still be read again."""
         self.in_use = False
         file = _open.pop(id(self), None)
         if file is not None:
             file.close()
 
     def check_unchanged(self) -> None:
-        """Refuse what was read of a file that was overwritten while it was open.
+        """Check that the file was not overwritten while it was open.
 
         Raises
         ------
         ArchiveError
-            If it was. Another file under its name does no harm: what is open is still the one that it was.
+            If it was. Another file under its name does no harm: the open one is unchanged.
         """
         try:
             _, inode, *now = identity_of(self.path)
@@ -83,7 +83,7 @@ class Lent:
             raise ArchiveError(f"'{self.path}' was overwritten while it was open; open it again")
 
     def _reopened(self) -> netCDF4.Dataset:
-        self._check_identity()  # before, too: the library follows what is in a file, and nobody has looked at another one
+        self._check_identity()  # before, too: the library follows links, and another file has not been examined
         file = file_at(self.path)
         try:
             self._check_identity()
@@ -97,8 +97,8 @@ class Lent:
             raise ArchiveError(f"'{self.path}' is another file than the one that was opened; open it again")
 
     def __del__(self) -> None:
-        # in whatever thread, and in the midst of whatever: it must not wait
-        if _open is None:  # the interpreter is half gone
+        # this may run in any thread at any point: it must not wait
+        if _open is None:  # the interpreter is shutting down
             return
         file = _open.pop(id(self), None)
         if file is not None:
@@ -116,7 +116,7 @@ def lent(path: Path, identity: Identity | None = None) -> xr.Dataset:
     ----------
     path : Path
     identity : optional
-        Of the file that it has to be, where it was looked at before.
+        Of the expected file, if it was examined before.
 
     Raises
     ------
@@ -127,49 +127,49 @@ def lent(path: Path, identity: Identity | None = None) -> xr.Dataset:
 
     from xdynamics.archive.values import Store
 
-    one = _settled(path) if identity is None else Lent(path, identity)
-    if faults := oversize(path, one.acquire()):
+    archive = _settled(path) if identity is None else Lent(path, identity)
+    if faults := oversize(path, archive.acquire()):
         raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(faults)}", tuple(faults))
-    store = Store(one, mode="r")  # type: ignore[no-untyped-call]
+    store = Store(archive, mode="r")  # type: ignore[no-untyped-call]
     run = xr.open_dataset(store, decode_times=False, mask_and_scale=False)
     run.encoding["source"] = os.fspath(path)
-    run.set_close(_Closing(one))
+    run.set_close(_Closing(archive))
     return run
 
 
 def _settled(path: Path) -> Lent:
-    """Open a file, anew where another has taken its name in the very moment."""
+    """Open a file, again if another took its name at that moment."""
     for _ in range(MOST_REPLACED):
-        one = Lent(path)
+        archive = Lent(path)
         try:
-            one.acquire()
+            archive.acquire()
         except ArchiveError as error:
             last = error
         else:
-            return one
+            return archive
     raise last
 
 
 class _Closing:
-    """Closes an archive; it does not keep it open: when every variable is in memory, nobody needs the file any more."""
+    """Closes an archive without keeping it open: once every variable is in memory, the file is not needed any more."""
 
-    def __init__(self, one: Lent | None) -> None:
-        self._one = ref(one) if one is not None else lambda: None
+    def __init__(self, archive: Lent | None) -> None:
+        self._one = ref(archive) if archive is not None else lambda: None
 
     def __call__(self) -> None:
-        one = self._one()
-        if one is not None:
-            one.close()
+        archive = self._one()
+        if archive is not None:
+            archive.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _Closing, (self._one(),)
 
 
 def is_lent(path: Path) -> bool:
-    """Tell whether variables of a run in this process still have to be read from a file."""
+    """Whether variables of a run in this process still have to be read from a file."""
     if not any(_readers(path)):
         return False
-    gc.collect()  # runs that nobody can use any more, but that wait to be collected
+    gc.collect()  # unreachable runs that wait to be collected
     return any(_readers(path))
 
 
@@ -178,12 +178,12 @@ def _readers(path: Path) -> Iterator[Lent]:
         device, inode, *_ = identity_of(path)
     except OSError:
         return
-    yield from (one for one in _all() if one.in_use and one.identity[:2] == (device, inode))
+    yield from (archive for archive in _all() if archive.in_use and archive.identity[:2] == (device, inode))
 
 
 @alone
-def _enter(one: Lent) -> None:
-    _lent.add(one)
+def _enter(archive: Lent) -> None:
+    _lent.add(archive)
 
 
 @alone
@@ -192,15 +192,15 @@ def _all() -> list[Lent]:
 
 
 def identity_of(path: Path) -> Identity:
-    """Return what tells a file from another under its name."""
-    about = path.stat()
-    return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
+    """Return what distinguishes a file from another under its name."""
+    status = path.stat()
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
 
 
 @atexit.register
 @alone
 def _end() -> None:
-    """Close what is still open: a file that is collected by an interpreter half gone complains on the terminal."""
+    """Close what is still open: a file that is collected while the interpreter shuts down prints errors."""
     while _open:
         leave(_open.popitem()[1])
     close_left()

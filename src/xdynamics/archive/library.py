@@ -1,7 +1,7 @@
-"""The netCDF4 library, of which one thread at a time may touch anything: its lock, and the opener of every file.
+"""The netCDF4 library, which one thread at a time may use: its lock, and the opener of every file.
 
-Neither netCDF-C nor HDF5 bears two threads, not even on two files. xarray has locks of its own for them; here they are
-taken together with ours, so that what is opened here and what somebody opens by xarray keep out of each other's way.
+Neither netCDF-C nor HDF5 tolerates two threads, not even on two files. xarray has locks of its own for them; here they
+are taken together with ours, so that files opened here and files opened by xarray do not interfere.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ DAMAGE = (OSError, RuntimeError, ValueError, AttributeError, LookupError, TypeEr
 
 
 def words_of(error: Exception) -> str:
-    """Return what an error says; its name where it says nothing, as that of a memory that is full."""
+    """Return the text of an error; its type's name if it has none, as a MemoryError."""
     return str(error) or type(error).__name__
 
 
@@ -38,7 +38,7 @@ _left: list[Any] = []
 
 
 def alone(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Have a function run while no other thread is in the library; such functions may call each other.
+    """Make a function run while no other thread is in the library; such functions may call each other.
 
     The locks are held for one call of the library or a few in a row, never while a caller's code runs or another thread
     is waited for. Ours is first, xarray's follow in its own order; who holds xarray's never asks for ours. All are locks
@@ -58,11 +58,11 @@ def alone(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
 
 
 def _locks_of_xarray() -> list[Any]:
-    """Return the two locks that xarray takes around the library, in its order; others while nobody has imported it."""
+    """Return the two locks that xarray takes around the library, in its order; others while it is not imported."""
     backend = sys.modules.get("xarray.backends.netCDF4_")
     combined = getattr(getattr(backend, "NETCDF4_PYTHON_LOCK", None), "locks", ())
-    found = [one.lock for one in combined if hasattr(one, "lock")]
-    return [*found, threading.Lock(), threading.Lock()][:2]
+    locks = [lock.lock for lock in combined if hasattr(lock, "lock")]
+    return [*locks, threading.Lock(), threading.Lock()][:2]
 
 
 _forking: list[Any] = []
@@ -81,12 +81,12 @@ def _after_fork() -> None:
         _forking.pop().release()
 
 
-# a child that is forked while another thread is in the library would find it taken for ever, and in disorder
+# a child that is forked while another thread is in the library would find its lock taken for ever, and its state inconsistent
 os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
 
 
 def leave(file: netCDF4.Dataset) -> None:
-    """Have a file closed by who opens one next; for a finaliser, which must not wait for the lock."""
+    """Leave a file to be closed when the next one is opened; for finalisers, which must not wait for the lock."""
     _left.append(file)
 
 
@@ -102,8 +102,8 @@ def close_left() -> None:
 def file_at(path: Path, mode: Literal["r", "w"] = "r") -> netCDF4.Dataset:
     """Open a file with the library.
 
-    The library takes texts, and a file's name is bytes: in Latin-1 every name is a text, and comes out as it went in.
-    It also skips blanks at the beginning of a name, which an absolute one has not.
+    The library takes texts, and a file's name is bytes: Latin-1 makes every name a text, and back without loss.
+    The library also skips blanks at the beginning of a name, which an absolute one has not.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _kind_of_file() -> type[netCDF4.Dataset]:
     import netCDF4
 
     class File(netCDF4.Dataset):
-        """A file that can say its own name, whatever the bytes of it, and is closed once."""
+        """A file that reports its own name, whatever its bytes, and is closed once."""
 
         def filepath(self, encoding: str | None = None) -> str:
             name = super().filepath(encoding="latin-1").encode("latin-1")
@@ -158,7 +158,7 @@ def close(file: netCDF4.Dataset) -> None:
 
 @contextmanager
 def opened(path: Path, mode: Literal["r", "w"] = "r") -> Iterator[netCDF4.Dataset]:
-    """Open a file, and close it. Others come to the library in between: be `alone` for what is read and written."""
+    """Open a file, and close it. Other threads may use the library in between: read and write under `alone`."""
     file = file_at(path, mode)
     try:
         alone(file.set_auto_maskandscale)(mode == "w")

@@ -1,7 +1,7 @@
-"""Files that the library may still have open: one that was overwritten in place is the old one to it.
+"""Files that the library may still have open: it takes one that was overwritten in place for the old one.
 
-HDF5 knows a file by its inode. Whoever copies another archive over one that this process has open, or that the library
-could not close because it is damaged, has the old file's structure read with the new one's bytes.
+HDF5 knows a file by its inode. If another archive is copied over one that this process has open, or that the library
+could not close because it is damaged, the old file's structure is read with the new one's bytes.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ State = tuple[int, int]  # size, time of the last change
 
 @dataclass(frozen=True)
 class Opening:
-    """One file of the disk, as it was when it was opened to reading."""
+    """One file of the disk, as it was when it was opened for reading."""
 
     state: State
     files: WeakSet[Any] = field(default_factory=WeakSet)
 
 
 class Openings:
-    """What was opened and not closed in order, by inode; used under the lock of the library."""
+    """Files that were opened and not closed properly, by inode; used under the lock of the library."""
 
     def __init__(self) -> None:
         self._by_inode: dict[Inode, Opening] = {}
 
     def of(self, path: Path) -> Opening:
-        """Return the opening of a file that is to be opened now; what was opened of it before it was overwritten is closed.
+        """Return the opening of a file that is about to be opened; close those from before it was overwritten.
 
         Raises
         ------
         ArchiveError
             If the library keeps the old one open nevertheless.
         """
-        about = path.stat()
-        inode, state = (about.st_dev, about.st_ino), (about.st_size, about.st_mtime_ns)
+        status = path.stat()
+        inode, state = (status.st_dev, status.st_ino), (status.st_size, status.st_mtime_ns)
         before = self._by_inode.get(inode)
         if before and before.state != state:
             for file in list(before.files):
@@ -58,7 +58,7 @@ class Openings:
         return self._by_inode.setdefault(inode, Opening(state))
 
     def closed(self, file: Any) -> None:
-        """Forget a file that was closed in order."""
+        """Forget a file that was closed properly."""
         for inode, opening in list(self._by_inode.items()):
             if file in opening.files:
                 opening.files.discard(file)
@@ -70,11 +70,11 @@ openings = Openings()
 
 
 def _is_held(inode: Inode) -> bool:
-    """Tell whether this process has a file open; where the system does not say, it has not."""
+    """Whether this process has a file open; False if the system does not say."""
     with suppress(OSError):
-        for one in Path("/dev/fd").iterdir():
+        for descriptor in Path("/dev/fd").iterdir():
             with suppress(OSError):
-                about = os.fstat(int(one.name))
-                if (about.st_dev, about.st_ino) == inode:
+                status = os.fstat(int(descriptor.name))
+                if (status.st_dev, status.st_ino) == inode:
                     return True
     return False

@@ -1,4 +1,4 @@
-"""What a record was before anybody could edit it: it travels with the Dataset, and `save` compares the two."""
+"""A record as it was before any edit: it travels with the Dataset, and `save` compares the two."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ Unchanged = Callable[["xr.Variable"], bool]
 
 @dataclass(frozen=True)
 class Part:
-    """One variable as it was: its digest, or its values, of which a digest is made when it is asked for.
+    """One variable as it was: its digest, or its values, from which the digest is computed on demand.
 
-    An array is kept, not copied: it is closed to writing, so that what a Dataset shows is what was marched.
+    An array is kept, not copied: it is made read-only, so that what a Dataset shows is what was marched.
     """
 
     name: str
@@ -43,9 +43,9 @@ class Part:
     attributes: Mapping[str, Any]
     variable: xr.Variable | None = None
     known: str = ""
-    # what a variable of an opened archive holds, as long as nobody puts something else there
+    # the data of a variable of an opened archive, to notice that they were replaced
     held: Any = field(default=None, compare=False)
-    # of values that were lazy: whether those at hand are what came of them, where that was noted
+    # for lazy values: tests whether given values are their result, if that was noted
     unchanged: Unchanged | None = field(default=None, compare=False)
 
     @cached_property
@@ -60,7 +60,7 @@ class Part:
 
 
 class Origin(str):
-    """A short text as an attribute, like any other; and behind it the record as it was."""
+    """A short text as an attribute, like any other, which carries the record as it was."""
 
     attributes: dict[str, Any]
     source: Source | None
@@ -68,7 +68,7 @@ class Origin(str):
 
     @classmethod
     def of(cls, parts: Callable[[], dict[str, Part]], attributes: Mapping[Any, Any], source: Source | None) -> Origin:
-        """Take a record's parts, to be made when they are asked for, its attributes, and where to read its values again."""
+        """Make an origin of a record's parts, computed on demand, its attributes, and the source of its values."""
         origin = cls(TEXT)
         origin._parts, origin.attributes, origin.source = parts, dict(attributes), source
         return origin
@@ -85,19 +85,19 @@ class Origin(str):
         return root_digest(digests, {name: part.attributes for name, part in self.parts.items()}, self.attributes)
 
     def whole(self) -> xr.Dataset | None:
-        """Return the record as it was, where its values are still at hand."""
+        """Return the record as it was, if its values are still at hand."""
         import xarray as xr
 
         if self.source is not None:
             return self.source()
-        found = {name: part.variable for name, part in self.parts.items()}
-        return None if any(one is None for one in found.values()) else xr.Dataset(found)
+        variables = {name: part.variable for name, part in self.parts.items()}
+        return None if any(variable is None for variable in variables.values()) else xr.Dataset(variables)
 
     def __copy__(self) -> Origin:
         return self
 
     def __deepcopy__(self, _memo: object) -> Origin:
-        return self  # what was marched does not become another thing with a copy
+        return self  # a copy has the same origin
 
     def __reduce__(self) -> Any:
         return _restored, ({name: part.as_digest for name, part in self.parts.items()}, self.attributes, self.source)
@@ -108,17 +108,19 @@ def _restored(parts: dict[str, Part], attributes: dict[str, Any], source: Source
 
 
 def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -> xr.Dataset:
-    """Close the arrays of a record to writing, and let it remember them: nothing is copied or hashed for it.
+    """Make the arrays of a record read-only, and let it remember them; nothing is copied or hashed.
 
     Parameters
     ----------
     run : xarray.Dataset
     unchanged : mapping, optional
-        For lazy variables what tells whether values are those that came of them, without computing them again.
+        For lazy variables, tests whether values are their result, without computing them again.
     """
-    arrays = {str(name): (one.dims, one.data, dict(one.attrs)) for name, one in run.variables.items()}
+    arrays = {
+        str(name): (variable.dims, variable.data, dict(variable.attrs)) for name, variable in run.variables.items()
+    }
     for _, data, _ in arrays.values():
-        if isinstance(data, np.ndarray):  # what is not computed yet is closed as it is
+        if isinstance(data, np.ndarray):  # lazy arrays are read-only already
             data.flags.writeable = False
     run.attrs[ORIGIN] = Origin.of(partial(_of_arrays, arrays, unchanged or {}), run.attrs, None)
     return run
@@ -131,24 +133,29 @@ def _of_arrays(
 
     return {
         name: Part(
-            name, dims, data.shape, about, xr.Variable(dims, data, about, fastpath=True), unchanged=unchanged.get(name)
+            name,
+            dims,
+            data.shape,
+            attributes,
+            xr.Variable(dims, data, attributes, fastpath=True),
+            unchanged=unchanged.get(name),
         )
-        for name, (dims, data, about) in arrays.items()
+        for name, (dims, data, attributes) in arrays.items()
     }
 
 
 def read(run: xr.Dataset, source: Source) -> xr.Dataset:
-    """Take the digests off the variables of an opened archive, where arithmetic would keep them, and remember them."""
+    """Remove the digests from the variables of an opened archive, lest arithmetic keep them, and remember them."""
     parts = {}
-    for name, one in run.variables.items():
-        digest = str(one.attrs.pop(DIGEST, ""))
+    for name, variable in run.variables.items():
+        digest = str(variable.attrs.pop(DIGEST, ""))
         parts[str(name)] = Part(
             str(name),
-            tuple(map(str, one.dims)),
-            one.shape,
-            own_attributes(one.attrs),
+            tuple(map(str, variable.dims)),
+            variable.shape,
+            own_attributes(variable.attrs),
             known=digest,
-            held=one._data,  # noqa: SLF001
+            held=variable._data,  # noqa: SLF001
         )
     run.attrs[ORIGIN] = Origin.of(lambda: parts, run.attrs, source)
     return run
@@ -157,6 +164,6 @@ def read(run: xr.Dataset, source: Source) -> xr.Dataset:
 def digest_of(name: str, variable: Any) -> str:
     """Return the digest that a variable has in a file."""
     seal = Seal(name, tuple(map(str, variable.dims)), variable.dtype)
-    for part in stored_slabs(variable):
-        seal.update(part)
+    for slab in stored_slabs(variable):
+        seal.update(slab)
     return seal.hexdigest()

@@ -38,9 +38,9 @@ def open_run(path: str | Path, *, check: bool = True, quantify: bool = False) ->
     path : str or Path
     check : bool
         Whether to compare the file with its seal and its digests first. This reads the whole file: once where this
-        process has seen the same bytes before, else twice, the second time in a process of its own, which a file made
-        to hurt its reader may hang or end. Without, the objects of an unknown file are listed all the same, so that
-        nothing is followed out of it.
+        process has seen the same bytes before, else twice, the second time in a process of its own, which a
+        malicious file may hang or end. Without the check, the objects of an unknown file are still listed, so that no
+        link out of it is followed.
     quantify : bool
         Whether to return numbers with units in their arrays, by pint-xarray. They are read then, not when they are used.
 
@@ -54,14 +54,14 @@ def open_run(path: str | Path, *, check: bool = True, quantify: bool = False) ->
     path = Path(path)
     check_source(path)
     run, foreign = _opened(path, check=check)
-    run.attrs.pop(SEALED, None)  # it is said of the file, not of the run
+    run.attrs.pop(SEALED, None)  # describes the file, not the run
     _check_record(run, path, values=foreign)
-    opened = read(run, partial(_again, path, str(run.attrs.get(ROOT_DIGEST, ""))))
-    return quantified(opened) if quantify else opened
+    result = read(run, partial(_again, path, str(run.attrs.get(ROOT_DIGEST, ""))))
+    return quantified(result) if quantify else result
 
 
 def _opened(path: Path, *, check: bool) -> tuple[xr.Dataset, bool]:
-    """Look at a file, and open that very one, anew where its name went to another in between; tell whether it was unknown here."""
+    """Check a file and open the same one, again if its name went to another meanwhile; return also whether it was unknown."""
     for _ in range(MOST_REPLACED):
         identity, foreign = _checked(path) if check else (_listed(path), False)
         try:
@@ -79,7 +79,7 @@ def _unreadable(path: Path, error: Exception) -> ArchiveError:
 
 
 def _checked(path: Path) -> tuple[Identity, bool]:
-    """Compare a file with all that it says of itself; return which one it is, and whether its bytes were unknown here."""
+    """Compare a file with its seal and digests; return its identity, and whether its bytes were unknown here."""
     look = _Look.at(path)
     if is_known(look.tail):
         see(look.identity)
@@ -88,7 +88,7 @@ def _checked(path: Path) -> tuple[Identity, bool]:
 
 
 def _listed(path: Path) -> Identity:
-    """See that a file has no objects that lead out of it, which the netCDF library follows; return which one it is."""
+    """Check that a file has no objects that lead out of it, which the netCDF library follows; return its identity."""
     identity = _identity(path)
     if not is_seen(identity):
         try:
@@ -108,7 +108,7 @@ def _identity(path: Path) -> Identity:
 
 
 def _again(path: Path, digest: str) -> xr.Dataset | None:
-    """Open a file again, where it still holds the same record."""
+    """Open a file again, if it still holds the same record."""
     try:
         run = open_run(path)
     except InputError:
@@ -117,7 +117,7 @@ def _again(path: Path, digest: str) -> xr.Dataset | None:
 
 
 def _check_record(run: xr.Dataset, path: Path, *, values: bool) -> None:
-    """Refuse what bears right digests and is no run record: somebody else wrote it, or another version."""
+    """Check that a file with correct digests is a run record; another program or version may have written it."""
     try:
         faults = faults_of(run, values=values)
     except ArchiveError:
@@ -152,9 +152,9 @@ def verify(path: str | Path) -> str:
     """
     digest = verified(Path(path))
     with open_run(path, check=False) as run:
-        said = "" if is_evidence(run.attrs) else said_of(run.attrs)
-    if said:
-        warn(f"'{path}' is as it was written, and is {said}", KindWarning)
+        kind = "" if is_evidence(run.attrs) else said_of(run.attrs)
+    if kind:
+        warn(f"'{path}' is as it was written, and is {kind}", KindWarning)
     return digest
 
 
@@ -165,16 +165,18 @@ def verified(path: Path) -> str:
 
 
 def values_of(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the values of a file that was written and checked here; texts as bytes, a quarter of what they take as such."""
-    found = {}
+    """Read the values of a file that was written and checked here; texts as bytes, in a quarter of the memory."""
+    values_by_name = {}
     with opened(path) as file:
         for name, variable in file.variables.items():
             values, about = np.asarray(_stored(variable)), attributes(variable)
             form = form_of(about, values.dtype, variable.dimensions, values.shape)
             letters = form.letters(values) if form else values
             is_text = letters.dtype == "S1"
-            found[name] = np.ascontiguousarray(letters).view(f"S{letters.shape[-1]}")[..., 0] if is_text else values
-    return found
+            values_by_name[name] = (
+                np.ascontiguousarray(letters).view(f"S{letters.shape[-1]}")[..., 0] if is_text else values
+            )
+    return values_by_name
 
 
 @alone
@@ -185,7 +187,7 @@ def _stored(variable: netCDF4.Variable[Any]) -> Any:
 
 @dataclass(frozen=True)
 class _Look:
-    """Which file a path leads to, and what stands at its end: every byte of it was read for that."""
+    """The identity of the file at a path, and its seal, for which every byte was read."""
 
     identity: Identity
     tail: Tail
@@ -200,17 +202,17 @@ class _Look:
 
 
 def _examined(path: Path, look: _Look | None = None) -> tuple[Examination, Identity]:
-    """Compare a file with everything that it says of itself; one whose name another file took meanwhile is begun anew.
+    """Compare a file with its seal and digests, again if another file took its name meanwhile.
 
-    The second of what is returned is which file that was.
+    The identity of the file is returned too.
     """
     for _ in range(MOST_REPLACED):
         look = look or _Look.at(path)
-        found = examined(path, look.tail)
+        examination = examined(path, look.tail)
         identity = look.identity
-        if not found.faults or identity_of(path) == identity:
+        if not examination.faults or identity_of(path) == identity:
             break
         look = None
-    found.settle(path)
+    examination.settle(path)
     see(identity)
-    return found, identity
+    return examination, identity

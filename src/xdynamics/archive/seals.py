@@ -1,4 +1,4 @@
-"""Digests of runs: one for each variable, one over everything that is no circumstance."""
+"""Digests of runs: one for each variable, one over everything but circumstances."""
 
 from __future__ import annotations
 
@@ -48,26 +48,26 @@ _TEXTS_AT_ONCE = 1 << 22  # bytes of texts in memory that become letters at once
 
 def content_digest(run: xr.Dataset) -> str:
     """Return the content digest that an archive of a Dataset would have."""
-    found = {}
+    digests = {}
     for name, variable in run.variables.items():
         seal = Seal(str(name), tuple(map(str, variable.dims)), variable.dtype)
-        for part in stored_slabs(variable):
-            seal.update(part)
-        found[str(name)] = seal.hexdigest()
-    attributes = {str(name): own_attributes(one.attrs) for name, one in run.variables.items()}
-    return root_digest(found, attributes, run.attrs)
+        for slab in stored_slabs(variable):
+            seal.update(slab)
+        digests[str(name)] = seal.hexdigest()
+    attributes = {str(name): own_attributes(array.attrs) for name, array in run.variables.items()}
+    return root_digest(digests, attributes, run.attrs)
 
 
 MARK = b"\nxdynamics seal 1 "
 _SEALED = re.compile(re.escape(MARK) + rb"[0-9a-f]{64}\n")
 _LENGTH = len(MARK) + 64 + 1
-_SEARCHED = 1 << 16  # bytes at the end of a file among which a seal is looked for that is not where it should be
+_SEARCHED = 1 << 16  # bytes at the end of a file in which a misplaced seal is looked for
 _PART = 1 << 22
 _ASCII = 128
 
 
 def seal_file(path: Path) -> str:
-    """Append a digest of all bytes of a file, and return it; readers of HDF5 pass over what stands behind its end."""
+    """Append a digest of all bytes of a file, and return it; readers of HDF5 ignore bytes after its end."""
     digest = _file_digest(path, path.stat().st_size)
     with path.open("ab") as file:
         file.write(MARK + digest.encode() + b"\n")
@@ -81,7 +81,7 @@ def bytes_digest(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Tail:
-    """What stands at the end of a file.
+    """The seal at the end of a file.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Tail:
 
 
 def tail_of(path: Path) -> Tail:
-    """Compare a file with the seal at its end, and say what happened to the seal where it is not whole."""
+    """Compare a file with the seal at its end, and describe what happened to a seal that is not whole."""
     size = path.stat().st_size
     with path.open("rb") as file:
         file.seek(max(0, size - _SEARCHED))
@@ -107,20 +107,20 @@ def tail_of(path: Path) -> Tail:
         if digest == mark[len(MARK) : -1].decode():
             return Tail(digest)
         return Tail(fault="the bytes of the file differ from its seal")
-    if (behind := len(end) - end.rfind(MARK) - _LENGTH) > 0 and MARK in end:
-        return Tail(fault=f"{behind} bytes stand behind its seal" if behind > 1 else "a byte stands behind its seal")
+    if (excess := len(end) - end.rfind(MARK) - _LENGTH) > 0 and MARK in end:
+        return Tail(fault=f"{excess} bytes stand behind its seal" if excess > 1 else "a byte stands behind its seal")
     if MARK in end:
         return Tail(
             fault="its seal is hurt"
-            if behind == 0
-            else f"its seal is cut off: {-behind} of its {_LENGTH} bytes are missing"
+            if excess == 0
+            else f"its seal is cut off: {-excess} of its {_LENGTH} bytes are missing"
         )
-    alike = sum(one == other for one, other in zip(mark, MARK, strict=False))
+    alike = sum(byte == expected for byte, expected in zip(mark, MARK, strict=False))
     return Tail(fault="its seal is hurt") if 2 * alike > len(MARK) else Tail()
 
 
 def _file_digest(path: Path, size: int) -> str:
-    """sha256 of the sha256 of every 4 MiB, which all cores may take at once."""
+    """Return the sha256 of the sha256 of every 4 MiB, which all cores may compute at once."""
 
     def of_part(start: int) -> bytes:
         with path.open("rb") as file:
@@ -169,7 +169,7 @@ class Seal:
 def slabs(variable: Any) -> Iterator[Array]:
     """Yield a variable's values along its first dimension, a chunk at a time; one is computed at a time.
 
-    Texts come at once: as long as the longest of them each.
+    Texts are yielded at once, all as wide as the longest.
     """
     if not variable.dims or variable.dtype.kind in "UOT":
         yield np.asarray(variable.values)
@@ -187,10 +187,10 @@ def stored_slabs(variable: Any) -> Iterator[Array]:
     size, row = variable.shape[0], prod(variable.shape[1:], start=variable.dtype.itemsize)
     rows = max(1, _TEXTS_AT_ONCE // max(1, row))
     parts = [letters(np.asarray(variable[start : start + rows].values)) for start in range(0, max(1, size), rows)]
-    found = np.zeros((*variable.shape, max(one.shape[-1] for one in parts)), "S1")
-    for k, one in enumerate(parts):
-        found[k * rows : k * rows + len(one), ..., : one.shape[-1]] = one
-    yield found
+    joined = np.zeros((*variable.shape, max(part.shape[-1] for part in parts)), "S1")
+    for k, part in enumerate(parts):
+        joined[k * rows : k * rows + len(part), ..., : part.shape[-1]] = part
+    yield joined
 
 
 def letters(text: Array) -> Array:
@@ -201,7 +201,7 @@ def letters(text: Array) -> Array:
         return np.frombuffer(str(text[()]).encode(), dtype="S1")
     text = np.ascontiguousarray(text.astype(str, copy=False))
     codes = text.view(np.uint32).reshape(*text.shape, -1)
-    if text.size and codes.max(initial=0) < _ASCII:  # as most are: no letter takes more than a byte
+    if text.size and codes.max(initial=0) < _ASCII:  # the usual case: no letter takes more than a byte
         longest = max(1, int(np.flatnonzero(codes.reshape(-1, codes.shape[-1]).any(axis=0)).max(initial=0)) + 1)
         return np.ascontiguousarray(codes[..., :longest].astype(np.uint8)).view("S1")
     encoded = np.char.encode(text, "utf-8")
@@ -214,12 +214,18 @@ def letters_of(name: str) -> str:
 
 
 def stored_digest(variable: Any) -> str:
-    """Return the digest of a variable of an open netCDF file, read a chunk at a time."""
+    """Return the digest of a variable of an open netCDF file, read a chunk at a time.
+
+    Raises
+    ------
+    ValueError
+        If it holds texts of variable length.
+    """
     name, dims, shape, dtype = _about(variable)
     if dtype is str:
         raise ValueError("it holds texts of any length, which no record does")
-    about = attributes_of(variable) if dtype in (np.int8, np.uint8) else {}  # numbers that may stand for texts
-    is_text, form = dtype == "S1", form_of(about, dtype, dims, shape)
+    attributes = attributes_of(variable) if dtype in (np.int8, np.uint8) else {}  # numbers that may stand for texts
+    is_text, form = dtype == "S1", form_of(attributes, dtype, dims, shape)
     further = form.further if form else int(is_text)
     seal = Seal(name, dims[: len(dims) - further], np.dtype(object) if is_text or form else dtype)
     if is_text or not dims:
@@ -228,8 +234,8 @@ def stored_digest(variable: Any) -> str:
     width = max(1, prod(shape[1:], start=dtype.itemsize)) * (form.width if form else 1)
     rows = max(1, min(CHUNKS.get(dims[0], OTHER_CHUNK) * 8, _MOST_READ // width))
     for start in range(0, max(1, shape[0]), rows):
-        part = np.asarray(read(variable, slice(start, start + rows)))
-        seal.update(form.letters(part) if form else part)
+        slab = np.asarray(read(variable, slice(start, start + rows)))
+        seal.update(form.letters(slab) if form else slab)
     return seal.hexdigest()
 
 
@@ -240,13 +246,11 @@ def _about(variable: Any) -> tuple[str, tuple[str, ...], tuple[int, ...], Any]:
 
 
 def root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]) -> str:
-    """Return the content digest, from variables' digests and attributes; what is a circumstance is left out."""
+    """Return the content digest, from variables' digests and attributes; circumstances are left out."""
     outside = {*VOLATILE, ROOT_DIGEST, ORIGIN}
     content = {
         "variables": {
-            name: [digests[name], plain(about)]
-            for name, about in attributes.items()
-            if not _is_circumstance(name, about)
+            name: [digests[name], plain(own)] for name, own in attributes.items() if not _is_circumstance(name, own)
         },
         "attributes": plain({key: value for key, value in run.items() if key not in outside}),
     }
@@ -256,14 +260,14 @@ def root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str
 def volatile_digest(
     digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]
 ) -> str:
-    """Return the digest of the circumstances: date, versions, machine, and variables that hang on them."""
+    """Return the digest of the circumstances: date, versions, machine, and variables that depend on them."""
     content = plain({key: value for key, value in run.items() if key in VOLATILE and key != VOLATILE_DIGEST})
-    for name, about in attributes.items():
-        if _is_circumstance(name, about):
-            content[f"variable {name}"] = [digests[name], plain(about)]
+    for name, own in attributes.items():
+        if _is_circumstance(name, own):
+            content[f"variable {name}"] = [digests[name], plain(own)]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _is_circumstance(name: str, about: Mapping[str, Any]) -> bool:
-    """Tell whether a variable hangs on circumstances; catalogues of 0.2 had theirs in the content digest."""
-    return name == RUN_SEAL and about.get("role") == CIRCUMSTANCE
+def _is_circumstance(name: str, attributes: Mapping[str, Any]) -> bool:
+    """Whether a variable depends on circumstances; catalogues of 0.2 had theirs in the content digest."""
+    return name == RUN_SEAL and attributes.get("role") == CIRCUMSTANCE

@@ -1,7 +1,6 @@
-"""One finished stretch of a march as a file: what it is of, the march's memory at its end, its rows.
+"""One finished stretch of a march as a file: its identity, the march's memory at its end, its rows.
 
-The first line is JSON: it says of every array its name, type and shape, and of every variable the digest of all its rows
-up to here. The arrays of the memory follow, then a line with the sha256 of everything before it, then the rows.
+The first line is JSON: name, type and shape of every array, and for every variable the digest of all its rows up to here. The arrays of the memory follow, then a line with the sha256 of everything before it, then the rows.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ _PIECE = 1 << 22  # bytes that are read at once
 
 @dataclass(frozen=True)
 class Segment:
-    """A segment whose first line and memory are whole: what the line says, where arrays begin, a digest of both."""
+    """A segment whose first line and memory are whole: the content of the line, where arrays begin, a digest of both."""
 
     path: Path
     said: Mapping[str, Any]
@@ -55,7 +54,7 @@ class Segment:
             file.seek(_behind_head(self.said, self.first))
             for name, kind, (rows, *inner) in self.said[ROWS]:
                 most = max(1, _PIECE // _size(kind, inner))
-                for start in range(0, max(1, rows), most):  # none is told too: its form is in the digests
+                for start in range(0, max(1, rows), most):  # an empty array is yielded too: its shape is in the digests
                     shape = (min(most, rows - start), *inner)
                     yield name, _taken(file.read(_size(kind, shape)), kind, shape)
 
@@ -78,15 +77,15 @@ class Segment:
 
 def write(path: Path, of: Mapping[str, Any], memory: Mapping[str, Array], rows: list[Shape], values: Iterable[Array]) -> str:  # fmt: skip
     """Write a segment whole or not at all; return its digest."""
-    shapes = [(name, one.dtype, one.shape) for name, one in memory.items()]
-    said = {"kind": _KIND} | dict(of) | {MEMORY: _described(shapes), ROWS: _described(rows)}
-    head = json.dumps(said).encode() + b"\n" + b"".join(one.tobytes() for one in memory.values())
+    shapes = [(name, array.dtype, array.shape) for name, array in memory.items()]
+    header = {"kind": _KIND} | dict(of) | {MEMORY: _described(shapes), ROWS: _described(rows)}
+    head = json.dumps(header).encode() + b"\n" + b"".join(array.tobytes() for array in memory.values())
     digest, part = hashlib.sha256(head).hexdigest(), path.with_suffix(".part")
     try:
         with part.open("wb") as file:
             file.write(head + _MARK + digest.encode() + b"\n")
-            for one in values:
-                file.write(np.ascontiguousarray(one).data)
+            for array in values:
+                file.write(np.ascontiguousarray(array).data)
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)
@@ -100,7 +99,7 @@ def write(path: Path, of: Mapping[str, Any], memory: Mapping[str, Array], rows: 
 
 
 def read(path: Path) -> Segment:
-    """Read what a segment says, and compare that and its memory with their digest.
+    """Read the first line of a segment, and compare that and its memory with their digest.
 
     Raises
     ------
@@ -111,9 +110,9 @@ def read(path: Path) -> Segment:
         raise ArchiveError("is no file")
     try:
         with path.open("rb") as file:
-            said, first, digest = _head(file)
+            header, first, digest = _head(file)
             size = os.fstat(file.fileno()).st_size
-        needed = _behind_head(said, first) + sum(_size(kind, shape) for _, kind, shape in said[ROWS])
+        needed = _behind_head(header, first) + sum(_size(kind, shape) for _, kind, shape in header[ROWS])
     except OSError as error:
         raise ArchiveError(f"cannot be read: {error.strerror or error}") from None
     except ArchiveError:
@@ -122,26 +121,26 @@ def read(path: Path) -> Segment:
         raise ArchiveError("is damaged, or no segment of this version") from None
     if size != needed:
         raise ArchiveError(f"has {size} bytes and says {needed}")
-    return Segment(path, said, first, digest)
+    return Segment(path, header, first, digest)
 
 
 def _head(file: IO[bytes]) -> tuple[dict[str, Any], int, str]:
-    """Return what the first line says, where the memory begins, and the digest of both."""
+    """Return the content of the first line, where the memory begins, and the digest of both."""
     line = file.readline(_LONGEST_LINE)
-    said = json.loads(line)
-    if said["kind"] != _KIND:
+    header = json.loads(line)
+    if header["kind"] != _KIND:
         raise ArchiveError("is of another version")
-    size = sum(_size(kind, shape) for _, kind, shape in said[MEMORY])
+    size = sum(_size(kind, shape) for _, kind, shape in header[MEMORY])
     if not 0 <= size <= os.fstat(file.fileno()).st_size:
         raise ArchiveError("is cut off")
     digest = hashlib.sha256(line + file.read(size)).hexdigest()
     if file.read(len(_MARK) + len(digest) + 1) != _MARK + digest.encode() + b"\n":
         raise ArchiveError("differs from its digest")
-    return said, len(line), digest
+    return header, len(line), digest
 
 
-def _behind_head(said: Mapping[str, Any], first: int) -> int:
-    return first + sum(_size(kind, shape) for _, kind, shape in said[MEMORY]) + len(_MARK) + 64 + 1
+def _behind_head(header: Mapping[str, Any], first: int) -> int:
+    return first + sum(_size(kind, shape) for _, kind, shape in header[MEMORY]) + len(_MARK) + 64 + 1
 
 
 def _described(shapes: Iterable[Shape]) -> list[Any]:
@@ -150,7 +149,7 @@ def _described(shapes: Iterable[Shape]) -> list[Any]:
 
 
 def _kind(described: Any) -> np.dtype[Any]:
-    return np.dtype(described if isinstance(described, str) else [(name, one) for name, one in described])
+    return np.dtype(described if isinstance(described, str) else [(name, kind) for name, kind in described])
 
 
 def _size(described: Any, shape: Iterable[int]) -> int:

@@ -37,12 +37,12 @@ class Segments:
         The file that the march streams into.
     march : March
     resume : bool
-        Whether to go on from what is there.
+        Whether to go on from existing segments.
 
     Raises
     ------
     InputError
-        If segments are there and not asked for, or are of another run, or another process writes them.
+        If there are segments without `resume`, they are of another run, or another process writes them.
     """
 
     def __init__(self, archive: Path, march: March, *, resume: bool) -> None:
@@ -95,20 +95,20 @@ class Segments:
             self._number, self._before = self._number + 1, one.digest
 
     def _checked(self, name: Path) -> Segment:
-        one = segment.read(name)
-        if different := apart(one.said["of"], self._of):
+        candidate = segment.read(name)
+        if different := apart(candidate.said["of"], self._of):
             raise InputError(
                 f"the segments of '{self.archive}' are of another run: {'; '.join(different)}; resume it as it was"
                 f" begun, or remove them with `xdynamics discard {self.archive}`"
             )
-        if name != self._name or one.said["before"] != self._before:
+        if name != self._name or candidate.said["before"] != self._before:
             raise ArchiveError("does not follow the one before it")
-        return one
+        return candidate
 
     def rows(self) -> Iterator[Part]:
-        """Yield the rows of all segments, then put the march behind them."""
-        for one in self._found:
-            yield from one.rows()
+        """Yield the rows of all segments, then let the march go on after them."""
+        for kept in self._found:
+            yield from kept.rows()
         if self._found:
             self.march.go_on_from(self._found[-1].memory())
 
@@ -123,7 +123,7 @@ class Segments:
 
     @property
     def due(self) -> bool:
-        """Whether it is time for another one."""
+        """Whether it is time for another segment."""
         now = time.monotonic()
         return not self.failed and now - self._last >= max(EVERY, SHARE * (now - self._started))
 
@@ -146,10 +146,10 @@ class Segments:
             self._number += 1
         except (OSError, InputError) as error:
             self.failed = True
-            other = (
+            contested = (
                 isinstance(error, FileExistsError) and self.folder.is_dir()
             )  # which was not there when this one began
-            why = "another process marches into it too" if other else getattr(error, "strerror", None) or error
+            why = "another process marches into it too" if contested else getattr(error, "strerror", None) or error
             warn(f"no more segments of '{self.archive}' can be kept: {why}; the run goes on", ResumeWarning)
         self._kept, self._last = filled, time.monotonic()
 
@@ -208,13 +208,13 @@ def discard(archive: str | Path) -> int:
 
 
 def clear_rest(archive: Path) -> None:
-    """Remove what a process that was killed left beside an archive that is whole; see `clear_segments`."""
+    """Remove what a killed process left beside a whole archive; see `clear_segments`."""
     sweep(Path(os.path.realpath(archive)).parent)
     clear_segments(archive)
 
 
 def clear_segments(archive: Path) -> None:
-    """Remove what is left of the segments of an archive that is whole; what cannot be removed, or is written, stays."""
+    """Remove remaining segments of a whole archive; those that cannot be removed, or are being written, stay."""
     folder = folder_of(archive)
     with suppress(OSError, InputError):
         lock = _locked(folder, archive)
@@ -229,7 +229,7 @@ def _names(folder: Path) -> list[Path]:
 
 
 def _emptied(folder: Path) -> None:
-    """Remove segments, the last first, so that what is left at any moment can be gone on from."""
+    """Remove segments, the last first, so that at any moment the remaining ones can be resumed from."""
     for name in [*folder.glob("*.part"), *reversed(_names(folder))]:
         name.unlink()
     folder.rmdir()

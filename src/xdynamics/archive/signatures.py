@@ -1,6 +1,6 @@
 """Signatures of archives: Ed25519 over the digests of content, circumstances and bytes, in a file beside the archive.
 
-A seal tells damage; whoever edits a file on purpose can make a new one. A signature needs the private key.
+A seal detects damage; whoever edits a file on purpose can make a new one. A signature needs the private key.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 KIND, KIND_OF_0_2 = "xdynamics signature 2", "xdynamics signature 1"
-# what a signature says of an archive, a line each, and what the digest is of
+# the lines of a signature, and what each digest is of
 COVERED = {
     KIND: {"content": "content digest", "circumstances": "digest of date, versions and machine", "bytes": "digest of the file's bytes"},
     KIND_OF_0_2: {"content": "content digest", "circumstances": "digest of date, versions and machine"},
@@ -49,33 +49,33 @@ def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None =
     key : str or Path
         A private Ed25519 key in PEM, as `new_key` or ``openssl genpkey -algorithm ed25519`` makes it.
     passphrase : str or callable, optional
-        Of a key that is locked; what is asked for it only then.
+        For a locked key; a callable is called only then.
 
     Returns
     -------
     Path
-        The signature, the archive's name with `.sig` behind it (of a name of over 251 bytes its beginning and a digest
-        of it); it travels with the archive.
+        The signature, named as the archive with `.sig` after it (of a name of over 251 bytes its beginning and a digest
+        of it); keep it with the archive.
 
     Raises
     ------
     InputError
-        If the key is none, is locked or is of another kind, or the package cryptography is missing.
+        If the file is no key, the key is locked or of another kind, or the package cryptography is missing.
     ArchiveError
         If the archive is damaged, or there is no place for the signature.
     """
-    own = _private(Path(key), passphrase)
+    private_key = _private(Path(key), passphrase)
     message = _message(KIND, _digests(Path(path)))
-    seen = base64.b64encode(own.sign(message)).decode()
+    signature = base64.b64encode(private_key.sign(message)).decode()
     target = signature_of(Path(path))
     with taking_name(target) as new:
-        lines = f"key {_fingerprint(own.public_key())}\nsignature {seen}\n"
+        lines = f"key {_fingerprint(private_key.public_key())}\nsignature {signature}\n"
         new.part.write_text(message.decode() + lines, encoding="ascii")
     return target
 
 
 def verify_signature(path: str | Path, key: str | Path) -> str:
-    """Verify an archive, and that the owner of a key signed just this.
+    """Verify an archive, and that the owner of a key signed exactly this file.
 
     Parameters
     ----------
@@ -91,14 +91,14 @@ def verify_signature(path: str | Path, key: str | Path) -> str:
     Raises
     ------
     InputError
-        If the key is none, or of another kind.
+        If the file is no key, or one of another kind.
     ArchiveError
-        If the archive is damaged, bears no signature, was signed by another key, or is not what was signed.
+        If the archive is damaged, has no signature, was signed by another key, or is not what was signed.
 
     Warns
     -----
     SignatureWarning
-        If the signature is one of version 0.2, which is of less than the whole file.
+        If the signature is one of version 0.2, which covers less than the whole file.
     """
     public, path = _public(Path(key)), Path(path)
     digests = _digests(path)
@@ -120,12 +120,12 @@ def verify_signature(path: str | Path, key: str | Path) -> str:
 
 
 def covered(path: Path) -> str:
-    """Say what a signature that was verified is of, where that is less than the whole file."""
+    """Describe what a verified signature covers, if that is less than the whole file."""
     return f"; {NARROW}" if _read(path).kind != KIND else ""
 
 
 def new_key(path: str | Path) -> Path:
-    """Make a pair of keys; the private one is the owner's alone to read, and no file is written over.
+    """Make a pair of keys; only its owner can read the private one, and no file is overwritten.
 
     Parameters
     ----------
@@ -136,15 +136,22 @@ def new_key(path: str | Path) -> Path:
     -------
     Path
         The public one: ``KEY.public.pem``.
+
+    Raises
+    ------
+    InputError
+        If one of the files exists, or the package cryptography is missing.
+    ArchiveError
+        If a file cannot be written.
     """
     serialization, ed25519 = _cryptography()
     private, public = Path(path), Path(path).with_suffix(".public.pem")
     pem, raw = serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
-    own = ed25519.Ed25519PrivateKey.generate()
-    bare = serialization.NoEncryption()
+    key = ed25519.Ed25519PrivateKey.generate()
+    unencrypted = serialization.NoEncryption()
     texts = {
-        private: own.private_bytes(pem, serialization.PrivateFormat.PKCS8, bare),
-        public: own.public_key().public_bytes(pem, raw),
+        private: key.private_bytes(pem, serialization.PrivateFormat.PKCS8, unencrypted),
+        public: key.public_key().public_bytes(pem, raw),
     }
     for name in texts:
         if os.path.lexists(name):
@@ -160,12 +167,12 @@ def new_key(path: str | Path) -> Path:
 
 
 def signature_of(path: Path) -> Path:
-    """Return where the signature of an archive is: under a shortened name where that of the archive leaves no room for more."""
+    """Return where the signature of an archive is; its name is shortened if the archive's leaves no room for the ending."""
     return path.with_name(fitting(path.name, behind=SUFFIX))
 
 
 def protection(path: Path) -> str:
-    """Say what a verification without a key has shown."""
+    """Describe what a verification without a key has shown."""
     if signature_of(path).exists():
         return "sealed; signed, and the signature not checked: give --key"
     return "sealed; not signed"
@@ -188,7 +195,7 @@ def _message(kind: str, digests: dict[str, str]) -> bytes:
 
 @dataclass(frozen=True)
 class _Signed:
-    """What a signature says: digests by their names, whose key, the signature itself."""
+    """The content of a signature: digests by their names, whose key, the signature itself."""
 
     kind: str
     digests: dict[str, str]
@@ -243,11 +250,11 @@ def _private(path: Path, passphrase: str | Asking | None) -> Ed25519PrivateKey:
 
 def _unlocked(path: Path, text: bytes, passphrase: str | Asking | None) -> Any:
     serialization, _ = _cryptography()
-    given = passphrase() if callable(passphrase) else passphrase
-    if not given:
+    phrase = passphrase() if callable(passphrase) else passphrase
+    if not phrase:
         raise InputError(f"the key '{path}' is locked; give its passphrase, or sign at a terminal, which asks for it")
     try:
-        return serialization.load_pem_private_key(text, given.encode())
+        return serialization.load_pem_private_key(text, phrase.encode())
     except ValueError:
         raise InputError(f"the passphrase does not unlock the key '{path}'") from None
 
@@ -281,7 +288,7 @@ def _fingerprint(public: Ed25519PublicKey) -> str:
 
 
 def _text(path: Path, what: str) -> bytes:
-    """Read a small file; a folder, a pipe or a device is none."""
+    """Read a small file; folders, pipes and devices are refused."""
     if "\0" in str(path) or not path.is_file():
         raise InputError(f"the {what} {str(path)!r} is no file; name one")
     try:

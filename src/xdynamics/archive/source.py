@@ -1,4 +1,4 @@
-"""What an archive is read from."""
+"""The checks of a path that an archive is to be read from."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from xdynamics.files import asked, kind_of
 
 
 def check_source(path: Path) -> None:
-    """Refuse a path that no archive can be read from, without opening it.
+    """Check that an archive can be read from a path, without opening it.
 
     Raises
     ------
     InputError
-        If it is a directory, a pipe, a socket or a device, there is nothing, or it is no path at all, nor for the library.
+        If it is a directory, a pipe, a socket or a device, does not exist, or is no path, for the system or the library.
     """
     check_name(path)
     kind = asked(path, kind_of)
@@ -25,7 +25,7 @@ def check_source(path: Path) -> None:
 
 
 def check_name(path: Path) -> None:
-    """Refuse a name that the netCDF library takes for another.
+    """Check a path for a name that the netCDF library would take for another.
 
     Raises
     ------

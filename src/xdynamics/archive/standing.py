@@ -1,4 +1,4 @@
-"""What a record is by comparison with what it was: the run, a selection of it, or something that was edited."""
+"""The standing of a record by comparison with its origin: the run, a selection of it, or edited data."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ UNKNOWN = (
 
 @dataclass(frozen=True)
 class Standing:
-    """What was found.
+    """The result of comparing a record with its origin.
 
     Attributes
     ----------
     origin : Origin or str
-        What it came from, or a digest; empty where that is not known.
+        Its origin, or a digest; empty if unknown.
     faults : tuple of str
         How it was edited.
     selected : str
-        What of the run it is; empty where it is all of it.
+        Which part of the run it is; empty for all of it.
     left_out_atol : dict of str to (float, str)
         Absolute tolerances in SI units, and the units, of variables that are left out: without them the run could not be marched again.
     """
@@ -50,7 +50,7 @@ class Standing:
 
     @property
     def of(self) -> str:
-        """Content digest of the record it came from, made when it is asked for; empty where that is not known."""
+        """Content digest of the record it came from, computed on demand; empty if unknown."""
         return self.origin.content_digest if isinstance(self.origin, Origin) else self.origin
 
 
@@ -64,53 +64,53 @@ def standing(run: xr.Dataset) -> Standing:
         return Standing("", (UNKNOWN,))
     faults = [*_attributes("", origin.attributes, run.attrs)]
     fewer: dict[str, list[str]] = {}
-    for name, one in run.variables.items():
+    for name, variable in run.variables.items():
         part = origin.parts.get(str(name))
         if part is None:
             faults.append(f"variable '{name}' is not in the run")
             continue
-        faults += _attributes(f" of '{name}'", part.attributes, own_attributes(one.attrs))
-        if tuple(one.dims) != part.dims:
-            faults.append(f"variable '{name}' has the dims {tuple(one.dims)}, in the run {part.dims}")
-        elif one.shape == part.shape:
-            faults += _values(part, one, origin)
+        faults += _attributes(f" of '{name}'", part.attributes, own_attributes(variable.attrs))
+        if tuple(variable.dims) != part.dims:
+            faults.append(f"variable '{name}' has the dims {tuple(variable.dims)}, in the run {part.dims}")
+        elif variable.shape == part.shape:
+            faults += _values(part, variable, origin)
         else:
-            fewer.setdefault(str(one.dims[0]), []).append(str(name))
+            fewer.setdefault(str(variable.dims[0]), []).append(str(name))
     for dim, names in fewer.items():
         faults += _rows(dim, names, run, origin)
     left_out = [name for name in origin.parts if name not in run.variables]
     tolerances = {
-        name: (float(about["atol_si"]), str(about["units"]))
-        for name, about in ((name, origin.parts[name].attributes) for name in left_out)
-        if "atol_si" in about and ATOL_RULE not in about
+        name: (float(attributes["atol_si"]), str(attributes["units"]))
+        for name, attributes in ((name, origin.parts[name].attributes) for name in left_out)
+        if "atol_si" in attributes and ATOL_RULE not in attributes
     }
     return Standing(origin, tuple(faults), "; ".join(_selected(fewer, left_out, run, origin)), tolerances)
 
 
 def digest_of_run(run: xr.Dataset) -> str:
-    """Return the content digest of a record as it is: of one that nobody edited that of its archive.
+    """Return the content digest of a record as it is; for an unedited one, that of its archive.
 
-    Of dask arrays nothing is computed for it: what the record says of itself stands.
+    Dask arrays are not computed for it: the digest in the record's attributes is returned.
     """
-    if any(one.chunks is not None for one in run.variables.values()):
+    if any(variable.chunks is not None for variable in run.variables.values()):
         return str(run.attrs.get(ROOT_DIGEST, "unknown"))
-    found = standing(run)
-    return content_digest(run) if found.faults or found.selected else found.of
+    result = standing(run)
+    return content_digest(run) if result.faults or result.selected else result.of
 
 
 def check_unchanged(run: xr.Dataset) -> None:
-    """Refuse a record that was edited since it was marched or read, or a part of one.
+    """Check that a record is whole, and was not edited since it was marched or read.
 
     Raises
     ------
     InputError
         Naming what differs.
     """
-    found = standing(run)
-    if found.faults:
-        raise InputError(f"this is not the record that was marched:{numbered(found.faults)}", found.faults)
-    if found.selected:
-        raise InputError(f"this is a part of a run, {found.selected}; take the whole one")
+    result = standing(run)
+    if result.faults:
+        raise InputError(f"this is not the record that was marched:{numbered(result.faults)}", result.faults)
+    if result.selected:
+        raise InputError(f"this is a part of a run, {result.selected}; take the whole one")
 
 
 def _selected(fewer: Mapping[str, list[str]], left_out: list[str], run: xr.Dataset, origin: Origin) -> Iterator[str]:
@@ -137,7 +137,7 @@ def _attributes(whose: str, then: Mapping[str, Any], now: Mapping[Any, Any]) -> 
 def _values(part: Part, now: xr.Variable, origin: Origin) -> Iterator[str]:
     """Compare a variable of the same shape, and name the first value that differs."""
     if part.variable is not None and now.data is part.variable.data:
-        if isinstance(now.data, np.ndarray) and now.data.flags.writeable:  # closed when it was marched
+        if isinstance(now.data, np.ndarray) and now.data.flags.writeable:  # read-only since it was marched
             yield f"variable '{part.name}' was opened to writing, and what was marched is no longer known"
         return
     if part.held is not None and now._data is part.held:  # noqa: SLF001 - as it was opened, read or not
@@ -157,7 +157,7 @@ def _values(part: Part, now: xr.Variable, origin: Origin) -> Iterator[str]:
 
 
 def _first_apart(now: xr.Variable, then: xr.Variable) -> str:
-    """Say the first row that differs, a slab at a time."""
+    """Describe the first row that differs, a slab at a time."""
     start = 0
     for mine, theirs in zip(slabs(now), slabs(then), strict=True):
         apart = np.flatnonzero((_bytes(mine) != _bytes(theirs)).any(axis=1))
@@ -177,39 +177,39 @@ def _rows(dim: str, names: list[str], run: xr.Dataset, origin: Origin) -> Iterat
             " process that made it, or next to the archive it was read from"
         )
         return
-    found = rows_within(names, run, whole)
-    if isinstance(found, int):
-        yield f"row {found} of '{dim}', with {names[0]} = {_short(run[names[0]].values[found])}, is none of the run's rows"
+    rows = rows_within(names, run, whole)
+    if isinstance(rows, int):
+        yield f"row {rows} of '{dim}', with {names[0]} = {_short(run[names[0]].values[rows])}, is none of the run's rows"
 
 
 def selected_like(kept: xr.Dataset, whole: xr.Dataset) -> xr.Dataset:
-    """Select of a run what a selection has kept, found by its values; what is not found stays as it is."""
+    """Select from a run what a selection has kept, found by its values; what is not found stays whole."""
     if not is_selection(kept.attrs):
         return whole
     names = [str(name) for name in kept.variables if name in whole.variables]
-    found = whole.drop_vars([name for name in whole.variables if name not in names])
-    for dim in found.dims:
-        along = [name for name in names if found.variables[name].dims[:1] == (dim,)]
-        if found.sizes[dim] != kept.sizes[dim]:
+    selection = whole.drop_vars([name for name in whole.variables if name not in names])
+    for dim in selection.dims:
+        along = [name for name in names if selection.variables[name].dims[:1] == (dim,)]
+        if selection.sizes[dim] != kept.sizes[dim]:
             rows = rows_within(along, kept, whole)
-            found = found if isinstance(rows, int) else found.isel({dim: rows})
-    said = {name: kept.attrs[name] for name in (SELECTION, SELECTION_OF, LEFT_OUT_ATOL) if name in kept.attrs}
+            selection = selection if isinstance(rows, int) else selection.isel({dim: rows})
+    attributes = {name: kept.attrs[name] for name in (SELECTION, SELECTION_OF, LEFT_OUT_ATOL) if name in kept.attrs}
     same = all(kept.attrs.get(name) == whole.attrs.get(name) for name in ("xdynamics_version", "math_functions"))
     if same:  # another text of the law has another digest
-        said[SELECTION_OF] = content_digest(whole)
-    return found.assign_attrs(said)
+        attributes[SELECTION_OF] = content_digest(whole)
+    return selection.assign_attrs(attributes)
 
 
 def rows_within(names: list[str], run: xr.Dataset, whole: xr.Dataset) -> NDArray[np.int64] | int:
-    """Find the rows of a selection among those of the whole, in their order; the first that is not there is returned alone."""
-    mine, theirs = (_joined([one.variables[name] for name in names]) for one in (run, whole))
+    """Find the rows of a selection among those of the whole, in their order; if one is missing, return its number."""
+    mine, theirs = (_joined([dataset.variables[name] for name in names]) for dataset in (run, whole))
     if mine.dtype != theirs.dtype:
         return 0
     places, at = np.empty(len(mine), np.int64), 0
-    known = theirs.tolist()
+    remaining = theirs.tolist()
     for row, wanted in enumerate(mine.tolist()):
         try:
-            at = known.index(wanted, at)
+            at = remaining.index(wanted, at)
         except ValueError:
             return row
         places[row] = at
@@ -218,8 +218,8 @@ def rows_within(names: list[str], run: xr.Dataset, whole: xr.Dataset) -> NDArray
 
 
 def _joined(variables: list[xr.Variable]) -> NDArray[Any]:
-    """Return every row of some variables as one word of bytes, which knows no tolerance and no nan."""
-    joined = np.ascontiguousarray(np.hstack([_bytes(np.asarray(one.values)) for one in variables]))
+    """Return every row of some variables as one word of bytes, compared without tolerance and without nan."""
+    joined = np.ascontiguousarray(np.hstack([_bytes(np.asarray(variable.values)) for variable in variables]))
     words: NDArray[Any] = joined.view(np.dtype((np.void, joined.shape[1]))).ravel()
     return words
 

@@ -1,4 +1,4 @@
-"""A march straight into a file, in bounded memory; what is finished of it outlives the process."""
+"""A march straight into a file, in bounded memory; finished parts of it outlive the process."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def streamed(march: March, path: str | Path, *, before: Iterable[Part] = (), res
     march : March
     path : str or Path
     before : iterable of (str, ndarray)
-        Rows that stand before those of the march, which stands behind them once they are all taken.
+        Rows that precede those of the march, which goes on after them once they are all taken.
     resume : bool
-        Whether to go on from the segments that are there; the rows before are in them.
+        Whether to go on from existing segments; the rows before are in them.
 
     Raises
     ------
     InputError
-        If there are segments that are not asked for, or are of another run.
+        If there are segments without `resume`, or they are of another run.
     ArchiveError
         If the file cannot be written; the final name is untouched, and the segments stay.
     """
@@ -59,13 +59,13 @@ def streamed(march: March, path: str | Path, *, before: Iterable[Part] = (), res
     with Segments(path, march, resume=resume) as segments:
         with new_file(path) as writer:
             _fill(writer, march, segments, segments.rows() if len(segments) else before)
-            for one, value in record.constants(march):
-                dtype = np.dtype(object) if one.dtype == "U" else np.dtype(one.dtype)
-                sizes = dict(zip(one.dims, np.shape(value), strict=True))
-                writer.define(one.name, one.dims, dtype, one.attributes, sizes)
-                writer.append(one.name, np.asarray(value, dtype=dtype))
-            for name, known in record.followed_tolerances(march).items():
-                writer.describe(name, known)
+            for variable, value in record.constants(march):
+                dtype = np.dtype(object) if variable.dtype == "U" else np.dtype(variable.dtype)
+                sizes = dict(zip(variable.dims, np.shape(value), strict=True))
+                writer.define(variable.name, variable.dims, dtype, variable.attributes, sizes)
+                writer.append(variable.name, np.asarray(value, dtype=dtype))
+            for name, attributes in record.followed_tolerances(march).items():
+                writer.describe(name, attributes)
             writer.finish(provenance.attributes(march))
         if not march.unfinished:
             segments.remove()
@@ -97,7 +97,7 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
         _settle(pending)
     if march.unfinished:
         segments.keep(writer, march.memory(), writer.digests())
-    if (rest := march.rest()) is not None:  # the end of an interrupted march, and none of one that goes on
+    if (rest := march.rest()) is not None:  # the end of an interrupted march
         for column in spec:
             writer.append(column.variable.name, column.take(rest))
 
@@ -119,11 +119,11 @@ def _rows(march: March) -> int:
 
 
 def _sizes(block: Block) -> dict[str, int]:
-    """Return how long a run is that one block holds."""
+    """Return the sizes of a run that one block holds."""
     sizes = {STEPS: block.rows, TRIALS: block.trials, EVENTS: block.events, SAMPLES: block.samples}
     return {dim: size for dim, size in sizes.items() if size}
 
 
 def _settle(pending: list[Future[None]]) -> None:
-    for one in pending:
-        one.result()
+    for future in pending:
+        future.result()

@@ -1,4 +1,4 @@
-"""Elements of a stored variable by their numbers: read in stretches of chunks, and chosen in memory.
+"""Elements of a stored variable by index: read in stretches of chunks, and chosen in memory.
 
 The library looks up each number of a list by itself, at 60 microseconds each; a stretch it copies at memory's speed.
 """
@@ -22,8 +22,8 @@ UNCHUNKED = 1 << 16  # elements that are taken for a chunk where a variable has 
 
 
 def chosen(variable: netCDF4.Variable[Any], key: tuple[Any, ...]) -> Any:
-    """Return what ``variable[key]`` is, where each list in the key chooses along its own dimension."""
-    axis = next((axis for axis, one in enumerate(key) if isinstance(one, np.ndarray)), None)
+    """Return ``variable[key]``, where each list in the key selects along its own dimension."""
+    axis = next((axis for axis, index in enumerate(key) if isinstance(index, np.ndarray)), None)
     if axis is None:
         return variable[key]
 
@@ -33,27 +33,27 @@ def chosen(variable: netCDF4.Variable[Any], key: tuple[Any, ...]) -> Any:
     rows = _counted_from_the_start(key[axis], variable.shape[axis])
     if not rows.size:
         return stretch(0, 0)
-    # a number in the place of a list or slice takes its dimension away
-    before: tuple[Any, ...] = (slice(None),) * (axis - sum(isinstance(one, int | np.integer) for one in key[:axis]))
-    found = None
+    # a number in the place of a list or slice removes its dimension
+    before: tuple[Any, ...] = (slice(None),) * (axis - sum(isinstance(index, int | np.integer) for index in key[:axis]))
+    result = None
     for which in _together(rows, *_sizes(variable, axis)):
-        here = rows[which]
-        first = int(here.min())
-        part = stretch(first, int(here.max()) + 1)[(*before, here - first)]
-        if found is None:
+        batch = rows[which]
+        first = int(batch.min())
+        part = stretch(first, int(batch.max()) + 1)[(*before, batch - first)]
+        if result is None:
             shape = part.shape
-            found = np.empty((*shape[: len(before)], rows.size, *shape[len(before) + 1 :]), part.dtype)
-        found[(*before, which)] = part
-    return found
+            result = np.empty((*shape[: len(before)], rows.size, *shape[len(before) + 1 :]), part.dtype)
+        result[(*before, which)] = part
+    return result
 
 
 def _counted_from_the_start(rows: Array, length: int) -> NDArray[np.int64]:
-    """Return numbers of elements, of which negative ones are counted from the end."""
-    found = np.where(rows < 0, rows + length, rows).astype(np.int64)
-    outside = np.flatnonzero((found < 0) | (found >= length))
+    """Return non-negative indices of elements; negative ones count from the end."""
+    positions = np.where(rows < 0, rows + length, rows).astype(np.int64)
+    outside = np.flatnonzero((positions < 0) | (positions >= length))
     if outside.size:
         raise IndexError(f"index {rows[outside[0]]} is out of bounds for a dimension of {length}")
-    return found
+    return positions
 
 
 def _sizes(variable: netCDF4.Variable[Any], axis: int) -> tuple[int, int]:

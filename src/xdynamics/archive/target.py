@@ -1,4 +1,4 @@
-"""What a new file may be written to, and how it takes its name: whole, last, and with the rights of the old one."""
+"""Where a new file may be written, and how it takes its name: whole, last, and with the rights of the old one."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _RIGHTS = stat.S_IRWXU | stat.S_IRWXG | stat.S_IRWXO
 
 
 def check_target(path: Path, model: Model | None = None) -> None:
-    """Refuse a path that no file can be written to, or that holds what must not be lost.
+    """Check that a file can be written to a path, and that nothing is lost there.
 
     Parameters
     ----------
     path : Path
     model : Model, optional
-        Whose file and tables stay.
+        The model whose file and tables must stay.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def check_target(path: Path, model: Model | None = None) -> None:
     if model is not None:
         if model.file is not None and model.file.exists() and model.file.samefile(path):
             raise InputError(f"'{path}' is the model file itself; name another file")
-        check_no_table(path, [one.table.text for one in model.drives.values()])
+        check_no_table(path, [drive.table.text for drive in model.drives.values()])
     if is_lent(path):
         raise InputError(
             f"'{path}' is open: a run that was opened from it still reads it; close that run (run.close()) or load it"
@@ -63,7 +63,13 @@ def check_target(path: Path, model: Model | None = None) -> None:
 
 
 def check_no_table(path: Path, tables: list[str]) -> None:
-    """Refuse a path where a measured table stands, told by its text: a record keeps the text and not the place."""
+    """Check that a path holds no measured table, recognised by its text: a record keeps the text and not the path.
+
+    Raises
+    ------
+    InputError
+        If it holds one of the tables.
+    """
     if not tables or kind_of(path) is not None:
         return
     try:
@@ -85,7 +91,7 @@ class NewFile:
 class Batch:
     """Files that take their names together: all reach the disk by one synchronisation, and then are renamed one by one.
 
-    Until then none of them has its name; what is left of them when the batch is over without that is removed.
+    Until then none of them has its name; files that were not renamed are removed when the batch is over.
     """
 
     def __init__(self) -> None:
@@ -102,7 +108,7 @@ class Batch:
         return len(self._files)
 
     def add(self, target: Path) -> NewFile:
-        """Make the temporary file of one of them."""
+        """Make the temporary file of a target."""
         self._files.append(_begun(self._parts, target))
         return self._files[-1]
 
@@ -144,7 +150,13 @@ def _begun(parts: ExitStack, target: Path) -> NewFile:
 
 
 def sync_file_systems(paths: list[Path]) -> None:
-    """Have all that was written on the file systems of some paths reach the disk."""
+    """Have everything written on the file systems of some paths reach the disk.
+
+    Raises
+    ------
+    OSError
+        If the system reports that this failed.
+    """
     try:
         syncfs = ctypes.CDLL(None, use_errno=True).syncfs
     except (OSError, AttributeError):  # no Linux
@@ -162,10 +174,10 @@ def sync_file_systems(paths: list[Path]) -> None:
 
 @contextmanager
 def taking_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile]:
-    """Lend a temporary name in the folder of a path; when what follows is done, the file takes the path's name.
+    """Lend a temporary name in the folder of a path; when the `with` block is done, the file takes the path's name.
 
     A link goes on pointing: the file that it points to is replaced. Mode and owner of that file stay. The name may be
-    changed in between, for another in the same folder. With a batch it takes the name when all of that do.
+    changed in between, for another in the same folder. In a batch it takes the name together with the others.
 
     Raises
     ------
@@ -196,24 +208,24 @@ def taking_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile]:
 def _inherit(part: int, old: Path) -> None:
     """Give a new file mode and owner of the one that it replaces; where an owner cannot be kept, no right is widened."""
     try:
-        about = old.stat()
+        status = old.stat()
     except FileNotFoundError:
         return
-    mode, new = about.st_mode & _RIGHTS, os.fstat(part)
-    if new.st_gid != about.st_gid:
+    mode, current = status.st_mode & _RIGHTS, os.fstat(part)
+    if current.st_gid != status.st_gid:
         try:
-            os.fchown(part, -1, about.st_gid)
-        except PermissionError:  # what the old group might, another one may as far as everybody may
+            os.fchown(part, -1, status.st_gid)
+        except PermissionError:  # another group gets no more rights than everybody has
             mode &= ~stat.S_IRWXG | (mode & stat.S_IRWXO) << 3
-    if mode != new.st_mode & _RIGHTS:
+    if mode != current.st_mode & _RIGHTS:
         os.fchmod(part, mode)
-    if new.st_uid != about.st_uid:
+    if current.st_uid != status.st_uid:
         with suppress(PermissionError):
-            os.fchown(part, about.st_uid, -1)
+            os.fchown(part, status.st_uid, -1)
 
 
 def _cause(folder: Path, error: Exception) -> str:
-    """Say why a write failed; the netCDF library itself guesses."""
+    """Return why a write failed; the netCDF library itself guesses."""
     try:
         with tempfile.TemporaryFile(dir=folder) as probe:
             probe.write(b"\0" * 1_000_000)

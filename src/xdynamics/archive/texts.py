@@ -1,4 +1,4 @@
-"""Texts of many members as numbers in a file: outcomes as flags, digests as bytes; what is read are the texts.
+"""Texts of many members as numbers in a file: outcomes as flags, digests as bytes; readers get the texts.
 
 A digest of 32 digits takes 16 bytes, an outcome one; in memory, as texts of one width, 128 and 80. The digest of such a
 variable is that of its texts, so that an archive has the same content digest in whatever form it keeps them.
@@ -33,9 +33,9 @@ class Numbers:
     ----------
     values : ndarray of int8 or uint8
     dim : str
-        Of the bytes of each, behind the dimensions of the texts; empty where each is one number.
+        Of the bytes of each, after the dimensions of the texts; empty if each is one number.
     attributes : dict
-        Which say what the numbers mean.
+        The meaning of the numbers.
     """
 
     values: Array
@@ -49,7 +49,7 @@ def bytes_of(name: str) -> str:
 
 
 def numbers_of(name: str, role: Any, letters: Array) -> Numbers | None:
-    """Return texts as numbers; None where they stay letters, being others than words or digests, or a single one.
+    """Return texts as numbers; None if they stay letters: neither words nor digests, or a single text.
 
     Parameters
     ----------
@@ -72,20 +72,20 @@ def numbers_of(name: str, role: Any, letters: Array) -> Numbers | None:
     values = np.full(texts.shape, NO_WORD, np.int8)
     for number, word in enumerate(words):
         values[texts == word] = number
-    return Numbers(values, "", {TEXT_FORM: FLAGS, **flags(dict(enumerate(one.decode() for one in words)))})
+    return Numbers(values, "", {TEXT_FORM: FLAGS, **flags(dict(enumerate(meaning.decode() for meaning in words)))})
 
 
 def _words(texts: Array) -> list[bytes] | None:
     """List the words among many texts, sorted; None where there are too many, or some that are no flag's meaning."""
-    found: list[bytes] = []
-    left = texts[texts != b""]
-    while left.size:
-        word = bytes(left[0])
-        if len(found) == MOST_WORDS or not _is_word(word):
+    words: list[bytes] = []
+    remaining = texts[texts != b""]
+    while remaining.size:
+        word = bytes(remaining[0])
+        if len(words) == MOST_WORDS or not _is_word(word):
             return None
-        found.append(word)
-        left = left[left != word]
-    return sorted(found) or None
+        words.append(word)
+        remaining = remaining[remaining != word]
+    return sorted(words) or None
 
 
 def _is_word(word: bytes) -> bool:
@@ -102,13 +102,13 @@ def _from_hexadecimal(codes: Array) -> Array | None:
     if codes.shape[-1] % 2:
         return None
     flat = codes.reshape(-1, codes.shape[-1])
-    found = np.empty((len(flat), codes.shape[-1] // 2), np.uint8)
+    octets = np.empty((len(flat), codes.shape[-1] // 2), np.uint8)
     for start in range(0, len(flat), AT_ONCE):
         digits = _VALUES[flat[start : start + AT_ONCE]]
         if digits.max() >= len(DIGITS):
             return None
-        found[start : start + AT_ONCE] = (digits[:, ::2] << 4) | digits[:, 1::2]
-    return found.reshape(*codes.shape[:-1], -1)
+        octets[start : start + AT_ONCE] = (digits[:, ::2] << 4) | digits[:, 1::2]
+    return octets.reshape(*codes.shape[:-1], -1)
 
 
 @dataclass(frozen=True)
@@ -128,14 +128,20 @@ class Form:
 
     @property
     def further(self) -> int:
-        """How many dimensions the numbers have behind those of the texts."""
+        """How many dimensions the numbers have after those of the texts."""
         return int(self.words is None)
 
     def letters(self, numbers: Array) -> Array:
-        """Return the texts of numbers as letters along a further dimension."""
+        """Return the texts of numbers as letters along a further dimension.
+
+        Raises
+        ------
+        ValueError
+            If a number stands for no word.
+        """
         if self.words is None:
-            found = _PAIRS[np.asarray(numbers)]
-            return np.ascontiguousarray(found).view("S1").reshape(*numbers.shape[:-1], self.width)
+            pairs = _PAIRS[np.asarray(numbers)]
+            return np.ascontiguousarray(pairs).view("S1").reshape(*numbers.shape[:-1], self.width)
         if numbers.size and not (numbers.min() >= NO_WORD and numbers.max() < len(self.words) - 1):
             raise ValueError("a flag of it has no meaning")
         # with a further dimension one number is an array too, whose words have this width
@@ -154,7 +160,7 @@ def form_of(attributes: Mapping[str, Any], dtype: Any, dims: tuple[str, ...], sh
     Raises
     ------
     ValueError
-        If it says so, and its numbers are none.
+        If it declares a form that it does not have.
     """
     form = attributes.get(TEXT_FORM)
     if form is None:

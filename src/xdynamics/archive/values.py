@@ -18,20 +18,20 @@ from xdynamics.schema import DIGEST
 
 
 class Store(NetCDF4DataStore):
-    """xarray's own reading of what variables there are and how they are stored; their values are ours."""
+    """xarray's own reading of variables and how they are stored; their values are read here."""
 
     __slots__ = ()
 
     def open_store_variable(self, name: str, var: Any) -> Variable:
-        """Return a variable, of which nothing is read yet."""
-        found = super().open_store_variable(name, var)
-        values = Values(self._manager, name, found.shape, found.dtype)
-        form = form_of(found.attrs, found.dtype, found.dims, found.shape)
+        """Return a variable without reading its values."""
+        variable = super().open_store_variable(name, var)
+        values = Values(self._manager, name, variable.shape, variable.dtype)
+        form = form_of(variable.attrs, variable.dtype, variable.dims, variable.shape)
         if form is None:
-            return Variable(found.dims, indexing.LazilyIndexedArray(values), found.attrs, found.encoding)
+            return Variable(variable.dims, indexing.LazilyIndexedArray(values), variable.attrs, variable.encoding)
         texts = indexing.LazilyIndexedArray(Texts(values, form))
-        about = own_attributes(found.attrs) | {DIGEST: found.attrs.get(DIGEST, "")}
-        return Variable(found.dims[: len(texts.shape)], texts, about)
+        attributes = own_attributes(variable.attrs) | {DIGEST: variable.attrs.get(DIGEST, "")}
+        return Variable(variable.dims[: len(texts.shape)], texts, attributes)
 
 
 class Values(BackendArray):
@@ -50,7 +50,7 @@ class Values(BackendArray):
         variable.set_auto_chartostring(False)
         try:
             values = chosen(variable, key)
-        except (OSError, RuntimeError) as error:  # a damaged file that was opened unchecked, or a disk that went
+        except (OSError, RuntimeError) as error:  # a damaged file that was opened unchecked, or a lost disk
             raise ArchiveError(f"variable '{self.name}' of '{self.lent.path}' cannot be read: {error}") from None
         finally:
             self.lent.check_unchanged()
@@ -59,7 +59,7 @@ class Values(BackendArray):
         return values
 
     def _check_text(self, letters: Any) -> None:
-        """Refuse bytes that xarray, which decodes a row of them at a time, could make no text of."""
+        """Check that bytes are text to xarray, which decodes a row of them at a time."""
         width = letters.shape[-1] if letters.ndim else 1
         for row in letters.reshape(-1, width or 1):
             try:

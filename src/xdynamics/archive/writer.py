@@ -43,13 +43,13 @@ class Writer:
     Attributes
     ----------
     path : Path
-        Where it will be, once it has taken its name.
+        The name that the file takes in the end.
     numbered : bool
-        Whether outcomes and digests are kept as numbers, which other readers see; of a sweep's many members.
+        Whether outcomes and digests are kept as numbers, as of a sweep's many members; other readers see the numbers.
     complete : bool
         Whether the run ended well; known when it is finished.
     digest : str
-        The content digest; known then too.
+        The content digest; known when it is finished.
     seal : str
         The digest of the file's bytes; known when it has its name.
     """
@@ -68,7 +68,7 @@ class Writer:
         self._filled: dict[str, int] = {}
 
     def pack(self, widths: Mapping[str, tuple[str, int]]) -> None:
-        """Compress variables that are going to be defined, as far as it is worth it; see `bounds.packed`."""
+        """Compress variables that are going to be defined, as far as readers accept; see `bounds.packed`."""
         self._packed = packed(widths)
 
     @alone
@@ -106,7 +106,7 @@ class Writer:
             variable.set_var_chunk_cache(size=2 * prod(chunks) * seal.dtype.itemsize)
 
     def describe(self, name: str, more: Mapping[str, Any]) -> None:
-        """Say more of a variable than was known when it was defined."""
+        """Add attributes of a variable that were not known when it was defined."""
         self._attributes[name] |= own_attributes(more)
 
     @property
@@ -120,14 +120,14 @@ class Writer:
 
     @alone
     def shapes_since(self, before: Mapping[str, int]) -> list[tuple[str, Any, tuple[int, ...]]]:
-        """Return name, type and shape of what variables were given since they held so much."""
+        """Return name, type and shape of the values that variables were given since they held `before`."""
         return [
             (name, self._seals[name].dtype, (n - before.get(name, 0), *self._file.variables[name].shape[1:]))
             for name, n in self._filled.items()
         ]
 
     def since(self, before: Mapping[str, int]) -> Iterator[Array]:
-        """Read back what variables were given since they held so much, some megabytes at a time."""
+        """Read back the values that variables were given since they held `before`, some megabytes at a time."""
         for name, n in self._filled.items():
             for start in range(before.get(name, 0), n, BACK):
                 yield self._read_back(name, start, min(start + BACK, n))
@@ -188,7 +188,7 @@ class Writer:
 
     @alone
     def finish(self, attributes: Mapping[str, Any]) -> None:
-        """Write every attribute and digest; keep the content digest in mind, and whether the run ended well."""
+        """Write every attribute and digest; remember the content digest, and whether the run ended well."""
         self.complete = is_evidence(attributes) or attributes.get("run_outcome") in GOOD
         kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST)}
         kept[SEALED] = SEAL_WORDS

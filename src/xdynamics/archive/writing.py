@@ -63,10 +63,10 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None, compr
     path : str or Path
     derived : str, optional
         How the record was made from a run, like ``"x scaled by 1.1"``: it is saved as derived data, whose attributes
-        say so and name the run, and which `verify` and `reproduce` take for no run.
+        say so and name the run, and which `verify` and `reproduce` do not take for a run.
     compress : bool, optional
         Whether to compress it, without loss, by zlib with shuffled bytes; by default as the run was marched, or read. Its
-        digests are the same. Of an oscillator's 10**7 rows 83 bytes each become 45; writing takes 2.5 times the
+        digests are the same. For 10**7 rows of an oscillator, 83 bytes each become 45; writing takes 2.5 times the
         processor time (14 s for 5.6), reading a column 1.7 times.
 
     Returns
@@ -94,17 +94,17 @@ def save_many(
     *,
     compress: bool | None = None,
 ) -> list[Path]:
-    """Write runs to netCDF4 files, which reach the disk together: faster than one by one where that takes long to answer.
+    """Write runs to netCDF4 files, which reach the disk together: faster than one by one if the disk is slow to answer.
 
-    All are written beside their names, one synchronisation of the file system follows, and all are renamed; of more than
-    `MOST_AT_ONCE` so many at a time. Each name has its old file or the new one, whole, at any moment.
+    All are written beside their names, one synchronisation of the file system follows, and all are renamed,
+    `MOST_AT_ONCE` at a time. Each name has its old file or the new one, whole, at any moment.
 
     Parameters
     ----------
     runs : mapping of str to xarray.Dataset, or iterable of xarray.Dataset
         By name, or in the order of the paths; checked as `save` does, all of them before anything is written.
     paths : iterable of str or Path, or a folder
-        A file for each run; or the folder, made where it is not there, of files ``NAME.nc`` for runs by name, and
+        A file for each run; or a folder, made if it does not exist, for files ``NAME.nc`` for runs by name, and
         ``000000.nc``, ``000001.nc``, … for others.
     compress : bool, optional
         As in `save`.
@@ -128,41 +128,41 @@ def save_many(
     named: dict[Any, xr.Dataset] = dict(runs) if isinstance(runs, Mapping) else dict(enumerate(runs))
     places = _places(named, paths)
     ready = [(_checked(run, path, None), path) for run, path in zip(named.values(), places, strict=True)]
-    found: list[Path] = []
+    written: list[Path] = []
     for first in range(0, len(ready), MOST_AT_ONCE):
         with Batch() as batch:
-            found += [
+            written += [
                 _written(run, path, compress=compress, batch=batch) for run, path in ready[first : first + MOST_AT_ONCE]
             ]
             batch.take_names()
-    return found
+    return written
 
 
 def _places(named: Mapping[Any, xr.Dataset], paths: Any) -> list[Path]:
     """Return the file of every run."""
     if isinstance(paths, str | Path):
         folder = made_folder(paths)
-        found = [folder / (f"{name}.nc" if isinstance(name, str) else f"{name:06d}.nc") for name in named]
+        files = [folder / (f"{name}.nc" if isinstance(name, str) else f"{name:06d}.nc") for name in named]
     elif paths is None:
         raise InputError("save_many needs a file for each run, or a folder")
     else:
-        found = [Path(one) for one in paths]
-    if len(found) != len(named):
-        raise InputError(f"there are {len(named)} runs and {len(found)} paths; give one for each, or a folder")
-    for path in found:
+        files = [Path(entry) for entry in paths]
+    if len(files) != len(named):
+        raise InputError(f"there are {len(named)} runs and {len(files)} paths; give one for each, or a folder")
+    for path in files:
         check_target(path)
-    resolved = [path.resolve() for path in found]
-    twice = (
+    resolved = [path.resolve() for path in files]
+    duplicates = (
         [path for k, path in enumerate(resolved) if path in resolved[:k]] if len({*resolved}) < len(resolved) else []
     )
-    if twice:
-        raise InputError(f"two runs are to be written to '{twice[0]}'; give each a name of its own")
-    return found
+    if duplicates:
+        raise InputError(f"two runs are to be written to '{duplicates[0]}'; give each a name of its own")
+    return files
 
 
 def _checked(run: xr.Dataset, path: Path, derived: str | None) -> xr.Dataset:
     run = _declared(run, derived)
-    record.check(run, values=derived is not None)  # without, they were looked at before
+    record.check(run, values=derived is not None)  # otherwise they were checked before
     check_no_table(path, _tables(run))
     return run
 
@@ -172,13 +172,13 @@ def _written(run: xr.Dataset, path: Path, *, compress: bool | None, batch: Batch
         writer.numbered = str(run.attrs.get(EVIDENCE, "")).startswith(SWEEP)
         if COMPRESSION in run.attrs if compress is None else compress:
             writer.pack({str(name): (str(one.dims[0]), one.dtype.itemsize * prod(one.shape[1:])) for name, one in run.variables.items() if one.dims and one.dtype.kind in "fiu"})  # fmt: skip
-        # what bears the name of a dimension that it is not along comes behind that, or the library cannot write the file
+        # a variable named as a dimension that it is not along must follow it, or the library cannot write the file
         for name, variable in sorted(run.variables.items(), key=lambda one: one[0] in run.dims and one[0] not in one[1].dims):  # fmt: skip
             sizes = {str(dim): n for dim, n in zip(variable.dims, variable.shape, strict=True) if n}
             writer.define(str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), sizes)
         for name, variable in run.variables.items():
-            for part in stored_slabs(variable):
-                writer.append(str(name), part)
+            for slab in stored_slabs(variable):
+                writer.append(str(name), slab)
         writer.finish(dict(run.attrs))
     return writer.path
 
@@ -195,40 +195,43 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         raise InputError(f"a run record is to be saved, got {str(run)[:40]!r}")
     if derived is None:
         record.check(run, whole=False)
-    found = standing(run)
-    said = {str(name): value for name, value in run.attrs.items() if name != ORIGIN}
+    result = standing(run)
+    attributes = {str(name): value for name, value in run.attrs.items() if name != ORIGIN}
     if derived is not None:
         if not isinstance(derived, str) or not derived.strip():
             raise InputError(
                 f"derived is {derived!r}, needs a text that says how the data were made, like 'x scaled by 1.1'"
             )
-        before = f"{said[DERIVED]}; " if DERIVED in said else ""
-        said |= {DERIVED: before + derived.strip(), DERIVED_FROM: said.get(DERIVED_FROM, found.of or "unknown")}
-    elif is_evidence(said) and (found.faults or found.selected):
+        before = f"{attributes[DERIVED]}; " if DERIVED in attributes else ""
+        attributes |= {
+            DERIVED: before + derived.strip(),
+            DERIVED_FROM: attributes.get(DERIVED_FROM, result.of or "unknown"),
+        }
+    elif is_evidence(attributes) and (result.faults or result.selected):
         raise InputError(
-            f"this is not the {said[EVIDENCE]} as it was made; save it before it is edited, or as data of its own with"
-            f" derived='how it was made':{numbered(found.faults or (found.selected,))}",
-            found.faults or (found.selected,),
+            f"this is not the {attributes[EVIDENCE]} as it was made; save it before it is edited, or as data of its own with"
+            f" derived='how it was made':{numbered(result.faults or (result.selected,))}",
+            result.faults or (result.selected,),
         )
-    elif found.faults:
+    elif result.faults:
         raise InputError(
             "this is not the record that was marched, and is not saved as a run; save it before it is edited, or as data"
-            f" of its own with derived='how it was made':{numbered(found.faults)}",
-            found.faults,
+            f" of its own with derived='how it was made':{numbered(result.faults)}",
+            result.faults,
         )
-    elif found.selected:
-        before = f"{said[SELECTION]}; of these " if SELECTION in said else ""
-        left_out = {**left_out_atols(said), **found.left_out_atol}
-        said |= {SELECTION: before + found.selected, SELECTION_OF: said.get(SELECTION_OF, found.of)}
-        said |= {LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
+    elif result.selected:
+        before = f"{attributes[SELECTION]}; of these " if SELECTION in attributes else ""
+        left_out = {**left_out_atols(attributes), **result.left_out_atol}
+        attributes |= {SELECTION: before + result.selected, SELECTION_OF: attributes.get(SELECTION_OF, result.of)}
+        attributes |= {LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
     declared = run.copy(deep=False)
-    declared.attrs = said
+    declared.attrs = attributes
     return declared
 
 
 @contextmanager
 def new_file(path: Path, batch: Batch | None = None) -> Iterator[Writer]:
-    """Write a file under a temporary name, check it, and give it its name; `Writer.path` says which in the end.
+    """Write a file under a temporary name, check it, and give it its name, in the end `Writer.path`.
 
     A run that ended badly does not take the name of an archive of one that ended well, but one beside it.
     """
@@ -243,12 +246,12 @@ def new_file(path: Path, batch: Batch | None = None) -> Iterator[Writer]:
             new.name = beside(new.name)
     if new.name != path.resolve():
         writer.path = new.name
-        said = f"'{path}' holds a run that ended well and stays; the one that did not is in '{new.name}'"
-        warn(said, PartialRunWarning)
+        message = f"'{path}' holds a run that ended well and stays; the one that did not is in '{new.name}'"
+        warn(message, PartialRunWarning)
 
 
 def beside(path: Path) -> Path:
-    """Return a name beside that of an archive whose run ended well; the name itself where there is none."""
+    """Return a name beside that of an archive whose run ended well; the name itself if there is no such archive."""
     while path.is_file() and examined(path, tail_of(path)).outcome in GOOD:
         room = LONGEST - len(os.fsencode(path.suffix)) - len(_PARTIAL)
         path = path.with_name(os.fsdecode(os.fsencode(path.stem)[:room]) + _PARTIAL + path.suffix)
@@ -275,6 +278,6 @@ def _tables(run: xr.Dataset) -> list[str]:
         return []
     try:
         drives = parsed(str(run["model_toml"].values)).get("drives", {})
-        return [str(one["csv"]) for one in drives.values() if "csv" in one]
+        return [str(drive["csv"]) for drive in drives.values() if "csv" in drive]
     except (ValueError, RecursionError, AttributeError, TypeError):
         return []  # derived data, whose text is no model
