@@ -52,7 +52,7 @@ LOG2_128 = 184.6649652337873  # 128/log(2)
 STEP, STEP_TAIL = 0.005415212347998022, 1.2655086083325438e-13
 LOG2, LOG2_TAIL = 0.6931471805598903, 5.497923018708371e-14  # log(2): 42 bits after the point; the rest
 
-# of 1 - sin(x)/x over x**2 and cos(x) - 1 + x**2/2 over x**4, from fdlibm's k_sin.c and k_cos.c (Sun Microsystems 1993);
+# of 1 - sin(x)/x over x**2, cos(x) - 1 + x**2/2 over x**4, from fdlibm's k_sin.c and k_cos.c (Sun Microsystems 1993);
 # the others fitted at Chebyshev's points to (f(x)/x - 1)/x**2 by tests/elementary_tables.py
 SINE = (1.66666666666666324348e-01, -8.33333333332248946124e-03, 1.98412698298579493134e-04, -2.75573137070700676789e-06, 2.50507602534068634195e-08, -1.58969099521155010221e-10)  # fmt: skip
 SINE_OF_EIGHTH = (8.0 * SINE[0] - 1.0, *(8.0 * coefficient for coefficient in SINE[1:]))  # the same over x**3/8, less 1
@@ -284,7 +284,7 @@ def atan(x: Number) -> Number:
 
 
 def from_one(size: Number) -> tuple[Number, Number, Number]:
-    """Return, for the arc with this sine, the x of asin(x) = x + tail + x*more: below 1/2 its own, else sqrt((1 - size)/2)."""
+    """Return x, tail and more, where x + tail + x*more is asin(size) below 1/2, else asin(sqrt((1 - size)/2))."""
     inner = size < 0.5
     square = choose(inner, size * size, (1.0 - size) * 0.5)
     root = sqrt(square)

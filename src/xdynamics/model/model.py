@@ -51,8 +51,8 @@ class Model:
     Parameters
     ----------
     **statement
-        The sections of a model file by name (`name`, `description`, `coordinates`, `parameters`, `mass`,
-        `definitions`, `forces`, `drives`, `states`, `lagrangian`, `initial`, `events`, `contacts`, `frictions`, `regimes`,
+        The sections of a model file by name (`name`, `description`, `coordinates`, `parameters`, `mass`, `definitions`,
+        `forces`, `drives`, `states`, `lagrangian`, `initial`, `events`, `contacts`, `frictions`, `regimes`,
         `observables`, `validation`, `correlations`, `discrepancy`, `run`), each a mapping with the keys of the file. A
         force component may also be a numba-compilable Python function whose arguments are declared names; it takes and
         returns SI floats.
@@ -276,7 +276,7 @@ class Model:
 
     @cached_property
     def form(self) -> str:
-        """The model as TOML without the values of parameters and of the start: compiled programs depend on it alone."""
+        """The model as TOML without the values of parameters and of the start: what programs are compiled from."""
         parameters = {
             name: replace(entry, quantity=Quantity(0.0, entry.quantity.unit), spread=None)
             for name, entry in self.parameters.items()

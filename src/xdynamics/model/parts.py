@@ -71,7 +71,7 @@ class State:
 
 @dataclass(frozen=True)
 class Function:
-    """A force component or an event function written in Python: a numba-compilable function of declared names, SI in and out.
+    """A force component or event function in Python: a numba-compilable function of declared names, SI in and out.
 
     The source is evidence and is never run: to march a model that was read from a file, the function itself
     is passed, and its digest is compared first.
