@@ -68,10 +68,10 @@ def certify(
     """Certify one number with all that defends it: xdynamics certify ball.toml --quantity t --event ground -o C.nc."""
     from xdynamics.budgeting.certificate import certify as certified
 
-    found = _found(certified, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
+    certificate = _found(certified, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
                    side=side, draws=draws, seed=seed, coverage=coverage, inadequate_fit=inadequate_fit, **asked(named))  # fmt: skip
     say([f"kept      {output}"])
-    sys.exit(DONE if not int(found["gate_verdict"].values.max()) else BADLY)
+    sys.exit(DONE if not int(certificate["gate_verdict"].values.max()) else BADLY)
 
 
 @main.command()
@@ -104,19 +104,19 @@ def recheck(certificate: str) -> None:
     say([f"the same  {certificate}: {found.attrs['of']} = {found.attrs['result']}"])
 
 
-def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], output: str | None, quantity: str, **asked: Any) -> Any:  # fmt: skip
-    """Make evidence of one number, tell it, and keep it."""
+def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], output: str | None, quantity: str, **arguments: Any) -> Any:  # fmt: skip
+    """Make evidence of one number, print its summary, and keep it."""
     from xdynamics import archive
     from xdynamics.summary import summary
 
     model = changed_model(model_file, changes)
     if output:
         archive.check_target(Path(output))
-    found = make(model, quantity, **asked)
+    evidence = make(model, quantity, **arguments)
     if output:
-        archive.save(found, output)
-    say(summary(found))
-    return found
+        archive.save(evidence, output)
+    say(summary(evidence))
+    return evidence
 
 
 @main.command()
@@ -164,7 +164,7 @@ def fit(
     model = changed_model(model_file, changes)
     for path in filter(None, (output, fitted)):
         archive.check_target(Path(path))
-    found = fitted_to(
+    result = fitted_to(
         model,
         data,
         parameters,
@@ -175,9 +175,9 @@ def fit(
         **asked(named),
     )
     if output:
-        archive.save(found, output)
+        archive.save(result, output)
     if fitted:
         with taking_name(Path(fitted)) as new:
-            new.part.write_text(str(found["model_toml"].values))
-    say([*summary(found), *[f"model     {fitted}"] * bool(fitted), *[f"fit       {output}"] * bool(output)])
-    sys.exit(DONE if int(found.attrs["adequate"]) else BADLY)
+            new.part.write_text(str(result["model_toml"].values))
+    say([*summary(result), *[f"model     {fitted}"] * bool(fitted), *[f"fit       {output}"] * bool(output)])
+    sys.exit(DONE if int(result.attrs["adequate"]) else BADLY)

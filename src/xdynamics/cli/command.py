@@ -1,4 +1,4 @@
-"""The command `xdynamics`: what becomes of errors, warnings, signals and lost streams, and what all its verbs use."""
+"""The command `xdynamics`: its treatment of errors, warnings, signals and lost streams, and what all its verbs use."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ QUIET = "xdynamics.quiet"
 
 
 class _Verb(click.Command):
-    """A verb; every one can be quiet. It `makes` something where it has no option that names the file either."""
+    """A verb; every one can be quiet. With `makes` it writes a file although no option names it."""
 
-    def __init__(self, *given: Any, makes: bool = False, **named: Any) -> None:
-        super().__init__(*given, **named)
+    def __init__(self, *arguments: Any, makes: bool = False, **options: Any) -> None:
+        super().__init__(*arguments, **options)
         self.makes = makes
         self.params.append(
             click.Option(
@@ -39,16 +39,16 @@ class _Verb(click.Command):
         """Write the verb's own options, then those of the march, by what they belong to."""
         sections: dict[str, list[tuple[str, str]]] = {"Options": []}
         for parameter in self.get_params(ctx):
-            told = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
-            if told is not None:
-                sections.setdefault(getattr(parameter, "group", "Options"), []).append(told)
+            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
+            if record is not None:
+                sections.setdefault(getattr(parameter, "group", "Options"), []).append(record)
         for title, rows in sections.items():
             with formatter.section(title):
                 formatter.write_dl(rows)
 
     @property
     def writes(self) -> bool:
-        """Whether it makes a file, and its report is beside the point."""
+        """Whether it makes a file, so that its report is secondary."""
         return self.makes or any(parameter.name == "output" for parameter in self.params)
 
 
@@ -80,7 +80,7 @@ class _Command(click.Group):
         return ctx.exit(code)
 
     def _code(self, ctx: click.Context, output: Stream, code: int) -> int:
-        """Say that a report was lost; it ends a verb badly that makes nothing else."""
+        """Complain of a lost report; a verb that makes nothing else ends badly then."""
         output.flush()
         if not output.lost or output.cut_off:
             return code
@@ -94,12 +94,12 @@ class _Command(click.Group):
         from xdynamics.faults import AccuracyWarning, ArchiveError, InputError, KindWarning, SignatureWarning
 
         for stream in (sys.stdout, sys.stderr):
-            if hasattr(stream, "reconfigure"):  # a terminal without a sign for it shows it written out
+            if hasattr(stream, "reconfigure"):  # a terminal shows characters that it lacks as escapes
                 stream.reconfigure(errors="backslashreplace")
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", AccuracyWarning)  # the outcome, which is printed, says the same
-                warnings.simplefilter("ignore", KindWarning)  # `verify` says it where others are verified
+                warnings.simplefilter("ignore", AccuracyWarning)  # the printed outcome says the same
+                warnings.simplefilter("ignore", KindWarning)  # `verify` prints it with the verdict
                 warnings.simplefilter("ignore", SignatureWarning)  # and of signatures in the same line
                 warnings.showwarning = lambda message, *_rest: complain(f"warning: {message}")
                 return super().invoke(ctx)
@@ -117,7 +117,7 @@ class _Command(click.Group):
             ctx.exit(BADLY)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """Find the verb; refuse to begin where the libraries would not fit into memory, some of which then wait for ever."""
+        """Find the verb; refuse to begin if the libraries do not fit into memory, where some would wait for ever."""
         name, command, rest = super().resolve_command(ctx, args)
         limit = _memory_limit()
         if limit is not None and limit < LEAST_MEMORY and name not in LIGHT:
@@ -127,7 +127,7 @@ class _Command(click.Group):
 
 
 def _memory_limit() -> int | None:
-    """Return how much address space this process may have, in bytes; None where nothing limits it."""
+    """Return how much address space this process may have, in bytes; None without a limit."""
     try:
         import resource
     except ImportError:
@@ -144,38 +144,38 @@ def _memory_words() -> str:
 
 @contextmanager
 def _terminable() -> Iterator[list[int]]:
-    """Let SIGTERM and SIGHUP do what Ctrl-C does: end a march as an outcome, clear up, leave; gather the signals that came."""
-    came: list[int] = []
+    """Let SIGTERM and SIGHUP do what Ctrl-C does: end a march as an outcome, clean up, leave; list the signals received."""
+    received: list[int] = []
 
     def terminate(number: int, frame: FrameType | None) -> None:
-        came.append(number)
+        received.append(number)
         keyboard = signal.getsignal(signal.SIGINT)
         if not callable(keyboard):  # ignored, as in the background of a script
             raise KeyboardInterrupt
         keyboard(signal.SIGINT, frame)
 
     if threading.current_thread() is not threading.main_thread():
-        yield came
+        yield received
         return
     numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     previous = {number: signal.getsignal(number) for number in numbers}
-    heard = [number for number in numbers if previous[number] is not signal.SIG_IGN]  # `nohup` means it
-    for number in heard:
+    handled = [number for number in numbers if previous[number] is not signal.SIG_IGN]  # as under `nohup`
+    for number in handled:
         signal.signal(number, terminate)
     try:
-        yield came
+        yield received
     finally:
-        for number in heard:
+        for number in handled:
             signal.signal(number, previous[number])
 
 
 def complain(error: Exception | str) -> None:
-    """Print an error or a warning in one line, or one with faults that are numbered."""
+    """Print an error or a warning in one line, or an error with numbered faults."""
     click.echo(f"xdynamics: {escaped(str(error), lines=isinstance(error, Exception))}", err=True)
 
 
 def say(lines: Iterable[str]) -> None:
-    """Print lines, whatever the names and texts in them hold; none where the verb is to be quiet."""
+    """Print lines with unprintable characters escaped; none if the verb is quiet."""
     if not click.get_current_context().meta.get(QUIET):
         for line in lines:
             click.echo(escaped(line))
@@ -188,7 +188,7 @@ def main() -> None:
 
 
 class progress:  # noqa: N801 - used as a statement
-    """A line on the terminal that counts, from the second second on."""
+    """A progress line on the terminal, after the first second."""
 
     def __enter__(self) -> Callable[[float, float, int], None]:
         self.started = self.last = time.monotonic()
@@ -199,7 +199,7 @@ class progress:  # noqa: N801 - used as a statement
             click.echo("\r\033[K", nl=False, err=True)
 
     def tell(self, done: float, at: float, rows: int) -> None:
-        """Say how far the march is, once a second."""
+        """Report how far the march is, once a second."""
         now = time.monotonic()
         if now - self.last >= 1.0 and sys.stderr.isatty():
             self.last = now

@@ -1,4 +1,4 @@
-"""Verbs that judge: what runs are worth, and what two of them differ in."""
+"""Verbs that judge: how good runs are, and how two of them differ."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def refine(
 
 
 def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, ratio: float | None) -> dict[str, Any]:
-    """Return what is varied, from the coarsest of it, the number of levels and their ratio."""
+    """Return the varied setting, from its coarsest value, the number of levels and their ratio."""
     from xdynamics.evidence.refining.levels import RTOLS, STEPS, TIME_TOLERANCES
     from xdynamics.faults import InputError
     from xdynamics.units import time_in
@@ -81,38 +81,38 @@ def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, 
             f"--levels is {levels} and --ratio {ratio}; there is at least one level, and a ratio is above 1"
         )
     if time_tolerance is not None:
-        varied, first, kept = TIME_TOLERANCES, time_in(model.time_unit, time_tolerance, "--time-tolerance"), {"step": step, "rtol": rtol}  # fmt: skip
+        varied, first, fixed = TIME_TOLERANCES, time_in(model.time_unit, time_tolerance, "--time-tolerance"), {"step": step, "rtol": rtol}  # fmt: skip
     elif step is not None and rtol is not None:
         raise InputError("--step and --rtol are both given; one of them is varied")
     elif rtol is not None:
         try:
-            varied, first, kept = RTOLS, float(rtol), {}
+            varied, first, fixed = RTOLS, float(rtol), {}
         except ValueError:
             raise InputError(f"--rtol is {rtol!r}, needs a number") from None
     else:
         coarsest = step or model.run.get("step")
         if coarsest is None:
             raise InputError(f"model '{model.name}' has no step in its [run]; give --step or --rtol, the coarsest one")
-        varied, first, kept = STEPS, time_in(model.time_unit, coarsest, "--step"), {}
-    by = ratio or varied.ratio
-    return kept | {varied.keyword: [first / by**k for k in range(levels)]}
+        varied, first, fixed = STEPS, time_in(model.time_unit, coarsest, "--step"), {}
+    factor = ratio or varied.ratio
+    return fixed | {varied.keyword: [first / factor**k for k in range(levels)]}
 
 
 def _check(output: str | None) -> None:
-    """Refuse a target that cannot be written, before anything is marched for it."""
+    """Check that a target can be written, before anything is marched for it."""
     if output:
         from xdynamics.archive import check_target
 
         check_target(Path(output))
 
 
-def _kept(found: xr.Dataset, told: Any, output: str | None) -> None:
-    """Save evidence where that is asked for, and say what it tells."""
-    lines = [str(found.attrs["title"]), *told(found)]
+def _kept(evidence: xr.Dataset, describe: Any, output: str | None) -> None:
+    """Save evidence if an output is named, and print its findings."""
+    lines = [str(evidence.attrs["title"]), *describe(evidence)]
     if output:
         from xdynamics.archive import save
 
-        lines.append(f"archive   {save(found, output)}")
+        lines.append(f"archive   {save(evidence, output)}")
     say(lines)
 
 
@@ -144,10 +144,10 @@ def diagnose(
 
     _check(output)
     other = open_run(reference) if reference and reference.endswith(".nc") else reference
-    told = diagnosed(
+    diagnosis = diagnosed(
         open_run(archive), of=of, level=level, reference=other, exact=pairs(exact, "--exact"), companion=not no_companion, lyapunov=exponents or lyapunov
     )  # fmt: skip
-    _kept(told, lines_of, output)
+    _kept(diagnosis, lines_of, output)
 
 
 @main.command()
@@ -161,9 +161,9 @@ def validate(model_file: str | None, methods: tuple[str, ...], output: str | Non
 
     _check(output)
     model = changed_model(model_file, ()) if model_file else None
-    found = validated(list(methods) or None, model)
-    _kept(found, lines_of, output)
-    sys.exit(BADLY if (found["verdict"] == FAILED).any() else DONE)
+    ledger = validated(list(methods) or None, model)
+    _kept(ledger, lines_of, output)
+    sys.exit(BADLY if (ledger["verdict"] == FAILED).any() else DONE)
 
 
 @main.command()
@@ -190,7 +190,7 @@ def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: 
     _check(output)
     other = second if second.lower().endswith((".csv", ".txt", ".tsv")) else open_run(second)
     run = open_run(first)
-    at = [time_in(time_unit(run), one, "--at") for one in times] or None
+    at = [time_in(time_unit(run), text, "--at") for text in times] or None
     table = compared(run, other, at, gaps=gaps)
     _kept(table, lines_of, output)
     sys.exit(DONE if table.attrs.get("identical", 1) else BADLY)

@@ -1,4 +1,4 @@
-"""Verbs that look: at archives, at the methods there are."""
+"""Verbs that show: archives, and the available methods."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def plot(
     """Draw a run: the plane, trajectory, velocity, contacts, drives, energy, steps; of a sweep's folder maps of its members."""
     from xdynamics.figures import plot as draw
 
-    asked = None if only is None else [one.strip() for one in only.split(",")]
-    draw(_opened(archive), output, only=asked, beside=list(beside), size=_size(size), dpi=dpi, dark=dark)
+    names = None if only is None else [name.strip() for name in only.split(",")]
+    draw(_opened(archive), output, only=names, beside=list(beside), size=_size(size), dpi=dpi, dark=dark)
     say([f"figure    {output}"])
 
 
@@ -125,40 +125,42 @@ def methods(name: str | None) -> None:
         raise InputError(f"there is no method '{name}'; there are {', '.join(METHODS)}")
 
 
-def _table(every: Iterable[Method]) -> Iterable[str]:
-    """Print a line a method, under a head."""
+def _table(listed: Iterable[Method]) -> Iterable[str]:
+    """Yield a line for each method, under a header."""
     yield f"{'method':26}order  kind                       evaluations  estimate   refuses"
-    for one in every:
-        work = f"{one.evaluations} {'an iteration' if one.implicit else 'a step'}"
-        estimate = f"order {one.estimate_order}" if one.estimate else "doubling"
-        refused = ", ".join(one.refuses) or "nothing"
-        yield f"{one.name:26}{one.order:5}  {_kind(one):25}  {work:>11}  {estimate:9}  {refused}"
+    for method in listed:
+        work = f"{method.evaluations} {'an iteration' if method.implicit else 'a step'}"
+        estimate = f"order {method.estimate_order}" if method.estimate else "doubling"
+        refused = ", ".join(method.refuses) or "nothing"
+        yield f"{method.name:26}{method.order:5}  {_kind(method):25}  {work:>11}  {estimate:9}  {refused}"
     yield "`xdynamics methods NAME` tells one: its equations, where they stand in the literature, how long a step may be."
 
 
-def _page(one: Method) -> Iterable[str]:
-    """Print all that is known of a method."""
-    work = "an iteration" if one.implicit else "a step"
-    yield f"{one.name}: order {one.order}, {_kind(one)}, {one.evaluations} force evaluations {work}"
-    yield f"    update    {one.equations()}"
-    yield f"    in words  {one.words}"
-    yield f"    estimate  {f'embedded formula of order {one.estimate_order}' if one.estimate else 'by step doubling'}"
-    yield f"    between   re-integration, order {one.order}; or {one.interpolation}, order {one.interpolation_order}"
-    yield f"    stable    {', '.join(_limits(one))}"
-    yield f"    refuses   {'; '.join(one.refuses) or 'nothing'}"
-    yield f"    also      {', '.join(one.synonyms) or 'no other name'}"
-    yield f"    source    {one.reference}"
+def _page(method: Method) -> Iterable[str]:
+    """Yield all that is known of a method."""
+    work = "an iteration" if method.implicit else "a step"
+    yield f"{method.name}: order {method.order}, {_kind(method)}, {method.evaluations} force evaluations {work}"
+    yield f"    update    {method.equations()}"
+    yield f"    in words  {method.words}"
+    yield f"    estimate  {f'embedded formula of order {method.estimate_order}' if method.estimate else 'by step doubling'}"
+    yield f"    between   re-integration, order {method.order}; or {method.interpolation}, order {method.interpolation_order}"
+    yield f"    stable    {', '.join(_limits(method))}"
+    yield f"    refuses   {'; '.join(method.refuses) or 'nothing'}"
+    yield f"    also      {', '.join(method.synonyms) or 'no other name'}"
+    yield f"    source    {method.reference}"
 
 
-def _kind(one: Method) -> str:
+def _kind(method: Method) -> str:
     return (
-        ", ".join([*["symplectic"] * one.symplectic, *["symmetric"] * one.symmetric, *["implicit"] * one.implicit])
+        ", ".join(
+            [*["symplectic"] * method.symplectic, *["symmetric"] * method.symmetric, *["implicit"] * method.implicit]
+        )
         or "plain"
     )
 
 
 def _limits(method: Method) -> Iterable[str]:
-    """Say how long a step may be, from the method's own lines."""
+    """Report how long a step may be, from the method's own stability."""
     from xdynamics.stability import decay_limit, oscillator_limit
 
     for limit, words in ((oscillator_limit(method), "oscillation, w*h"), (decay_limit(method), "decay, h/tau")):

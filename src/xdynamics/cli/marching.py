@@ -1,4 +1,4 @@
-"""Verbs that march: run, extend, and what is done with segments of runs that were not finished."""
+"""Verbs that march: run, extend, complete, and discard for the segments of unfinished runs."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def run(
     What a long run has done is kept in segments beside the archive, until it is whole: --resume goes on from there.
     """
     model = changed_model(model_file, changes, tables)
-    named = asked(given)
+    arguments = asked(given)
     from xdynamics.simulation import simulate
 
     if times is not None:
@@ -64,15 +64,15 @@ def run(
         from xdynamics.tabling import check_target
 
         table = check_target(Path(output).with_suffix(".csv"))
-        resolved = settings_for(model, **named)
+        resolved = settings_for(model, **arguments)
         check_sampled(resolved)
-        wanted = times_within(times, model.time_unit, model.initial["t"].si, resolved.until)
-    with progress() as told:
-        finished = simulate(model, **named, path=output, resume=resume, memory=memory, progress=told)
+        sample_times = times_within(times, model.time_unit, model.initial["t"].si, resolved.until)
+    with progress() as report:
+        finished = simulate(model, **arguments, path=output, resume=resume, memory=memory, progress=report)
     if times is not None:
         from xdynamics.tabling import tabled
 
-        written = tabled(finished, wanted, table)
+        written = tabled(finished, sample_times, table)
         if not as_json:
             say([written])
     _close(finished, output, as_json=as_json)
@@ -97,8 +97,8 @@ def extend(archive: str, until: str, output: str, resume: bool) -> None:
     """Go on behind the end of a complete run, as if it had been asked for more at once."""
     from xdynamics.extension import extend as extended
 
-    with progress() as told:
-        longer = extended(archive, until=until, path=output, resume=resume, progress=told)
+    with progress() as report:
+        longer = extended(archive, until=until, path=output, resume=resume, progress=report)
     _close(longer, output)
 
 
@@ -111,13 +111,13 @@ def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
     """Add what --log and --keep-every left out of a run, to the bits: it is marched again and compared."""
     from xdynamics.completion import complete as completed
 
-    with progress() as told:
-        whole = completed(archive, keep_every=keep_every, path=output, progress=told, resume=resume)
+    with progress() as report:
+        whole = completed(archive, keep_every=keep_every, path=output, progress=report, resume=resume)
     _close(whole, output)
 
 
 def _close(finished: xr.Dataset, output: str, *, as_json: bool = False) -> None:
-    """Say what became of a run, and end with the exit code of its outcome."""
+    """Print the summary of a run, and end with the exit code of its outcome."""
     from xdynamics.archive import has_segments
     from xdynamics.march.outcomes import GOOD
     from xdynamics.summary import as_data, summary
@@ -132,19 +132,19 @@ def _close(finished: xr.Dataset, output: str, *, as_json: bool = False) -> None:
 
 
 def changed_model(model_file: str, changes: tuple[str, ...], tables: str = "below") -> Model:
-    """Read a model file, and change what `--set` says."""
+    """Read a model file, and apply the changes of `--set`."""
     from xdynamics.model import Model
 
     model = Model.from_toml(model_file, tables=tables)
     return model.replace(**_changed(model, pairs(changes, "--set"))) if changes else model
 
 
-def _changed(model: Any, given: dict[str, str]) -> dict[str, dict[str, Any]]:
-    """Sort changes into sections; a bare number goes as a number, so that it keeps the unit there."""
+def _changed(model: Any, changes: dict[str, str]) -> dict[str, dict[str, Any]]:
+    """Sort changes into sections; a bare number stays a number, so that it takes the unit there."""
     from xdynamics.faults import InputError
 
     sections: dict[str, dict[str, Any]] = {}
-    for name, text in given.items():
+    for name, text in changes.items():
         section = "parameters" if name in model.parameters else "initial" if name in model.initial else None
         if section is None:
             raise InputError(

@@ -52,9 +52,9 @@ def _verified_sweep(folder: str) -> Iterator[str]:
     from xdynamics.sweeping.catalogue import unfinished, verify_sweep
 
     digest, files = verify_sweep(folder)
-    more = "; members were being added to it: the same sweep, called again, goes on" if unfinished(Path(folder)) else ""
+    note = "; members were being added to it: the same sweep, called again, goes on" if unfinished(Path(folder)) else ""
     runs = f" and its {files} archived run{'s' if files > 1 else ''}" if files else ""
-    yield f"verified  {folder}  {digest}: a sweep{runs}{more}"
+    yield f"verified  {folder}  {digest}: a sweep{runs}{note}"
 
 
 @main.command(makes=True)
@@ -72,8 +72,8 @@ def sign(archives: tuple[str, ...], key: str | None, new_key: str | None) -> Non
         say([f"new key   {new_key} (keep it to yourself), {signatures.new_key(new_key)} (give it to others)"])
 
     def ask() -> str:
-        asked: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True) if sys.stdin.isatty() else ""
-        return asked
+        passphrase: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True) if sys.stdin.isatty() else ""
+        return passphrase
 
     for archive in archives:
         say([f"signed    {archive}  {signatures.sign(archive, key or str(new_key), passphrase=ask)}"])

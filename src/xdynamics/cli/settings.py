@@ -1,4 +1,4 @@
-"""The options of the command line that say how to march: made from the table of keywords, for every verb that does."""
+"""The options of the command line for a march: made from the table of keywords, for every verb that marches."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ OF_RECORDS = tuple(name for name, one in KEYWORDS.items() if one.group == RECORD
 
 
 class Setting(click.Option):
-    """An option that sets something of a march; the help gathers options by what they belong to."""
+    """An option for a setting of a march; the help lists options by group."""
 
-    def __init__(self, *given: Any, group: str, **named: Any) -> None:
-        super().__init__(*given, **named)
+    def __init__(self, *arguments: Any, group: str, **options: Any) -> None:
+        super().__init__(*arguments, **options)
         self.group = group
 
 
 def settings(*, without: Iterable[str] = ()) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Add the options of a march to a verb, but for some; the verb is given them by the names of their keywords."""
+    """Add the options of a march to a verb, except some; the verb receives them under the names of their keywords."""
     left_out = {*without}
 
     def add(verb: Callable[..., Any]) -> Callable[..., Any]:
@@ -52,59 +52,59 @@ def settings(*, without: Iterable[str] = ()) -> Callable[[Callable[..., Any]], C
 
 def _option(keyword: Keyword) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     default = keyword.default if keyword.default.startswith("needed") else f"default: {keyword.default}"
-    said = f"{keyword.about[0].upper()}{keyword.about[1:]}; {default}."
+    help_text = f"{keyword.about[0].upper()}{keyword.about[1:]}; {default}."
     form: dict[str, Any] = {"multiple": keyword.kind in SEVERAL, "metavar": _metavar(keyword)}
     if keyword.kind == TRUTH:
         form = {"is_flag": True, "default": None}
-    return click.option(keyword.flag, keyword.name, cls=Setting, group=keyword.group, help=said, **form)
+    return click.option(keyword.flag, keyword.name, cls=Setting, group=keyword.group, help=help_text, **form)
 
 
 def _metavar(keyword: Keyword) -> str | None:
-    """Return what stands behind an option in the help: its own word, the words there are, or the kind of its value."""
+    """Return the placeholder of an option in the help: its own, the allowed words, or the kind of its value."""
     words = keyword.takes.replace(" | ", "|").replace('"', "") if keyword.kind == WORD and "|" in keyword.takes else ""
     return keyword.metavar or words or _METAVARS.get(keyword.kind)
 
 
 def asked(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what was given on the command line, as `simulate` takes it.
+    """Return the values given on the command line, as `simulate` takes them.
 
     Raises
     ------
     InputError
         Naming the option that cannot be read.
     """
-    found: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
     for name, value in given.items():
         if value is None or value == ():
             continue
         read = _READERS.get(KEYWORDS[name].kind)
-        found[name] = value if read is None else read(value, KEYWORDS[name].flag)
-    return found
+        arguments[name] = value if read is None else read(value, KEYWORDS[name].flag)
+    return arguments
 
 
 def pairs(texts: Iterable[str], option: str) -> dict[str, str]:
-    """Read what an option says of several names.
+    """Read the values that an option gives to several names.
 
     Raises
     ------
     InputError
-        If a text is no NAME=VALUE, or names one again.
+        If a text is not NAME=VALUE, or repeats a name.
     """
     from xdynamics.faults import InputError
 
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals or not name.strip() or not value.strip():
             raise InputError(f"{option} {text!r} needs NAME=VALUE")
-        if name.strip() in found:
+        if name.strip() in values:
             raise InputError(f"{option} sets {name.strip()!r} twice")
-        found[name.strip()] = value.strip()
-    return found
+        values[name.strip()] = value.strip()
+    return values
 
 
 def absolute(texts: Iterable[str], option: str = "--atol") -> dict[str, Any]:
-    """Sort absolute tolerances: a bare number is for every variable that has none of its own.
+    """Sort absolute tolerances: a bare number applies to every variable without its own.
 
     Raises
     ------
@@ -113,10 +113,10 @@ def absolute(texts: Iterable[str], option: str = "--atol") -> dict[str, Any]:
     """
     from xdynamics.faults import InputError
 
-    bare = [one for one in texts if "=" not in one]
+    bare = [entry for entry in texts if "=" not in entry]
     if len(bare) > 1:
         raise InputError(f"{option} is given {len(bare)} times without a name: {', '.join(bare)}")
-    named: dict[str, Any] = dict(pairs((one for one in texts if "=" in one), option))
+    named: dict[str, Any] = dict(pairs((entry for entry in texts if "=" in entry), option))
     for text in bare:
         try:
             named[""] = float(text)
@@ -126,7 +126,7 @@ def absolute(texts: Iterable[str], option: str = "--atol") -> dict[str, Any]:
 
 
 def _columns(text: str, _: str) -> str | list[str]:
-    return text if text in ("full", "states") else [one.strip() for one in text.split(",")]
+    return text if text in ("full", "states") else [column.strip() for column in text.split(",")]
 
 
 _READERS: dict[str, Callable[[Any, str], Any]] = {

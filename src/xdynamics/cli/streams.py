@@ -1,4 +1,4 @@
-"""Standard streams that may be closed, full or cut off while a command works: what it makes does not depend on them."""
+"""Standard streams that may be closed, full or cut off while a command works, without harm to its results."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ CLOSED = "it is closed"
 
 
 class Stream:
-    """A stream that takes what it is given; once that fails nothing more is written, and the reason is kept.
+    """A stream that never fails: after the first error nothing more is written, and the reason is kept.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Stream:
         self.cut_off = False  # by a reader that has seen enough, as in ``| head -1``
 
     def write(self, text: str) -> int:
-        """Write a text, if that can be done."""
+        """Write a text, if possible."""
         if self._closed and text:
             self.lost = CLOSED
         if not self.lost:
@@ -36,13 +36,13 @@ class Stream:
         return len(text)
 
     def flush(self) -> None:
-        """Have what was written leave this process."""
+        """Flush what was written."""
         if not self.lost:
             with self._failing():
                 self._stream.flush()
 
     def isatty(self) -> bool:
-        """Whether a person looks at it."""
+        """Whether it is a terminal."""
         return not self._closed and not self.lost and self._stream.isatty()
 
     def __getattr__(self, name: str) -> Any:
@@ -84,7 +84,7 @@ def surviving_streams() -> Iterator[Streams]:
 
 
 def _reserve() -> None:
-    """Lead descriptors 0 to 2 nowhere where they are closed: else an archive gets one, and messages are written into it."""
+    """Point closed descriptors among 0 to 2 at the null device: otherwise an archive gets one, and messages go into it."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)

@@ -60,36 +60,36 @@ def sweep(
     from xdynamics.sweeping.sweep import sweep as swept
 
     model = changed_model(model_file, changes)
-    given = _grouped(pairs(axes, "--axis"), pairs(groups, "--together"))
-    if not given and not ranges:
+    grid = _grouped(pairs(axes, "--axis"), pairs(groups, "--together"))
+    if not grid and not ranges:
         raise InputError("nothing varies; give --axis NAME=VALUES, like --axis 'c=0:2e-3:41 kg m-1', or --draw")
-    twice = [one.partition("=")[0] for one in changes if one.partition("=")[0] in given]
-    if twice:
-        raise InputError(f"--set {twice[0]} and --axis {twice[0]} say two things; give one")
+    repeated = [one.partition("=")[0] for one in changes if one.partition("=")[0] in grid]
+    if repeated:
+        raise InputError(f"--set {repeated[0]} and --axis {repeated[0]} say two things; give one")
     if ranges or draws is not None:
-        given["draw"] = _drawn(ranges, draws, design, seed)
+        grid["draw"] = _drawn(ranges, draws, design, seed)
     words = [word.strip() for one in kept for word in one.split(",") if word.strip()] or ["end"]
-    with _cluster(scheduler), _told() as told:
+    with _cluster(scheduler), _told() as report:
         try:
-            found = swept(model, given, keep=words, times=list(times) or None, occurrences=occurrences, path=output,
-                          check=check, progress=told, **asked(named))  # fmt: skip
+            result = swept(model, grid, keep=words, times=list(times) or None, occurrences=occurrences, path=output,
+                          check=check, progress=report, **asked(named))  # fmt: skip
         except KeyboardInterrupt:
             complain(f"interrupted; what is done is kept in '{output}', and the same command goes on with it")
             raise
-    say([*summary(found), f"sweep     {output}"])
-    sys.exit(DONE if {*map(str, found["run_outcome"].values.ravel().tolist())} <= GOOD else BADLY)
+    say([*summary(result), f"sweep     {output}"])
+    sys.exit(DONE if {*map(str, result["run_outcome"].values.ravel().tolist())} <= GOOD else BADLY)
 
 
 def _grouped(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:
-    """Put axes that vary together into one."""
-    found: dict[str, Any] = dict(axes)
+    """Combine axes that vary together into one."""
+    grouped: dict[str, Any] = dict(axes)
     for name, members in groups.items():
-        names = [one.strip() for one in members.split(",")]
-        missing = [one for one in names if one not in found]
+        names = [axis.strip() for axis in members.split(",")]
+        missing = [axis for axis in names if axis not in grouped]
         if missing:
             raise InputError(f"--together {name} names {missing[0]!r}, of which there is no --axis")
-        found[name] = {one: found.pop(one) for one in names}
-    return found
+        grouped[name] = {axis: grouped.pop(axis) for axis in names}
+    return grouped
 
 
 def _drawn(ranges: tuple[str, ...], draws: int | None, design: str, seed: int) -> Any:
@@ -98,12 +98,18 @@ def _drawn(ranges: tuple[str, ...], draws: int | None, design: str, seed: int) -
     if draws is None or not ranges:
         raise InputError("--draw NAME=LOW:HIGH and --draws N go together")
     if design == DECLARED:
-        return Draws(draws, [one.partition("=")[0] for one in ranges], design=design, seed=seed)
+        return Draws(draws, [text.partition("=")[0] for text in ranges], design=design, seed=seed)
     return Draws(draws, ends_of(ranges, "--draw"), design=design, seed=seed)
 
 
 def ends_of(ranges: tuple[str, ...], option: str) -> dict[str, tuple[str, str]]:
-    """Read the lowest and the highest of several names."""
+    """Read the lowest and the highest value of several names.
+
+    Raises
+    ------
+    InputError
+        If a text is not NAME=LOW:HIGH, or repeats a name.
+    """
     ends = {}
     for name, text in pairs(ranges, option).items():
         low, colon, rest = text.partition(":")
@@ -116,7 +122,7 @@ def ends_of(ranges: tuple[str, ...], option: str) -> dict[str, tuple[str, str]]:
 
 @contextmanager
 def _cluster(scheduler: str | None) -> Iterator[None]:
-    """March on a cluster, where one is named."""
+    """March on a cluster, if one is named."""
     if scheduler is None:
         yield
         return
@@ -135,13 +141,13 @@ def _cluster(scheduler: str | None) -> Iterator[None]:
 
 @contextmanager
 def _told() -> Iterator[Callable[[float, float, int], None]]:
-    """A line on the terminal that counts the tasks that are done."""
+    """Show a line on the terminal that counts finished tasks."""
     started = time.monotonic()
 
     def tell(done: float, _: float, tasks: int) -> None:
         if sys.stderr.isatty():
-            left = (time.monotonic() - started) * (1.0 - done) / done if done else float("nan")
-            click.echo(f"\r\033[K{done:4.0%}  {tasks} tasks done, {left:.0f} s to go", nl=False, err=True)
+            remaining = (time.monotonic() - started) * (1.0 - done) / done if done else float("nan")
+            click.echo(f"\r\033[K{done:4.0%}  {tasks} tasks done, {remaining:.0f} s to go", nl=False, err=True)
 
     yield tell
     if sys.stderr.isatty():

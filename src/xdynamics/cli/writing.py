@@ -1,4 +1,4 @@
-"""Verbs for whoever writes a model: what may stand in it, a first one, and whether one is right."""
+"""Verbs for writing a model: what it may contain, a first one, and a check of one."""
 
 from __future__ import annotations
 
