@@ -1,4 +1,4 @@
-"""`run.dynamics`: what one asks of a run in a notebook, each by the verb that has the word."""
+"""`run.dynamics`: the usual questions to a run in a notebook, each by the verb that answers it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ OF_STATES = ("coordinate", "velocity", "state", "acceleration")
 
 @xr.register_dataset_accessor("dynamics")
 class Dynamics:
-    """What one asks of a run record: states between steps, events, tables, pictures.
+    """The usual questions to a run record: states between steps, events, tables, pictures.
 
     Examples
     --------
@@ -51,9 +51,9 @@ class Dynamics:
         self._given = run
         self._run = plain(run) if is_quantified(run) else run
 
-    def _as_given(self, found: xr.Dataset) -> xr.Dataset:
-        """Return what was found with units in its arrays, where the record has them there."""
-        return quantified(found) if self._run is not self._given else found
+    def _as_given(self, result: xr.Dataset) -> xr.Dataset:
+        """Return a result with units in its arrays, if the record has them there."""
+        return quantified(result) if self._run is not self._given else result
 
     def __repr__(self) -> str:
         return "\n".join(summary(self._run))
@@ -62,17 +62,17 @@ class Dynamics:
         """Show the summary first, and variables by their role, folded."""
         run = self._run
         groups: dict[str, list[str]] = {}
-        for name, one in run.variables.items():
-            groups.setdefault(str(one.attrs.get("role", "other")).replace("_", " "), []).append(str(name))
-        said = [f"<pre>{escape(repr(self))}</pre>"]
+        for name, variable in run.variables.items():
+            groups.setdefault(str(variable.attrs.get("role", "other")).replace("_", " "), []).append(str(name))
+        sections = [f"<pre>{escape(repr(self))}</pre>"]
         for role, names in groups.items():
             rows = "".join(
                 f"<tr><td>{escape(name)}</td><td>{escape(', '.join(map(str, run[name].dims)))}</td>"
                 f"<td>{escape(str(run[name].attrs.get('units', '')))}</td><td>{escape(str(run[name].attrs.get('long_name', '')))}</td></tr>"
                 for name in names
             )
-            said.append(f"<details><summary>{escape(role)}: {len(names)}</summary><table>{rows}</table></details>")
-        return "".join(said)
+            sections.append(f"<details><summary>{escape(role)}: {len(names)}</summary><table>{rows}</table></details>")
+        return "".join(sections)
 
     def at(self, times: Any, **how: Any) -> xr.Dataset:
         """Return the states at any times inside the run, ``"1 s"``, ``[0.1, 0.2]`` or ``"0:20:201 s"``; see `xdynamics.sample`."""
@@ -90,29 +90,42 @@ class Dynamics:
         Raises
         ------
         InputError
-            If the run knows no such event.
+            If the run has no such event.
         """
         check_kind(self._run)
         run, names = self._run, self._names()
-        known = str(run["event_detector"].attrs.get("flag_meanings", "")).split() if "event_detector" in run else []
-        if name is not None and name not in known:
-            raise InputError(f"the run knows no event {name!r}; there are {', '.join(known) or 'none'}")
+        event_names = (
+            str(run["event_detector"].attrs.get("flag_meanings", "")).split() if "event_detector" in run else []
+        )
+        if name is not None and name not in event_names:
+            raise InputError(f"the run knows no event {name!r}; there are {', '.join(event_names) or 'none'}")
         rows = np.flatnonzero(names == name) if name is not None else np.arange(len(names))
         left_out = ("event_row_before", "event_row_after", "event_detector")
-        wanted = [one for one in map(str, run.data_vars) if run[one].dims == (EVENTS,) and one not in left_out]
+        wanted = [
+            variable
+            for variable in map(str, run.data_vars)
+            if run[variable].dims == (EVENTS,) and variable not in left_out
+        ]
         variables: dict[str, Any] = {"event_name": ((EVENTS,), names[rows], about("1", "event, contact or friction element", "name"))}  # fmt: skip
-        variables |= {one: ((EVENTS,), run[one].values[rows], run[one].attrs) for one in ("event_time", *wanted)}
+        variables |= {
+            variable: ((EVENTS,), run[variable].values[rows], run[variable].attrs)
+            for variable in ("event_time", *wanted)
+        }
         for side in ("before", "after"):
             places = run[f"event_row_{side}"].values[rows]
-            for one in map(str, run.data_vars):
-                if run[one].dims == (STEPS,) and run[one].attrs.get("role") in OF_STATES:
-                    said = about(str(run[one].attrs["units"]), f"{one} {side} the event", str(run[one].attrs["role"]))
-                    variables[f"{side}_{one}"] = ((EVENTS,), run[one].values[places], said)
+            for variable in map(str, run.data_vars):
+                if run[variable].dims == (STEPS,) and run[variable].attrs.get("role") in OF_STATES:
+                    attributes = about(
+                        str(run[variable].attrs["units"]),
+                        f"{variable} {side} the event",
+                        str(run[variable].attrs["role"]),
+                    )
+                    variables[f"{side}_{variable}"] = ((EVENTS,), run[variable].values[places], attributes)
         title = f"{run.attrs.get('title', 'run')}: {name or 'events'}"
         return self._as_given(exhibit("events", title, [digest_of_run(run)], variables, {}))
 
     def frame(self, dim: str = STEPS) -> pd.DataFrame:
-        """Return everything along one dimension as a table of pandas, a row each; flags as their words.
+        """Return everything along one dimension as a pandas table, one row for each entry; flags as their words.
 
         Parameters
         ----------
@@ -121,7 +134,7 @@ class Dynamics:
         Returns
         -------
         pandas.DataFrame
-            Columns called like the variables; ``frame.attrs["units"]`` has the unit of each.
+            Columns named as the variables; ``frame.attrs["units"]`` has the unit of each.
 
         Raises
         ------
@@ -131,22 +144,28 @@ class Dynamics:
         import pandas as pd
 
         run = self._run
-        known = [str(one) for one in run.dims if str(one) != BOUNDS]
+        known = [str(variable) for variable in run.dims if str(variable) != BOUNDS]
         if dim not in known:
             raise InputError(f"the record has no dimension {dim!r}; there are {', '.join(known)}")
         columns: dict[str, Any] = {}
         units: dict[str, str] = {}
-        for name, one in run.variables.items():
-            if one.dims not in ((dim,), (dim, BOUNDS)):
+        for name, variable in run.variables.items():
+            if variable.dims not in ((dim,), (dim, BOUNDS)):
                 continue
-            cells = np.array(words_of(run[name]), dtype=object) if "flag_meanings" in one.attrs else one.values
+            cells = (
+                np.array(words_of(run[name]), dtype=object) if "flag_meanings" in variable.attrs else variable.values
+            )
             parts = (
-                {str(name): cells} if one.ndim == 1 else {f"{name}_{end}": cells[:, k] for k, end in enumerate(ENDS)}
+                {str(name): cells}
+                if variable.ndim == 1
+                else {f"{name}_{end}": cells[:, k] for k, end in enumerate(ENDS)}
             )
             columns |= parts
-            units |= dict.fromkeys(parts, str(one.attrs.get("units", "1")))
-        first = [one for one in ("time", "at_time", f"{dim}_time") if one in columns]
-        table = pd.DataFrame({one: columns[one] for one in (*first, *(c for c in columns if c not in first))})
+            units |= dict.fromkeys(parts, str(variable.attrs.get("units", "1")))
+        first = [variable for variable in ("time", "at_time", f"{dim}_time") if variable in columns]
+        table = pd.DataFrame(
+            {variable: columns[variable] for variable in (*first, *(c for c in columns if c not in first))}
+        )
         table.index.name = dim
         table.attrs["units"] = units
         return table

@@ -17,7 +17,7 @@ def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
-    """Attributes as plain values, the same in memory and from a file, where an array of one is a number."""
+    """Return attributes as plain values, the same in memory and from a file, where an array of one is a number."""
     return {str(key): _plain(value) for key, value in attributes.items()}
 
 

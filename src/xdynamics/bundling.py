@@ -55,12 +55,12 @@ def bundle(
     functions: Mapping[str, Callable[..., float]] | None = None,
     license: str = LICENSE,  # noqa: A002 - as RO-Crate calls it
 ) -> Path:
-    """Put a certificate into a folder of its own, with all that it was made from and that makes it again.
+    """Put a certificate into a folder of its own, with everything that it was made from and that reproduces it.
 
     Parameters
     ----------
     folder : str or Path
-        Made where it is not there; empty.
+        Made if it does not exist; must be empty.
     certificate : xarray.Dataset, str or Path
         What `certify` returned, or its archive.
     functions : mapping of str to callable, optional
@@ -85,25 +85,25 @@ def bundle(
         from rocrate.rocrate import ROCrate
     except ImportError:
         raise InputError("bundles need the package rocrate: pip install xdynamics[report]") from None
-    found = archive.open_run(certificate) if isinstance(certificate, str | Path) else certificate
-    if getattr(found, "attrs", {}).get(EVIDENCE) != certificates.CERTIFICATE:
+    record = archive.open_run(certificate) if isinstance(certificate, str | Path) else certificate
+    if getattr(record, "attrs", {}).get(EVIDENCE) != certificates.CERTIFICATE:
         raise InputError(f"{str(certificate)[:60]!r} is no certificate; `certify` makes one")
     target = Path(folder)
     check_empty(target)
-    model = Model.from_text(str(found["model_toml"].values), functions=functions)
-    run = own_run(model, json.loads(str(found.attrs["asked"])))
-    digest, wanted = archive.digest_of_run(run), str(found["run_digest"].values[0])
+    model = Model.from_text(str(record["model_toml"].values), functions=functions)
+    run = own_run(model, json.loads(str(record.attrs["asked"])))
+    digest, wanted = archive.digest_of_run(run), str(record["run_digest"].values[0])
     if digest != wanted:
         raise ArchiveError(f"the run comes to the content digest {digest}, in the certificate {wanted}")
-    ledger = validate([str(found.attrs["solver_method"])])
+    ledger = validate([str(record.attrs["solver_method"])])
     with taking_folder(target) as built:
-        for name, one in ((CERTIFICATE, found), (RUN, run), (LEDGER, ledger)):
-            archive.save(one, built / name)
-            plot(one, (built / name).with_suffix(".png"))
+        for name, dataset in ((CERTIFICATE, record), (RUN, run), (LEDGER, ledger)):
+            archive.save(dataset, built / name)
+            plot(dataset, (built / name).with_suffix(".png"))
         _write(built / MODEL, model.to_toml())
         _write(built / SCRIPT, _SCRIPT)
-        _write(built / README, _readme(found, asked(target, Path.resolve).name))
-        _crate(ROCrate(), built, found, license)
+        _write(built / README, _readme(record, asked(target, Path.resolve).name))
+        _crate(ROCrate(), built, record, license)
         names = [*SAID, CRATE]
         _write(built / SUMS, "".join(f"{_digest(built / name)}  {name}\n" for name in names))
     return target
@@ -130,7 +130,7 @@ def recheck(
     Raises
     ------
     ArchiveError
-        If anything comes out otherwise; it names what, with both values. If a file is damaged, missing or added.
+        If any value differs, naming it with both values; or if a file is damaged, missing or added.
     InputError
         If it is no certificate.
     """
@@ -150,14 +150,16 @@ def recheck(
 
 
 def check_files(folder: Path) -> None:
-    """Refuse a bundle in which something is no file of its own, before any of it is opened.
+    """Check, before anything is opened, that a bundle holds nothing but regular files.
 
     Raises
     ------
     ArchiveError
         Naming the links, pipes, folders in it.
     """
-    odd = sorted((one.name, one.lstat().st_mode) for one in folder.iterdir() if not stat.S_ISREG(one.lstat().st_mode))
+    odd = sorted(
+        (entry.name, entry.lstat().st_mode) for entry in folder.iterdir() if not stat.S_ISREG(entry.lstat().st_mode)
+    )
     if odd:
         kinds = {stat.S_IFLNK: "a link"} | KINDS
         faults = tuple(
@@ -173,10 +175,10 @@ def _faults(folder: Path) -> list[str]:
         return [f"there is no {SUMS}"]
     sums = read_bounded(folder / SUMS, LONGEST_SUMS).decode(errors="replace")
     rows = [line.partition("  ") for line in sums.splitlines()]
-    named = {name: digest for digest, _, name in rows}
-    missing = [f"{name} is missing" for name in (*SAID, CRATE) if name not in named or not (folder / name).is_file()]
-    damaged = [f"{name} differs from its digest" for name, digest in named.items() if name in (*SAID, CRATE) and (folder / name).is_file() and _digest(folder / name) != digest]  # fmt: skip
-    added = sorted({one.name for one in folder.iterdir()} - {*SAID, CRATE, SUMS})
+    digests = {name: digest for digest, _, name in rows}
+    missing = [f"{name} is missing" for name in (*SAID, CRATE) if name not in digests or not (folder / name).is_file()]
+    damaged = [f"{name} differs from its digest" for name, digest in digests.items() if name in (*SAID, CRATE) and (folder / name).is_file() and _digest(folder / name) != digest]  # fmt: skip
+    added = sorted({entry.name for entry in folder.iterdir()} - {*SAID, CRATE, SUMS})
     return [*missing, *damaged, *(f"{name} is none of its files" for name in added)]
 
 
@@ -190,14 +192,14 @@ def _write(path: Path, text: str) -> None:
         new.part.write_text(text, encoding="utf-8")
 
 
-def _readme(found: xr.Dataset, name: str) -> str:
-    """Say what the bundle is of, what is in it, and how it is made again."""
-    files = "\n".join(f"* `{one}`: {said}" for one, said in SAID.items() if one != README)
-    gates = "\n".join(f"* {line}" for line in certificates.lines_of(found)[1:-2])
-    version = found.attrs.get("xdynamics_version", "")
-    return f"""# {found.attrs["title"]}
+def _readme(certificate: xr.Dataset, name: str) -> str:
+    """Describe the bundle: its number, its files, and how to reproduce it."""
+    files = "\n".join(f"* `{file}`: {description}" for file, description in SAID.items() if file != README)
+    gates = "\n".join(f"* {line}" for line in certificates.lines_of(certificate)[1:-2])
+    version = certificate.attrs.get("xdynamics_version", "")
+    return f"""# {certificate.attrs["title"]}
 
-{found.attrs["of"]} = {found.attrs["result"]}
+{certificate.attrs["of"]} = {certificate.attrs["result"]}
 
 {gates}
 
@@ -213,14 +215,14 @@ All of it is made again, and compared number by number, by
 """
 
 
-def _crate(crate: Any, target: Path, found: xr.Dataset, licence: str) -> None:
+def _crate(crate: Any, target: Path, certificate: xr.Dataset, licence: str) -> None:
     """Write RO-Crate metadata of the files (Soiland-Reyes and others 2022, doi:10.3233/DS-210053)."""
     kinds = {".nc": "application/x-netcdf", ".toml": "application/toml", ".png": "image/png", ".py": "text/x-python", ".md": "text/markdown"}  # fmt: skip
-    crate.name = str(found.attrs["title"])
-    crate.description = f"{found.attrs['of']} = {found.attrs['result']}"
-    crate.datePublished = str(found.attrs["date_created"])
+    crate.name = str(certificate.attrs["title"])
+    crate.description = f"{certificate.attrs['of']} = {certificate.attrs['result']}"
+    crate.datePublished = str(certificate.attrs["date_created"])
     crate.license = licence
-    for name, said in SAID.items():
-        about = {"name": name, "description": said, "encodingFormat": kinds[Path(name).suffix], "contentSize": str((target / name).stat().st_size), "sha256": _digest(target / name)}  # fmt: skip
-        crate.add_file(target / name, dest_path=name, properties=about)
+    for name, description in SAID.items():
+        properties = {"name": name, "description": description, "encodingFormat": kinds[Path(name).suffix], "contentSize": str((target / name).stat().st_size), "sha256": _digest(target / name)}  # fmt: skip
+        crate.add_file(target / name, dest_path=name, properties=properties)
     crate.metadata.write(target)

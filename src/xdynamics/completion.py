@@ -1,4 +1,4 @@
-"""A record without all rows or columns, marched again to its whole log: its own values vouch for the rest."""
+"""A record without all rows or columns, marched again to its whole log: its own values confirm the rest."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def complete(
 ) -> xr.Dataset:
     """Add what `log` and `keep_every` left out of a record, to the bits of the whole run.
 
-    The run is marched again with all its settings: forces and energies follow of the states, but rejected trials, errors
-    and the rows between do not. Every value that was kept is then compared with what came out.
+    The run is marched again with all its settings: forces and energies follow from the states, but rejected trials, errors
+    and the rows between do not. Every value that was kept is then compared with the new run's.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def complete(
     Raises
     ------
     InputError
-        If the record is none of a whole run, was edited, or its run was interrupted.
+        If the record is not of a whole run, was edited, or its run was interrupted.
     ArchiveError
         If a value that was kept is not that of the run: names it. Another version may march to other bits.
 
@@ -101,18 +101,18 @@ def _completed(
     if kept.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
         raise InputError("the run cannot be completed, it is 'interrupted': resume it first")
     model = Model.from_text(str(kept["model_toml"].values), functions=functions)
-    asked = asked_of(kept) | {"log": "full", "keep_every": keep_every}
-    whole = simulate(model, **asked, path=path, progress=progress, resume=resume)
-    if other := _first_other(kept, whole):
+    settings = asked_of(kept) | {"log": "full", "keep_every": keep_every}
+    whole = simulate(model, **settings, path=path, progress=progress, resume=resume)
+    if differing := _first_other(kept, whole):
         raise ArchiveError(
-            f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']}, '{other}' comes to other"
+            f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']}, '{differing}' comes to other"
             f" bits than were kept by {kept.attrs['xdynamics_version']}; see xdynamics.compare"
         )
     return whole
 
 
 def _first_other(kept: xr.Dataset, whole: xr.Dataset) -> str:
-    """Name the first variable along steps or events that has other values in the rows that both have; nothing where none has."""
+    """Name the first variable along steps or events that has other values in the rows that both have; empty if there is none."""
     numbers = [_numbers(run) for run in (kept, whole)]
     mine, theirs = (np.isin(one, other) for one, other in (numbers, numbers[::-1]))
     thinned = max(map(rows_apart, (kept.attrs, whole.attrs))) > 1
@@ -130,5 +130,5 @@ def _first_other(kept: xr.Dataset, whole: xr.Dataset) -> str:
 
 
 def _numbers(run: xr.Dataset) -> Array:
-    """Return which rows of the march those of a record are."""
+    """Return the numbers, in the march, of a record's rows."""
     return np.asarray(run[STEP_NUMBER.name]) if STEP_NUMBER.name in run else np.arange(run.sizes[STEPS])

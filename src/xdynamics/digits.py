@@ -1,11 +1,11 @@
-"""How many digits of a number a sentence has: those that what is known of the number bears. Records keep all of them."""
+"""How many digits of a number a sentence shows: those that its uncertainty supports. Records keep all of them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from math import ceil, inf, isfinite, log10
 
-MOST = 15  # digits that every double bears
+MOST = 15  # digits that every double holds
 UNKNOWN = 1e-9  # part of a number that its error is taken for, where nothing estimates it
 REACHED = 0.1  # of the relative uncertainty of an input: what is taken to reach a number that follows from it
 
@@ -24,12 +24,12 @@ def digits(value: float, *, uncertainty: float = 0.0, relative: float = 0.0, apa
     size, doubt = abs(value), max(uncertainty, relative * abs(value))
     if not isfinite(value) or size == 0.0:
         return 1
-    needed = [ceil(log10(size / one)) + 1 for one in (doubt, apart) if 0.0 < one < inf]
+    needed = [ceil(log10(size / resolution)) + 1 for resolution in (doubt, apart) if 0.0 < resolution < inf]
     return min(MOST, max(1, *needed)) if needed else MOST
 
 
 def known_part(tolerance: float | None, inputs: Iterable[tuple[float, float]]) -> float:
-    """Return which part of its numbers a run leaves uncertain.
+    """Return the relative uncertainty that a run leaves in its numbers.
 
     Parameters
     ----------

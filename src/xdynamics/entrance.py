@@ -1,4 +1,4 @@
-"""What is imported when: names of a package that stand in rooms of it, and libraries that must come whole."""
+"""Late imports: names of a package that live in its modules, and libraries that must be loaded whole."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def load_dask_whole() -> None:
 
 
 def _followed(verb: Callable[..., Any], module: str) -> Callable[..., Any]:
-    """Load a module behind the call of a verb, which may be what brings xarray."""
+    """Load a module after the call of a verb, which may be the first to import xarray."""
 
     @wraps(verb)
-    def called(*given: Any, **more: Any) -> Any:
-        found = verb(*given, **more)
+    def called(*arguments: Any, **keywords: Any) -> Any:
+        result = verb(*arguments, **keywords)
         if "xarray" in sys.modules:
             import_module(module)
-        return found
+        return result
 
     return called
 
@@ -37,7 +37,7 @@ def _followed(verb: Callable[..., Any], module: str) -> Callable[..., Any]:
 def entrance(
     package: str, rooms: Mapping[str, str], beside: str = "", through: Mapping[str, tuple[str, ...]] | None = None
 ) -> Callable[[str], Any]:
-    """Return what a package has for its `__getattr__` (PEP 562).
+    """Return the `__getattr__` of a package (PEP 562).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Go on behind the end of a complete run, to the bits of one march that also lands on that end."""
+"""Go on after the end of a complete run, to the bits of one march that also lands on that end."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def extend(
     functions: Mapping[str, Callable[..., float]] | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Go on behind the end of a complete run.
+    """Go on after the end of a complete run.
 
     Nothing is marched twice: a record keeps what its march goes on from. The result is that of one march with the same
     settings up to the new end that also lands on the old one, ``simulate(model, …, nodes=[old end], until=…)``, to the
@@ -118,20 +118,20 @@ def _extended(
         raise InputError(f"the run cannot be extended, it is {said_of(kept.attrs)}; extend the run itself")
     _refuse_other_ends(kept)
     model = Model.from_text(str(kept["model_toml"].values), functions=functions)
-    asked, end = asked_of(kept), float(kept.attrs["solver_until"])
+    arguments, end = asked_of(kept), float(kept.attrs["solver_until"])
     if not time_in(model.time_unit, until, "until") > end:
         raise InputError(
             f"until is {until!r}, needs a time behind the end of the run at t = {end!r}{behind(model.time_unit)}"
         )
-    settings = settings_for(model, **asked | {"until": until, "nodes": [*asked.get("nodes", ()), end]})
+    settings = settings_for(model, **arguments | {"until": until, "nodes": [*arguments.get("nodes", ()), end]})
     march = March(model, settings, progress)
     if not record.is_of(kept, march):
         raise InputError(
             f"the run was made by version {kept.attrs['xdynamics_version']} of xdynamics, or its forces were written in"
             " other words: march it anew, up to the new end"
         )
-    places = {str(name): tuple(one.dims) for name, one in kept.variables.items()}
-    needed = {one.variable.name: one.variable.dims for one in record.columns(march)}
+    places = {str(name): tuple(variable.dims) for name, variable in kept.variables.items()}
+    needed = {variable.variable.name: variable.variable.dims for variable in record.columns(march)}
     missing = [name for name, dims in needed.items() if places.get(name) != dims]
     if march.layout.reactions or march.layout.smooth:  # energies of impacts and switches that were passed are of states
         left_out = [name for name in march.layout.used if name not in places]
@@ -153,7 +153,7 @@ def _extended(
 
 
 def _refuse_other_ends(kept: xr.Dataset) -> None:
-    """Refuse a run that did not come to the end that it was asked for, or cannot be told more steps."""
+    """Check that a run reached its end, and that its march can go on."""
     word, text = kept.attrs["run_outcome"], kept.attrs["run_outcome_text"]
     if word != OUTCOMES[COMPLETED].word:
         why = {
@@ -183,7 +183,7 @@ def _rows(kept: xr.Dataset, march: March) -> Iterator[tuple[str, Array]]:
 
 
 def _stand_behind(kept: xr.Dataset, march: March) -> None:
-    """Set a march where a run ended."""
+    """Set a march to where a run ended."""
     memory, numbers = str(kept[END_MEMORY.name].attrs["names"]), np.asarray(kept[END_MEMORY.name].values)
     rows = kept.sizes[STEPS] if march.thinning is None else int(kept[STEP_NUMBER.name][-1]) + 1
     if march.thinning:
@@ -201,16 +201,18 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     if "event_position" in kept:
         labels = kept["event_detector"].attrs["flag_meanings"].split()
         far = {labels[i] for i in kept["event_detector"].values[kept["event_position"].values == FAR].tolist()}
-        march.misplaced = np.array([one.name in far for one in march.layout.watched])
+        march.misplaced = np.array([values.name in far for values in march.layout.watched])
     _recall_passed(kept, march)
     march.event_pairs = int((kept["row_kind"].values == EVENT_AFTER).sum())
     if march.settings.partial:
         return
     stride = march.stride(rows)
-    found = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}
+    columns = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}
     scale = march.settings.scales.of(TIME)
     factors = {"time": scale, "step_size": scale} | record.factors(march.model, march.settings.scales)
-    march.witnesses = np.array([np.arange(0.0, rows, stride), *(one / factors[name] for name, one in found.items())])
+    march.witnesses = np.array(
+        [np.arange(0.0, rows, stride), *(values / factors[name] for name, values in columns.items())]
+    )
     march.errors = np.empty((len(march.estimated), march.witnesses.shape[1]))
     for i, name in enumerate(march.layout.used if march.estimated else ()):
         march.errors[i] = kept[error(name)][::stride].values / factors[name]
@@ -231,11 +233,11 @@ def _recall_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> 
 
 
 def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:
-    """Return the events of a record; detectors of one contact are told by their first."""
+    """Return the events of a record; detectors of one contact are represented by their first."""
     labels = kept["event_detector"].attrs["flag_meanings"].split()
-    names = [one.name for one in march.layout.watched]
-    detector = np.array([names.index(one) for one in labels])[kept["event_detector"].values]
-    row, after = (kept[f"event_row_{one}"].values for one in ("before", "after"))
+    names = [label.name for label in march.layout.watched]
+    detector = np.array([names.index(label) for label in labels])[kept["event_detector"].values]
+    row, after = (kept[f"event_row_{label}"].values for label in ("before", "after"))
     work = np.zeros(row.size)
     for name in march.layout.coordinates:
         speed, factor = (
@@ -247,23 +249,23 @@ def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:
 
 
 def _recall_passed(kept: xr.Dataset, march: March) -> None:
-    """Have a march know what its run knew at its end of switches that are declared smooth: the side, how often, since when."""
+    """Restore what a run knew of smooth switches at its end: their side, how often they were passed, and since when."""
     smooth, model = march.layout.smooth, march.model
     if not smooth:
         return
-    known = march.run.w[march.run.w.size - 3 * len(smooth) :].reshape(-1, 3)
-    known[:, 1] = kept[PASSED.name].values
-    known[:, 2] = np.nan_to_num(kept[FIRST_PASSED.name].values) / march.settings.scales.of(TIME)
+    memory = march.run.w[march.run.w.size - 3 * len(smooth) :].reshape(-1, 3)
+    memory[:, 1] = kept[PASSED.name].values
+    memory[:, 2] = np.nan_to_num(kept[FIRST_PASSED.name].values) / march.settings.scales.of(TIME)
     factors = {name: float(unit.factor) for name, unit in model.units.items()}
     for first in range(kept.sizes[STEPS] - ROWS, -ROWS, -ROWS):  # from the end, to where each was last away from zero
         rows = slice(max(first, 0), first + ROWS)
         state = {name: kept[name].values[rows] * factors[name] for name in march.layout.used}
         state |= {"t": kept["time"].values[rows], REGIME_NUMBER: kept["regime"].values[rows].astype(float)}
-        trees = [tree for one in smooth for tree in (one.function, decides(model, one))]
-        found = evaluated_many(model, trees, state, constants(model), tables_of(model))
-        for k in np.flatnonzero(known[:, 0] == 0.0).tolist():
-            value, holds = (np.broadcast_to(one, state["t"].shape) for one in found[2 * k : 2 * k + 2])
+        trees = [tree for operand in smooth for tree in (operand.function, decides(model, operand))]
+        values = evaluated_many(model, trees, state, constants(model), tables_of(model))
+        for k in np.flatnonzero(memory[:, 0] == 0.0).tolist():
+            value, holds = (np.broadcast_to(operand, state["t"].shape) for operand in values[2 * k : 2 * k + 2])
             away = np.flatnonzero(value != 0.0)
-            known[k, 0] = np.sign(value[away[-1]]) if away.size and holds[away[-1] :].all() else 0.0
-        if known[:, 0].all():
+            memory[k, 0] = np.sign(value[away[-1]]) if away.size and holds[away[-1] :].all() else 0.0
+        if memory[:, 0].all():
             return

@@ -1,4 +1,4 @@
-"""What a wrong input raises: one error that names every fault found."""
+"""Errors of wrong input: one error names every fault found."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 _OURS = (str(Path(__file__).parent), contextlib.__file__)  # the latter is between a context manager and its caller
-MOST_LISTED = 20  # faults that a message shows; an error bears them all
+MOST_LISTED = 20  # faults that a message shows; an error holds them all
 MOST_SOUGHT = 200  # faults of one input, after which it is given up
 # controls, marks of direction and other characters without a shape, halves of pairs, ends of lines and paragraphs
 UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 
 
 def escaped(text: str, *, lines: bool = False) -> str:
-    r"""Return a text as it may go to a terminal: what is not seen but does something is written out.
+    r"""Escape a text for a terminal: invisible and control characters are written out.
 
     Parameters
     ----------
@@ -34,8 +34,10 @@ def escaped(text: str, *, lines: bool = False) -> str:
         return text
     meant = "\n\t" if lines else ""
     return "".join(
-        one if one in meant or unicodedata.category(one) not in UNSEEN else one.encode("unicode_escape").decode()
-        for one in text
+        character
+        if character in meant or unicodedata.category(character) not in UNSEEN
+        else character.encode("unicode_escape").decode()
+        for character in text
     )
 
 
@@ -53,13 +55,13 @@ class InputError(ValueError):
 
     def __init__(self, message: str, faults: tuple[str, ...] = ()) -> None:
         listed = numbered(faults) if message.endswith(numbered(faults)) else ""
-        said = escaped(message.removesuffix(listed)) + listed
-        super().__init__(said)
-        self.faults = tuple(map(escaped, faults)) or (said,)
+        text = escaped(message.removesuffix(listed)) + listed
+        super().__init__(text)
+        self.faults = tuple(map(escaped, faults)) or (text,)
 
 
 class StabilityWarning(UserWarning):
-    """A fixed step is longer than the method bears for the model at its start."""
+    """A fixed step is beyond the method's stability limit for the model at its start."""
 
 
 class AccuracyWarning(UserWarning):
@@ -75,7 +77,7 @@ class KindWarning(UserWarning):
 
 
 class SignatureWarning(UserWarning):
-    """A signature holds, and is of less than the whole file."""
+    """A signature is valid, but covers less than the whole file."""
 
 
 class PartialRunWarning(UserWarning):
@@ -140,7 +142,13 @@ class Ledger:
                 self.settle()
 
     def settle(self) -> None:
-        """Raise what was gathered, if anything was."""
+        """Raise the gathered faults as one error, if there are any.
+
+        Raises
+        ------
+        InputError
+            Of the ledger's class, with every fault.
+        """
         if not self.faults:
             return
         if len(self.faults) == 1:

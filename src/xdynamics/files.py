@@ -1,4 +1,4 @@
-"""Files: regular ones, of a bounded size to read, on the disk when they are written; what else a path leads to is an error."""
+"""Files: regular ones, of a bounded size to read, on the disk when they are written; anything else at a path is an error."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def asked(path: Path, question: Callable[[Path], Answer]) -> Answer:
 
 
 def kind_of(path: Path) -> str | None:
-    """Say what a path leads to: nothing (``""``), a regular file (None), or what else in words."""
+    """Return what a path leads to: nothing (``""``), a regular file (None), or anything else in words."""
     try:
         mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
@@ -63,17 +63,17 @@ def read_bounded(path: Path, most: int) -> bytes:
     """
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe would wait for its writer
     with os.fdopen(handle, "rb") as file:
-        about = os.fstat(handle)
-        if not stat.S_ISREG(about.st_mode):
-            raise InputError(f"it is {KINDS.get(stat.S_IFMT(about.st_mode), 'no regular file')}")
-        if about.st_size > most:
-            raise InputError(f"it has {about.st_size} bytes, over the limit of {most}")
-        found = bytearray()
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"it is {KINDS.get(stat.S_IFMT(status.st_mode), 'no regular file')}")
+        if status.st_size > most:
+            raise InputError(f"it has {status.st_size} bytes, over the limit of {most}")
+        content = bytearray()
         while piece := file.read(_PIECE):  # some files, like those of /proc, are longer than they say
-            found += piece
-            if len(found) > most:
+            content += piece
+            if len(content) > most:
                 raise InputError(f"it has over {most} bytes, the limit")
-    return bytes(found)
+    return bytes(content)
 
 
 def decoded(content: bytes) -> str:
@@ -89,22 +89,22 @@ def decoded(content: bytes) -> str:
 
 
 def made_folder(folder: str | Path) -> Path:
-    """Return a folder, made where it is not there.
+    """Return a folder, made if it does not exist.
 
     Raises
     ------
     InputError
         If it cannot be made.
     """
-    found = Path(folder)
-    there = asked(found, kind_of)
-    if there not in ("", KINDS[stat.S_IFDIR]):
-        raise InputError(f"'{folder}' is {there or 'a file'}; name a folder")
+    path = Path(folder)
+    kind = asked(path, kind_of)
+    if kind not in ("", KINDS[stat.S_IFDIR]):
+        raise InputError(f"'{folder}' is {kind or 'a file'}; name a folder")
     try:
-        asked(found, lambda one: one.mkdir(parents=True, exist_ok=True))
+        asked(path, lambda target: target.mkdir(parents=True, exist_ok=True))
     except InputError as error:
         raise InputError(f"folder {error}") from None
-    return found
+    return path
 
 
 @contextmanager

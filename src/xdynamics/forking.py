@@ -1,4 +1,4 @@
-"""Locks that a fork waits for: a child would find what another thread had locked taken for ever, and half done."""
+"""Locks that a fork waits for: a child would find the locks of other threads taken for ever, and their work half done."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _held: list[Any] = []
 
 
 def waited_for(lock: Lock) -> Lock:
-    """Have forks wait for a lock, as long as another thread has it; it must be one that a thread may take twice."""
+    """Make forks wait for a lock as long as another thread holds it; it must be reentrant."""
     _shared.append(lock)
     return lock
 
@@ -24,7 +24,7 @@ def _before() -> None:
         if awaited is not None:
             awaited.acquire()
             _held.append(awaited)
-        awaited = next((one for one in _shared if one is not awaited and not _taken(one)), None)
+        awaited = next((lock for lock in _shared if lock is not awaited and not _taken(lock)), None)
         if awaited is not None:
             _after()
 

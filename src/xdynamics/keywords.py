@@ -1,4 +1,4 @@
-"""What can be asked of a march: one table for `simulate`, the `[run]` section of a model file, and the command line.
+"""The settings of a march: one table for `simulate`, the `[run]` section of a model file, and the command line.
 
 Each entry has one name, which is the keyword of `simulate`, the key of `[run]`, and with dashes the option of
 `xdynamics run` and of every other verb that marches. The way back from a record is the attribute named here.
@@ -37,17 +37,17 @@ class Keyword:
     about : str
         What it sets.
     default : str
-        What holds where it is not given.
+        What holds if it is not given.
     example : str
-        A value in TOML; empty of what a model file cannot say.
+        A value in TOML; empty if a model file cannot set it.
     takes : str
-        How a value is written in a model file, where the kind alone does not tell.
+        How a value is written in a model file, if the kind alone does not tell.
     attribute : str
-        Of the record, from which it is read back; empty where more than one attribute says it.
+        The record's attribute from which it is read back; empty if there is more than one.
     option : str
-        On the command line, where that is not its name with dashes.
+        The option on the command line, if that is not its name with dashes.
     metavar : str
-        What stands behind the option in the help.
+        The placeholder after the option in the help.
     """
 
     name: str
@@ -143,7 +143,7 @@ def columns_of(given: Any) -> str | tuple[str, ...]:
         if given in (FULL, STATES):
             return given
         raise InputError(f"log is {given!r}; there are '{FULL}', '{STATES}', or a list of variables, like ['{given}']")
-    if not isinstance(given, list | tuple) or not given or not all(isinstance(one, str) for one in given):
+    if not isinstance(given, list | tuple) or not given or not all(isinstance(column, str) for column in given):
         raise InputError(
             f"log is {given!r}, needs '{FULL}', '{STATES}' or a list of variables, like ['x', 'total_energy']"
         )
@@ -151,10 +151,10 @@ def columns_of(given: Any) -> str | tuple[str, ...]:
 
 
 def _whole(value: Any, name: str, _: Unit) -> int:
-    found = number(value, name)
-    if not found.is_integer():
+    real = number(value, name)
+    if not real.is_integer():
         raise InputError(f"{name} is {value!r}, needs a whole number")
-    return int(found)
+    return int(real)
 
 
 def _time(value: Any, name: str, time: Unit) -> float:
@@ -166,7 +166,7 @@ def _time(value: Any, name: str, time: Unit) -> float:
 def _pair(value: Any, name: str, _: Unit) -> tuple[float, ...]:
     if isinstance(value, str) or not (isinstance(value, Sequence) or hasattr(value, "__array__")) or len(value) != 2:
         raise InputError(f"{name} are {value!r}, need two factors, like (0.2, 10)")
-    return tuple(number(one, name) for one in value)
+    return tuple(number(factor, name) for factor in value)
 
 
 def _truth(value: Any, name: str, _: Unit) -> bool:

@@ -23,7 +23,7 @@ def is_quantified(given: Any) -> bool:
     """Whether a Dataset has arrays of pint."""
     if "pint" not in sys.modules or not hasattr(given, "variables"):
         return False
-    return any(_has_unit(one) for one in given.variables.values())
+    return any(_has_unit(variable) for variable in given.variables.values())
 
 
 def _has_unit(variable: Any) -> bool:
@@ -36,9 +36,9 @@ def teach() -> None:
         return
     import pint
 
-    known = pint.application_registry.preprocessors
-    if _with_stars not in known:
-        known.append(_with_stars)
+    preprocessors = pint.application_registry.preprocessors
+    if _with_stars not in preprocessors:
+        preprocessors.append(_with_stars)
 
 
 def _with_stars(units: str) -> str:
@@ -58,15 +58,15 @@ def quantified(run: xr.Dataset) -> xr.Dataset:
     import cf_xarray.units  # noqa: F401 - teaches pint the spelling of UDUNITS, before pint-xarray takes its registry
     import pint_xarray  # noqa: F401 - the accessor
 
-    numbers = {name: one.attrs[UNITS] for name, one in run.variables.items() if one.dtype.kind == "f" and UNITS in one.attrs}  # fmt: skip
-    found: xr.Dataset = run.pint.quantify(numbers)
+    numbers = {name: variable.attrs[UNITS] for name, variable in run.variables.items() if variable.dtype.kind == "f" and UNITS in variable.attrs}  # fmt: skip
+    result: xr.Dataset = run.pint.quantify(numbers)
     for name, text in numbers.items():
-        found[name].attrs[AS_RECORDED] = text
-    return found
+        result[name].attrs[AS_RECORDED] = text
+    return result
 
 
 def plain(run: xr.Dataset) -> xr.Dataset:
-    """Return a record with units as attributes again.
+    """Return a record with units as attributes.
 
     Raises
     ------
@@ -75,37 +75,37 @@ def plain(run: xr.Dataset) -> xr.Dataset:
     """
     import cf_xarray.units  # noqa: F401 - how units are spelled
 
-    found = run.copy()
-    for name, one in run.variables.items():
-        if not _has_unit(one):
+    result = run.copy()
+    for name, variable in run.variables.items():
+        if not _has_unit(variable):
             continue
-        spelled = f"{one.data.units:cf}" or "1"
+        spelled = f"{variable.data.units:cf}" or "1"
         try:
             text = parse_unit(spelled).text
         except InputError as error:
-            raise InputError(f"'{name}' is in {str(one.data.units)!r}, which no record holds: {error}") from None
-        recorded = str(one.attrs.get(AS_RECORDED, text))
+            raise InputError(f"'{name}' is in {str(variable.data.units)!r}, which no record holds: {error}") from None
+        recorded = str(variable.attrs.get(AS_RECORDED, text))
         same = (parse_unit(recorded).dimension, parse_unit(recorded).factor) == (parse_unit(text).dimension, parse_unit(text).factor)  # fmt: skip
-        attributes = {UNITS: recorded if same else text} | {key: value for key, value in one.attrs.items() if key != AS_RECORDED}  # fmt: skip
-        found[name] = one.copy(data=one.data.magnitude)
-        found[name].attrs = attributes
-    return found.set_coords([*run.coords])
+        attributes = {UNITS: recorded if same else text} | {key: value for key, value in variable.attrs.items() if key != AS_RECORDED}  # fmt: skip
+        result[name] = variable.copy(data=variable.data.magnitude)
+        result[name].attrs = attributes
+    return result.set_coords([*run.coords])
 
 
 def taking(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a verb take Datasets with units in their arrays, and give such a one back where it was given one."""
+    """Let a verb take Datasets with units in their arrays, and return such a Dataset if it was given one."""
 
     @wraps(verb)
-    def called(*given: Any, **more: Any) -> Any:
-        if "pint" not in sys.modules or not any(map(is_quantified, (*given, *more.values()))):
-            return verb(*given, **more)
-        found = verb(*map(_plain, given), **{key: _plain(one) for key, one in more.items()})
-        return quantified(found) if hasattr(found, "data_vars") else found
+    def called(*arguments: Any, **keywords: Any) -> Any:
+        if "pint" not in sys.modules or not any(map(is_quantified, (*arguments, *keywords.values()))):
+            return verb(*arguments, **keywords)
+        result = verb(*map(_plain, arguments), **{key: _plain(value) for key, value in keywords.items()})
+        return quantified(result) if hasattr(result, "data_vars") else result
 
     return called
 
 
 def _plain(given: Any) -> Any:
     if isinstance(given, Mapping) and not hasattr(given, "variables"):
-        return {key: _plain(one) for key, one in given.items()}
+        return {key: _plain(value) for key, value in given.items()}
     return plain(given) if is_quantified(given) else given

@@ -1,4 +1,4 @@
-"""The last stage of a pipeline: records into a folder, each with its figure and what it tells in words."""
+"""The last stage of a pipeline: records into a folder, each with its figure and its summary in words."""
 
 from __future__ import annotations
 
@@ -41,30 +41,32 @@ def report(folder: str | Path, **records: xr.Dataset | dict[str, xr.Dataset]) ->
     """
     if not records:
         raise InputError("report needs at least one record, like report('results', run=run)")
-    for name, one in records.items():
-        each = one.values() if isinstance(one, dict) else [one]
-        if not each or not all(hasattr(record, "attrs") for record in each):
-            raise InputError(f"'{name}' is {str(one)[:40]!r}, needs a run, evidence, or several of them by name")
+    for name, entry in records.items():
+        several = entry.values() if isinstance(entry, dict) else [entry]
+        if not several or not all(hasattr(record, "attrs") for record in several):
+            raise InputError(f"'{name}' is {str(entry)[:40]!r}, needs a run, evidence, or several of them by name")
     target = made_folder(folder)
-    words = "\n".join(line for name, one in records.items() for line in _told(target, name, one))
+    words = "\n".join(line for name, entry in records.items() for line in _told(target, name, entry))
     with taking_name(target / PAGE) as new:
         new.part.write_text(words + "\n")
     return words
 
 
 def _told(folder: Path, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> Iterator[str]:
-    """Archive and draw one record, or several by name, and say what they tell."""
-    each = {f"{name}_{key}": one for key, one in record.items()} if isinstance(record, dict) else {name: record}
+    """Archive and draw one record, or several by name, and summarise them."""
+    datasets = (
+        {f"{name}_{key}": dataset for key, dataset in record.items()} if isinstance(record, dict) else {name: record}
+    )
     yield from (f"## {name.replace('_', ' ')}", "")
     if figure := _drawn(folder, name, record):
         yield from (f"![{name}]({figure})", "")
-    for key, one in each.items():
-        path = archive.save(one, folder / f"{key}.nc")
-        yield from ("```", *summary(one), f"archive   {path.name}, {archive.verify(path)}", "```", "")
+    for key, dataset in datasets.items():
+        path = archive.save(dataset, folder / f"{key}.nc")
+        yield from ("```", *summary(dataset), f"archive   {path.name}, {archive.verify(path)}", "```", "")
 
 
 def _drawn(folder: Path, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> str:
-    """Draw a record; nothing where there is nothing to draw."""
+    """Draw a record, and return the figure's name; empty if there is nothing to draw."""
     try:
         plot(record, folder / f"{name}.png")
     except InputError:

@@ -159,7 +159,7 @@ def flags(words: Mapping[int, str]) -> dict[str, Any]:
 
 
 def coordinates_of(name: str, dims: Sequence[str]) -> str | None:
-    """Return what a file says of a variable's coordinates: the times along its first dimension that has some."""
+    """Return the `coordinates` attribute of a variable in a file: the times along its first dimension that has some."""
     times = {STEPS: "time", AT: AT_TIME}
     return next((times[dim] for dim in dims if dim in times and name != times[dim]), None)
 
@@ -213,7 +213,7 @@ def contact_gap(name: str) -> str:
 
 
 def contact_state(name: str) -> str:
-    """Name what a contact does."""
+    """Name the state of a contact."""
     return f"contact_state_{name}"
 
 
@@ -223,17 +223,17 @@ def friction_force(name: str) -> str:
 
 
 def friction_state(name: str) -> str:
-    """Name what friction does."""
+    """Name the state of friction."""
     return f"friction_state_{name}"
 
 
 def side_of(name: str) -> str:
-    """Name on which side of a switch a state is; switches are named like ``drag:abs``."""
+    """Name the variable for the side of a switch; switches are named like ``drag:abs``."""
     return f"side_{name.replace(':', '_')}"
 
 
 def sampled(name: str) -> str:
-    """Name what a force evaluation used or gave."""
+    """Name a quantity that a force evaluation used or gave."""
     return f"sample_{name}"
 
 
@@ -366,8 +366,8 @@ def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield name, "the record"
     for section, claimed in _CLAIMED.items():
         for name in parts[section]:
-            for one in claimed(name):
-                yield one, f"{section.removesuffix('s')} '{name}'"
+            for variable_name in claimed(name):
+                yield variable_name, f"{section.removesuffix('s')} '{name}'"
     for section in ("events", "contacts", "frictions"):  # the flags of `event_detector`
         for name in parts[section]:
             yield f"detector {name}", f"{section.removesuffix('s')} '{name}'"

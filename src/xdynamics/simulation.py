@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from xdynamics.march.runner import Progress
     from xdynamics.stability.amplification import Floats
 
-SAFE_STEP = 0.1  # over the fastest time scale: what every method of order 2 and more bears for long
+SAFE_STEP = 0.1  # over the fastest time scale: stable for long with every method of order 2 and more
 
 
 def simulate(
@@ -192,8 +192,8 @@ def simulate(
     >>> run.y.attrs["units"], run.attrs["run_outcome"]
     ('m', 'completed')
     """
-    named = {name: value for name, value in locals().items() if name in KEYWORDS}
-    settings = settings_for(model, **named)
+    keywords = {name: value for name, value in locals().items() if name in KEYWORDS}
+    settings = settings_for(model, **keywords)
     if path is not None and not isinstance(path, str | PathLike):
         raise InputError(f"path is {path!r}, needs the name of a file")
     if resume and path is None:
@@ -238,7 +238,7 @@ def times_within(times: Any, unit: Unit, start: float, until: float) -> NDArray[
 
 
 def check_sampled(settings: Settings) -> None:
-    """Refuse settings that leave out of a file what states at wanted times would be made of.
+    """Check that settings keep in a file what states at wanted times are computed from.
 
     Raises
     ------
@@ -251,14 +251,14 @@ def check_sampled(settings: Settings) -> None:
 
 
 def _sampled(model: Model, settings: Settings, wanted: NDArray[np.float64], progress: Progress | None) -> xr.Dataset:
-    """March, and keep of the log what states at wanted times are made of, a step for each."""
+    """March, and keep the part of the log from which states at wanted times are computed, a step for each."""
     march = March(model, replace(settings, keep_every=1, log=STATES), progress, wanted)
     around = record.dataset(march, march.blocks())
     for doubt in march.doubts:
         warn(f"{model.name}: {doubt}", AccuracyWarning)
-    found = _at(around, wanted, model)
-    rows = found["row"]
-    return found.assign(row=rows.copy(data=around[STEP_NUMBER.name].values[rows.values]))
+    states = _at(around, wanted, model)
+    rows = states["row"]
+    return states.assign(row=rows.copy(data=around[STEP_NUMBER.name].values[rows.values]))
 
 
 def _at(run: xr.Dataset, wanted: NDArray[np.float64] | None, model: Model) -> xr.Dataset:
@@ -266,8 +266,8 @@ def _at(run: xr.Dataset, wanted: NDArray[np.float64] | None, model: Model) -> xr
     if wanted is None:
         return run
     reached = wanted[wanted <= float(run["time"][-1])]
-    found = sample(run, reached, functions=model.functions) if reached.size else sample(run, float(run["time"][-1])).isel(at=slice(0))  # fmt: skip
-    return found.assign_attrs({key: run.attrs[key] for key in ("run_outcome", "run_outcome_text")})
+    states = sample(run, reached, functions=model.functions) if reached.size else sample(run, float(run["time"][-1])).isel(at=slice(0))  # fmt: skip
+    return states.assign_attrs({key: run.attrs[key] for key in ("run_outcome", "run_outcome_text")})
 
 
 def _is_whole(march: March, path: Path) -> bool:
@@ -283,7 +283,7 @@ def _is_whole(march: March, path: Path) -> bool:
 
 
 def _warn_of_instability(model: Model, settings: Settings) -> None:
-    """Warn once where a fixed step is longer than the method bears at the initial state, by the limit that `modes` tells."""
+    """Warn once if a fixed step is beyond the method's stability limit at the initial state, as `modes` reports it."""
     step, method = settings.step, settings.method
     if not isinstance(step, float | int) or settings.adaptive or model.python_forces:
         return
@@ -296,19 +296,19 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
             return
         if surely_stable(jacobian, method, len(model.coordinates), step):
             return
-    limit, second = _longest_stable_step(model, method), behind(model.time_unit)
+    limit, unit_suffix = _longest_stable_step(model, method), behind(model.time_unit)
     if limit > 0.0 and step > limit:
         warn(
-            f"step {step:.6g}{second} is beyond the stability limit {limit:.6g}{second} of '{method.name}' for '{model.name}' at its"
+            f"step {step:.6g}{unit_suffix} is beyond the stability limit {limit:.6g}{unit_suffix} of '{method.name}' for '{model.name}' at its"
             " start: errors grow from step to step; take a shorter step, or see xdynamics.modes(model) for what other"
             " methods bear",
             StabilityWarning,
         )
     elif limit == 0.0 and step > (longest := _longest_stable_step(model, method, growth=1.0 / span)):
         warn(
-            f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is 0{second}): errors"
-            f" grow from step to step, with {step:.6g}{second} more than e times within this run of {span:.6g}{second}, up to"
-            f" {longest:.3g}{second} less; see xdynamics.modes(model) for methods that are stable",
+            f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is 0{unit_suffix}): errors"
+            f" grow from step to step, with {step:.6g}{unit_suffix} more than e times within this run of {span:.6g}{unit_suffix}, up to"
+            f" {longest:.3g}{unit_suffix} less; see xdynamics.modes(model) for methods that are stable",
             StabilityWarning,
         )
 
@@ -324,7 +324,7 @@ def _jacobian(model: Model) -> Floats | None:
 
 @lru_cache(maxsize=256)
 def _longest_stable_step(model: Model, method: Method, *, growth: float = 0.0) -> float:
-    """Return the largest step that a method bears at a model's start, found once: by trying some hundred."""
+    """Return the largest stable step of a method at a model's start, found once by trying some hundred."""
     jacobian = _jacobian(model)
     assert jacobian is not None  # noqa: S101 - who asks has seen it
     return stable_step_of(jacobian, method, model, growth=growth)

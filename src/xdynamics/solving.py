@@ -111,7 +111,13 @@ def solve(
 
 
 def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names: Any, units: Any) -> Model:
-    """Write a right-hand side down as a model."""
+    """Write a right-hand side down as a model.
+
+    Raises
+    ------
+    InputError
+        If `fun` is no function, or something has another shape or unit.
+    """
     if not callable(fun):
         raise InputError(f"fun is {repr(fun)[:40]}, needs a function of t and y")
     if len(tuple(t_span)) != 2:
@@ -143,39 +149,39 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
 def _starts(y0: Any, units: Any) -> tuple[list[str], list[str]]:
     """Return initial values with their units, and the units."""
     row = [y0] if isinstance(y0, str | int | float) else list(y0)
-    told = [units] * len(row) if isinstance(units, str) else None if units is None else [*units]
-    if told is not None and len(told) != len(row):
-        raise InputError(f"units are {len(told)}, and y0 has {len(row)} numbers")
-    found, own = [], []
-    for i, one in enumerate(row):
-        if isinstance(one, complex) or np.ndim(one):
-            raise InputError(f"y0[{i}] is {one!r}, needs a real number; write real and imaginary parts apart")
-        given = parse_quantity(one if isinstance(one, str) else float(one))
-        unit = parse_unit(told[i]) if told is not None else given.unit
-        bare = not isinstance(one, str)
-        if not bare and given.unit.dimension != unit.dimension:
-            raise InputError(f"y0[{i}] is {one!r}, and its unit '{unit.text}'")
-        found.append(f"{given.value!r} {unit.text if bare else given.unit.text}")
+    declared = [units] * len(row) if isinstance(units, str) else None if units is None else [*units]
+    if declared is not None and len(declared) != len(row):
+        raise InputError(f"units are {len(declared)}, and y0 has {len(row)} numbers")
+    quantities, own = [], []
+    for i, start in enumerate(row):
+        if isinstance(start, complex) or np.ndim(start):
+            raise InputError(f"y0[{i}] is {start!r}, needs a real number; write real and imaginary parts apart")
+        quantity = parse_quantity(start if isinstance(start, str) else float(start))
+        unit = parse_unit(declared[i]) if declared is not None else quantity.unit
+        bare = not isinstance(start, str)
+        if not bare and quantity.unit.dimension != unit.dimension:
+            raise InputError(f"y0[{i}] is {start!r}, and its unit '{unit.text}'")
+        quantities.append(f"{quantity.value!r} {unit.text if bare else quantity.unit.text}")
         own.append(unit.text)
-    return found, own
+    return quantities, own
 
 
 def _arguments(fun: RightSide, args: Any) -> tuple[list[Any], dict[str, str]]:
-    """Return what `fun` is called with behind t and y: single numbers by name, as parameters."""
+    """Return the arguments of `fun` after t and y: single numbers by name, as parameters."""
     row = [*args] if isinstance(args, list | tuple) else [args]
     try:
-        words = [one.name for one in inspect.signature(fun).parameters.values()][2:]
+        words = [argument.name for argument in inspect.signature(fun).parameters.values()][2:]
     except (TypeError, ValueError):
         words = []
     words = [words[i] if i < len(words) and words[i].isidentifier() else f"arg{i}" for i in range(len(row))]
-    found: list[Any] = []
+    arguments: list[Any] = []
     parameters = {}
-    for word, one in zip(words, row, strict=True):
-        number = isinstance(one, int | float | np.number) and not isinstance(one, bool)
-        found.append(name(word) if number else one)
+    for word, argument in zip(words, row, strict=True):
+        number = isinstance(argument, int | float | np.number) and not isinstance(argument, bool)
+        arguments.append(name(word) if number else argument)
         if number:
-            parameters[word] = f"{float(one)!r} 1"
-    return found, parameters
+            parameters[word] = f"{float(argument)!r} 1"
+    return arguments, parameters
 
 
 def _as_many(fun: RightSide, rates: Any, n: int) -> list[Any]:
@@ -190,9 +196,9 @@ def _as_many(fun: RightSide, rates: Any, n: int) -> list[Any]:
 def _listed(events: Any) -> list[RightSide]:
     """Return events as functions."""
     row = [] if events is None else [events] if callable(events) else list(events)
-    for i, one in enumerate(row):
-        if not callable(one):
-            raise InputError(f"events[{i}] is {repr(one)[:40]}, needs a function of t and y")
+    for i, event in enumerate(row):
+        if not callable(event):
+            raise InputError(f"events[{i}] is {repr(event)[:40]}, needs a function of t and y")
     return row
 
 
@@ -207,14 +213,14 @@ class Written:
     @property
     def nodes(self) -> list[Node]:
         """The values as expressions."""
-        return [node_of(one) for one in self.values]
+        return [node_of(value) for value in self.values]
 
 
 def _written(functions: list[RightSide], words: list[str], t: Traced, y: Any, given: list[Any]) -> list[Written]:
     """Write the right-hand side and the events down, all of them once more, and refuse what differs."""
     first, second = ([*_each_written(functions, words, t, y, given)] for _ in range(2))
-    for one, again in zip(first, second, strict=True):
-        check_repeats(_called(one.function), one.words, one.nodes, again.nodes)
+    for written, again in zip(first, second, strict=True):
+        check_repeats(_called(written.function), written.words, written.nodes, again.nodes)
     return first
 
 
@@ -222,8 +228,8 @@ def _each_written(functions: list[RightSide], words: list[str], t: Traced, y: An
     fun, *events = functions
     rates = _as_many(fun, traced(fun, t, y.copy(), *given), len(words))
     yield Written(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
-    for one in events:
-        yield Written(one, ("its value",), (traced(one, t, y.copy(), *given),))
+    for event in events:
+        yield Written(event, ("its value",), (traced(event, t, y.copy(), *given),))
 
 
 def _numbers(starts: list[str], own: list[str]) -> Floats:

@@ -1,4 +1,4 @@
-"""What a person wants to know first of a run, in lines of text."""
+"""The summary of a run, in lines of text."""
 
 from __future__ import annotations
 
@@ -47,75 +47,77 @@ LONGEST = 400  # characters of a setting that are shown
 def summary(run: xr.Dataset) -> list[str]:
     """Describe a run in lines: outcome, method, counts, end state, energy band, events.
 
-    Of a selection the rows that events name are not there; what its run came to is said of the run.
+    A selection lacks the rows that its events name; the outcome given is that of its run.
     """
-    used = run.attrs
-    if is_evidence(used):
+    attributes = run.attrs
+    if is_evidence(attributes):
         return [escaped(line) for line in _evidence(run)]
-    if not is_whole(used):
+    if not is_whole(attributes):
         return [escaped(line) for line in _partly(run)]
     lines = [
-        *_at_rest(used),
-        used["title"],
-        f"outcome   {used['run_outcome']}: {used['run_outcome_text']}",
-        f"method    {used['solver_method']} (order {used['solver_order']}), {_steps(run)}",
+        *_at_rest(attributes),
+        attributes["title"],
+        f"outcome   {attributes['run_outcome']}: {attributes['run_outcome_text']}",
+        f"method    {attributes['solver_method']} (order {attributes['solver_order']}), {_steps(run)}",
         f"log       {_counts(run)}",
         f"end       {', '.join(_end(run))}",
     ]
     if "total_energy" in run:
-        among = " of the kept rows" if rows_apart(used) > 1 else ""
+        among = " of the kept rows" if rows_apart(attributes) > 1 else ""
         energy, units = run["total_energy"].values, run["total_energy"].attrs["units"]
         band, change = energy.max() - energy.min(), energy[-1] - energy[0]
         lines.append(
             f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}{among}, end minus start {change:.3g} {units}"
         )
-    return [escaped(line) for line in (*lines, *_pace(used), *_events(run))]
+    return [escaped(line) for line in (*lines, *_pace(attributes), *_events(run))]
 
 
-def _at_rest(used: Mapping[Any, Any]) -> Iterator[str]:
-    """Say which velocities the model does not give."""
-    if AT_REST in used:
-        names = ", ".join(str(used[AT_REST]).split())
+def _at_rest(attributes: Mapping[Any, Any]) -> Iterator[str]:
+    """Report the velocities that the model does not give."""
+    if AT_REST in attributes:
+        names = ", ".join(str(attributes[AT_REST]).split())
         yield f"at rest   {names}: [initial] gives none, so that they are 0 at the start"
 
 
-def _pace(used: Mapping[Any, Any]) -> Iterator[str]:
-    """Say how steps compare with the fastest time scale, and a span that is short beside the slowest one."""
-    if used.get("run_h_omega_largest"):  # none where nothing pulls back, as in free flight
-        yield f"h*omega   {used['run_h_omega_start']:.3g} at the start, {used['run_h_omega_largest']:.3g} at most, of the fastest rate"
-    if float(used.get("run_slowest_periods", 1.0)) < SHORT:
-        second = "" if used["run_slowest_period_units"] == "1" else f" {used['run_slowest_period_units']}"
-        yield f"span      {used['run_slowest_periods']:.2g} of the slowest period at the start, {used['run_slowest_period']:g}{second}: what it does in a period is not seen"
+def _pace(attributes: Mapping[Any, Any]) -> Iterator[str]:
+    """Compare steps with the fastest time scale, and report a span that is short beside the slowest one."""
+    if attributes.get("run_h_omega_largest"):  # none where nothing pulls back, as in free flight
+        yield f"h*omega   {attributes['run_h_omega_start']:.3g} at the start, {attributes['run_h_omega_largest']:.3g} at most, of the fastest rate"
+    if float(attributes.get("run_slowest_periods", 1.0)) < SHORT:
+        unit_suffix = (
+            "" if attributes["run_slowest_period_units"] == "1" else f" {attributes['run_slowest_period_units']}"
+        )
+        yield f"span      {attributes['run_slowest_periods']:.2g} of the slowest period at the start, {attributes['run_slowest_period']:g}{unit_suffix}: what it does in a period is not seen"
 
 
-def _evidence(found: xr.Dataset) -> Iterator[str]:
-    """Say what evidence tells."""
-    kind = str(found.attrs[EVIDENCE])
-    yield str(found.attrs.get("title", kind))
+def _evidence(evidence: xr.Dataset) -> Iterator[str]:
+    """Report the findings of evidence."""
+    kind = str(evidence.attrs[EVIDENCE])
+    yield str(evidence.attrs.get("title", kind))
     if kind != SWEEP:
-        yield f"kind      {said_of(found.attrs)}"
+        yield f"kind      {said_of(evidence.attrs)}"
     if kind in TOLD:
-        yield from import_module(f"xdynamics.{TOLD[kind]}").lines_of(found)
+        yield from import_module(f"xdynamics.{TOLD[kind]}").lines_of(evidence)
 
 
 def _partly(run: xr.Dataset) -> Iterator[str]:
-    used = run.attrs
-    yield str(used.get("title", "a record without a title"))
-    yield f"kind      {said_of(used)}"
-    if is_selection(used):
-        yield f"of run    {used['solver_method']}, {used['run_outcome']}: {used['run_outcome_text']}"
+    attributes = run.attrs
+    yield str(attributes.get("title", "a record without a title"))
+    yield f"kind      {said_of(attributes)}"
+    if is_selection(attributes):
+        yield f"of run    {attributes['solver_method']}, {attributes['run_outcome']}: {attributes['run_outcome_text']}"
     yield f"log       {', '.join(f'{size} rows of {dim}' for dim, size in run.sizes.items()) or 'no rows'}"
 
 
 def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
     """Describe a run: its summary, parameters with their descriptions; whole, settings, equations and digests too."""
     lines = [*summary(run), *(["parameters"] if is_run(run.attrs) else [])]
-    for name, one in run.data_vars.items():
-        if one.attrs.get("role") == "parameter" and not one.dims:
-            uncertainty = f" ± {one.attrs['uncertainty']:g}" if "uncertainty" in one.attrs else ""
-            first, *more = str(one.attrs["long_name"]).split("\n")
-            lines.append(f"  {name} = {float(one):.12g}{uncertainty} {one.attrs['units']}   {first}")
-            lines += [f"    {line}" for line in more]
+    for name, variable in run.data_vars.items():
+        if variable.attrs.get("role") == "parameter" and not variable.dims:
+            uncertainty = f" ± {variable.attrs['uncertainty']:g}" if "uncertainty" in variable.attrs else ""
+            first, *further = str(variable.attrs["long_name"]).split("\n")
+            lines.append(f"  {name} = {float(variable):.12g}{uncertainty} {variable.attrs['units']}   {first}")
+            lines += [f"    {line}" for line in further]
     if not whole:
         return [escaped(line) for line in (*lines, "more      equations, settings and digests with --all")]
     lines.append("settings and evidence")
@@ -153,17 +155,19 @@ def shortened(value: Any) -> str:
 
 
 def _steps(run: xr.Dataset) -> str:
-    """Say how steps were chosen."""
-    used = run.attrs
-    if used["solver_step_control"] == "fixed":
-        return f"step {float(used['solver_step'])!r}{_second(run)}"
-    if used["solver_step_control"] == "given":
+    """Describe how steps were chosen."""
+    attributes = run.attrs
+    if attributes["solver_step_control"] == "fixed":
+        return f"step {float(attributes['solver_step'])!r}{_second(run)}"
+    if attributes["solver_step_control"] == "given":
         return "steps as given"
-    return f"adaptive, rtol {float(used['solver_rtol']):g}, {used['run_force_evaluations']} force evaluations"
+    return (
+        f"adaptive, rtol {float(attributes['solver_rtol']):g}, {attributes['run_force_evaluations']} force evaluations"
+    )
 
 
 def _second(run: xr.Dataset) -> str:
-    """Return the unit of time as it stands behind a number; nothing where time has none."""
+    """Return the unit of time as it follows a number; empty if time has none."""
     units = str(run["time"].attrs.get("units", "s"))
     return "" if units == "1" else f" {units}"
 
@@ -176,12 +180,12 @@ def _counts(run: xr.Dataset) -> str:
     if not shortened and counts["events"]:  # of events at once each has the number of all
         _, first = np.unique(run["event_row_before"].values, return_index=True)
         shortened = int(run["event_substeps"].values[first].sum())
-    said = ", ".join(f"{count} {word}" for word, count in counts.items())
+    text = ", ".join(f"{count} {word}" for word, count in counts.items())
     if LOG in run.attrs:
-        said += f"; of the columns {run.attrs[LOGGED] if run.attrs[LOG] == CHOSEN else 'the states'} alone"
+        text += f"; of the columns {run.attrs[LOGGED] if run.attrs[LOG] == CHOSEN else 'the states'} alone"
     if (every := rows_apart(run.attrs)) > 1:
-        said = f"one in {every} of {int(run.attrs['run_rows'])} rows of the march, and what belongs to them: {said}"
-    return f"{said}; {shortened} steps shortened to find events" if shortened else said
+        text = f"one in {every} of {int(run.attrs['run_rows'])} rows of the march, and what belongs to them: {text}"
+    return f"{text}; {shortened} steps shortened to find events" if shortened else text
 
 
 def _end(run: xr.Dataset) -> Iterator[str]:
@@ -190,19 +194,19 @@ def _end(run: xr.Dataset) -> Iterator[str]:
         yield f"t = {_event_time(run, last)}"
     else:
         yield f"t = {float(run['time'][-1]):.12g}{_second(run)}"
-    for name, one in run.data_vars.items():
-        if one.dims == (STEPS,) and one.attrs.get("role") in ("coordinate", "velocity", "state"):
+    for name, variable in run.data_vars.items():
+        if variable.dims == (STEPS,) and variable.attrs.get("role") in ("coordinate", "velocity", "state"):
             yield _value(run, str(name), -1)
 
 
 def _uncertain_part(run: xr.Dataset) -> float:
-    """Return which part of its numbers the tolerances and the uncertain inputs of a run leave uncertain."""
-    inputs = [(one.quantity.value, one.uncertainty) for one in model_of(run, None).uncertain.values()]
+    """Return the relative uncertainty that the tolerances and uncertain inputs of a run leave in its numbers."""
+    inputs = [(parameter.quantity.value, parameter.uncertainty) for parameter in model_of(run, None).uncertain.values()]
     return known_part(float(run.attrs["solver_rtol"]) if "solver_rtol" in run.attrs else None, inputs)
 
 
 def _value(run: xr.Dataset, name: str, row: int) -> str:
-    """Say what a state is in a row, with the digits that its size throughout the run and what is known of it bear."""
+    """Write a state of a row with the digits that its size throughout the run and its uncertainty support."""
     values = run[name].values
     value, largest = float(values[row]), float(np.nanmax(np.abs(values), initial=0.0))
     shown = digits(value, uncertainty=_uncertain_part(run) * largest)
@@ -210,7 +214,7 @@ def _value(run: xr.Dataset, name: str, row: int) -> str:
 
 
 def _event_time(run: xr.Dataset, i: int) -> str:
-    """Say when an event was, with the digits that its location and the run bear, and that tell it from every other."""
+    """Write the time of an event with the digits that its uncertainty supports, and that distinguish it from every other."""
     times = run["event_time"].values
     time, doubt = float(times[i]), float(run["event_time_uncertainty"][i])
     off = np.abs(times - time)
@@ -220,51 +224,58 @@ def _event_time(run: xr.Dataset, i: int) -> str:
 
 
 def _events(run: xr.Dataset) -> Iterator[str]:
-    """Tell events one by one; of a name that is met more often than a few times the first, and all in one line."""
+    """List events one by one; for a name with more than a few, the first one and a line on all."""
     names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
     together: dict[tuple[str, str], list[int]] = {}
-    for i, one in enumerate(zip(names, kinds, strict=True)):
-        together.setdefault(one, []).append(i)
-    told = {rows[0]: rows for rows in together.values()}
+    for i, label in enumerate(zip(names, kinds, strict=True)):
+        together.setdefault(label, []).append(i)
+    first_rows = {rows[0]: rows for rows in together.values()}
     single = {i for rows in together.values() if len(rows) <= FEW_EVENTS for i in rows}
-    for i in sorted({*single, *told}):
+    for i in sorted({*single, *first_rows}):
         yield _event(run, names[i], kinds[i], i)
         if i not in single:
-            yield _series(run, names[i], kinds[i], told[i])
+            yield _series(run, names[i], kinds[i], first_rows[i])
 
 
 def _event(run: xr.Dataset, name: str, kind: str, i: int) -> str:
     doubt, row = float(run["event_time_uncertainty"][i]), int(run["event_row_before"][i])
-    state = ", ".join(_value(run, one, row) for one in _moving(run))
-    said = "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
-    return f"event     {name}{said} at t = {_event_time(run, i)}, located within {doubt:.2g}{_second(run)}: {state}"
+    state = ", ".join(_value(run, variable, row) for variable in _moving(run))
+    suffix = "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
+    return f"event     {name}{suffix} at t = {_event_time(run, i)}, located within {doubt:.2g}{_second(run)}: {state}"
 
 
 def _series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str:
     times = run["event_time"].values[rows]
-    apart, said = np.diff(times), "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
+    apart, suffix = np.diff(times), "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
     return (
-        f"event     {name}{said}: {len(rows)} times, the last at t = {_event_time(run, rows[-1])}; {apart.mean():.6g}{_second(run)} apart,"
+        f"event     {name}{suffix}: {len(rows)} times, the last at t = {_event_time(run, rows[-1])}; {apart.mean():.6g}{_second(run)} apart,"
         f" from {apart.min():.6g}{_second(run)} to {apart.max():.6g}{_second(run)}"
     )
 
 
 def _moving(run: xr.Dataset) -> list[str]:
-    return [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") in ("coordinate", "velocity")]
+    return [
+        str(name)
+        for name, variable in run.data_vars.items()
+        if variable.attrs.get("role") in ("coordinate", "velocity")
+    ]
 
 
 def as_data(run: xr.Dataset) -> dict[str, Any]:
-    """Return what a script wants to know of a run: plain numbers and words, times in s, the rest in recorded units."""
-    used = run.attrs
-    found: dict[str, Any] = {"title": str(used.get("title", ""))}
-    if not is_run(used) or not is_whole(used):
-        return found | {"kind": said_of(used), "sizes": {str(dim): size for dim, size in run.sizes.items()}}
+    """Return the summary of a run for scripts: plain numbers and words, times in s, the rest in recorded units."""
+    attributes = run.attrs
+    data: dict[str, Any] = {"title": str(attributes.get("title", ""))}
+    if not is_run(attributes) or not is_whole(attributes):
+        return data | {
+            "kind": said_of(attributes),
+            "sizes": {str(dim): size for dim, size in run.sizes.items()},
+        }
     end = {name: float(run[name][-1]) for name in map(str, run.data_vars) if run[name].dims == (STEPS,) and run[name].attrs.get("role") in ("coordinate", "velocity", "state")}  # fmt: skip
     names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
     events = [{"name": name, "kind": kind, "time": float(run["event_time"][i]), "uncertainty": float(run["event_time_uncertainty"][i])} for i, (name, kind) in enumerate(zip(names, kinds, strict=True))]  # fmt: skip
-    return found | {
-        "outcome": str(used["run_outcome"]), "text": str(used["run_outcome_text"]), "method": str(used["solver_method"]),
-        "force_evaluations": int(used["run_force_evaluations"]), "sizes": {str(dim): size for dim, size in run.sizes.items()},
+    return data | {
+        "outcome": str(attributes["run_outcome"]), "text": str(attributes["run_outcome_text"]), "method": str(attributes["solver_method"]),
+        "force_evaluations": int(attributes["run_force_evaluations"]), "sizes": {str(dim): size for dim, size in run.sizes.items()},
         "end": {"time": float(run["time"][-1])} | end, "units": {name: str(run[name].attrs["units"]) for name in end},
-        "events": events, "content_digest": str(used.get("content_digest", "")),
+        "events": events, "content_digest": str(attributes.get("content_digest", "")),
     }  # fmt: skip

@@ -24,7 +24,7 @@ ENDINGS = (".csv", ".txt")
 
 
 def check_target(path: Path) -> Path:
-    """Refuse a place where no table can be written.
+    """Check that a table can be written to a path.
 
     Raises
     ------
@@ -42,19 +42,19 @@ def check_target(path: Path) -> Path:
 
 def text_of(run: xr.Dataset, wanted: Floats) -> str:
     """Return the states at some times: CSV with units in its header, numbers to the last bit."""
-    found = sample(run, wanted)
-    names = [str(name) for name in found.data_vars if found[name].dims == (AT,) and error(str(name)) in found]
-    columns = {f"time [{found[AT_TIME].attrs['units']}]": found[AT_TIME].values}
-    columns |= {f"{name} [{found[name].attrs['units']}]": found[name].values for name in names}
+    states = sample(run, wanted)
+    names = [str(name) for name in states.data_vars if states[name].dims == (AT,) and error(str(name)) in states]
+    columns = {f"time [{states[AT_TIME].attrs['units']}]": states[AT_TIME].values}
+    columns |= {f"{name} [{states[name].attrs['units']}]": states[name].values for name in names}
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(columns)
-    rows.writerows(map(repr, row) for row in zip(*(one.tolist() for one in columns.values()), strict=True))
+    rows.writerows(map(repr, row) for row in zip(*(values.tolist() for values in columns.values()), strict=True))
     return text.getvalue()
 
 
 def tabled(run: xr.Dataset, wanted: Floats, path: Path) -> str:
-    """Write a table into a file, as far as the run came; say what it is."""
+    """Write a table into a file, as far as the run came; return a line that describes it."""
     reached = wanted[wanted <= float(run["time"][-1])]
     if not reached.size:
         return "table     none: the run ended before the first of the times"
@@ -62,7 +62,7 @@ def tabled(run: xr.Dataset, wanted: Floats, path: Path) -> str:
 
 
 def write(text: str, path: Path) -> str:
-    """Write a table into a file; say what it is.
+    """Write a table into a file; return a line that describes it.
 
     Raises
     ------

@@ -123,7 +123,13 @@ class Unit:
         return self.per_second(times) if time.dimension == TIME else self
 
     def to_si(self, value: float) -> float:
-        """Convert a number of these units to SI, correctly rounded."""
+        """Convert a number of these units to SI, correctly rounded.
+
+        Raises
+        ------
+        InputError
+            If the result is not finite.
+        """
         if self.factor == 1:
             return value
         try:
@@ -174,12 +180,12 @@ def coherent(unit: Unit) -> Unit:
     """
     if unit.factor == 1:
         return unit
-    found = []
+    factors = []
     for part in unit.text.split():
         name = part.rstrip("-0123456789")
         power = int(part[len(name) :] or 1)
-        found += [(base, power * times) for base, times in _coherent(name)]
-    return parse_unit(" ".join(f"{name}{power}" for name, power in found) or "1")
+        factors += [(base, power * times) for base, times in _coherent(name)]
+    return parse_unit(" ".join(f"{name}{power}" for name, power in factors) or "1")
 
 
 def _coherent(name: str) -> list[tuple[str, int]]:
@@ -187,8 +193,8 @@ def _coherent(name: str) -> list[tuple[str, int]]:
     spelling, dimension, factor = _named(name)
     if factor == 1:
         return [(spelling, 1)]
-    bare = [spelling.removeprefix(one) for one in PREFIX.values() if one and spelling.startswith(one)]
-    known = [one for one in bare if one in _COHERENT and _COHERENT[one] == dimension]
+    stems = [spelling.removeprefix(prefix) for prefix in PREFIX.values() if prefix and spelling.startswith(prefix)]
+    known = [prefix for prefix in stems if prefix in _COHERENT and _COHERENT[prefix] == dimension]
     if known or dimension in _DERIVED:
         return [(known[0] if known else _DERIVED[dimension], 1)]
     if dimension == NONE:
@@ -228,19 +234,19 @@ def _product(stripped: str, shown: str) -> Unit:
     dimension, factor, position, sign = NONE, Fraction(1), 0, 1
     powers: dict[str, int] = {}
     while True:
-        found = _FACTOR.match(stripped, position)
-        if not found:
+        match = _FACTOR.match(stripped, position)
+        if not match:
             raise InputError(
                 f"unit {shown} cannot be read at column {position + 1}; write factors with whole powers, like 'kg m-1'"
             )
-        exponent = sign * int(found["exponent"] or 1)
+        exponent = sign * int(match["exponent"] or 1)
         if not 0 < abs(exponent) <= LARGEST_EXPONENT:
             raise InputError(f"unit {shown} has the power {exponent}, needs 1 to {LARGEST_EXPONENT} in size")
-        if found["name"]:
-            spelling, one_dimension, one_factor = _named(found["name"])
+        if match["name"]:
+            spelling, one_dimension, one_factor = _named(match["name"])
             powers[spelling] = powers.get(spelling, 0) + exponent
             dimension, factor = dimension * one_dimension**exponent, factor * one_factor**exponent
-        position = found.end()
+        position = match.end()
         if position == len(stripped):
             break
         between = _BETWEEN.match(stripped, position)
@@ -276,10 +282,10 @@ def parse_quantity(given: Any) -> Quantity:
     shown = repr(text if len(text) <= 40 else text[:40] + "…")
     if len(text) > LONGEST_TEXT:
         raise InputError(f"quantity {shown} has {len(text)} characters, {LONGEST_TEXT} at most")
-    found = _NUMBER.match(text)
-    if not found:
+    match = _NUMBER.match(text)
+    if not match:
         raise InputError(f"quantity {shown} does not start with a finite number; write it like '0.145 kg'")
-    return _quantity(float(found[0]), text[found.end() :].strip() or "1", shown)
+    return _quantity(float(match[0]), text[match.end() :].strip() or "1", shown)
 
 
 _RANGE = re.compile(r"\s*(?P<start>[^:\s]+)\s*:\s*(?P<stop>[^:\s]+)\s*:\s*(?P<count>\d+)(?![.\d])\s*(?P<unit>[^:]*)")
@@ -300,7 +306,7 @@ class Range:
         In `unit`.
     count : int
     unit : Unit
-        Behind the count, or of the ends; ``1`` where none is told.
+        Given after the count, or at the ends; ``1`` if there is none.
     """
 
     start: float
@@ -315,20 +321,20 @@ class Range:
         Raises
         ------
         InputError
-            If its ends have other units than one another, or units of their own beside that behind the count.
+            If its ends have different units, or units in addition to the one after the count.
         """
-        found = _RANGE.fullmatch(text)
-        if found is None:
+        match = _RANGE.fullmatch(text)
+        if match is None:
             raise InputError(f"is {text!r}, needs start:stop:count unit, like '0:20:201 s'")
-        ends = [parse_quantity(found[name]) for name in ("start", "stop")]
-        units = [one.unit for one in ends if one.unit.text != "1"]
-        if units and found["unit"]:
+        ends = [parse_quantity(match[name]) for name in ("start", "stop")]
+        units = [end.unit for end in ends if end.unit.text != "1"]
+        if units and match["unit"]:
             raise InputError(f"is {text!r}, with units at its ends and behind; write one, behind the count")
-        if units and len({one.dimension for one in units}) > 1:
+        if units and len({end.dimension for end in units}) > 1:
             raise InputError(f"is {text!r}, from '{units[0].text}' to '{units[1].text}'; its ends need one kind of unit")  # fmt: skip
-        unit = units[-1] if units else parse_unit(found["unit"] or "1")
-        start, stop = (one.value if one.unit.text in ("1", unit.text) else one.si / float(unit.factor) for one in ends)
-        return cls(start, stop, int(found["count"]), unit)
+        unit = units[-1] if units else parse_unit(match["unit"] or "1")
+        start, stop = (end.value if end.unit.text in ("1", unit.text) else end.si / float(unit.factor) for end in ends)
+        return cls(start, stop, int(match["count"]), unit)
 
 
 SECONDS = Unit("s", TIME)
@@ -336,7 +342,7 @@ NUMBERS = Unit("1", NONE)  # the unit of a time that has none
 
 
 def behind(unit: Unit | str) -> str:
-    """Return a unit as it stands behind a number; nothing where there is none.
+    """Return a unit as it follows a number; empty for a dimensionless one.
 
     Examples
     --------
