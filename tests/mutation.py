@@ -108,7 +108,7 @@ TOUCHED = {
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
     "dynamics/inside.py": ("test_sampling.py -k not (radau or archive)",),
     "evidence/diagnosing/chaos.py": (
-        "test_lyapunov.py -k is_certain or their_digits",
+        "test_lyapunov.py -k is_certain or their_digits or largest_exponent",
         "test_lyapunov.py -k units_of or counts_that or without_variational",
     ),
     "evidence/exhibit.py": ("test_evidence_parts.py -k exhibit", "test_scaling.py -k units"),
@@ -152,7 +152,7 @@ TOUCHED = {
         "test_lyapunov.py -k saddle or power_of_time",
     ),
     "dynamics/growth.py": (
-        "test_lyapunov.py -k taken_apart or noted_of or of_dop853 or units_of_each",
+        "test_lyapunov.py -k taken_apart or noted_of or of_dop853 or units_of_each or errors_allow or the_derivatives",
         "test_lyapunov.py -k regimes or kicked and 46",
     ),
     "dynamics/path.py": (

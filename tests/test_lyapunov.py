@@ -15,7 +15,7 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.dynamics import growth
-from xdynamics.dynamics.exponents import exponents_of
+from xdynamics.dynamics.exponents import Exponents, exponents_of
 from xdynamics.dynamics.path import BLOCKS
 from xdynamics.dynamics.path import Path as Along
 from xdynamics.dynamics.tangents import FEW, Local, _chunks, _scheme, _tangent
@@ -230,6 +230,79 @@ def test_stages_and_ends_are_those_of_dop853() -> None:
     assert tangent.slopes[4, 1:, 1:] == pytest.approx((tangent.stage[1:] @ matrix.T)[:, 1:])
     assert tangent.slopes[4, :, 0].tolist() == before[4, :, 0].tolist()
     assert tangent.slopes[4, 0].tolist() == before[4, 0].tolist()
+
+
+@pytest.fixture
+def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put Python's own in the place of what is compiled, which has no way in from Python."""
+    for name in ("renew", "orthonormalise", "note"):
+        monkeypatch.setattr(growth, name, plain(getattr(growth, name)))
+
+
+@pytest.mark.usefixtures("in_python")
+def test_pieces_are_as_long_as_their_errors_allow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert pieces that are tried, their halving and doubling, errors of those that are kept, and both ends that are none."""
+    asked: list[tuple[float, float]] = []
+    most = [0.3]
+
+    def advance(_law: Any, _scheme: Any, tangent: Any, t: float, h: float) -> float:
+        asked.append((t, h))
+        tangent.end[:] = math.exp(h) * tangent.state
+        return 1e-8 * h / most[0]
+
+    monkeypatch.setattr(growth, "advance", advance)
+    carry: Any = plain(growth.carry)
+
+    def carried(t: float, t1: float, pieces: int = 99, pace: float = 1.0) -> tuple[int, Any, Any]:
+        asked.clear()
+        tangent, grown = _tangent(3, 2, pace), growth.Grown(np.ones((2, 2)), np.zeros((2, 2), np.int64), np.zeros(2))
+        return carry(None, _scheme(pieces), tangent, grown, 1, t, t1), tangent, grown
+
+    came, tangent, grown = carried(0.0, 1.0)
+    assert came == growth.DONE
+    assert asked == [(0.0, 1.0), (0.0, 0.5), (0.0, 0.25), (0.25, 0.25), (0.5, 0.25), (0.75, 0.25)]
+    assert (int(tangent.pieces[0]), float(tangent.pace[0])) == (6, 0.25)
+    assert grown.errors == pytest.approx([0.0, 1e-8 / 0.3])
+    assert grown.factors == pytest.approx(np.array([[1.0, 1.0], [math.e, math.e]]))
+    assert tangent.state[0] == pytest.approx(math.e * _tangent(3, 2, 1.0).state[0])
+    assert [carried(0.0, 1.0, pieces)[0] for pieces in (5, 6)] == [growth.STIFF, growth.DONE]
+    most[0] = 1e6
+    assert carried(0.0, 0.7, pace=0.1)[0] == growth.DONE
+    assert [h for _, h in asked] == pytest.approx([0.1, 0.2, 0.4])
+    most[0] = math.nan
+    assert carried(1.0, 1.0 + 1e-9)[0] == growth.LOST
+    assert 15 < len(asked) < 30
+
+
+def test_differences_along_vectors_are_the_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert products of a quadratic force's derivatives with every vector, each in units of its variable's size."""
+    y, z, sizes = np.zeros(5), np.zeros(5), np.array([2.0, 0.5, 10.0])
+    matrix = np.array([[1.0, -2.0, 0.5], [0.25, 3.0, -1.0]])
+
+    def force(*_: Any) -> None:
+        z[3:] = matrix @ y[:3] ** 2
+
+    monkeypatch.setattr(growth, "strode_by", force)
+    law = growth.Law(0, 0, 0, 0, y, z, *([None] * 6), sizes, None, 1, 1e-4)  # type: ignore[arg-type]
+    state = np.array([[1.0, -2.0, 3.0], [0.5, 0.25, -1.0], [1.0, 1.0, 2.0]])
+    slopes = np.full((3, 3), 7.0)
+    plain(growth.differences_at)(law, state, slopes)
+    wanted = (2.0 * matrix * state[0]) @ (state[1:] * sizes).T / sizes[1:, None]
+    assert slopes[1:, 1:] == pytest.approx(wanted.T, rel=1e-8)
+    assert slopes[:, 0].tolist() == [7.0] * 3
+    assert slopes[0].tolist() == [7.0] * 3
+
+
+@pytest.mark.parametrize(("doubts", "time"), [([0.3, 0.01], math.inf), ([0.01, 0.3], 2.0)])
+def test_a_time_is_of_the_largest_exponent(doubts: list[float], time: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that its own uncertainty counts, and how many vectors are carried for all, and for some."""
+    asked: list[Any] = []
+    monkeypatch.setattr("xdynamics.evidence.diagnosing.chaos.local_growth", lambda *given: asked.append(given[2]))
+    found = Exponents(np.array([0.5, 0.1]), np.array(doubts), 0.4, 2.0, 9, 2)
+    monkeypatch.setattr("xdynamics.dynamics.exponents.exponents_of", lambda _: found)
+    run = xr.Dataset({"time": ("step", [0.0, 30.0], {"units": "s"})})
+    assert [float(exponents(run, wanted=wanted).lyapunov_time) for wanted in (True, 1, 2)] == [time] * 3
+    assert asked == [None, 1, 2]
 
 
 def test_events_act_in_units_of_each_variable() -> None:
