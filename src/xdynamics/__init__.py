@@ -82,7 +82,7 @@ _entered = entrance(__name__, _ROOMS, beside="accessor", through={"quantified.ta
 
 
 def __getattr__(name: str) -> Any:
-    if name == "__version__":  # read when it is asked for: it takes longer than all else here
+    if name == "__version__":  # read on demand: it takes longer than everything else here
         from importlib.metadata import version
 
         return version("xdynamics")

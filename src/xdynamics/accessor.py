@@ -144,28 +144,22 @@ class Dynamics:
         import pandas as pd
 
         run = self._run
-        known = [str(variable) for variable in run.dims if str(variable) != BOUNDS]
-        if dim not in known:
-            raise InputError(f"the record has no dimension {dim!r}; there are {', '.join(known)}")
+        dimensions = [str(item) for item in run.dims if str(item) != BOUNDS]
+        if dim not in dimensions:
+            raise InputError(f"the record has no dimension {dim!r}; there are {', '.join(dimensions)}")
         columns: dict[str, Any] = {}
         units: dict[str, str] = {}
-        for name, variable in run.variables.items():
-            if variable.dims not in ((dim,), (dim, BOUNDS)):
+        for name, item in run.variables.items():
+            if item.dims not in ((dim,), (dim, BOUNDS)):
                 continue
-            cells = (
-                np.array(words_of(run[name]), dtype=object) if "flag_meanings" in variable.attrs else variable.values
-            )
+            cells = np.array(words_of(run[name]), dtype=object) if "flag_meanings" in item.attrs else item.values
             parts = (
-                {str(name): cells}
-                if variable.ndim == 1
-                else {f"{name}_{end}": cells[:, k] for k, end in enumerate(ENDS)}
+                {str(name): cells} if item.ndim == 1 else {f"{name}_{end}": cells[:, k] for k, end in enumerate(ENDS)}
             )
             columns |= parts
-            units |= dict.fromkeys(parts, str(variable.attrs.get("units", "1")))
-        first = [variable for variable in ("time", "at_time", f"{dim}_time") if variable in columns]
-        table = pd.DataFrame(
-            {variable: columns[variable] for variable in (*first, *(c for c in columns if c not in first))}
-        )
+            units |= dict.fromkeys(parts, str(item.attrs.get("units", "1")))
+        first = [item for item in ("time", "at_time", f"{dim}_time") if item in columns]
+        table = pd.DataFrame({item: columns[item] for item in (*first, *(c for c in columns if c not in first))})
         table.index.name = dim
         table.attrs["units"] = units
         return table

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class ArchiveBackend(BackendEntrypoint):
-    """Opens archives of xdynamics; is asked for by name, and guesses at no file."""
+    """Opens archives of xdynamics; it is used by name only, and does not guess."""
 
     description = "Archives of xdynamics, verified against their seals and digests"
     url = "https://docs.xarray.dev/en/stable/internals/how-to-add-new-backend.html"

@@ -83,7 +83,7 @@ def extend(
     Raises
     ------
     InputError
-        If the run did not reach its end, was made by another version, or ends behind `until`.
+        If the run did not reach its end, was made by another version, or ends after `until`.
 
     Examples
     --------
@@ -130,13 +130,13 @@ def _extended(
             f"the run was made by version {kept.attrs['xdynamics_version']} of xdynamics, or its forces were written in"
             " other words: march it anew, up to the new end"
         )
-    places = {str(name): tuple(variable.dims) for name, variable in kept.variables.items()}
-    needed = {variable.variable.name: variable.variable.dims for variable in record.columns(march)}
+    places = {str(name): tuple(entry.dims) for name, entry in kept.variables.items()}
+    needed = {entry.variable.name: entry.variable.dims for entry in record.columns(march)}
     missing = [name for name, dims in needed.items() if places.get(name) != dims]
     if march.layout.reactions or march.layout.smooth:  # energies of impacts and switches that were passed are of states
         left_out = [name for name in march.layout.used if name not in places]
-        if left_out and (said := said_of_log(kept.attrs)):
-            raise InputError(f"the run cannot be extended, it has no {', '.join(left_out)}; {said}")
+        if left_out and (note := said_of_log(kept.attrs)):
+            raise InputError(f"the run cannot be extended, it has no {', '.join(left_out)}; {note}")
     if missing:
         raise InputError(
             f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run, or march anew what an older version made"
@@ -201,7 +201,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     if "event_position" in kept:
         labels = kept["event_detector"].attrs["flag_meanings"].split()
         far = {labels[i] for i in kept["event_detector"].values[kept["event_position"].values == FAR].tolist()}
-        march.misplaced = np.array([values.name in far for values in march.layout.watched])
+        march.misplaced = np.array([entry.name in far for entry in march.layout.watched])
     _recall_passed(kept, march)
     march.event_pairs = int((kept["row_kind"].values == EVENT_AFTER).sum())
     if march.settings.partial:
@@ -211,7 +211,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     scale = march.settings.scales.of(TIME)
     factors = {"time": scale, "step_size": scale} | record.factors(march.model, march.settings.scales)
     march.witnesses = np.array(
-        [np.arange(0.0, rows, stride), *(values / factors[name] for name, values in columns.items())]
+        [np.arange(0.0, rows, stride), *(entry / factors[name] for name, entry in columns.items())]
     )
     march.errors = np.empty((len(march.estimated), march.witnesses.shape[1]))
     for i, name in enumerate(march.layout.used if march.estimated else ()):
@@ -219,7 +219,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
 
 
 def _recall_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> tuple[str, Floats]:
-    """Take rows of the whole march, which a record without all rows keeps behind its memory, off that."""
+    """Split off the rows of the whole march that a record without all rows keeps after its memory."""
     kept, count, used = memory, len(range(0, rows, march.stride(rows))), len(march.layout.used)
     march.errors = np.full((len(march.estimated), count), np.nan)
     if memory.endswith(f" {ERRORS}") and numbers.size >= march.errors.size:
@@ -235,9 +235,9 @@ def _recall_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> 
 def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:
     """Return the events of a record; detectors of one contact are represented by their first."""
     labels = kept["event_detector"].attrs["flag_meanings"].split()
-    names = [label.name for label in march.layout.watched]
-    detector = np.array([names.index(label) for label in labels])[kept["event_detector"].values]
-    row, after = (kept[f"event_row_{label}"].values for label in ("before", "after"))
+    names = [item.name for item in march.layout.watched]
+    detector = np.array([names.index(item) for item in labels])[kept["event_detector"].values]
+    row, after = (kept[f"event_row_{item}"].values for item in ("before", "after"))
     work = np.zeros(row.size)
     for name in march.layout.coordinates:
         speed, factor = (
@@ -261,10 +261,10 @@ def _recall_passed(kept: xr.Dataset, march: March) -> None:
         rows = slice(max(first, 0), first + ROWS)
         state = {name: kept[name].values[rows] * factors[name] for name in march.layout.used}
         state |= {"t": kept["time"].values[rows], REGIME_NUMBER: kept["regime"].values[rows].astype(float)}
-        trees = [tree for operand in smooth for tree in (operand.function, decides(model, operand))]
+        trees = [tree for entry in smooth for tree in (entry.function, decides(model, entry))]
         values = evaluated_many(model, trees, state, constants(model), tables_of(model))
         for k in np.flatnonzero(memory[:, 0] == 0.0).tolist():
-            value, holds = (np.broadcast_to(operand, state["t"].shape) for operand in values[2 * k : 2 * k + 2])
+            value, holds = (np.broadcast_to(entry, state["t"].shape) for entry in values[2 * k : 2 * k + 2])
             away = np.flatnonzero(value != 0.0)
             memory[k, 0] = np.sign(value[away[-1]]) if away.size and holds[away[-1] :].all() else 0.0
         if memory[:, 0].all():

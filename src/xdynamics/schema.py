@@ -43,7 +43,7 @@ KINDS_IN_WORDS = (
     " and stays; takeoff: it opens; stick, slip: friction comes to hold, or begins to slip or reverses;"
     " regime_switch: other forces act, or another side of one; reset: the state was set"
 )
-EVENT_POSITIONS = ("not_asked", "met", "not_met")  # whether an event is as near to its zero as was asked for
+EVENT_POSITIONS = ("not_asked", "met", "not_met")  # whether an event is within its position tolerance
 UNASKED, NEAR, FAR = range(len(EVENT_POSITIONS))
 EVENT_DIRECTIONS = {-1: "falling", 1: "rising"}
 ONLY_REGIME = "motion"
@@ -107,7 +107,7 @@ ATOL_RULE, ATOL_FOLLOWS = (
     "atol_rule",
     "follows the size of the variable so far, see solver_atol_rule; this is its last value",
 )
-# what errors of given absolute tolerances come to along a run, or why it was not looked at; none where none is given
+# the effect of given absolute tolerances along a run, or why it was not examined; absent if none is given
 ATOL_EFFECT = "run_atol_effect"
 # names of velocities that were not given, and are 0
 AT_REST = "initial_velocities_not_given"
@@ -288,7 +288,7 @@ MEMORY = "memory"
 END_MEMORY = Variable(
     "end_memory", (MEMORY,), "f8", "1", "what the march goes on from behind its end, in its own units", "memory"
 )
-ERRORS = "errors"  # of the steps to what stands before these, where given absolute tolerances are judged by them
+ERRORS = "errors"  # of the steps to the rows before these, where given absolute tolerances are judged by them
 WITNESSES = "witnesses"  # the last of these in a record without all rows: some of the whole march, column by column
 SMOOTH_SWITCH = "smooth_switch"
 PASSED = Variable(

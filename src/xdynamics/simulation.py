@@ -103,9 +103,9 @@ def simulate(
     estimator : {"embedded", "step_doubling", "step_doubling_extrapolated", "none"}
         Where the error estimate comes from; the method's embedded formula if it has one, else step doubling.
     safety, growth_limits, min_step, max_step, max_steps
-        Limits of step control: 0.9, (0.2, 10), none but the spacing of t, the span, 1,000,000.
+        Limits of step control; by default 0.9, (0.2, 10), the spacing of t, the span and 1,000,000.
     time_tolerance : str or float
-        How well events, impacts and switches are located that do not say so themselves: a picosecond, or of a run below
+        How well events, impacts and switches without a tolerance of their own are located: a picosecond, or of a run below
         a second 1e-12 of its span; never better than t is spaced.
     switches : {"located", "stepped over"}
         Whether the march lands where the argument of an `abs`, `sign`, `min`, `max` or `where` in a force passes through
@@ -121,14 +121,14 @@ def simulate(
         not grow with its steps (Hairer, Lubich, Wanner, section VIII.5); the first for symplectic methods but
         `implicit_midpoint`, which has no such updates, else the second.
     jacobian : {"exact", "differences"}
-        Where `radau_iia` has the derivatives of the forces from: from their expressions, or, for forces in Python too,
-        from differences of the forces.
+        The source of the derivatives of the forces for `radau_iia`: their expressions, or, for forces in Python too,
+        differences of the forces.
     math_functions : {"xdynamics 2", "xdynamics 1"}
         The set of elementary functions; an older one is for the bits of an older archive, which carries its name.
     force_samples : {"all", "none"}
         Whether to record every force evaluation of the accepted steps.
     keep_every : int
-        Record every n-th row of the grid alone (of chosen and given steps, every n-th row of the march), beside those of
+        Record only every n-th row of the grid (of chosen and given steps, every n-th row of the march), besides those of
         events, of `nodes` and of both ends; `step_number` says which row of the march each is. The march is the same, and
         what is kept of it has the same bits. `reproduce`, `extend` and `resume` take such a record; what needs every row,
         like states between, says so, and `complete` marches them again.
@@ -141,12 +141,12 @@ def simulate(
         the bytes (a trajectory) to a seventh of them (what hardly changes); see `save` for what it costs.
     times : array_like of float, s; or text like ``"0:20:201 s"``
         Return the states at these times, what `sample` gives of the run, along `at`, in the place of the record; those
-        behind an early end are left out. Of the log what they are made of is kept in memory, a step for each. Accepted states joined by straight lines may be far off. With `path` the file
-        holds the whole record all the same.
+        after an early end are left out. Of the log only what they are computed from is kept in memory, a step for each.
+        Accepted states joined by straight lines may be far off. With `path` the file still holds the whole record.
     path : str or Path, optional
         Stream the run to this file, in bounded memory, and return it opened. A run that ends badly does not replace an
-        archive of one that ended well: it is written beside it, with a warning. What is
-        finished of a run that lasts is kept in a folder beside it, `.run.nc.segments`, until it is whole.
+        archive of one that ended well: it is written beside it, with a warning. Finished
+        parts of a long run are kept in a folder beside it, `.run.nc.segments`, until it is whole.
     resume : bool
         Go on from the segments that a process left behind, to the bits of the uninterrupted run.
     memory : str or float, optional
@@ -333,7 +333,7 @@ def _longest_stable_step(model: Model, method: Method, *, growth: float = 0.0) -
 def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
     """March an archive's own model again, from the file alone, and compare every variable bit for bit.
 
-    Of a selection the whole run is marched again, and every kept value is looked for in it.
+    For a selection the whole run is marched again, and every kept value is looked up in it.
 
     Parameters
     ----------
@@ -344,9 +344,9 @@ def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]]
     Returns
     -------
     xarray.Dataset
-        One row a variable, as `compare` gives it; ``attrs["identical"]`` is 1 where every bit agrees,
-        ``attrs["first_difference"]`` names the first that does not, and ``attrs["arithmetic"]`` says how large the
-        largest difference is. Of an archive by another version the numbers count, not the words.
+        One row for each variable, as `compare` gives it; ``attrs["identical"]`` is 1 where every bit agrees,
+        ``attrs["first_difference"]`` names the first that does not, and ``attrs["arithmetic"]`` states the
+        largest difference. Of an archive by another version the numbers count, not the words.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Beside `scipy.integrate.solve_ivp`: a right-hand side as its users have it, and a run record."""
+"""A counterpart of `scipy.integrate.solve_ivp`: a right-hand side in, a run record out."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def solve(
     names : sequence of str, optional
         Of the numbers in y; else y0, y1, …
     units : str or sequence of str, optional
-        Of the numbers in y, in which `fun` has them; ``1`` where none is told. Time is in s.
+        Of the numbers in y, in which `fun` has them; ``1`` by default. Time is in s.
     path, **settings
         Of `simulate`: rtol, atol, step, max_step …
 
@@ -99,7 +99,7 @@ def solve(
     >>> run.attrs["run_outcome"], float(run.rho), round(float(run.x[-1]), 4)
     ('completed', 28.0, -9.3786)
     """
-    if foreign := [one for one in NOT_HERE if one in settings]:
+    if foreign := [option for option in NOT_HERE if option in settings]:
         raise InputError(f"'{foreign[0]}' is scipy's, and not needed here: {NOT_HERE[foreign[0]]}")
     if "first_step" in settings:
         settings["step"] = settings.pop("first_step")
@@ -129,15 +129,15 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
     scales = {word: f"unit_{word}" for word, unit in zip(words, own, strict=True) if unit != "1"}
     sizes = {scales[word]: f"1 {unit}" for word, unit in zip(words, own, strict=True) if word in scales}
     t, y = name("t") / name("second"), np.empty(len(words), object)
-    y[:] = [name(one) / name(scales[one]) if one in scales else name(one) for one in words]
+    y[:] = [name(label) / name(scales[label]) if label in scales else name(label) for label in words]
     given, parameters = _arguments(fun, args)
     zeros = _listed(events)
     written = _written([fun, *zeros], words, t, y, given)
     _check_numbers(written, words, scales, t_span, _numbers(starts, own), [*parameters], args)
     states = {}
     for word, unit, rate in zip(words, own, written[0].values, strict=True):
-        whole = (name(scales[word]) if word in scales else 1.0) * rate / name("second")
-        states[word] = {"unit": unit, "rate": text_of(node_of(whole))}
+        scaled_rate = (name(scales[word]) if word in scales else 1.0) * rate / name("second")
+        states[word] = {"unit": unit, "rate": text_of(node_of(scaled_rate))}
     return Model(
         name=_called(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], states=states,
         parameters=parameters | sizes,
@@ -204,7 +204,7 @@ def _listed(events: Any) -> list[RightSide]:
 
 @dataclass(frozen=True)
 class Written:
-    """A function of t and y, what each of its values is, and the values that it wrote down."""
+    """A function of t and y, what each of its values is, and the values that it returned for names."""
 
     function: RightSide
     words: tuple[str, ...]
@@ -234,19 +234,19 @@ def _each_written(functions: list[RightSide], words: list[str], t: Traced, y: An
 
 def _numbers(starts: list[str], own: list[str]) -> Floats:
     """Return initial values as numbers of their units."""
-    return np.array([parse_quantity(one).si / float(parse_unit(unit).factor) for one, unit in zip(starts, own, strict=True)])  # fmt: skip
+    return np.array([parse_quantity(start).si / float(parse_unit(unit).factor) for start, unit in zip(starts, own, strict=True)])  # fmt: skip
 
 
 def _check_numbers(
     written: list[Written], words: list[str], scales: Mapping[str, str], t_span: Any, y0: Floats, named: list[str], args: Any
 ) -> None:  # fmt: skip
-    """Call functions with numbers, at the start and at a state beside it: they are to give what they wrote down."""
+    """Call functions with numbers, at the start and at a state near it, and compare the results with their expressions."""
     begin, end = (parse_time(one, "t_span") for one in t_span)
     row = [*args] if isinstance(args, list | tuple) else [args]
     numbers = [float(one) for one in row if isinstance(one, int | float | np.number) and not isinstance(one, bool)]
-    known = dict(zip(named, numbers, strict=True)) | {"second": 1.0} | dict.fromkeys(scales.values(), 1.0)
+    constants = dict(zip(named, numbers, strict=True)) | {"second": 1.0} | dict.fromkeys(scales.values(), 1.0)
     for t, y in ((begin, y0), (begin + (end - begin) / 3.0, y0 + 0.125 * np.where(y0 == 0.0, 1.0, y0))):
-        values = known | {"t": t} | dict(zip(words, y.tolist(), strict=True))
+        values = constants | {"t": t} | dict(zip(words, y.tolist(), strict=True))
         least = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
         for i, one in enumerate(written):
             of_rates = abs(end - begin) if i == 0 and end != begin else 1.0
@@ -256,19 +256,19 @@ def _check_numbers(
 
 def _events(written: list[Written]) -> dict[str, dict[str, Any]]:
     """Return events as a model has them, with scipy's attributes."""
-    found: dict[str, dict[str, Any]] = {}
-    for i, one in enumerate(written):
-        called = _called(one.function) if _called(one.function) not in found else f"{_called(one.function)}_{i}"
+    events: dict[str, dict[str, Any]] = {}
+    for i, event in enumerate(written):
+        label = _called(event.function) if _called(event.function) not in events else f"{_called(event.function)}_{i}"
         terminal, direction = (
-            getattr(one.function, "terminal", False),
-            int(np.sign(getattr(one.function, "direction", 0))),
+            getattr(event.function, "terminal", False),
+            int(np.sign(getattr(event.function, "direction", 0))),
         )
-        entry: dict[str, Any] = {"function": text_of(one.nodes[0])}
+        entry: dict[str, Any] = {"function": text_of(event.nodes[0])}
         entry |= {"direction": DIRECTIONS[direction], "action": "stop" if terminal else "record"}
         if terminal and int(terminal) > 1:
             entry["count"] = int(terminal)
-        found[called] = entry
-    return found
+        events[label] = entry
+    return events
 
 
 def _called(fun: RightSide) -> str:

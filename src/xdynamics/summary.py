@@ -30,7 +30,7 @@ from xdynamics.schema import (
 )
 from xdynamics.units import behind
 
-FEW_EVENTS = 4  # of one name, that are told one by one
+FEW_EVENTS = 4  # of one name, that are listed one by one
 # kind of evidence -> the room that says what it tells
 TOLD = {
     "companion": "evidence.companion", "comparison": "evidence.comparing.comparison",

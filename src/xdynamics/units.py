@@ -193,10 +193,10 @@ def _coherent(name: str) -> list[tuple[str, int]]:
     spelling, dimension, factor = _named(name)
     if factor == 1:
         return [(spelling, 1)]
-    stems = [spelling.removeprefix(prefix) for prefix in PREFIX.values() if prefix and spelling.startswith(prefix)]
-    known = [prefix for prefix in stems if prefix in _COHERENT and _COHERENT[prefix] == dimension]
-    if known or dimension in _DERIVED:
-        return [(known[0] if known else _DERIVED[dimension], 1)]
+    stems = [spelling.removeprefix(symbol) for symbol in PREFIX.values() if symbol and spelling.startswith(symbol)]
+    matching = [symbol for symbol in stems if symbol in _COHERENT and _COHERENT[symbol] == dimension]
+    if matching or dimension in _DERIVED:
+        return [(matching[0] if matching else _DERIVED[dimension], 1)]
     if dimension == NONE:
         return [("rad", 1)] if spelling == "degree" else []
     return [(base, int(power)) for base, power in zip(BASE, dimension.powers, strict=True) if power]
@@ -327,13 +327,15 @@ class Range:
         if match is None:
             raise InputError(f"is {text!r}, needs start:stop:count unit, like '0:20:201 s'")
         ends = [parse_quantity(match[name]) for name in ("start", "stop")]
-        units = [end.unit for end in ends if end.unit.text != "1"]
+        units = [item.unit for item in ends if item.unit.text != "1"]
         if units and match["unit"]:
             raise InputError(f"is {text!r}, with units at its ends and behind; write one, behind the count")
-        if units and len({end.dimension for end in units}) > 1:
+        if units and len({item.dimension for item in units}) > 1:
             raise InputError(f"is {text!r}, from '{units[0].text}' to '{units[1].text}'; its ends need one kind of unit")  # fmt: skip
         unit = units[-1] if units else parse_unit(match["unit"] or "1")
-        start, stop = (end.value if end.unit.text in ("1", unit.text) else end.si / float(unit.factor) for end in ends)
+        start, stop = (
+            item.value if item.unit.text in ("1", unit.text) else item.si / float(unit.factor) for item in ends
+        )
         return cls(start, stop, int(match["count"]), unit)
 
 

@@ -100,8 +100,8 @@ def recheck(certificate: str) -> None:
     """Make a certificate again from its file, or its bundle, alone, and compare every number; exit code 1 where one differs."""
     from xdynamics.bundling import recheck as made_again
 
-    found = made_again(certificate)
-    say([f"the same  {certificate}: {found.attrs['of']} = {found.attrs['result']}"])
+    result = made_again(certificate)
+    say([f"the same  {certificate}: {result.attrs['of']} = {result.attrs['result']}"])
 
 
 def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], output: str | None, quantity: str, **arguments: Any) -> Any:  # fmt: skip

@@ -63,12 +63,12 @@ def sweep(
     grid = _grouped(pairs(axes, "--axis"), pairs(groups, "--together"))
     if not grid and not ranges:
         raise InputError("nothing varies; give --axis NAME=VALUES, like --axis 'c=0:2e-3:41 kg m-1', or --draw")
-    repeated = [one.partition("=")[0] for one in changes if one.partition("=")[0] in grid]
+    repeated = [text.partition("=")[0] for text in changes if text.partition("=")[0] in grid]
     if repeated:
         raise InputError(f"--set {repeated[0]} and --axis {repeated[0]} say two things; give one")
     if ranges or draws is not None:
         grid["draw"] = _drawn(ranges, draws, design, seed)
-    words = [word.strip() for one in kept for word in one.split(",") if word.strip()] or ["end"]
+    words = [word.strip() for text in kept for word in text.split(",") if word.strip()] or ["end"]
     with _cluster(scheduler), _told() as report:
         try:
             result = swept(model, grid, keep=words, times=list(times) or None, occurrences=occurrences, path=output,

@@ -35,12 +35,12 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
         raise InputError("there is nothing to draw: the comparison has no difference along 'at'")
     beside = [partial(_beside, found, name) for name in names if f"measured_{name}" in found]
     apart = [partial(_apart, found, name) for name in names]
-    # what was measured stands left of its residuals
+    # measurements are drawn left of their residuals
     return [item for pair in zip(beside, apart, strict=True) for item in pair] if beside else [*apart]
 
 
 def foot_of(found: xr.Dataset) -> str:
-    """Say what differs, and since when."""
+    """Describe what differs, and since when."""
     parted, cause = (str(found.attrs.get(key, "")) for key in ("parted", "cause"))
     return "; ".join(filter(None, ("shaded: standard uncertainty as measured, else what interpolation may be off", parted and f"parted at {parted}", cause)))  # fmt: skip
 

@@ -23,7 +23,7 @@ from xdynamics.units import parse_unit
 DRAWN = 4000  # points of a line; what is longer is thinned
 MOST_BETWEEN = 40  # points inside each step, however long it is
 LARGEST = 128  # numbers of a state, up to which steps are made again for a picture
-MET = 1e-3  # of a range: how near a step that is made again comes to the row that it led to
+MET = 1e-3  # of a range: how close a repeated step must come to the row that it led to
 AGREED = 1e-6  # of the largest value: so near what is evaluated is to what was recorded
 STATES = ("coordinate", "velocity", "state")  # roles
 EVALUATED = ("energy", "observable", "force", "acceleration", "rate", "reaction", "gap")

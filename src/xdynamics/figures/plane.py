@@ -96,7 +96,7 @@ def draw(run: xr.Dataset, view: list[Path], beside: Beside, axes: Axes) -> None:
 
 
 def left_out(view: list[Path]) -> str:
-    """Say how many bodies of a view are not drawn, where there are any."""
+    """Note how many bodies of a view are not drawn, if there are any."""
     return f", {MOST_BODIES} of {len(view)} bodies" if len(view) > MOST_BODIES else ""
 
 

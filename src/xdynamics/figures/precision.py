@@ -27,7 +27,7 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
 
 
 def foot_of(found: xr.Dataset) -> str:
-    """Say what is drawn."""
+    """Describe what is drawn."""
     varied = str(found.attrs["varied"])
     sizes = ", ".join(f"{float(value):.6g}" for value in found[varied].values)
     return f"each point a run; along a line {varied} = {sizes} {found[varied].attrs['units']}"

@@ -28,7 +28,7 @@ def panels_of(study: xr.Dataset) -> list[Panel]:
 
 
 def foot_of(study: xr.Dataset) -> str:
-    """Say what is drawn, and what is left out."""
+    """Describe what is drawn, and what is left out."""
     omitted = sum(f"difference_{name}" in study for name in study.data_vars) - len(_numbers(study))
     note = f"; {omitted} further numbers, at roundoff or limited by interpolation, are in the record" if omitted else ""
     return (

@@ -87,7 +87,7 @@ def _check_wanted(run: xr.Dataset, wanted: Sequence[str]) -> None:
 
 
 def foot_of(run: xr.Dataset) -> str:
-    """Say how a run ended."""
+    """Describe how a run ended."""
     every = rows_apart(run.attrs)
     kept = f"; one in {every} of its rows" if every > 1 else ""
     return f"{run.attrs.get('run_outcome', '')}: {run.attrs.get('run_outcome_text', '')}{kept}"

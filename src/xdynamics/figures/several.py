@@ -52,7 +52,7 @@ def panels_of(found: Several) -> list[Panel]:
 
 
 def foot_of(found: Several) -> str:
-    """Say what is drawn."""
+    """Describe what is drawn."""
     if all("varied" in record.attrs for record in found.values()):
         return "difference of each level to the next finer one, at the first place; in brackets the last observed order"
     if not all("energy_band" in record for record in found.values()):

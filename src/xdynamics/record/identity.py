@@ -85,11 +85,11 @@ def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:
         return
     elif is_dataclass(value):
         prefix = "" if isinstance(value, Settings | Tolerances | Pacing) else f"{name}."
-        for one in fields(value):
-            yield from _words(prefix + one.name, getattr(value, one.name))
+        for entry in fields(value):
+            yield from _words(prefix + entry.name, getattr(value, entry.name))
     elif isinstance(value, Mapping):
-        for key, one in value.items():
-            yield from _words(f"{name}.{key}", one)
+        for key, entry in value.items():
+            yield from _words(f"{name}.{key}", entry)
     elif value is not None:
         yield name, repr(value)
 

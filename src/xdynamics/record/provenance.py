@@ -135,7 +135,7 @@ def interpolation_orders(scheme: Scheme, layout: Layout, rule: str = REINTEGRATE
 
 def force_digest(march: March) -> str:
     """Return the sha256 of the law's text and of every Python function: the revision of the force function."""
-    functions = "".join(one.digest for one in march.model.python_functions)
+    functions = "".join(function.digest for function in march.model.python_functions)
     if not functions:
         return march.law.source_digest
     return hashlib.sha256((march.law.source + functions).encode()).hexdigest()
