@@ -180,8 +180,9 @@ def _terms(model: Model, target: Target, asked: dict[str, Any], found: numerical
         If two have one name, or a declared one is none of this number.
     """
     declared = [_declared(one).term(target, unit) for one in ([terms] if isinstance(terms, Declared) else terms or ())]
+    rounding = next(one.bound for one in found.terms if one.name == numerical.ROUNDOFF)
     known = [
-        *found.terms, *physical.inputs(model, target, asked, found.run), *tabulated.tables(model, target, asked, seed),
+        *found.terms, *physical.inputs(model, target, asked, found.run, rounding), *tabulated.tables(model, target, asked, seed),
         *physical.discrepancy(model, target, unit), *declared,
     ]  # fmt: skip
     names = [one.name for one in known]

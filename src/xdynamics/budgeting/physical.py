@@ -37,6 +37,9 @@ SHARPER = 1e-3  # of its own, the time tolerance of events in what slopes are ta
 AGREED = 0.02  # of a slope, within which variational equations and differences are the same
 BY_DIFFERENCES = "slope by central differences of sixth order over {0:.3g} of its uncertainties; another spacing gives {1:.1g} of the slope more or less"
 BY_EQUATIONS = "slope by variational equations on the run's steps; central differences of sixth order over {0:.3g} of its uncertainties give {1:.1g} of the slope more or less"
+BY_EQUATIONS_ALONE = (
+    "slope by variational equations on the run's steps; differences over {0:.3g} of its uncertainties are rounding"
+)
 NO_SLOPE = "no slope but rounding's"
 
 
@@ -58,8 +61,13 @@ class Slope:
     rule: str
 
 
-def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset) -> list[Term]:
+def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float) -> list[Term]:
     """Return a term for everything that has an uncertainty in the model.
+
+    Parameters
+    ----------
+    rounding : float
+        How far rounding may have the number off: slopes of what changes it by no more are none.
 
     Raises
     ------
@@ -69,7 +77,7 @@ def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset)
     known = model.uncertain
     if not known:
         return []
-    slopes = _slopes(model, target, asked, run)
+    slopes = _slopes(model, target, asked, run, rounding)
     found = []
     for name, one in known.items():
         factor, slope = float(one.quantity.unit.factor), slopes[name]
@@ -82,22 +90,23 @@ def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset)
     return found
 
 
-def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset) -> dict[str, Slope]:
+def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float) -> dict[str, Slope]:  # fmt: skip
     """Return the slope by every input: by variational equations where differences over its uncertainty give the same.
 
     Where they part, small changes do not tell of those that the uncertainty makes, and the differences do.
     """
-    by_differences = _differences(model, target, asked)
+    by_differences = _differences(model, target, asked, rounding)
     try:
         by_equations, why = slopes_along(run, model, target), ""
     except NotVariedError as error:
         by_equations, why = {}, f"; no variational equations: {error}"
     found = {}
-    for name, (slope, off, shift) in by_differences.items():
+    for name, (slope, off, shift, least) in by_differences.items():
         exact = by_equations.get(name, slope)
         apart = abs(exact - slope)
         if not slope:
-            found[name] = Slope(0.0, off, NO_SLOPE)
+            told = abs(exact) > least
+            found[name] = Slope(exact, off, BY_EQUATIONS_ALONE.format(shift)) if told else Slope(0.0, off, NO_SLOPE)
         elif not by_equations:
             found[name] = Slope(slope, off, BY_DIFFERENCES.format(shift, off / abs(slope)) + why)
         elif apart <= AGREED * abs(slope):
@@ -108,8 +117,10 @@ def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset
     return found
 
 
-def _differences(model: Model, target: Target, asked: dict[str, Any]) -> dict[str, tuple[float, float, float]]:
-    """Return slopes from copies side by side, how sure they are, and over how much of an uncertainty they were taken.
+def _differences(
+    model: Model, target: Target, asked: dict[str, Any], rounding: float
+) -> dict[str, tuple[float, float, float, float]]:
+    """Return slopes from copies side by side, how sure, over how much of an uncertainty, and what spacings make of none.
 
     From the change by an input's own uncertainty on, wider and narrower ones are taken as long as neighbours agree better:
     the widest are bent, the narrowest rounded.
@@ -122,7 +133,7 @@ def _differences(model: Model, target: Target, asked: dict[str, Any]) -> dict[st
     axes = {"input": {named(model, name): _with_units(one.ravel(), known[name]) for name, one in values.items()}}
     sharp = asked | {"time_tolerance": SHARPER * settings_for(model, **asked).time_tolerance}
     found = target.values(target.in_many(model, axes, sharp)).reshape(len(known), len(SHIFTS), len(SIDES))
-    told = {}
+    told, weighed = {}, float(np.sum(np.abs(WEIGHTS))) * rounding
     for i, (name, one) in enumerate(known.items()):
         slopes = dot(found[i], WEIGHTS) / sizes[i]
         off = np.abs(np.diff(slopes))
@@ -130,11 +141,13 @@ def _differences(model: Model, target: Target, asked: dict[str, Any]) -> dict[st
             least = float(3.0 * np.nanmin(sizes[i]))
             raise InputError(f"{target.said} is not there any more where '{name}' is changed by {least:.3g} {one.quantity.unit.text}, less than its uncertainty of {one.uncertainty:.3g}: a budget of small changes says nothing of it; draw, by a sweep")  # fmt: skip
         k = _settled(off)
-        slope, noise = float(slopes[k + 1]), NOISE * float(np.nanmax(np.abs(found[i]))) / float(sizes[i][k + 1])
-        doubt, share = float(off[k]), float(sizes[i][k + 1] / one.uncertainty)
+        slope, size = float(slopes[k + 1]), float(sizes[i][k + 1])
+        least = NOISE * float(np.nanmax(np.abs(found[i]))) / size
+        noise = max(least, weighed / size)
+        doubt, share = float(off[k]), size / one.uncertainty
         if abs(slope) <= noise:  # and no more between neighbours, of which the narrower one is noisier
             slope, doubt = 0.0, 0.0 if doubt <= 8.0 * noise else doubt
-        told[name] = slope, doubt, share
+        told[name] = slope, doubt, share, least
     return told
 
 
