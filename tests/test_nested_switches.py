@@ -27,8 +27,8 @@ def test_nothing_is_met_in_free_flight() -> None:
     run = xd.simulate(ball(), method="dop853", rtol=1e-9, until=3.0)
     heights = run.y.values[run.event_row_before.values]
     found = dict.fromkeys(words(run))
-    assert [*found] == [("floor:where", "regime_switch"), ("floor:max", "regime_switch")]
-    assert all(height < 1e-9 for height, (name, _) in zip(heights, words(run), strict=True) if name == "floor:max")
+    assert [*found] == [("floor.where", "regime_switch"), ("floor.max", "regime_switch")]
+    assert all(height < 1e-9 for height, (name, _) in zip(heights, words(run), strict=True) if name == "floor.max")
     everywhere = xd.simulate(ball(), method="dop853", rtol=1e-9, until=3.0, switches="located everywhere")
     assert run.sizes["event"] < everywhere.sizes["event"]
     assert everywhere.y.values[everywhere.event_row_before.values].max() > 0.01
@@ -92,7 +92,7 @@ def test_random_choices(case: int) -> None:
     fine = {"x": dense.x.values, "v": dense.v.values, "t": dense.at_time.values}
     met = [name for name, _ in words(run)]
     for one in switches(model):
-        name = f"side_{one.name.replace(':', '_')}"
+        name = f"side_{one.name.replace('.', '_')}"
         decides = {}
         for which, at in (("rows", rows), ("fine", fine)):
             holds = np.zeros(at["x"].shape, bool)

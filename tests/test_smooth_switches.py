@@ -38,9 +38,9 @@ def test_the_apex_is_passed_once() -> None:
     model = ball()
     run = xd.simulate(model, method="rk4", step=0.01, until=3.0)
     assert run.smooth_switches_passed.values.tolist() == [1]
-    assert run.smooth_switches_passed.attrs["names"] == "drag:abs"
+    assert run.smooth_switches_passed.attrs["names"] == "drag.abs"
     assert float(run.smooth_switches_first_passed[0]) == float(run.time[np.flatnonzero(run.v_y.values < 0)[0]])
-    assert "declared smooth were passed by a step: drag:abs once, first before t = 1.8" in run.attrs["run_outcome_text"]
+    assert "declared smooth were passed by a step: drag.abs once, first before t = 1.8" in run.attrs["run_outcome_text"]
     short = xd.simulate(model, method="rk4", step=0.01, until=1.0)
     assert short.smooth_switches_passed.values.tolist() == [0]
     assert np.isnan(short.smooth_switches_first_passed.values).all()
@@ -84,7 +84,7 @@ def test_counts_of_random_oscillations(case: int) -> None:
         count, side = count + int(side * now < 0), now
     names = run.smooth_switches_passed.attrs["names"].split()
     found = dict(zip(names, run.smooth_switches_passed.values.tolist(), strict=True))
-    assert found == {"odd:max": count, "odd:where": int(np.sum(inside[1:] != inside[:-1]))}
+    assert found == {"odd.max": count, "odd.where": int(np.sum(inside[1:] != inside[:-1]))}
 
 
 def test_many_runs_count_alike() -> None:

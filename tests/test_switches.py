@@ -26,7 +26,7 @@ def pushed(force: str, x: str = "1 m", v: str = "0 m s-1", **more: Any) -> xd.Mo
 def test_a_relay_is_exact_for_every_method(method: str) -> None:
     """Assert the times at which x'' = -sign(x) switches, and the energy: parabolas are exact, but across a switch none is."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "relay_oscillator.toml"), until=30.0, **asked(method, step=0.31))
-    assert words(run) == [("relay:sign", "regime_switch")] * 11
+    assert words(run) == [("relay.sign", "regime_switch")] * 11
     assert run.event_time.values == pytest.approx(math.sqrt(2) * (1 + 2 * np.arange(11)), abs=5e-11)
     assert run.total_energy.values == pytest.approx(1.0, abs=1e-11)
     before, after = (run.a_x.values[run[f"event_row_{one}"].values] for one in ("before", "after"))
@@ -51,10 +51,10 @@ def test_stepped_over_they_cost_the_order() -> None:
 @pytest.mark.parametrize(
     ("force", "names"),
     [
-        ("-k*x - k*min(x + a, 0*metre)", ["relay:min"]),
-        ("-k*x + k*max(0*metre, -x - a)", ["relay:max"]),
-        ("-k*x - where(x < -a, k*(x + a), 0*newton)", ["relay:where"]),
-        ("-k*x - k/2*(x + a - abs(x + a))", ["relay:abs"]),
+        ("-k*x - k*min(x + a, 0*metre)", ["relay.min"]),
+        ("-k*x + k*max(0*metre, -x - a)", ["relay.max"]),
+        ("-k*x - where(x < -a, k*(x + a), 0*newton)", ["relay.where"]),
+        ("-k*x - k/2*(x + a - abs(x + a))", ["relay.abs"]),
     ],
 )
 def test_a_spring_with_a_stop_is_two_springs(force: str, names: list[str]) -> None:
@@ -112,7 +112,7 @@ def test_switches_and_contacts_keep_apart() -> None:
     run = xd.simulate(model, method="rk4", step=0.3, until=2.0)
     # down 1 m at 2 m s-2, half a metre at -2 m s-2 to the floor with sqrt(2) m s-1, and back the same way
     crossed, hit = 1.0, 1.0 + (2 - math.sqrt(2)) / 2
-    assert words(run) == [("relay:sign", "regime_switch"), ("floor", "impact"), ("relay:sign", "regime_switch")]
+    assert words(run) == [("relay.sign", "regime_switch"), ("floor", "impact"), ("relay.sign", "regime_switch")]
     assert run.event_time.values == pytest.approx([crossed, hit, 2 * hit - crossed], abs=1e-11)
 
 

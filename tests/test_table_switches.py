@@ -45,7 +45,7 @@ def test_every_method_keeps_its_order_over_a_bent_spring(method: str, tmp_path: 
     model, order, ends = measured(tmp_path), xd.METHODS[method].order, []
     for step in (0.1, 0.0125):
         run = xd.simulate(model, until=3 * PERIOD, **asked(method, step=step))
-        assert words(run) == [("spring:force", "regime_switch")] * 18
+        assert words(run) == [("spring.force", "regime_switch")] * 18
         ends.append(math.hypot(float(run.x[-1]) - 1.8, float(run.v_x[-1])))
     assert ends[1] < (1e-7 if order >= 5 else ends[0] / 8 ** (order - 0.7))
 
@@ -109,7 +109,7 @@ def test_it_leaves_the_table(interpolation: str, outside: str, outcome: str, tmp
     assert past.any() == (outside != "error")
     force = {"hold": -4.0, "zero": 0.0, "error": 0.0}[outside]
     assert set(run.force_spring_x.values[past]) <= {force}
-    assert set(words(run)) == {("spring:force", "regime_switch")}
+    assert set(words(run)) == {("spring.force", "regime_switch")}
 
 
 @pytest.mark.parametrize("outside", ["hold", "zero"])
@@ -134,10 +134,10 @@ def test_a_value_at_a_point_alone_is_one_event(outside: str, tmp_path: Path) -> 
     for k in range(8):
         out = measured(tmp_path, x="0 m", v=f"{2.6 + 0.37 * k!r} m s-1", **table)
         run = xd.simulate(out, method="dop853", rtol=1e-9, until=0.9)
-        assert words(run) == [("spring:force", "regime_switch")] * 2
+        assert words(run) == [("spring.force", "regime_switch")] * 2
         into = measured(tmp_path, x="2.2 m", v=f"{-1.1 - 0.37 * k!r} m s-1", **table)
         run = xd.simulate(into, method="dop853", rtol=1e-9, until=0.2)
-        assert words(run) == [("spring:force", "regime_switch")]
+        assert words(run) == [("spring.force", "regime_switch")]
 
 
 def test_the_state_between_steps_is_that_of_its_piece(tmp_path: Path) -> None:
@@ -239,8 +239,8 @@ def test_it_goes_on_and_is_reproduced(tmp_path: Path) -> None:
 def test_which_tables_are_switches(tmp_path: Path) -> None:
     """Assert names, once for a table however often it is read, and none for smooth interpolations and for time."""
     assert [one.name for one in switches(measured(tmp_path, force="force + force*abs(x)/metre"))] == [
-        "spring:force",
-        "spring:abs",
+        "spring.force",
+        "spring.abs",
     ]
     for interpolation in ("pchip", "cubic"):
         assert switches(measured(tmp_path, interpolation=interpolation)) == ()

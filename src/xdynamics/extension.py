@@ -199,7 +199,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     if "event_energy_lost" in kept:
         march.gains = with_more(Gains(), _impacts_of(kept, march), 0)
     if "event_position" in kept:
-        labels = kept["event_detector"].attrs["flag_meanings"].split()
+        labels = kept["event_detector"].attrs["flag_meanings"].replace(":", ".").split()
         far = {labels[i] for i in kept["event_detector"].values[kept["event_position"].values == FAR].tolist()}
         march.misplaced = np.array([entry.name in far for entry in march.layout.watched])
     _recall_passed(kept, march)
@@ -234,7 +234,7 @@ def _recall_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> 
 
 def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:
     """Return the events of a record; detectors of one contact are represented by their first."""
-    labels = kept["event_detector"].attrs["flag_meanings"].split()
+    labels = kept["event_detector"].attrs["flag_meanings"].replace(":", ".").split()
     names = [item.name for item in march.layout.watched]
     detector = np.array([names.index(item) for item in labels])[kept["event_detector"].values]
     row, after = (kept[f"event_row_{item}"].values for item in ("before", "after"))

@@ -228,8 +228,8 @@ def friction_state(name: str) -> str:
 
 
 def side_of(name: str) -> str:
-    """Name the variable for the side of a switch; switches are named like ``drag:abs``."""
-    return f"side_{name.replace(':', '_')}"
+    """Name the variable for the side of a switch; switches are named like ``drag.abs``."""
+    return f"side_{name.replace('.', '_')}"
 
 
 def sampled(name: str) -> str:

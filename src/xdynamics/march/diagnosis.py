@@ -134,7 +134,7 @@ def _sliding(march: March) -> str:
     """Name the switch whose both sides drive the motion back to it."""
     watched = zip(march.layout.watched, march.run.watches["hit"].tolist(), strict=True)
     one = next(one for one, hit in watched if hit and one.role == SWITCH)
-    owner, function = one.name.split(":")
+    owner, function = one.name.split(".")
     where = f"switches where {text_of(one.function)} = 0, the argument of its {function}"
     if one.drive:
         drive = march.model.drives[one.drive]

@@ -42,7 +42,7 @@ class Switch:
     owner : str
         The force, or the state whose rate has the switch.
     name : str
-        The owner and the function: ``drag:abs``.
+        The owner and the function: ``drag.abs``.
     function : Node
         The expression that passes through zero.
     jumps : bool
@@ -113,7 +113,7 @@ def _of_trees(model: Model, owner: str, trees: list[Node]) -> list[Switch]:
             counts[name] = counts.get(name, 0) + 1
             number = f"_{counts[name]}" if counts[name] > 1 else ""
             merged[name, function] = Switch(
-                owner, f"{owner}:{name}{number}", function, jumps, at_zero, paths=(path,), flatness=flatness
+                owner, f"{owner}.{name}{number}", function, jumps, at_zero, paths=(path,), flatness=flatness
             )
     return list(merged.values())
 
@@ -159,7 +159,7 @@ def _between(model: Model, owner: str, name: str) -> Switch:
     below = Binary("+", Binary("*", left, argument), left_far)
     above = Binary("-", right_far, Binary("*", right, argument))
     jumps = model.drives[name].interpolation == "previous" or model.drives[name].outside == "zero"
-    return Switch(owner, f"{owner}:{name}", Binary("*", below, above), jumps, drive=name)
+    return Switch(owner, f"{owner}.{name}", Binary("*", below, above), jumps, drive=name)
 
 
 def watched_switches(model: Model) -> tuple[Switch, ...]:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def words_of(flag: xr.DataArray) -> list[str]:
-    """Return the word of every value of a flag."""
-    words = str(flag.attrs["flag_meanings"]).split()
+    """Return the word of every value of a flag; switches of records of version 0.2 are ``drag:abs``, here ``drag.abs``."""
+    words = str(flag.attrs["flag_meanings"]).replace(":", ".").split()
     names = dict(zip(np.atleast_1d(flag.attrs["flag_values"]).tolist(), words, strict=True))
     return [names[int(value)] for value in np.atleast_1d(np.asarray(flag))]
 
