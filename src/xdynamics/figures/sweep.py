@@ -55,7 +55,7 @@ def foot_of(sweep: xr.Dataset) -> str:
     outcomes, counts = np.unique(ended(sweep).values.astype(str), return_counts=True)
     summary = ", ".join(f"{count} {word}" for word, count in zip(outcomes, counts, strict=True))
     uncontrolled = int(np.count_nonzero(sweep[UNCONTROLLED].values))
-    note = f"; of {uncontrolled} the tolerances did not control every variable" if uncontrolled else ""
+    note = f"; of {uncontrolled} absolute tolerances may have let pass 3 % of a variable" if uncontrolled else ""
     return f"{sweep[OUTCOME].size} runs: {summary}{note}; {settings_said(sweep)}"
 
 

@@ -90,7 +90,7 @@ SPREAD = (
     Key("degrees_of_freedom", "number over 2", "of the distribution t", "needed there"),
 )
 OF_EVENTS = (
-    Key("function", "expression of any unit", "what passes through zero; also a numba function", NEEDED),
+    Key("function", "expression of any unit", "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step tells", NEEDED),
     Key("direction", _words(DIRECTIONS), "which passages count", "either; of impacts falling"),
     Key("action", _words((*ACTIONS, STRIKE)), "what is done there; impact takes the keys of a contact too", "record"),
     Key("to", "name of a regime", "that a switch goes on in", "needed by switch"),

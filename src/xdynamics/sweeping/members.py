@@ -100,7 +100,7 @@ class Plan:
     @property
     def _judged(self) -> list[Kept]:
         """What is said of every member as a run."""
-        said = "of how many variables errors of their given absolute tolerance, one a step, may come to 3 % of their largest value; what they do to others is looked at in single runs alone"
+        said = "of how many variables errors as large as their given absolute tolerance, one a step, come to 3 % of their largest value or more; steps that a stricter tolerance of another variable holds err by less, and what errors do to others is not in it: a member that is marched by itself is judged by both"
         whole = self.keeping.whole
         stops = [name for name, one in self.grid.model.events.items() if one.action == "stop"]
         files = [

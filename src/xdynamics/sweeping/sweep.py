@@ -82,8 +82,9 @@ def sweep(
     xarray.Dataset
         On the axes' own dimensions, lazy: computed by dask's threads, or on a cluster where there is a
         `dask.distributed` client. With `path` marched, and opened from there. For every member `end_time`,
-        `run_outcome`, counts, `run_uncontrolled` (how many variables the tolerances let pass any error of), and
-        `run_digest`. A member that fails is a row with its outcome. `member` marches one again, to its whole run.
+        `run_outcome`, counts, `run_uncontrolled` (of how many variables given absolute tolerances may let pass 3 %, if
+        every step errs by as much as they allow), and `run_digest`. A member that fails is a row with its outcome.
+        `member` marches one again, to its whole run.
 
     Raises
     ------

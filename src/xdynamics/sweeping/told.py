@@ -33,7 +33,8 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
     loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
     if loose:
         lines.append(
-            f"doubt     of {loose} members the tolerances did not control every variable; give smaller ones by atol"
+            f"doubt     of {loose} members absolute tolerances may have let pass 3 % of a variable, if every step erred by as much"
+            " as they allow (run_uncontrolled); one marched by itself is judged by the errors that it had. Give smaller ones by atol"
         )
     if PASSED.name in sweep and (count := int(np.count_nonzero(sweep[PASSED.name].values))):
         lines.append(

@@ -19,7 +19,7 @@ Rows = NDArray[np.int64]
 EPS = float(np.finfo(float).eps)
 MOST_HUMPS = 1000  # of a run that are searched, the highest among accepted states
 LOOKS, SWEEPS = 9, 12  # where no rate is known: so many places at once, then between the neighbours of the best
-ROUNDS = 40  # where it is known: three are usual, a kink takes five
+ROUNDS = 40  # where it is known: three are usual, a kink takes 4 to 39
 WIDE = 4.0  # times the height of the tangents' meeting: what a bracket may hold that bends up in a part of it
 SMOOTH_ROUNDS = 3  # after which every third one halves, and every third one takes the point in which tangents meet
 
