@@ -80,7 +80,9 @@ def test_a_hangup_keeps_what_was_marched(tmp_path: Path) -> None:
     marching = subprocess.Popen(
         [sys.executable, "-m", "xdynamics", *line], cwd=tmp_path, stderr=subprocess.PIPE, text=True
     )
-    time.sleep(4.0)
+    deadline = time.monotonic() + 120.0
+    while not [*tmp_path.iterdir()] and time.monotonic() < deadline:  # until it has begun to write
+        time.sleep(0.1)
     marching.send_signal(signal.SIGHUP)
     assert (marching.communicate(timeout=120)[1], marching.returncode) == ("xdynamics: terminated\n", 129)
     assert xd.open_run(tmp_path / "run.nc").attrs["run_outcome"] == "interrupted"
