@@ -81,8 +81,9 @@ def test_a_hangup_keeps_what_was_marched(tmp_path: Path) -> None:
         [sys.executable, "-m", "xdynamics", *line], cwd=tmp_path, stderr=subprocess.PIPE, text=True
     )
     deadline = time.monotonic() + 120.0
-    while not [*tmp_path.iterdir()] and time.monotonic() < deadline:  # until it has begun to write
+    while not [*tmp_path.iterdir()] and time.monotonic() < deadline:  # until its file is begun
         time.sleep(0.1)
+    time.sleep(2.0)  # and some rows are there
     marching.send_signal(signal.SIGHUP)
     assert (marching.communicate(timeout=120)[1], marching.returncode) == ("xdynamics: terminated\n", 129)
     assert xd.open_run(tmp_path / "run.nc").attrs["run_outcome"] == "interrupted"
