@@ -308,3 +308,31 @@ def test_what_laws_are_kept_by() -> None:
     keys = [key_of(one, sampled=sampled) for one in layouts for sampled in (True, False)]
     assert len(set(keys)) == len(keys) == 12
     assert key_of(layout_of(model.replace(parameters={"l": 2.0}), scheme), sampled=True) == keys[0]
+
+
+@pytest.mark.parametrize(("argument", "header"), [("t", "time [s]"), ("x", "x [m]")])
+def test_resampled_tables_have_one_law(argument: str, header: str) -> None:
+    """Assert that models whose tables differ in numbers alone share a law, and one whose table has another unit does not."""
+
+    def pulled(points: int, unit: str = "N") -> xd.Model:
+        rows = "\n".join(f"{k},{k % 3}" for k in range(points))
+        table = {
+            "table": f"{points}.csv",
+            "csv": f"{header},pull [{unit}]\n{rows}\n",
+            "argument": argument,
+            "outside": "hold",
+        }
+        force = "pull" if unit == "N" else "pull*newton/metre"
+        return xd.Model(
+            name=f"{points} points", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces={"pull": {"x": force}},
+            drives={"pull": table}, initial={"x": "1 m"},
+        )  # fmt: skip
+
+    def law_of_it(model: xd.Model) -> Law:
+        return law_of(layout_of(model, Scheme(xd.METHODS["rk4"], "none")), sampled=True)
+
+    laws = [law_of_it(pulled(points)) for points in range(4, 68)]
+    assert len({id(one) for one in laws}) == 1
+    assert law_of_it(pulled(5, "m")) is not laws[0]
+    ends = [float(xd.simulate(pulled(points), method="rk4", step=0.01, until=0.5).x[-1]) for points in (4, 5)]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-12)  # within the first two rows both are the same table

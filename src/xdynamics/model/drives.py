@@ -83,6 +83,13 @@ class Table:
         }
         return cls(name, normal(text), units[ARGUMENT], units[VALUE], **numbers, column=column, gaps=gaps)
 
+    @property
+    def form(self) -> Table:
+        """The table without its numbers: the dimensions of its two columns."""
+        empty = np.empty(0)
+        dimensions = f"{self.argument_unit.dimension}, {self.value_unit.dimension}"
+        return Table("", dimensions, self.argument_unit, self.value_unit, empty, empty)
+
 
 def coefficients(
     argument: Floats, value: Floats, interpolation: str, outside: str, *, of_time: bool = True

@@ -276,14 +276,15 @@ class Model:
 
     @cached_property
     def form(self) -> str:
-        """The model as TOML without the values of parameters and of the start: what programs are compiled from."""
+        """The model as TOML without the numbers of parameters, tables and the start: what programs are compiled from."""
         parameters = {
             name: replace(entry, quantity=Quantity(0.0, entry.quantity.unit), spread=None)
             for name, entry in self.parameters.items()
         }
         initial = {name: Quantity(0.0, entry.unit) for name, entry in self.initial.items()}
+        drives = {name: replace(drive, table=drive.table.form, description="") for name, drive in self.drives.items()}
         stripped = replace(
-            self.statement, name="", description="", parameters=parameters, initial=initial, starts={}, observed={}, run={},
+            self.statement, name="", description="", parameters=parameters, drives=drives, initial=initial, starts={}, observed={}, run={},
             validation={}, correlations={}, discrepancy={}, pictured=Pictured(), fit=None, at_rest=(),
         )  # fmt: skip
         return toml.write(stripped)
