@@ -1,4 +1,4 @@
-"""The error that a run has come to since its start, by one more run of the same model at a tighter setting."""
+"""The error that a run has accumulated since its start, by one more run of the same model at a tighter setting."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
 
-TIGHTER = 10.0  # times, of tolerances
+TIGHTER = 10.0  # factor between tolerances
 
 
 @dataclass(frozen=True)
 class Companion:
-    """One more run of a record's model, from the record alone.
+    """One more run of a record's model at a tighter setting, from the record alone.
 
     Attributes
     ----------
     of, run : xarray.Dataset
         The record, and the tighter run.
     factor : float
-        Of the difference between both, for the error of the record: Richardson's, with the order of the method in its
-        step, and 1 in the tolerance.
+        By which the difference between both is multiplied to give the error of the record: Richardson's, with the order
+        of the method in its step, and 1 in the tolerance.
     said : str
-        What is tighter.
+        In words, what is tighter.
     """
 
     of: xr.Dataset
@@ -57,64 +57,64 @@ class Companion:
     functions: Functions | None
 
     def beside(self, states: xr.Dataset) -> xr.Dataset:
-        """Add global errors to states that were sampled; nan behind the end of the tighter run."""
+        """Add global errors to sampled states; nan after the end of the tighter run."""
         import xarray as xr
 
         times = states[AT_TIME].values
         reached = times <= float(self.run["time"][-1])
         tight = sampled(self.run, times[reached], after=True, rule=REINTEGRATE, functions=self.functions)
-        found = {}
-        for name in [str(one) for one in states.data_vars if schema.error(str(one)) in states]:
-            off = np.full(times.shape, np.nan)
-            off[reached] = self.factor * (np.asarray(states[name])[reached] - np.asarray(tight[name]))
-            found[global_error(name)] = xr.Variable((AT,), off, about(str(states[name].attrs["units"]), self._words(name), "error"))  # fmt: skip
-        return states.assign(found).assign_attrs(companion=self.said, companion_digest=archive.digest_of_run(self.run))
+        errors = {}
+        for name in [str(key) for key in states.data_vars if schema.error(str(key)) in states]:
+            error = np.full(times.shape, np.nan)
+            error[reached] = self.factor * (np.asarray(states[name])[reached] - np.asarray(tight[name]))
+            errors[global_error(name)] = xr.Variable((AT,), error, about(str(states[name].attrs["units"]), self._words(name), "error"))  # fmt: skip
+        return states.assign(errors).assign_attrs(companion=self.said, companion_digest=archive.digest_of_run(self.run))
 
     def event_errors(self) -> Floats:
-        """Return how far the time of each event is from that of the solution, s; nan where the tighter run has not met it."""
-        found = np.full(self.of.sizes.get(EVENTS, 0), np.nan)
-        each = [met(run) for run in (self.of, self.run)]
-        for name in {*each[0]} & {*each[1]}:
-            rows, others = (events[name] for events in each)
+        """Return the error of each event's time, s; nan where the tighter run did not meet the event."""
+        errors = np.full(self.of.sizes.get(EVENTS, 0), np.nan)
+        event_rows = [met(run) for run in (self.of, self.run)]
+        for name in {*event_rows[0]} & {*event_rows[1]}:
+            rows, others = (events[name] for events in event_rows)
             times, tight = self.of["event_time"].values[rows], self.run["event_time"].values[others]
             mine, theirs = matched(times, tight)
-            found[rows[mine]] = self.factor * (times[mine] - tight[theirs])
-        return found
+            errors[rows[mine]] = self.factor * (times[mine] - tight[theirs])
+        return errors
 
     def _words(self, name: str) -> str:
         return f"error of {name} since the start: its difference from the run with {self.said}, times {self.factor:.6g}"
 
 
 def global_error(name: str) -> str:
-    """Name the error that a variable has come to since the start of a run."""
+    """Return the name of the error that a variable has accumulated since the start of a run."""
     return f"global_error_{name}"
 
 
 def companion(
     run: xr.Dataset, times: Sequence[float] | Floats | float | str | None = None, *, functions: Functions | None = None
 ) -> xr.Dataset:
-    """Estimate the global errors of a run by marching its model once more, with half the steps or a tenth of the tolerances.
+    """Estimate the global errors of a run by one more run of its model with half the steps or a tenth of the tolerances.
 
     Parameters
     ----------
     run : xarray.Dataset
         A run record, in memory or opened from an archive.
     times : array_like of float, shape (n,), s, optional
-        Where; by default at its end.
+        Where to estimate; by default at the end of the run.
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
 
     Returns
     -------
     xarray.Dataset
-        Along `at`: every coordinate, velocity and state, `error_…` of its interpolation and `global_error_…`, what it
-        has come to since the start: value less that of the solution. Along `event`: `event_time`,
-        `event_time_global_error`, nan where the tighter run did not meet the event that often.
+        Along `at`: every coordinate, velocity and state, `error_…` of its interpolation and `global_error_…`, which it
+        has accumulated since the start: value less that of the solution. Along `event`: `event_time`,
+        `event_time_global_error`, nan where the tighter run met the event less often.
 
     Raises
     ------
     InputError
-        If there is no tighter setting, or the Dataset is no run record.
+        If there is no tighter setting, or the Dataset is not a run record.
 
     Notes
     -----
@@ -130,77 +130,84 @@ def companion(
     >>> bool(abs(companion(run).global_error_x[0] - true) < 0.1*abs(true))
     True
     """
-    found = companion_of(run, functions)
+    tighter = companion_of(run, functions)
     at = np.array([float(run["time"][-1])]) if times is None else wanted_times(times, time_unit(run))
-    states = found.beside(sampled(run, at, after=True, rule=REINTEGRATE, functions=functions))
-    variables = {str(name): (one.dims, one.values, one.attrs) for name, one in states.variables.items()}
+    states = tighter.beside(sampled(run, at, after=True, rule=REINTEGRATE, functions=functions))
+    variables = {str(name): (data.dims, data.values, data.attrs) for name, data in states.variables.items()}
     variables["event_time"] = (
         (EVENTS,),
         run["event_time"].values,
         about(time_unit(run).text, "accepted time of the event", "event"),
     )
-    variables["event_time_global_error"] = ((EVENTS,), found.event_errors(), about(time_unit(run).text, "error of the event's time since the start of the run", "error"))  # fmt: skip
-    digests = [archive.digest_of_run(one) for one in (run, found.run)]
-    told = {"companion": found.said, "model_digest": run.attrs["model_digest"]}
-    return exhibit("companion", f"{run.attrs['title']}, beside a tighter run", digests, variables, told)
+    variables["event_time_global_error"] = ((EVENTS,), tighter.event_errors(), about(time_unit(run).text, "error of the event's time since the start of the run", "error"))  # fmt: skip
+    digests = [archive.digest_of_run(data) for data in (run, tighter.run)]
+    attributes = {"companion": tighter.said, "model_digest": run.attrs["model_digest"]}
+    return exhibit("companion", f"{run.attrs['title']}, beside a tighter run", digests, variables, attributes)
 
 
 def check_whole(run: xr.Dataset) -> None:
-    """Refuse to march beside what is no whole run as it was marched.
+    """Check that a record is a whole run, unchanged since it was marched.
 
     Raises
     ------
     InputError
-        Naming what it is, or how it differs.
+        Naming what it is instead, or how it was changed.
     """
     if not is_whole(run.attrs):
         raise InputError(f"this is {said_of(run.attrs)}; a run is marched beside a whole run")
-    if all(one.chunks is None for one in run.variables.values()):
+    if all(variable.chunks is None for variable in run.variables.values()):
         archive.check_unchanged(run)
 
 
 def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Companion:
-    """March the model of a record once more.
+    """March the model of a record once more at a tighter setting.
 
     Raises
     ------
     InputError
-        If no march can be tighter.
+        If the Dataset is not a whole run record, or no setting is tighter.
     """
     check_kind(run)
     check_whole(run)
     model = model_of(run, functions)
-    asked = {name: value for name, value in asked_of(run).items() if value is not None and name not in THINNING} | {
+    settings = {name: value for name, value in asked_of(run).items() if value is not None and name not in THINNING} | {
         "force_samples": "none"
     }
     control = str(run.attrs["solver_step_control"])
     try:
         if control == "adaptive":
-            said = f"a {TIGHTER:.0f}th of the tolerances"
-            return Companion(run, march(model, **_tightened(asked)), TIGHTER / (TIGHTER - 1.0), said, functions)
-        step = asked["step"]
+            tighter = f"a {TIGHTER:.0f}th of the tolerances"
+            return Companion(run, march(model, **_tightened(settings)), TIGHTER / (TIGHTER - 1.0), tighter, functions)
+        step = settings["step"]
         halved = np.repeat(np.asarray(step) / 2.0, 2) if np.ndim(step) else step / 2.0
-        order = 2.0 ** METHODS[run.attrs["solver_method"]].order
+        ratio = 2.0 ** METHODS[run.attrs["solver_method"]].order
         return Companion(
-            run, march(model, **asked | {"step": halved}), order / (order - 1.0), "half the steps", functions
+            run, march(model, **settings | {"step": halved}), ratio / (ratio - 1.0), "half the steps", functions
         )
     except InputError as error:
         raise InputError(f"there is no tighter run beside this one: {error}") from None
 
 
-def _tightened(asked: Mapping[str, Any]) -> dict[str, Any]:
+def _tightened(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings with a tenth of the tolerances; the first step is chosen again."""
-    atol = {name: Quantity(one.value / TIGHTER, one.unit) for name, one in asked.get("atol", {}).items()} or None
-    kept = {name: value for name, value in asked.items() if name != "step"}
-    return kept | {"rtol": asked["rtol"] / TIGHTER, "atol": atol, "max_steps": int(TIGHTER * asked["max_steps"])}
+    atol = {
+        name: Quantity(tolerance.value / TIGHTER, tolerance.unit)
+        for name, tolerance in settings.get("atol", {}).items()
+    } or None
+    others = {name: value for name, value in settings.items() if name != "step"}
+    return others | {
+        "rtol": settings["rtol"] / TIGHTER,
+        "atol": atol,
+        "max_steps": int(TIGHTER * settings["max_steps"]),
+    }
 
 
 def lines_of(found: xr.Dataset) -> Iterator[str]:
-    """Say how far a run is from the solution at its last time, and its events."""
-    second = behind(time_unit(found))
+    """Describe the errors of a run at its last time and of its events, line by line."""
+    unit = behind(time_unit(found))
     yield f"beside a run with {found.attrs['companion']}"
-    for name in [str(one) for one in found.data_vars if global_error(str(one)) in found]:
-        value, off = float(found[name][-1]), float(found[global_error(name)][-1])
-        yield f"{name} = {value:.{digits(value, uncertainty=off)}g}{behind(str(found[name].attrs['units']))} at t = {float(found[AT_TIME][-1]):.9g}{second}, off by {off:.2g}"
-    for time, off in zip(found["event_time"].values, found["event_time_global_error"].values, strict=True):
-        yield f"event at t = {float(time):.{digits(float(time), uncertainty=abs(float(off)))}g}{second}, off by {float(off):.2g}{second}"
+    for name in [str(key) for key in found.data_vars if global_error(str(key)) in found]:
+        value, error = float(found[name][-1]), float(found[global_error(name)][-1])
+        yield f"{name} = {value:.{digits(value, uncertainty=error)}g}{behind(str(found[name].attrs['units']))} at t = {float(found[AT_TIME][-1]):.9g}{unit}, off by {error:.2g}"
+    for time, error in zip(found["event_time"].values, found["event_time_global_error"].values, strict=True):
+        yield f"event at t = {float(time):.{digits(float(time), uncertainty=abs(float(error)))}g}{unit}, off by {float(error):.2g}{unit}"

@@ -1,4 +1,4 @@
-"""A piece of evidence as one Dataset: what it is, from which runs, and every number with its unit."""
+"""A piece of evidence as one Dataset: its kind, the runs it is made from, and every number with its unit."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ def exhibit(
     attributes: Mapping[str, Any],
     unchanged: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Put evidence together, ready to be saved.
+    """Assemble a Dataset of evidence, ready to be saved.
 
     Parameters
     ----------
     kind : str
-        One word for what it is: ``refinement``, ``comparison`` …
+        What it is, in one word: ``refinement``, ``comparison`` …
     title : str
     runs : sequence of str
-        Content digests of the runs that it was made from.
+        Content digests of the runs that it is made from.
     variables : mapping of str to (dims, values, attributes)
         Each with `units`, `long_name` and `role`.
     attributes : mapping
-        What else is said of the whole.
+        Further attributes of the Dataset.
     unchanged : mapping, optional
-        For lazy variables what tells whether values came of them; see `archive.marched`.
+        For lazy variables, what shows whether their values changed; see `archive.marched`.
     """
     import xarray as xr
 
     coordinates = [name for name in (AT_TIME, "time") if name in variables]
-    found = xr.Dataset({name: xr.Variable(*one) for name, one in variables.items()}).set_coords(coordinates)
-    about = {
+    dataset = xr.Dataset({name: xr.Variable(*variable) for name, variable in variables.items()}).set_coords(coordinates)
+    header = {
         "Conventions": CONVENTIONS,
         "title": title,
         "source": f"{kind} by xdynamics",
@@ -49,8 +49,8 @@ def exhibit(
         EVIDENCE: kind,
         RUNS: " ".join(runs),
     }
-    found.attrs = about | dict(attributes) | circumstances(f"{kind} made")
-    return archive.marched(found, unchanged)
+    dataset.attrs = header | dict(attributes) | circumstances(f"{kind} made")
+    return archive.marched(dataset, unchanged)
 
 
 def about(units: str, said: str, role: str) -> dict[str, Any]:

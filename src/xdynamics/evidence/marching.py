@@ -1,4 +1,4 @@
-"""Runs that evidence is made from."""
+"""The runs that evidence is made from."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 
 
 def march(model: Model, path: Path | None = None, memory: str | float | None = None, **asked: Any) -> xr.Dataset:
-    """March a model as `simulate` does, in memory or into a file, and keep warnings back: outcomes stay in the record.
+    """March a model as `simulate` does, in memory or into a file, without its warnings: outcomes stay in the record.
 
     Raises
     ------
     InputError
-        If a setting is wrong, or there is no room for the log: `memory` is what it may take.
+        If a setting is wrong, or the log does not fit into `memory` or on the disk.
     KeyboardInterrupt
-        If the march was interrupted: of one run that is an outcome, of evidence from several it is the end.
+        If the march was interrupted: for a single run that is an outcome, for evidence from several it is the end.
     """
     load_dask_whole()
-    one = March(model, unthinned_settings_for(model, **asked))
-    check_room(one, memory, path)
+    prepared = March(model, unthinned_settings_for(model, **asked))
+    check_room(prepared, memory, path)
     if path is not None:
-        found = archive.open_run(archive.stream(one, path, resume=archive.has_segments(path)), check=False)
+        run = archive.open_run(archive.stream(prepared, path, resume=archive.has_segments(path)), check=False)
     else:
-        found = archive.marched(record.dataset(one, one.blocks()))
-    if found.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
+        run = archive.marched(record.dataset(prepared, prepared.blocks()))
+    if run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
         raise KeyboardInterrupt
-    return found
+    return run

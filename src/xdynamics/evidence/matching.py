@@ -1,4 +1,4 @@
-"""Events of one name in two runs: which of them are the same."""
+"""Events of one name in two runs: which of them correspond."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-LOOKED_AT = 1000  # events that tell how many come before: the cost is not to grow with the square of them
+LOOKED_AT = 1000  # events that decide the offset: the cost must not grow with the square of their number
 
 
 def met(run: xr.Dataset) -> dict[str, Rows]:
-    """Return the events of each name, in order: of a record without events, or without what is known of them, none."""
+    """Return the rows of the events of each name, in order; empty for a record without events or their columns."""
     if not {"event_detector", "event_time", "event_time_uncertainty"} <= set(run.variables):
         return {}
     names = np.array(words_of(run["event_detector"]))
@@ -27,12 +27,12 @@ def met(run: xr.Dataset) -> dict[str, Rows]:
 
 
 def matched(first: Floats, second: Floats) -> tuple[Rows, Rows]:
-    """Pair the times of two ascending rows one by one; where one has more, behind as many of it as bring both closest.
+    """Pair the times of two ascending sequences one by one; the longer is shifted so that both are closest.
 
     Returns
     -------
     tuple of ndarray of int
-        Places in the first and in the second row, ascending; what has no partner is left out.
+        Indices into the first and into the second sequence, ascending; times without a partner are left out.
 
     Examples
     --------
@@ -44,7 +44,9 @@ def matched(first: Floats, second: Floats) -> tuple[Rows, Rows]:
     if len(first) < len(second):
         theirs, mine = matched(second, first)
         return mine, theirs
-    n, some = len(second), second[:LOOKED_AT]
-    away = [float(np.mean(np.abs(first[k : k + len(some)] - some))) if n else 0.0 for k in range(len(first) - n + 1)]
-    begin = int(np.argmin(away))
-    return np.arange(begin, begin + n), np.arange(n)
+    n, head = len(second), second[:LOOKED_AT]
+    distances = [
+        float(np.mean(np.abs(first[k : k + len(head)] - head))) if n else 0.0 for k in range(len(first) - n + 1)
+    ]
+    offset = int(np.argmin(distances))
+    return np.arange(offset, offset + n), np.arange(n)

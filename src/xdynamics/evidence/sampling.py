@@ -1,4 +1,4 @@
-"""The state between accepted steps, from a record alone, and how far it is from the solution."""
+"""The state between accepted steps, from a record alone, and its interpolation error."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def sample(
     functions: Mapping[str, Callable[..., float]] | None = None,
     companion: bool = False,
 ) -> xr.Dataset:
-    """Evaluate a run at any times inside it: as if the step there had been shortened to end at the time.
+    """Evaluate a run at any times within it: as if the step there had been shortened to end at the time.
 
     Parameters
     ----------
@@ -38,31 +38,32 @@ def sample(
         A run record, in memory or opened from an archive. On dask arrays the result is lazy: `time` is searched by
         bisection over its chunks, and of the states those chunks are read that hold a wanted step.
     times : array_like of float, shape (n,), s; or texts like ``"1.5 s"``, ``"0:20:201 s"``
-        In any order; one time makes one row. A range is start:stop:count, both ends included. At an accepted time the accepted state is returned as it is.
+        In any order; a single time gives one row. A range is start:stop:count, both ends included. At an accepted time
+        the accepted state is returned unchanged.
     side : {"after", "before"}
-        Which of the two states of an event to return at its very time. A step never reaches over an event.
+        Which of the two states of an event to return exactly at its time. A step never reaches across an event.
     rule : {"reintegrate", "interpolant"}
-        A step of the run's own method from the accepted state before, shortened to end at the time: of the method's
-        order, and what events are located on. Or the interpolant of the whole step, a polynomial, whose slopes too go on
-        from step to step where it is Hermite's; its order may be far below the method's, see ``xdynamics methods``.
+        A step of the run's own method from the accepted state before, shortened to end at the time: it has the method's
+        order, and events are located on it. Or the interpolant of the whole step, a polynomial, whose slopes are
+        continuous too where it is Hermite's; its order may be far below the method's, see ``xdynamics methods``.
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
     companion : bool
-        Whether to add `global_error_…`, how far each value is from the solution from the start on, by one more run at a
+        Whether to add `global_error_…`, the error of each value accumulated since the start, by one more run at a
         tighter setting; see `companion`.
 
     Returns
     -------
     xarray.Dataset
         Along `at`: `at_time`, `row` (of `step`, from which the step goes), and for every coordinate, velocity and
-        state its value and `error_…`: how far it is from the solution that goes through the accepted state before. The
-        error of that state itself is not in it; at an accepted time it is zero. Where a step's equations could not be
+        state its value and `error_…`: how far it is from the solution through the accepted state before. The
+        error of that state itself is not included; at an accepted time it is zero. Where a step's equations could not be
         solved again, both are nan.
 
     Raises
     ------
     InputError
-        If a time lies outside the run or is no number, or the Dataset is no run record.
+        If a time lies outside the run or is not a number, or the Dataset is not a run record.
 
     Notes
     -----
@@ -85,5 +86,5 @@ def sample(
     if side not in SIDES:
         raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
     wanted = wanted_times(times, time_unit(run))
-    found = sampled(run, wanted, after=side == "after", rule=rule, functions=functions)
-    return companion_of(run, functions).beside(found) if companion else found
+    states = sampled(run, wanted, after=side == "after", rule=rule, functions=functions)
+    return companion_of(run, functions).beside(states) if companion else states

@@ -1,4 +1,4 @@
-"""Residuals over a scale: one for all that is compared, never the expected value at one time, which may pass zero."""
+"""Residuals over a scale common to all times, never over the expected value at one time, which may pass zero."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ROLE = "scaled"
 
 
 def scale_of(expected: Any, computed: Any) -> Any:
-    """Return the largest size of what is expected; where that is 0 throughout, of what was computed.
+    """Return the largest absolute expected value; where that is 0, the largest computed one.
 
     Examples
     --------
@@ -38,9 +38,9 @@ def scaled(
     Parameters
     ----------
     kind : str
-        What the residual is called: `residual`, `difference`.
+        Name of the residual: `residual`, `difference`.
     name : str
-        Of the quantity.
+        Name of the quantity.
     residual : array
     scale : number
         What `scale_of` returned.
@@ -49,18 +49,18 @@ def scaled(
     units : str
         Of the scale.
     said : str
-        What the largest size of is the scale, in words.
+        What the scale is, in words.
     norms : sequence of str
-        Norms of the residual that are there without a dimension: `rms`, `largest`.
+        Norms of the residual to add without a dimension: `rms`, `largest`.
     """
-    of = f"{kind}_{name}"
+    key = f"{kind}_{name}"
     rule = {"scale_rule": f"{said}; never its value at one time, which may pass zero"}
-    found = {
-        schema.scaled(of): (tuple(dims), over(residual, scale), about("1", f"{of} over {schema.scale(kind, name)}", ROLE) | rule),
-        schema.scale(kind, name): ((), scale, about(units, f"scale of {of}: {said}", "scale") | rule),
+    variables = {
+        schema.scaled(key): (tuple(dims), over(residual, scale), about("1", f"{key} over {schema.scale(kind, name)}", ROLE) | rule),
+        schema.scale(kind, name): ((), scale, about(units, f"scale of {key}: {said}", "scale") | rule),
     }  # fmt: skip
     sizes = {"rms": lambda off: np.sqrt(np.mean(off**2)), "largest": lambda off: np.max(np.abs(off))}
-    return found | {
-        schema.scaled(f"{norm}_{of}"): ((), over(sizes[norm](residual), scale), about("1", f"{norm}_{of} over {schema.scale(kind, name)}", ROLE) | rule)
+    return variables | {
+        schema.scaled(f"{norm}_{key}"): ((), over(sizes[norm](residual), scale), about("1", f"{norm}_{key} over {schema.scale(kind, name)}", ROLE) | rule)
         for norm in norms
     }  # fmt: skip

@@ -14,13 +14,13 @@ from xdynamics.schema import ATOL_EFFECT, COUNTS, END_MEMORY, ORIGIN, ROOT_DIGES
 
 SLAB = 1_000_000
 STATES = ("coordinate", "velocity", "state")  # roles
-# the text of the law, which another version may write in other words, the set of elementary functions, the words of records
-# and the sentence of the outcome, in which later versions say more against a run
+# the text of the law, which another version may write differently, the set of elementary functions, the words of records
+# and the sentence of the outcome, in which later versions report more doubts about a run
 LAW = ("force_source", "force_digest", "math_functions", "schema_version", "run_outcome_text")
-# what later versions define otherwise: of 0.1, the uncertainty of an event's location had no least value
+# what later versions define differently: in 0.1, the uncertainty of an event's location had no lower bound
 REDEFINED = ("event_time_uncertainty",)
 OFFSETS = "event_offset_"  # of 0.2, always 0
-# what follows of a march and is no setting of it: how `sample` interpolates, in the version that wrote it, and its rates
+# what follows from a march and is not a setting of it: how `sample` interpolates, in the version that wrote it, and rates
 FOLLOWING = (
     "solver_interpolation", "solver_interpolation_order", "run_fastest_rate", "run_h_omega_start", "run_h_omega_largest",
     "run_h_omega_rule", ATOL_EFFECT,
@@ -41,60 +41,61 @@ def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 
 
 def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
-    """Compare an archive with a march of its own model.
+    """Compare an archive with a new run of its own model.
 
     Returns
     -------
     xarray.Dataset
-        What `bitwise` gives. Where the archive was made by another version, with another set of elementary
-        functions or another schema of the record, words do not count: the text of the law, the name of the set and the vocabulary of flags, nor
-        variables and settings that the archive's version did not have; `identical` is then 1 where every number has the same bits and every setting is the same. `arithmetic` says in one sentence
-        what differs; it is empty where nothing does.
+        As returned by `bitwise`. If the archive was made by another version, with another set of elementary
+        functions or another schema of the record, words do not count (the text of the law, the name of the set, the
+        vocabulary of flags), nor do variables and settings that the archive's version did not have: `identical` is 1
+        if every number has the same bits and every setting is the same. `arithmetic` describes what differs in one
+        sentence; it is empty if nothing does.
     """
-    versions = [str(one.attrs.get("xdynamics_version", "of unknown name")) for one in (kept, again)]
-    sets = [str(one.attrs.get("math_functions", "of unknown name")) for one in (kept, again)]
-    schemas = [str(one.attrs.get("schema_version", "of unknown name")) for one in (kept, again)]
+    versions = [str(run.attrs.get("xdynamics_version", "of unknown name")) for run in (kept, again)]
+    sets = [str(run.attrs.get("math_functions", "of unknown name")) for run in (kept, again)]
+    schemas = [str(run.attrs.get("schema_version", "of unknown name")) for run in (kept, again)]
     same = versions[0] == versions[1] and sets[0] == sets[1] and schemas[0] == schemas[1]
     table = _table(kept, again, worded=same)
-    why = []
+    reasons = []
     if versions[0] != versions[1] and kept.attrs.get("force_digest") != again.attrs.get("force_digest"):
-        why.append(f"version {versions[0]} wrote the law in other words than {versions[1]}")
+        reasons.append(f"version {versions[0]} wrote the law in other words than {versions[1]}")
     elif schemas[0] != schemas[1] and kept.attrs.get("force_digest") != again.attrs.get("force_digest"):
-        why.append(f"records of schema {schemas[0]} had the law in other words than those of schema {schemas[1]}")
+        reasons.append(f"records of schema {schemas[0]} had the law in other words than those of schema {schemas[1]}")
     if sets[0] != sets[1]:
-        why.append(f"the archive was made with the elementary functions '{sets[0]}', here they are '{sets[1]}'")
+        reasons.append(f"the archive was made with the elementary functions '{sets[0]}', here they are '{sets[1]}'")
     if not table.attrs["identical"]:
-        return table.assign_attrs(arithmetic="; ".join([*why, _largest(kept, again)]))
-    return table.assign_attrs(arithmetic="; ".join([*why, "every number has the same bits"]) if why else "")
+        return table.assign_attrs(arithmetic="; ".join([*reasons, _largest(kept, again)]))
+    return table.assign_attrs(arithmetic="; ".join([*reasons, "every number has the same bits"]) if reasons else "")
 
 
 def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
-    """Say how large the largest difference of a state is, against the range of its variable; of another, where none is."""
-    states = [name for name, one in kept.variables.items() if one.attrs.get("role") in STATES]
-    worst, said = 0.0, "no number of a row that both runs have differs"
+    """Describe the largest difference of a state, relative to its largest value; of another variable if states agree."""
+    states = [name for name, variable in kept.variables.items() if variable.attrs.get("role") in STATES]
+    worst, sentence = 0.0, "no number of a row that both runs have differs"
     for name in [*states, *(name for name in kept.variables if name not in states)]:
         if worst and name not in states:
             break
-        one = kept.variables[name]
-        other = again.variables.get(name)
-        if other is None or one.dtype.kind != "f" or not one.dims:
+        variable = kept.variables[name]
+        remade = again.variables.get(name)
+        if remade is None or variable.dtype.kind != "f" or not variable.dims:
             continue
-        shared = min(one.shape[0], other.shape[0])
+        shared = min(variable.shape[0], remade.shape[0])
         if not shared:
             continue
-        left, right = np.asarray(one[:shared].values), np.asarray(other[:shared].values)
-        apart = np.where(_as_words(left) == _as_words(right), 0.0, np.abs(left - right))
-        apart = np.where(np.isnan(apart), np.inf, apart).reshape(shared, -1)  # a number against none
+        left, right = np.asarray(variable[:shared].values), np.asarray(remade[:shared].values)
+        differences = np.where(_as_words(left) == _as_words(right), 0.0, np.abs(left - right))
+        differences = np.where(np.isnan(differences), np.inf, differences).reshape(shared, -1)  # a number in one run alone
         size = float(np.nanmax(np.abs(left), initial=0.0))
-        largest = float(apart.max(initial=0.0))
+        largest = float(differences.max(initial=0.0))
         relative = largest / size if size > 0.0 and largest < np.inf else np.inf if largest else 0.0
         if relative > worst:
-            worst, row = relative, int(np.argmax(apart.max(axis=1)))
-            said = escaped(
-                f"the largest difference is {largest:.3g} {one.attrs.get('units', '')} in '{name}', row {row}: {worst:.2g} of its largest value"
+            worst, row = relative, int(np.argmax(differences.max(axis=1)))
+            sentence = escaped(
+                f"the largest difference is {largest:.3g} {variable.attrs.get('units', '')} in '{name}', row {row}: {worst:.2g} of its largest value"
             )
     rows = [int(run.sizes.get(STEPS, 0)) for run in (kept, again)]
-    return said if rows[0] == rows[1] else f"{said}; {rows[0]} rows became {rows[1]}"
+    return sentence if rows[0] == rows[1] else f"{sentence}; {rows[0]} rows became {rows[1]}"
 
 
 def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset:
@@ -124,53 +125,63 @@ def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset
 
 
 def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
-    """List the attributes that two runs do not share; dates, versions, machine, counts of what came out and what follows from others do not count."""
+    """List the attributes in which two runs differ.
+
+    Dates, versions, the machine, counts of results and attributes that follow from others do not count.
+    """
     outside = {*VOLATILE, *COUNTS, *FOLLOWING, ROOT_DIGEST, ORIGIN}
     names = [name for name in {**first.attrs, **second.attrs} if name not in outside]
-    found = []
+    lines = []
     for name in names:
-        one, other = (plain(run.attrs).get(name, "absent") for run in (first, second))
-        if one != other:
-            found.append(escaped(f"{name}: {_short(one)} | {_short(other)}"))
-    return found
+        value, other_value = (plain(run.attrs).get(name, "absent") for run in (first, second))
+        if value != other_value:
+            lines.append(escaped(f"{name}: {_short(value)} | {_short(other_value)}"))
+    return lines
 
 
 def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool) -> int | None:
-    """Return the first row in which a variable differs; None where every bit, and if words count every attribute, agrees."""
+    """Return the first row in which a variable differs.
+
+    None if every bit agrees, and every attribute too where words count.
+    """
     if name not in first.variables or name not in second.variables:
         return 0
-    one, other = first.variables[name], second.variables[name]
-    own = [plain(own_attributes(attributes)) for attributes in (one.attrs, other.attrs)]
+    variable, counterpart = first.variables[name], second.variables[name]
+    attributes = [plain(own_attributes(raw)) for raw in (variable.attrs, counterpart.attrs)]
     if (
-        one.dims != other.dims
-        or _kind(one) != _kind(other)
-        or own[0].get("units") != own[1].get("units")
-        or (worded and own[0] != own[1])
+        variable.dims != counterpart.dims
+        or _kind(variable) != _kind(counterpart)
+        or attributes[0].get("units") != attributes[1].get("units")
+        or (worded and attributes[0] != attributes[1])
     ):
         return 0
-    if not one.dims:
-        return None if _bits(one.values) == _bits(other.values) else 0
-    shared = min(one.shape[0], other.shape[0])
+    if not variable.dims:
+        return None if _bits(variable.values) == _bits(counterpart.values) else 0
+    shared = min(variable.shape[0], counterpart.shape[0])
     for start in range(0, shared, SLAB):
-        part = slice(start, min(start + SLAB, shared))
-        left, right = np.asarray(one[part].values), np.asarray(other[part].values)
+        slab = slice(start, min(start + SLAB, shared))
+        left, right = np.asarray(variable[slab].values), np.asarray(counterpart[slab].values)
         if _bits(left) != _bits(right):
             differs = _as_words(left) != _as_words(right)
             return start + int(np.flatnonzero(differs.reshape(len(differs), -1).any(axis=1))[0])
-    if not worded and name == END_MEMORY.name and str(other.attrs["names"]).startswith(str(one.attrs["names"]) + " "):
-        return None  # what later versions know besides stands behind
-    return None if one.shape == other.shape else shared
+    if (
+        not worded
+        and name == END_MEMORY.name
+        and str(counterpart.attrs["names"]).startswith(str(variable.attrs["names"]) + " ")
+    ):
+        return None  # later versions append what they store in addition
+    return None if variable.shape == counterpart.shape else shared
 
 
 def _kind(variable: xr.Variable) -> str:
-    """Return the type of a variable; texts are one type, however they are kept."""
+    """Return the type of a variable; all texts count as one type, however they are stored."""
     return "text" if variable.dtype.kind in "UOT" else variable.dtype.str
 
 
 def _earliest(
     first: xr.Dataset, second: xr.Dataset, names: list[str], rows: list[int | None], settings: list[str]
 ) -> str:
-    """Name the first difference: along the march where there is one, else any, else a setting."""
+    """Describe the first difference: along `step` if there is one, else in any variable, else in a setting."""
     apart = [(row, name) for row, name in zip(rows, names, strict=True) if row is not None]
     along = [(row, name) for row, name in apart if name in first and STEPS in first[name].dims]
     if not apart:

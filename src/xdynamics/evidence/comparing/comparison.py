@@ -1,4 +1,4 @@
-"""Two runs at the same times, or a run beside measured data: how far apart, from when on, and what differs between them."""
+"""Two runs at the same times, or a run and measured data: how far apart, since when, and what differs between them."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ Functions = Mapping[str, Callable[..., float]]
 
 ROLE = "difference"
 NONE = np.zeros(0, np.int64)  # events
-SECTIONS = ("parameters", "initial")  # of a model, whose entries are told apart from what else it says
+SECTIONS = ("parameters", "initial")  # of a model, whose entries are listed separately from its other entries
 EPS = float(np.finfo(float).eps)
-ROUNDINGS = 64.0  # of the largest value, by which runs that are the same but for rounding may be apart
+ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for rounding may differ
 # settings that follow from the model, the method and how its steps are chosen
 FOLLOWING = (
     "title", "summary", "source", "model_digest", "force_digest", "run_outcome_text", "solver_order",
@@ -57,14 +57,14 @@ def compare(
     first : xarray.Dataset
         A run record.
     second : xarray.Dataset, pandas.DataFrame, str or Path
-        Another run record; or measured data: a CSV file or a DataFrame whose columns bear units, ``time [s]``,
-        ``y [mm]`` and, where it is known, the standard uncertainty ``u(y) [mm]``; or a Dataset along one dimension, with
+        Another run record; or measured data: a CSV file or a DataFrame whose columns have units, ``time [s]``,
+        ``y [mm]`` and, if known, the standard uncertainty ``u(y) [mm]``; or a Dataset along one dimension, with
         a variable `time`, units as attributes, and uncertainties as `u_y`.
     times : array_like of float, shape (n,), s, optional
         Where to compare; by default at every accepted time of either run that both reach
-        (of a run that was marched with `keep_every` its kept times alone). Data have their own.
+        (of a run that was marched with `keep_every`, at its kept times only). Data have their own.
     gaps : {"refuse", "skip"}
-        Of measured data: whether rows in which a number is missing are refused or left out. Columns of what the run does
+        For measured data: whether rows in which a number is missing are refused or left out. Columns that the run does
         not have are left out (`data_left_out`).
     functions : mapping of str to callable, optional
         The Python functions that the models' forces call.
@@ -74,11 +74,12 @@ def compare(
     xarray.Dataset
         Along `at`, for every coordinate, velocity, state, energy and observable y of both: `difference_y` (second minus
         first, in the units of the first), `scaled_difference_y` (over `difference_scale_y`, the largest y of the first
-        run at these times) and `interpolation_error_y` (what both together may be off between their accepted states). Along `occurrence`: `difference_event_time_<name>` of events that both met, with what their
-        location is uncertain by. Along `variable`: `name`, `same`, `first_row`, bit for bit. Attributes name what
-        differs: `parameters`, `initial`, `model`, `settings`, `events` (a line each), `parted` (from when on runs are
+        run at these times) and `interpolation_error_y` (the sum of both runs' errors between accepted states). Along
+        `occurrence`: `difference_event_time_<name>` of events that both met, with the uncertainty of their
+        location. Along `variable`: `name`, `same`, `first_row`, bit for bit. Attributes name what
+        differs: `parameters`, `initial`, `model`, `settings`, `events` (a line each), `parted` (since when the runs are
         further apart than interpolation can be), `cause`, `first_difference`, `identical`. On dask arrays the
-        differences of states are lazy, and nothing else is there. With data: `measured_y`, y as computed,
+        differences of states are lazy, and nothing else is returned. With data: `measured_y`, y as computed,
         `difference_y` (measured minus computed), `scaled_difference_y` (over `difference_scale_y`, the largest measured y),
         `interpolation_error_y`, `measured_uncertainty_y`, and without a dimension `rms_difference_y`,
         `scaled_rms_difference_y` and `reduced_chi_square_y`.
@@ -86,7 +87,7 @@ def compare(
     Raises
     ------
     InputError
-        If a Dataset is no run record, the runs have no time or no quantity in common, or data cannot be read.
+        If a Dataset is not a run record, the runs have no time or no quantity in common, or data cannot be read.
 
     Examples
     --------
@@ -108,24 +109,24 @@ def compare(
     at = _times(first, second) if times is None else wanted_times(times, time_unit(first))
     names = _shared(first, second)
     lazy = any(run[name].chunks is not None for run in (first, second) for name in ("time", *names))
-    found = [_sampled(run, names, at, functions, lazy=lazy) for run in (first, second)]
+    samples = [_sampled(run, names, at, functions, lazy=lazy) for run in (first, second)]
     variables: dict[str, Any] = {AT_TIME: ((AT,), at, about(time_unit(first).text, "time of comparison", "time"))}
     for name in names:
-        variables |= _difference(name, *(run[name] for run in (first, second)), *(one.get(name) for one in found))
+        variables |= _difference(name, *(run[name] for run in (first, second)), *(entry.get(name) for entry in samples))
     title = f"{first.attrs['title']}, beside {second.attrs['title']}"
     digests = [archive.digest_of_run(run) for run in (first, second)]
     if lazy:
         return exhibit("comparison", title, digests, variables, {})
     table = bitwise(first, second)
-    variables |= {str(name): (one.dims, one.values, one.attrs) for name, one in table.items()}
-    events = {str(name): one for name, one in _events(first, second)}
-    said = table.attrs | _models_apart(first, second) | {"settings": "\n".join(settings_apart(first, second))}
-    said |= {
+    variables |= {str(name): (entry.dims, entry.values, entry.attrs) for name, entry in table.items()}
+    events = {str(name): entry for name, entry in _events(first, second)}
+    attributes = table.attrs | _models_apart(first, second) | {"settings": "\n".join(settings_apart(first, second))}
+    attributes |= {
         "events": "\n".join(_counts(first, second)),
         "parted": _parted(variables, first, names, _between(first, second, at)),
     }
-    said |= {"cause": _cause(said), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
-    return exhibit("comparison", title, digests, variables | events, said)
+    attributes |= {"cause": _cause(attributes), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
+    return exhibit("comparison", title, digests, variables | events, attributes)
 
 
 def _check(run: Any) -> None:
@@ -136,7 +137,7 @@ def _check(run: Any) -> None:
     if not isinstance(run, xr.Dataset) or "time" not in run.variables or "row_kind" not in run.variables:
         raise InputError("compare needs two run records, or one and measured data; one has no 'time' along 'step'")
     check(run, whole=False, values=False)
-    if any(run[name].dims != (STEPS,) for name in ("time", "row_kind")):  # of derived data these may be anything
+    if any(run[name].dims != (STEPS,) for name in ("time", "row_kind")):  # in derived data these may be anything
         raise InputError(
             f"compare needs 'time' and 'row_kind' along '{STEPS}', and they are along {run['time'].dims} and {run['row_kind'].dims}"
         )
@@ -144,89 +145,99 @@ def _check(run: Any) -> None:
 
 def _times(first: xr.Dataset, other: xr.Dataset) -> Floats:
     """Return every accepted time of either run that both reach."""
-    each, second = [np.asarray(run["time"]) for run in (first, other)], behind(time_unit(first))
-    for which, one in zip(("first", "second"), each, strict=True):
-        if (wrong := np.flatnonzero(~(np.diff(one) >= 0.0))).size:
-            raise InputError(f"the times of the {which} run do not increase behind t = {float(one[wrong[0]])!r}{second}, as a run's do")  # fmt: skip
-    begin, end = max(one[0] for one in each), min(one[-1] for one in each)
+    grids, unit = [np.asarray(run["time"]) for run in (first, other)], behind(time_unit(first))
+    for which, grid in zip(("first", "second"), grids, strict=True):
+        if (wrong := np.flatnonzero(~(np.diff(grid) >= 0.0))).size:
+            raise InputError(f"the times of the {which} run do not increase behind t = {float(grid[wrong[0]])!r}{unit}, as a run's do")  # fmt: skip
+    begin, end = max(grid[0] for grid in grids), min(grid[-1] for grid in grids)
     if begin > end:
-        spans = [f"{float(one[0])!r}{second} to {float(one[-1])!r}{second}" for one in each]
+        spans = [f"{float(grid[0])!r}{unit} to {float(grid[-1])!r}{unit}" for grid in grids]
         raise InputError(f"the runs have no time in common: one goes from {spans[0]}, the other from {spans[1]}")
-    found: Floats = np.union1d(*each)
-    for run, one in zip((first, other), each, strict=True):
-        if rows_apart(run.attrs) > 1:  # between the rows that were kept nothing is known
-            found = found[np.isin(found, one)]
-    inside: Floats = found[(found >= begin) & (found <= end)]
+    union: Floats = np.union1d(*grids)
+    for run, grid in zip((first, other), grids, strict=True):
+        if rows_apart(run.attrs) > 1:  # nothing is known between the rows that were kept
+            union = union[np.isin(union, grid)]
+    inside: Floats = union[(union >= begin) & (union <= end)]
     if not inside.size:
         raise InputError("the runs have no row of one time in common: keep_every left the others out; march one of them again with keep_every = 1")  # fmt: skip
     return inside
 
 
 def _shared(first: xr.Dataset, second: xr.Dataset) -> list[str]:
-    """Name what both runs have of the state, and of what follows from it."""
+    """Name the variables of the state, and those that follow from it, that both runs have."""
     roles = ("coordinate", "velocity", "state", "energy", "observable")
-    found = [
+    names = [
         str(name)
-        for name, one in first.data_vars.items()
-        if one.attrs.get("role") in roles and name in second.data_vars and one.dims == second[name].dims == (STEPS,)
+        for name, variable in first.data_vars.items()
+        if variable.attrs.get("role") in roles
+        and name in second.data_vars
+        and variable.dims == second[name].dims == (STEPS,)
     ]
-    if not found:
+    if not names:
         raise InputError("the runs have no coordinate, velocity, state or observable in common")
-    for name in found:
+    for name in names:
         units = [parse_unit(str(run[name].attrs["units"])) for run in (first, second)]
         if units[0].dimension != units[1].dimension:
             raise InputError(f"'{name}' is in '{units[0].text}' in one run and '{units[1].text}' in the other")
-    return found
+    return names
 
 
 def _sampled(run: xr.Dataset, names: Sequence[str], at: Floats, functions: Functions | None, *, lazy: bool) -> dict[str, tuple[Any, Any]]:  # fmt: skip
-    """Return values and interpolation errors at times; on dask arrays those of states alone."""
+    """Return values and interpolation errors at times; on dask arrays of states only."""
     if lazy:
         states = sample(run, at, functions=functions)
         return {name: (states[name].data, states[schema.error(name)].data) for name in names if name in states}
     model = model_of(run, functions)
-    known = {*comparable(model)}
-    return observe(run, model, [name for name in names if name in known], at)
+    observables = {*comparable(model)}
+    return observe(run, model, [name for name in names if name in observables], at)
 
 
-def _difference(name: str, one: xr.DataArray, other: xr.DataArray, here: Any, there: Any) -> dict[str, Any]:
+def _difference(
+    name: str, first: xr.DataArray, second: xr.DataArray, first_sample: Any, second_sample: Any
+) -> dict[str, Any]:
     """Return the difference of one quantity, in the units of the first run."""
-    if here is None or there is None:
+    if first_sample is None or second_sample is None:
         return {}
-    units = [parse_unit(str(run.attrs["units"])) for run in (one, other)]
+    units = [parse_unit(str(run.attrs["units"])) for run in (first, second)]
     factor = float(units[1].factor / units[0].factor)
-    text = str(one.attrs["units"])
-    apart = there[0] * factor - here[0]
-    said = f"largest size of {name} of the first run at the times compared; where that is 0, of the second"
-    return scaled("difference", name, apart, scale_of(here[0], there[0] * factor), (AT,), text, said) | {
-        f"difference_{name}": ((AT,), apart, about(text, f"{name}, second run minus first", ROLE)),
-        f"interpolation_error_{name}": ((AT,), there[1] * factor + here[1], about(text, f"what {name} of both runs may be off between accepted states", "error")),
+    text = str(first.attrs["units"])
+    difference = second_sample[0] * factor - first_sample[0]
+    scale_text = f"largest size of {name} of the first run at the times compared; where that is 0, of the second"
+    return scaled("difference", name, difference, scale_of(first_sample[0], second_sample[0] * factor), (AT,), text, scale_text) | {
+        f"difference_{name}": ((AT,), difference, about(text, f"{name}, second run minus first", ROLE)),
+        f"interpolation_error_{name}": ((AT,), second_sample[1] * factor + first_sample[1], about(text, f"what {name} of both runs may be off between accepted states", "error")),
     }  # fmt: skip
 
 
 def _events(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
     """Compare the times of events of one name, occurrence by occurrence."""
-    each = [met(run) for run in (first, second)]
-    pairs = {name: _paired(first, second, rows, each[1].get(name, NONE)) for name, rows in each[0].items()}
+    events = [met(run) for run in (first, second)]
+    pairs = {name: _paired(first, second, rows, events[1].get(name, NONE)) for name, rows in events[0].items()}
     most = max((len(here) for here, _ in pairs.values()), default=0)
     for name, (here, there) in pairs.items():
         if not len(here):
             continue
-        apart, doubt = np.full((2, most), np.nan)
-        apart[: len(here)] = second["event_time"].values[there] - first["event_time"].values[here]
-        doubts = [run["event_time_uncertainty"].values[rows] for run, rows in ((first, here), (second, there))]
-        doubt[: len(here)] = doubts[0] + doubts[1]
+        difference, uncertainty = np.full((2, most), np.nan)
+        difference[: len(here)] = second["event_time"].values[there] - first["event_time"].values[here]
+        uncertainties = [run["event_time_uncertainty"].values[rows] for run, rows in ((first, here), (second, there))]
+        uncertainty[: len(here)] = uncertainties[0] + uncertainties[1]
         yield (
             f"difference_event_time_{name}",
-            ((OCCURRENCE,), apart, about(time_unit(first).text, f"time of {name}, second run minus first", ROLE)),
+            ((OCCURRENCE,), difference, about(time_unit(first).text, f"time of {name}, second run minus first", ROLE)),
         )
         start = float(first["time"][0])
         elapsed = [run["event_time"].values[rows] - start for run, rows in ((first, here), (second, there))]
-        said = f"longest time from the start of the first run to its {name}; where that is 0, of the second"
+        scale_text = f"longest time from the start of the first run to its {name}; where that is 0, of the second"
         yield from scaled(
-            "difference", f"event_time_{name}", apart, scale_of(*elapsed), (OCCURRENCE,), time_unit(first).text, said
+            "difference",
+            f"event_time_{name}",
+            difference,
+            scale_of(*elapsed),
+            (OCCURRENCE,),
+            time_unit(first).text,
+            scale_text,
         ).items()
-        yield f"interpolation_error_event_time_{name}", ((OCCURRENCE,), doubt, about(time_unit(first).text, f"what the location of {name} is uncertain by in both runs", "error"))  # fmt: skip
+        yield f"interpolation_error_event_time_{name}", ((OCCURRENCE,), uncertainty, about(time_unit(first).text, f"what the location of {name} is uncertain by in both runs", "error"))  # fmt: skip
 
 
 def _paired(first: xr.Dataset, second: xr.Dataset, here: Rows, there: Rows) -> tuple[Rows, Rows]:
@@ -236,85 +247,89 @@ def _paired(first: xr.Dataset, second: xr.Dataset, here: Rows, there: Rows) -> t
 
 
 def _counts(first: xr.Dataset, second: xr.Dataset) -> Iterator[str]:
-    """Say which events were not met equally often."""
-    each = [met(run) for run in (first, second)]
-    for name in dict.fromkeys([*each[0], *each[1]]):
-        counts = [len(one.get(name, NONE)) for one in each]
+    """List the events that the runs did not meet equally often."""
+    events = [met(run) for run in (first, second)]
+    for name in dict.fromkeys([*events[0], *events[1]]):
+        counts = [len(rows.get(name, NONE)) for rows in events]
         if counts[0] != counts[1]:
             yield f"{name}: {counts[0]} | {counts[1]}"
 
 
 def _models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
-    """Say by name and value what two models do not share: parameters, initial values, and the rest."""
-    each = [dict(_flat("", parsed(str(run["model_toml"].values)))) for run in (first, second)]
-    found: dict[str, list[str]] = {"parameters": [], "initial": [], "model": []}
-    for name in dict.fromkeys([*each[0], *each[1]]):
-        values = [one.get(name, "absent") for one in each]
+    """List by name and value what differs between two models: parameters, initial values, and the rest."""
+    models = [dict(_flat("", parsed(str(run["model_toml"].values)))) for run in (first, second)]
+    differences: dict[str, list[str]] = {"parameters": [], "initial": [], "model": []}
+    for name in dict.fromkeys([*models[0], *models[1]]):
+        values = [model.get(name, "absent") for model in models]
         section, _, rest = name.partition(".")
         if values[0] != values[1] and section not in ("name", "description", "run"):
-            where, word = (section, rest) if section in SECTIONS else ("model", name)
-            found[where].append(escaped(f"{word.removesuffix('.value')}: {_short(values[0])} | {_short(values[1])}"))
-    return {name: "\n".join(lines) for name, lines in found.items()}
+            heading, key = (section, rest) if section in SECTIONS else ("model", name)
+            differences[heading].append(
+                escaped(f"{key.removesuffix('.value')}: {_short(values[0])} | {_short(values[1])}")
+            )
+    return {name: "\n".join(lines) for name, lines in differences.items()}
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Take a model's text apart into dotted names and values."""
+    """Flatten a model's text into dotted names and values."""
     if isinstance(value, Mapping) and {"value", "unit"} <= set(value):  # one quantity, however it is written
-        value = {key: one for key, one in value.items() if key != "unit"} | {
+        value = {key: entry for key, entry in value.items() if key != "unit"} | {
             "value": f"{value['value']} {value['unit']}"
         }
     if isinstance(value, Mapping):
-        for key, one in value.items():
-            yield from _flat(f"{name}.{key}" if name else str(key), one)
+        for key, entry in value.items():
+            yield from _flat(f"{name}.{key}" if name else str(key), entry)
     else:
         yield name, str(value)
 
 
-def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str], passed: Any) -> str:
-    """Say from when on a quantity is further apart than interpolation and rounding can be."""
-    times, earliest, said = variables[AT_TIME][1], np.inf, ""
+def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str], between_events: Any) -> str:
+    """Describe when a quantity is first further apart than interpolation and rounding can be."""
+    times, earliest, sentence = variables[AT_TIME][1], np.inf, ""
     for name in names:
         if f"difference_{name}" not in variables:
             continue
-        apart, doubt = (variables[f"{kind}_{name}"][1] for kind in ("difference", "interpolation_error"))
+        difference, uncertainty = (variables[f"{kind}_{name}"][1] for kind in ("difference", "interpolation_error"))
         rounding = ROUNDINGS * EPS * float(np.max(np.abs(first[name])))
-        beyond = np.flatnonzero((np.abs(apart) > doubt + rounding) & ~passed)
+        beyond = np.flatnonzero((np.abs(difference) > uncertainty + rounding) & ~between_events)
         if beyond.size and times[beyond[0]] < earliest:
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
             earliest = float(times[k])
-            said = f"t = {earliest:.9g}{behind(time_unit(first))}: {name} by {float(apart[k]):.3g} {units}, beyond an interpolation error of {float(doubt[k]):.2g} {units}"
-    return said
+            sentence = f"t = {earliest:.9g}{behind(time_unit(first))}: {name} by {float(difference[k]):.3g} {units}, beyond an interpolation error of {float(uncertainty[k]):.2g} {units}"
+    return sentence
 
 
 def _between(first: xr.Dataset, second: xr.Dataset, at: Floats) -> NDArray[np.bool_]:
-    """Tell the times at which one run has met an event that the other is about to meet, as well as both are located."""
-    found, each = np.zeros(at.shape, bool), [met(run) for run in (first, second)]
-    for name, rows in each[0].items():
-        here, there = _paired(first, second, rows, each[1].get(name, NONE))
+    """Mark the times at which one run has met an event that the other is about to meet, within their uncertainties."""
+    inside, events = np.zeros(at.shape, bool), [met(run) for run in (first, second)]
+    for name, rows in events[0].items():
+        here, there = _paired(first, second, rows, events[1].get(name, NONE))
         times = [run["event_time"].values[rows] for run, rows in ((first, here), (second, there))]
-        doubt = first["event_time_uncertainty"].values[here] + second["event_time_uncertainty"].values[there]
-        for one, other, wide in zip(*times, doubt, strict=True):
-            if abs(one - other) <= wide:
-                found |= (at >= min(one, other) - wide) & (at <= max(one, other) + wide)
-    return found
+        uncertainty = first["event_time_uncertainty"].values[here] + second["event_time_uncertainty"].values[there]
+        for first_time, second_time, width in zip(*times, uncertainty, strict=True):
+            if abs(first_time - second_time) <= width:
+                inside |= (at >= min(first_time, second_time) - width) & (at <= max(first_time, second_time) + width)
+    return inside
 
 
-def _cause(said: Mapping[str, Any]) -> str:
-    """Name what is likely to have parted two runs: the first of what differs, from the model to the machine."""
-    if said["identical"]:
+def _cause(attributes: Mapping[str, Any]) -> str:
+    """Name the likely cause of a difference: the first thing that differs, from the model to the settings."""
+    if attributes["identical"]:
         return ""
     for what in ("model", "parameters", "initial", "settings"):
-        if said[what]:
-            own = _own(str(said[what]).splitlines())
-            return f"{what}: {own[0]}" + (f", and {len(own) - 1} more" if len(own) > 1 else "")
+        if attributes[what]:
+            lines = _own(str(attributes[what]).splitlines())
+            return f"{what}: {lines[0]}" + (f", and {len(lines) - 1} more" if len(lines) > 1 else "")
     return "nothing that is recorded differs but the numbers"
 
 
 def _own(lines: list[str]) -> list[str]:
-    """Leave out settings that follow from others, or that only one of two kinds of step control has."""
+    """Drop settings that follow from others, or that only one of two kinds of step control has."""
     names = [line.partition(":")[0] for line in lines]
     return [
-        one for one, name in zip(lines, names, strict=True) if name not in FOLLOWING and "'absent'" not in one
+        setting
+        for setting, name in zip(lines, names, strict=True)
+        if name not in FOLLOWING and "'absent'" not in setting
     ] or lines
 
 
@@ -323,14 +338,14 @@ def _short(text: str) -> str:
 
 
 def lines_of(table: xr.Dataset) -> list[str]:
-    """Say what `compare` found, in lines."""
+    """Describe the result of `compare`, line by line."""
     if "identical" not in table.attrs:
         left_out = str(table.attrs.get("data_left_out", ""))
         return [*_largest(table), *([f"left out  {left_out}: nothing that the run has"] if left_out else [])]
     if table.attrs["identical"]:
         return [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
-    apart = int((table["same"] == 0).sum())
-    lines = [f"{apart} of {table.sizes['variable']} variables differ; first: {table.attrs['first_difference']}"]
+    differing = int((table["same"] == 0).sum())
+    lines = [f"{differing} of {table.sizes['variable']} variables differ; first: {table.attrs['first_difference']}"]
     for what, word in {"model": "model", "parameters": "parameter", "initial": "initial", "events": "events"}.items():
         lines += [f"{word:<10}{line}" for line in table.attrs[what].splitlines()]
     lines += [f"setting   {line}" for line in _own(table.attrs["settings"].splitlines())]
@@ -340,25 +355,25 @@ def lines_of(table: xr.Dataset) -> list[str]:
 
 
 def _largest(table: xr.Dataset) -> Iterator[str]:
-    for name, one in table.data_vars.items():
-        if one.attrs.get("role") == ROLE and one.dims and np.isfinite(one.values).any():
-            worst = int(np.nanargmax(np.abs(one.values)))
+    for name, variable in table.data_vars.items():
+        if variable.attrs.get("role") == ROLE and variable.dims and np.isfinite(variable.values).any():
+            worst = int(np.nanargmax(np.abs(variable.values)))
             where = (
                 f"at t = {float(table[AT_TIME][worst]):.9g}{behind(time_unit(table))}"
-                if one.dims == (AT,)
+                if variable.dims == (AT,)
                 else f"occurrence {worst + 1}"
             )
-            kind, _, of = str(name).partition("_")
-            yield f"largest   {name} = {float(one[worst]):.6g} {one.attrs['units']} {where}{_over_scale(table, kind, of, worst)}"
-        elif one.attrs.get("role") == "residual" and not one.dims:
+            kind, _, quantity = str(name).partition("_")
+            yield f"largest   {name} = {float(variable[worst]):.6g} {variable.attrs['units']} {where}{_over_scale(table, kind, quantity, worst)}"
+        elif variable.attrs.get("role") == "residual" and not variable.dims:
             scale = (
                 f", scaled {float(table[schema.scaled(str(name))]):.3g}" if schema.scaled(str(name)) in table else ""
             )
-            yield f"{name} = {float(one):.6g}{'' if one.attrs['units'] == '1' else ' ' + one.attrs['units']}{scale}"
+            yield f"{name} = {float(variable):.6g}{'' if variable.attrs['units'] == '1' else ' ' + variable.attrs['units']}{scale}"
 
 
 def _over_scale(table: xr.Dataset, kind: str, name: str, place: int) -> str:
-    """Say what a difference is over its scale."""
+    """Describe a difference relative to its scale."""
     scale = table[schema.scale(kind, name)]
     units = "" if scale.attrs["units"] == "1" else f" {scale.attrs['units']}"
     value = float(table[schema.scaled(f"{kind}_{name}")][place])

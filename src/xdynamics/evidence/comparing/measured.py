@@ -1,4 +1,4 @@
-"""A run beside what was measured: residuals, their norm, and whether they are as large as the uncertainties say."""
+"""A run compared with measured data: residuals, their norms, and their size relative to the measured uncertainties."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ TIMES = ("time", "t")
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured, as columns.
+    """Measured data, as columns.
 
     Attributes
     ----------
     name : str
-        Where it is from.
+        Where the data are from.
     times : ndarray, shape (n,), s
     values : dict of str to (ndarray, Unit)
     uncertainties : dict of str to (ndarray, Unit)
         Standard ones.
     left_out : tuple of str
-        Columns that are nothing that is known.
+        Columns that were not wanted.
     """
 
     name: str
@@ -62,8 +62,8 @@ def is_measured(given: Any) -> bool:
     """Tell measured data from a run record: a path, a table of pandas, a Dataset that was not marched."""
     if isinstance(given, str | Path) or hasattr(given, "columns"):
         return True
-    about = getattr(given, "attrs", {})
-    return "row_kind" not in getattr(given, "variables", ("row_kind",)) and EVIDENCE not in about
+    attributes = getattr(given, "attrs", {})
+    return "row_kind" not in getattr(given, "variables", ("row_kind",)) and EVIDENCE not in attributes
 
 
 def measured(given: Any, known: Sequence[str] | None = None, gaps: str = REFUSE, clock: Unit = SECONDS) -> Measured:
@@ -73,61 +73,67 @@ def measured(given: Any, known: Sequence[str] | None = None, gaps: str = REFUSE,
     ----------
     given : str, Path, DataFrame or Dataset
     known : sequence of str, optional
-        Names that are wanted: other columns are left out, whatever stands in them.
+        Names that are wanted: other columns are left out, whatever they contain.
     gaps : {"refuse", "skip"}
-        What is done with rows in which a number is missing.
+        Whether rows in which a number is missing are refused or left out.
     clock : Unit
         Of the model's time.
 
     Raises
     ------
     InputError
-        With every column that cannot be used.
+        Naming every column that cannot be used.
     """
     if gaps not in GAPS:
         raise InputError(f"gaps is {gaps!r}; there are {', '.join(GAPS)}")
     if isinstance(given, str | Path):
-        found = _of_file(Path(given), known, skip=gaps == SKIP)
+        data = _of_file(Path(given), known, skip=gaps == SKIP)
     elif hasattr(given, "columns"):
         table = given.reset_index() if given.index.name else given
         columns = {str(name): table[name].to_numpy() for name in table.columns}
-        found = _of_columns("the DataFrame", columns, known, skip=gaps == SKIP)
+        data = _of_columns("the DataFrame", columns, known, skip=gaps == SKIP)
     else:
-        found = _of_dataset(given)
-    if found.clock.dimension != clock.dimension:
+        data = _of_dataset(given)
+    if data.clock.dimension != clock.dimension:
         needed = "a time" if clock.dimension == TIME else "a pure number, as the model's time is"
-        raise InputError(f"{found.name}: the column of times is in '{found.clock.text}', needs {needed}")
-    return found
+        raise InputError(f"{data.name}: the column of times is in '{data.clock.text}', needs {needed}")
+    return data
 
 
 def residuals(
     run: xr.Dataset, given: Any, functions: Mapping[str, Callable[..., float]] | None, gaps: str = REFUSE
 ) -> xr.Dataset:
-    """Compare a run with measured data; see `compare`."""
+    """Compare a run with measured data; see `compare`.
+
+    Raises
+    ------
+    InputError
+        If a column cannot be read or has another dimension than the run, or a time is outside the run.
+    """
     model = model_of(run, functions)
-    known = [name for name in observables_of(model) if name in run.variables]
-    data = measured(given, known, gaps, time_unit(run))
+    observables = [name for name in observables_of(model) if name in run.variables]
+    data = measured(given, observables, gaps, time_unit(run))
     ledger = Ledger(data.name)
     for name, (_, unit) in data.values.items():
-        if name not in known:
-            ledger.note(f"column '{name}' is nothing that the run has; there are {', '.join(known)}")
+        if name not in observables:
+            ledger.note(f"column '{name}' is nothing that the run has; there are {', '.join(observables)}")
         elif unit.dimension != parse_unit(str(run[name].attrs["units"])).dimension:
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{run[name].attrs['units']}' or a unit like it")
     ledger.settle()
-    second = behind(time_unit(run))
+    unit_text = behind(time_unit(run))
     begin, end = (float(run["time"][k]) for k in (0, -1))
     outside = np.flatnonzero((data.times < begin) | (data.times > end))
     if outside.size:
         raise InputError(
-            f"{data.name}, row {int(outside[0]) + 1}: t = {float(data.times[outside[0]])!r}{second} is outside the run, from {begin!r}{second} to {end!r}{second}"
+            f"{data.name}, row {int(outside[0]) + 1}: t = {float(data.times[outside[0]])!r}{unit_text} is outside the run, from {begin!r}{unit_text} to {end!r}{unit_text}"
         )
     names = list(data.values)
-    found = observe(run, model, names, data.times)
+    computed = observe(run, model, names, data.times)
     variables: dict[str, Any] = {
         AT_TIME: ((AT,), data.times, about(time_unit(run).text, "time of measurement", "time"))
     }
     for name in names:
-        variables |= _residuals(name, str(run[name].attrs["units"]), *found[name], data)
+        variables |= _residuals(name, str(run[name].attrs["units"]), *computed[name], data)
     title = f"{run.attrs['title']}, beside {data.name}"
     return exhibit(
         "comparison",
@@ -139,30 +145,30 @@ def residuals(
 
 
 def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Measured) -> dict[str, Any]:
-    own = parse_unit(units)
+    record_unit = parse_unit(units)
 
     def converted(values: Floats, unit: Unit) -> Floats:
-        return values * float(unit.factor / own.factor)
+        return values * float(unit.factor / record_unit.factor)
 
     values = converted(*data.values[name])
-    apart = values - computed
-    said = f"largest size of {name} as measured; where that is 0, as computed"
-    found: dict[str, Any] = {
+    differences = values - computed
+    scale_text = f"largest size of {name} as measured; where that is 0, as computed"
+    variables: dict[str, Any] = {
         f"measured_{name}": ((AT,), values, about(units, f"{name} as measured", "measured")),
         name: ((AT,), computed, about(units, f"{name} as computed", "computed")),
-        f"difference_{name}": ((AT,), apart, about(units, f"{name}, measured minus computed", "difference")),
+        f"difference_{name}": ((AT,), differences, about(units, f"{name}, measured minus computed", "difference")),
         f"interpolation_error_{name}": ((AT,), errors, about(units, f"what {name} may be off between accepted states", "error")),
-        f"rms_difference_{name}": ((), np.sqrt(np.mean(apart**2)), about(units, f"root of the mean square of difference_{name}", "residual")),
-        **scaled("difference", name, apart, scale_of(values, computed), (AT,), units, said, ("rms",)),
+        f"rms_difference_{name}": ((), np.sqrt(np.mean(differences**2)), about(units, f"root of the mean square of difference_{name}", "residual")),
+        **scaled("difference", name, differences, scale_of(values, computed), (AT,), units, scale_text, ("rms",)),
     }  # fmt: skip
     if name in data.uncertainties:
-        doubt = converted(*data.uncertainties[name])
-        square = np.mean((apart / doubt) ** 2)
-        found |= {
-            f"measured_uncertainty_{name}": ((AT,), doubt, about(units, f"standard uncertainty of {name} as measured", "uncertainty")),
-            f"reduced_chi_square_{name}": ((), square, about("1", f"mean square of difference_{name} over its uncertainty; nothing was fitted, so all values are degrees of freedom", "residual") | {"degrees_of_freedom": apart.size}),
+        uncertainty = converted(*data.uncertainties[name])
+        square = np.mean((differences / uncertainty) ** 2)
+        variables |= {
+            f"measured_uncertainty_{name}": ((AT,), uncertainty, about(units, f"standard uncertainty of {name} as measured", "uncertainty")),
+            f"reduced_chi_square_{name}": ((), square, about("1", f"mean square of difference_{name} over its uncertainty; nothing was fitted, so all values are degrees of freedom", "residual") | {"degrees_of_freedom": differences.size}),
         }  # fmt: skip
-    return found
+    return variables
 
 
 def _of_file(path: Path, known: Sequence[str] | None, *, skip: bool) -> Measured:
@@ -173,29 +179,31 @@ def _of_file(path: Path, known: Sequence[str] | None, *, skip: bool) -> Measured
     if not rows:
         raise InputError(f"'{path}' has no rows; it needs a header like 'time [s],y [m]' and numbers below")
     columns = np.array([row for _, row in rows]).T
-    read = {one.name: (column, one.unit) for one, column in zip(titles.values(), columns, strict=True)}
-    return _sorted_out(f"'{path.name}'", read, left_out)
+    columns_read = {
+        heading.name: (column, heading.unit) for heading, column in zip(titles.values(), columns, strict=True)
+    }
+    return _sorted_out(f"'{path.name}'", columns_read, left_out)
 
 
 def _of_columns(name: str, columns: Mapping[str, Any], known: Sequence[str] | None, *, skip: bool) -> Measured:
     """Read columns by their headers, ``y [mm]`` and ``u(y) [mm]``."""
     titles, left_out = _titles(name, tuple(columns), known)
-    cells = [np.asarray(one) for one in columns.values()]
+    cells = [np.asarray(column) for column in columns.values()]
     if skip:
-        whole = ~np.any([np.isnan(cells[k]) for k in titles if cells[k].dtype.kind == "f"], axis=0)
-        cells = [one[whole] for one in cells]
-    ledger, read = Ledger(name), {}
-    for k, one in titles.items():
+        complete = ~np.any([np.isnan(cells[k]) for k in titles if cells[k].dtype.kind == "f"], axis=0)
+        cells = [column[complete] for column in cells]
+    ledger, columns_read = Ledger(name), {}
+    for k, column in titles.items():
         with ledger.entry(f"column {shown([*columns][k])}"):
-            read[one.name] = _numbers(cells[k]), one.unit
+            columns_read[column.name] = _numbers(cells[k]), column.unit
     ledger.settle()
-    return _sorted_out(name, read, left_out)
+    return _sorted_out(name, columns_read, left_out)
 
 
 def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tuple[dict[int, Title], tuple[str, ...]]:
-    """Return the columns that are wanted, by their place, and those that are left out."""
+    """Return the wanted columns by position, and the names of those that are left out."""
     ledger, left_out = Ledger(name), []
-    found: dict[int, Title] = {}
+    titles: dict[int, Title] = {}
     words = [re.split(r"[\[/]", cell)[0].strip() for cell in header]
     bares = [word.removeprefix("u(").split("(")[0].removesuffix(")").strip() for word in words]
     for k, (cell, word, bare) in enumerate(zip(header, words, bares, strict=True)):
@@ -205,40 +213,40 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tu
             left_out.append(cell.strip())
             continue
         with ledger.entry(f"column {shown(cell)}"):
-            one = title(cell)
-            if one.name in {each.name for each in found.values()}:
-                raise InputError(f"'{one.name}' stands there twice")
-            found[k] = one
+            heading = title(cell)
+            if heading.name in {earlier.name for earlier in titles.values()}:
+                raise InputError(f"'{heading.name}' stands there twice")
+            titles[k] = heading
     ledger.settle()
-    if known is not None and left_out and not any(one.name in known for one in found.values()):
+    if known is not None and left_out and not any(heading.name in known for heading in titles.values()):
         raise InputError(f"{name}: column '{left_out[0]}' is nothing that is known; there are {', '.join(known)}")
-    return found, tuple(left_out)
+    return titles, tuple(left_out)
 
 
 def _of_dataset(given: Any) -> Measured:
     """Read variables along one dimension by their units."""
     ledger = Ledger("the Dataset")
-    read: dict[str, tuple[Floats, Unit]] = {}
-    for name, one in given.variables.items():
-        said = str(name).removesuffix("_time") if name == AT_TIME else str(name)
+    columns: dict[str, tuple[Floats, Unit]] = {}
+    for name, variable in given.variables.items():
+        label = str(name).removesuffix("_time") if name == AT_TIME else str(name)
         with ledger.entry(f"variable '{name}'"):
-            if "units" not in one.attrs:
+            if "units" not in variable.attrs:
                 raise InputError("has no units; set its attribute 'units'")
-            if len(one.dims) != 1:
-                raise InputError(f"has the dims {one.dims}, needs one, along which it was measured")
-            key = f"u({said[2:]})" if said.startswith("u_") else "time" if name == AT_TIME else said
-            read[key] = _numbers(one.values), parse_unit(str(one.attrs["units"]))
-    sizes = {name: len(numbers) for name, (numbers, _) in read.items()}
+            if len(variable.dims) != 1:
+                raise InputError(f"has the dims {variable.dims}, needs one, along which it was measured")
+            key = f"u({label[2:]})" if label.startswith("u_") else "time" if name == AT_TIME else label
+            columns[key] = _numbers(variable.values), parse_unit(str(variable.attrs["units"]))
+    sizes = {name: len(numbers) for name, (numbers, _) in columns.items()}
     if len({*sizes.values()}) > 1:
         ledger.note(
             f"variables have {', '.join(f'{size} ({name})' for name, size in sizes.items())} rows, need one dimension for all"
         )
     ledger.settle()
-    return _sorted_out("the Dataset", read)
+    return _sorted_out("the Dataset", columns)
 
 
 def _numbers(cells: Any) -> Floats:
-    """Read numbers; a gap is none."""
+    """Read numbers; gaps are refused."""
     kind = np.asarray(cells).dtype.kind
     if kind in "mMcb":
         what = {"m": "time differences", "M": "dates", "c": "complex numbers", "b": "truths"}[kind]
@@ -264,16 +272,16 @@ def _is_number(cell: Any) -> bool:
         return False
 
 
-def _sorted_out(name: str, read: dict[str, tuple[Floats, Unit]], left_out: tuple[str, ...] = ()) -> Measured:
-    """Tell times, values and uncertainties apart."""
-    said: Hashable = next((one for one in read if one.lower() in TIMES), None)
-    if said is None:
-        raise InputError(f"{name} has no column of times, like 'time [s]'; there are {', '.join(read) or 'none'}")
-    times, unit = read.pop(str(said))
-    doubts = {match["name"]: one for key, one in read.items() if (match := _UNCERTAINTY.fullmatch(key))}
-    values = {key: one for key, one in read.items() if not _UNCERTAINTY.fullmatch(key)}
+def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tuple[str, ...] = ()) -> Measured:
+    """Separate times, values and uncertainties."""
+    clock: Hashable = next((column for column in columns if column.lower() in TIMES), None)
+    if clock is None:
+        raise InputError(f"{name} has no column of times, like 'time [s]'; there are {', '.join(columns) or 'none'}")
+    times, unit = columns.pop(str(clock))
+    uncertainties = {match["name"]: column for key, column in columns.items() if (match := _UNCERTAINTY.fullmatch(key))}
+    values = {key: column for key, column in columns.items() if not _UNCERTAINTY.fullmatch(key)}
     ledger = Ledger(name)
-    for key, (numbers, own) in doubts.items():
+    for key, (numbers, own) in uncertainties.items():
         if key not in values:
             ledger.note(f"u({key}) is the uncertainty of a column that is not there")
         elif own.dimension != values[key][1].dimension:
@@ -285,4 +293,4 @@ def _sorted_out(name: str, read: dict[str, tuple[Floats, Unit]], left_out: tuple
     if not values or not times.size:
         ledger.note("has no column beside the times" if times.size else "has no rows")
     ledger.settle()
-    return Measured(name, times * float(unit.factor), unit, values, doubts, left_out)
+    return Measured(name, times * float(unit.factor), unit, values, uncertainties, left_out)
