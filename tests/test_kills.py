@@ -31,11 +31,12 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::xdynamics.faults.ResumeWarning"),
 ]
 
-PENDULUM, OSCILLATOR = str(MODELS / "pendulum.toml"), str(MODELS / "harmonic_oscillator.toml")
+PENDULUM, OSCILLATOR, ORBIT = (str(MODELS / f"{one}.toml") for one in ("pendulum", "harmonic_oscillator", "kepler"))
 GRID = ["--method", "rk4", "--step"]
 RUN = ["run", PENDULUM, *GRID, "1 ms", "--until", "1 s"]
 THIN = ["--keep-every", "7", "--log", "theta,total_energy"]
 BUDGET = [OSCILLATOR, *GRID, "50 ms", "--quantity", "x", "--at", "1 s"]
+FIT = ["--parameter", "k", *GRID, "20 ms", "--until", "1 s", "--set", "k=3.9 N m-1", "--starts", "1"]
 SWEEP = ["sweep", OSCILLATOR, *GRID, "2 ms", "--until", "1 s", "-o", "grid"]
 LOGS = ["--keep", "log"]
 
@@ -44,6 +45,9 @@ SOURCES: dict[str, list[str]] = {
     "one.nc": [*RUN, "-o", "one.nc"],
     "other.nc": [*RUN, "--set", "theta=0.5 rad", "-o", "other.nc"],
     "thin.nc": [*RUN, *THIN, "-o", "thin.nc"],
+    "swung.nc": ["run", OSCILLATOR, *GRID, "1 ms", "--until", "1 s", "-o", "swung.nc"],
+    "data.csv": ["sample", "swung.nc", "--times", "0:1:21 s", "-o", "data.csv"],
+    "orbit.nc": ["run", ORBIT, *GRID, "10 ms", "--until", "1 s", "-o", "orbit.nc"],
     "certificate.nc": ["certify", *BUDGET, "-o", "certificate.nc"],
     "bundle": ["bundle", "certificate.nc", "-o", "bundle"],
     "key.pem": ["sign", "--new-key", "key.pem"],
@@ -91,8 +95,13 @@ VERBS: dict[str, Verb] = {
     "certify": Verb(["certify", *BUDGET, "-o", "new.nc"], "", "new.nc", "other.nc"),
     "report": Verb(_page, "one.nc other.nc", "page", ""),
     "bundle": Verb(["bundle", "certificate.nc", "-o", "bundle"], "certificate.nc", "bundle", "empty"),
+    "sample": Verb(["sample", "one.nc", "--times", "0:1:201 s", "-o", "new.csv"], "one.nc", "new.csv", "one.nc"),
+    "diagnose": Verb(["diagnose", "one.nc", "--no-companion", "-o", "new.nc"], "one.nc", "new.nc", "other.nc"),
+    "fit": Verb(["fit", OSCILLATOR, "data.csv", *FIT, "-o", "new.nc", "--model", "new.toml"], "data.csv", "new.nc", "other.nc"),
+    "animate": Verb(["animate", "orbit.nc", "--seconds", "0.2", "-o", "new.gif"], "orbit.nc", "new.gif", "one.nc"),
     "document": Verb(["report", "bundle", "-o", "new.html"], "bundle", "new.html", "one.nc"),
 }  # fmt: skip
+MADE_OF = {"bundle": "certificate.nc", "data.csv": "swung.nc"}
 ONCE = {"a new key", "a new model", "bundle"}  # what these write is not written over
 
 
@@ -240,8 +249,8 @@ class Stages:
         if name == "empty":
             (made / name).mkdir(exist_ok=True)
         elif not (made / name).exists():
-            if name == "bundle":
-                self.source("certificate.nc")
+            if name in MADE_OF:
+                self.source(MADE_OF[name])
             words = SOURCES[name]
             if name == "ends":  # a call that writes under the name of another
                 words = ["ends" if one == "grid" else one for one in words]
