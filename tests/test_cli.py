@@ -235,6 +235,20 @@ def test_start_imports_little() -> None:
         assert not absent & set(loaded.split()), command
 
 
+@pytest.mark.parametrize(
+    ("output", "code", "said"),
+    [("/dev/full", 2, "'/dev/full' is a device; name a file"), ("/proc/run.nc", 1, "'/proc/run.nc' cannot be written: No such file or directory")],
+)  # fmt: skip
+def test_a_place_for_no_file_ends_a_run_at_once(output: str, code: int, said: str) -> None:
+    """Assert exit code and cause, whatever is asked for; of a device before anything that marches is imported."""
+    verb = ["run", BALL, "--method", "rk4", "--step", "1 ns", "-o", output]
+    script = f"import sys; from xdynamics.cli import main; main({verb!r})"
+    done = subprocess.run([sys.executable, "-X", "importtime", "-c", script], capture_output=True, text=True, timeout=100, check=False)  # fmt: skip
+    lines = [one for one in done.stderr.splitlines() if not one.startswith("import time:")]
+    assert (done.returncode, said in "\n".join(lines)) == (code, True)
+    assert ("numba" in done.stderr) == (code == 1)
+
+
 def test_plain_run_imports_no_dask_matplotlib_sympy(tmp_path: Path) -> None:
     """Assert that a run needs none of the dear libraries."""
     script = ("import sys; from click.testing import CliRunner; from xdynamics.cli import main; "

@@ -65,6 +65,16 @@ def signed(made: Path, tmp_path: Path) -> Path:
     return tmp_path / "run.nc"
 
 
+@pytest.mark.parametrize(("make", "what"), [(Path.mkdir, "a directory"), (os.mkfifo, r"a pipe \(FIFO\)")])
+def test_what_stands_in_the_place_of_a_signature_is_named(make: Callable[[Path], None], what: str, made: Path, signed: Path) -> None:  # fmt: skip
+    """Assert one line that says what is there, whose name that is, and what helps; nothing is signed."""
+    place = signature_of(signed)
+    place.unlink()
+    make(place)
+    with pytest.raises(xd.InputError, match=f"^'{place}' is {what}, and its name is that of the signature of '{signed}'; remove it, or give"):  # fmt: skip
+        xd.sign(signed, made / "key.pem")
+
+
 def test_what_was_signed_is_verified(made: Path, signed: Path) -> None:
     """Assert that a copy of both files is verified by the public key, and the line says which check it was."""
     digest = xd.verify(signed)

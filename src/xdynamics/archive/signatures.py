@@ -19,7 +19,7 @@ from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import bytes_digest
 from xdynamics.archive.target import taking_name
 from xdynamics.faults import ArchiveError, InputError, SignatureWarning, warn
-from xdynamics.files import write_new
+from xdynamics.files import asked, kind_of, write_new
 from xdynamics.schema import VOLATILE_DIGEST
 
 if TYPE_CHECKING:
@@ -64,10 +64,13 @@ def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None =
     ArchiveError
         If the archive is damaged, or there is no place for the signature.
     """
-    private_key = _private(Path(key), passphrase)
+    private_key, target = _private(Path(key), passphrase), signature_of(Path(path))
+    if kind := asked(target, kind_of):
+        raise InputError(
+            f"'{target}' is {kind}, and its name is that of the signature of '{path}'; remove it, or give it another name"
+        )
     message = _message(KIND, _digests(Path(path)))
     signature = base64.b64encode(private_key.sign(message)).decode()
-    target = signature_of(Path(path))
     with taking_name(target) as new:
         lines = f"key {_fingerprint(private_key.public_key())}\nsignature {signature}\n"
         new.part.write_text(message.decode() + lines, encoding="ascii")

@@ -54,16 +54,19 @@ def run(
 
     What a long run has done is kept in segments beside the archive, until it is whole: --resume goes on from there.
     """
+    from xdynamics.archive import check_target
+
     model = changed_model(model_file, changes, tables)
     arguments = asked(given)
+    check_target(Path(output), model)  # before what marches is imported
     from xdynamics.simulation import simulate
 
     if times is not None:
+        from xdynamics import tabling
         from xdynamics.march.asking import settings_for
         from xdynamics.simulation import check_sampled, times_within
-        from xdynamics.tabling import check_target
 
-        table = check_target(Path(output).with_suffix(".csv"))
+        table = tabling.check_target(Path(output).with_suffix(".csv"))
         resolved = settings_for(model, **arguments)
         check_sampled(resolved)
         sample_times = times_within(times, model.time_unit, model.initial["t"].si, resolved.until)

@@ -108,10 +108,10 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
         what = f"the run makes {rows:.4g} rows and keeps {kept:.4g} of them, which take {said(needed)}"
     if path is not None:
         try:
-            free = float(shutil.disk_usage(Path(path).absolute().parent).free)
+            total, _, free = shutil.disk_usage(Path(path).absolute().parent)
         except (OSError, ValueError):  # no folder: refused by its name before anything is marched into it
             return
-        if needed > free:
+        if total and needed > free:  # of no size is a file system that keeps no files, like /proc, which says so itself
             raise InputError(
                 f"{what}, and the disk of '{path}' has {said(free)} free; take a longer step or an earlier end"
             )
