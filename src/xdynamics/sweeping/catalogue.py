@@ -1,4 +1,4 @@
-"""A sweep in a folder: blocks as they are done, then one catalogue of all members, and whole runs beside it."""
+"""A sweep in a folder: blocks as they are finished, then one catalogue of all members, with whole runs beside it."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 
 CATALOGUE = "catalogue.nc"
 UNFINISHED = ".unfinished"
-CUT = "blocks.json"  # how many members along each axis the parts hold
+CUT = "blocks.json"  # sizes of the blocks along each axis
 RUNS = "runs"
 PART, BLOCK = "sweep part", "sweep_block"
-LONG = 64  # digits of a whole sha256
+LONG = 64  # digits of a full sha256
 Progress = Callable[[float, float, int], None]
 
 
@@ -48,7 +48,7 @@ REMEDY = f"remove what is damaged or added and '{CATALOGUE}', and the same sweep
 
 
 def open_sweep(path: str | Path) -> xr.Dataset:
-    """Open the catalogue of a sweep, verified: every member with its axes, outcome, digest and what was kept of it.
+    """Open and verify the catalogue of a sweep: every member with its axes, outcome, digest and kept variables.
 
     Parameters
     ----------
@@ -58,15 +58,15 @@ def open_sweep(path: str | Path) -> xr.Dataset:
     Raises
     ------
     InputError
-        If there is none, or it is not finished: the same `sweep` goes on with it.
+        If there is no sweep, or it is not finished; the same call of `sweep` continues it.
     ArchiveError
         If the catalogue is damaged.
 
     Notes
     -----
-    Of a sweep with ``keep=["log"]``, `member` opens one run; `ragged` gives the rows of all behind each other, and
-    ``sweep(found, keep=["y"], times=[…])`` all on common times, without the files. xarray itself opens a folder of runs
-    as rows behind each other, one file after the other (``parallel=True`` breaks the netCDF library)::
+    Of a sweep with ``keep=["log"]``, `member` opens one run; `ragged` concatenates the rows of all runs, and
+    ``sweep(found, keep=["y"], times=[…])`` puts them on common times, without the files. xarray itself concatenates the
+    rows of a folder of runs, reading one file after the other (``parallel=True`` breaks the netCDF library)::
 
         xr.open_mfdataset("folder/runs/*.nc", engine="netcdf4", combine="nested", concat_dim="step", parallel=False,
                           preprocess=lambda run: run[["time", "y", "v_y"]], decode_times=False)
@@ -85,26 +85,26 @@ def open_sweep(path: str | Path) -> xr.Dataset:
         raise ArchiveError(f"{error}\n{REMEDY}", error.faults) from None
     if opened.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{file}' is no catalogue of a sweep")
-    found = with_axes(_with_words(opened))
-    found.set_close(opened._close)  # noqa: SLF001 - by which a Dataset that xarray made of another would not be closed
-    found.encoding["source"] = str(file.absolute())
-    return found
+    sweep = with_axes(_with_words(opened))
+    sweep.set_close(opened._close)  # noqa: SLF001 - a Dataset that xarray derives does not close its file
+    sweep.encoding["source"] = str(file.absolute())
+    return sweep
 
 
-def _with_words(found: xr.Dataset) -> xr.Dataset:
-    """Have words and digests of members as lazy arrays of texts of one width, as they were before they were saved."""
+def _with_words(sweep: xr.Dataset) -> xr.Dataset:
+    """Return words and digests of members as lazy arrays of fixed-width texts, as they were before saving."""
     widths = {OUTCOME: LONGEST_WORD, SEAL: LONG, FILE: LONG + len(f"{RUNS}/.nc")}
-    if DIGEST_OF_RUN in found:
-        widths[DIGEST_OF_RUN] = LONG if FILE in found else DIGITS
-    for name in {*widths, STOPPED_BY} & {*found.data_vars}:
-        texts = found[name].variable
+    if DIGEST_OF_RUN in sweep:
+        widths[DIGEST_OF_RUN] = LONG if FILE in sweep else DIGITS
+    for name in {*widths, STOPPED_BY} & {*sweep.data_vars}:
+        texts = sweep[name].variable
         if name not in widths or not texts.ndim:
             words = np.asarray(texts).astype(str)
         else:
-            each = texts.chunk(dict(texts.sizes))
-            words = each.data.astype(np.dtype(f"U{widths[name]}"))
-        found[name] = texts.dims, words, texts.attrs
-    return found
+            chunked = texts.chunk(dict(texts.sizes))
+            words = chunked.data.astype(np.dtype(f"U{widths[name]}"))
+        sweep[name] = texts.dims, words, texts.attrs
+    return sweep
 
 
 def verify(path: str | Path) -> str:
@@ -113,14 +113,14 @@ def verify(path: str | Path) -> str:
     Raises
     ------
     InputError
-        If there is no such file, or it is none: a pipe, a socket, a device, a directory that holds no sweep.
+        If there is no such file, or it is not a regular file (a pipe, a socket, a device) or a folder of a sweep.
     ArchiveError
-        Naming every variable that differs from its digest; of a sweep every file.
+        Naming every variable that differs from its digest; for a sweep, every file.
 
     Warns
     -----
     KindWarning
-        If the file is as it was written, and holds a selection of a run or derived data.
+        If the file is intact, and holds a selection of a run or derived data.
     """
     path = Path(path)
     is_sweep = asked(path, Path.is_dir) and ((path / CATALOGUE).exists() or (path / UNFINISHED).exists())
@@ -128,17 +128,17 @@ def verify(path: str | Path) -> str:
 
 
 def verify_sweep(path: str | Path) -> tuple[str, int]:
-    """Verify a sweep's catalogue, and of every whole run all bytes of its file, by the seal that the catalogue tells.
+    """Verify a sweep's catalogue, and all bytes of every archived run by the seal in the catalogue.
 
     Returns
     -------
     tuple of str and int
-        Content digest of the catalogue, and how many files of runs there are.
+        Content digest of the catalogue, and the number of archived runs.
 
     Raises
     ------
     ArchiveError
-        Naming every file that is damaged, missing or of another run.
+        Naming every file that is damaged, missing or belongs to another run.
     """
     folder = Path(path)
     digest = archive.verify(folder / CATALOGUE) if (folder / CATALOGUE).is_file() else ""
@@ -154,80 +154,80 @@ def _damaged(folder: Path, faults: list[str]) -> ArchiveError:
 
 
 def _faults(folder: Path, sweep: xr.Dataset) -> list[str]:
-    """Compare the files of whole runs with the seals that the catalogue tells; name those that are none of its runs.
+    """Compare archived runs with the seals in the catalogue; name files that are not among its runs.
 
-    Where members are being added, or were until their process was stopped, other runs are theirs.
+    Extra runs are allowed while members are being added, or where adding them was interrupted.
     """
     if FILE not in sweep:
         return []
-    named = dict(zip(map(str, sweep[FILE].values.ravel()), map(str, sweep[SEAL].values.ravel()), strict=True))
-    named.pop("", None)  # of members whose models are refused
-    there = (
-        {f"{RUNS}/{one.name}" for one in (folder / RUNS).iterdir() if not one.name.startswith(".")}
+    seals = dict(zip(map(str, sweep[FILE].values.ravel()), map(str, sweep[SEAL].values.ravel()), strict=True))
+    seals.pop("", None)  # of members whose models are refused
+    present = (
+        {f"{RUNS}/{entry.name}" for entry in (folder / RUNS).iterdir() if not entry.name.startswith(".")}
         if (folder / RUNS).is_dir()
         else set()
     )
-    others = [] if unfinished(folder) else sorted(there - {*named})
-    added = [f"{name} is no run of the sweep" for name in others]
+    foreign = [] if unfinished(folder) else sorted(present - {*seals})
+    foreign_faults = [f"{name} is no run of the sweep" for name in foreign]
     with ThreadPoolExecutor() as pool:
-        return [one for one in pool.map(partial(_fault_of, folder), named.items()) if one] + added
+        return [entry for entry in pool.map(partial(_fault_of, folder), seals.items()) if entry] + foreign_faults
 
 
-def _fault_of(folder: Path, named: tuple[str, str]) -> str:
-    """Say what is wrong with the file of a run, whose seal the catalogue tells."""
-    name, seal = named
+def _fault_of(folder: Path, name_and_seal: tuple[str, str]) -> str:
+    """Describe what is wrong with the archive of a run, given its seal in the catalogue; empty if nothing is."""
+    name, seal = name_and_seal
     try:
-        found = tail_of(folder / name)
+        tail = tail_of(folder / name)
     except FileNotFoundError:
         return f"{name} is missing"
     except OSError as error:
         return f"{name} cannot be read: {error.strerror or error}"
-    if found.digest == seal:
+    if tail.digest == seal:
         return ""
-    return f"{name}: {found.fault or f'its seal is {found.digest or None}, in the catalogue {seal}'}"
+    return f"{name}: {tail.fault or f'its seal is {tail.digest or None}, in the catalogue {seal}'}"
 
 
 def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | None) -> xr.Dataset:
-    """March a sweep into a folder, or what of it is not there, and return its catalogue.
+    """March a sweep into a folder, or what is missing of it, and return its catalogue.
 
     Parameters
     ----------
     plan : Plan
     members : int, optional
-        Of a task; what was begun goes on in the tasks that it was begun in.
+        Members of a task; an interrupted sweep keeps the tasks that it began with.
     folder : Path
     progress : callable, optional
 
     Raises
     ------
     InputError
-        If the folder holds another sweep that is no part of this one, or is none.
+        If the path is no folder, or it holds another sweep that is no part of this one.
     """
     for place in (made_folder(folder), folder / RUNS):
         leftovers.sweep(place)
-    there = None
+    existing = None
     if (folder / CATALOGUE).is_file():
-        found = _whole(folder)
-        _forget(folder, str(found.attrs[DIGEST]))  # of a process that was stopped when all was done
-        if found.attrs[DIGEST] == plan.digest:
-            return found
-        there = additions(plan, found, folder / CATALOGUE)
-        found.close()
-        archive.check_target(folder / CATALOGUE)  # nobody reads what is to be replaced
+        sweep = _whole(folder)
+        _forget(folder, str(sweep.attrs[DIGEST]))  # left by a process that was stopped after saving the catalogue
+        if sweep.attrs[DIGEST] == plan.digest:
+            return sweep
+        existing = additions(plan, sweep, folder / CATALOGUE)
+        sweep.close()
+        archive.check_target(folder / CATALOGUE)  # nobody may be reading the file to be replaced
     work = folder / UNFINISHED / _work(plan.digest)
-    if others := [one for one in unfinished(folder) if one != work]:
+    if others := [path for path in unfinished(folder) if path != work]:
         raise InputError(f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give it up by removing '{others[0]}'")  # fmt: skip
     with _alone_in(made_folder(work)):
         blocks = [block for _, block in blocks_of(_begun(plan, members, work))]
         parts = [work / f"{_said(block)}.nc" for block in blocks]
-        _march(plan, blocks, parts, progress, there)
+        _march(plan, blocks, parts, progress, existing)
         archive.save(collected(plan, _joined(plan, blocks, parts)), folder / CATALOGUE)
         _forget(folder, plan.digest)
     return open_sweep(folder)
 
 
 def _forget(folder: Path, digest: str) -> None:
-    """Remove the blocks of a sweep whose catalogue is whole; those of another one stay."""
+    """Remove the blocks of a sweep whose catalogue is complete; those of another sweep stay."""
     shutil.rmtree(folder / UNFINISHED / _work(digest), ignore_errors=True)
     with suppress(OSError):
         (folder / UNFINISHED).rmdir()
@@ -238,22 +238,22 @@ def _work(digest: str) -> str:
 
 
 def _whole(folder: Path) -> xr.Dataset:
-    """Open a sweep that was marched before, with all its runs."""
-    found = open_sweep(folder)
-    if faults := _faults(folder, found):
+    """Open an existing sweep, checking that all its runs are intact."""
+    sweep = open_sweep(folder)
+    if faults := _faults(folder, sweep):
         raise _damaged(folder, faults)
-    return found
+    return sweep
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """List the folders of sweeps that were begun in a folder, and are not finished."""
+    """List the folders of unfinished sweeps in a folder."""
     place = folder / UNFINISHED
-    return sorted(one for one in place.iterdir() if one.is_dir()) if place.is_dir() else []
+    return sorted(path for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
 
 
 @contextmanager
 def _alone_in(work: Path) -> Iterator[None]:
-    """Keep other processes out of a folder that is marched into, as long as this one lives."""
+    """Lock a folder against other processes while this one marches into it."""
     handle = os.open(work, os.O_RDONLY | os.O_CLOEXEC)
     try:
         try:
@@ -268,20 +268,20 @@ def _alone_in(work: Path) -> Iterator[None]:
 
 
 def _begun(plan: Plan, members: int | None, work: Path) -> Chunks:
-    """Return the cut that a sweep was begun with, whose blocks are there, or begin one."""
+    """Return the chunks that a sweep was begun with, or choose and save them."""
     file = work / CUT
-    with suppress(OSError, ValueError, TypeError, OverflowError, RecursionError):  # none, or a damaged one
-        found = tuple(tuple(map(int, one)) for one in json.loads(file.read_text()))
-        if tuple(map(sum, found)) == plan.grid.shape and all(width > 0 for one in found for width in one):
-            return found
+    with suppress(OSError, ValueError, TypeError, OverflowError, RecursionError):  # no such file, or a damaged one
+        saved = tuple(tuple(map(int, widths)) for widths in json.loads(file.read_text()))
+        if tuple(map(sum, saved)) == plan.grid.shape and all(width > 0 for widths in saved for width in widths):
+            return saved
     chunks = chunks_of(plan, members)
     with taking_name(file) as new:
         new.part.write_text(json.dumps(chunks))
     return chunks
 
 
-def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None, there: Additions | None) -> None:  # fmt: skip
-    """March the blocks that are not there, on whatever schedules."""
+def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None, existing: Additions | None) -> None:  # fmt: skip
+    """March the missing blocks, on whichever dask scheduler is active."""
     from dask import base
     from dask.delayed import delayed
 
@@ -289,54 +289,56 @@ def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progres
     todo = [(block, part) for block, part in zip(blocks, parts, strict=True) if not digests_of(part, partial(_is_part, plan, block))[0]]  # fmt: skip
     if not todo:
         return
-    told, keep, known = delayed(plan), delayed(_keep), delayed(there)
+    delayed_plan, delayed_keep, delayed_existing = delayed(plan), delayed(_keep), delayed(existing)
     with _watching(parts, progress):
-        compute(*(keep(told, list(block), str(part.absolute()), known) for block, part in todo))
+        compute(
+            *(delayed_keep(delayed_plan, list(block), str(part.absolute()), delayed_existing) for block, part in todo)
+        )
 
 
-def _keep(plan: Plan, block: Block, part: str, there: Additions | None) -> None:
-    """March a block into a file of its own; whole runs into files of theirs, which go before; what is there is taken."""
-    found = marched(plan, block, there.take) if there else marched(plan, block)
+def _keep(plan: Plan, block: Block, part: str, existing: Additions | None) -> None:
+    """March a block into a file, after its whole runs into files of their own; existing members are copied."""
+    values = marched(plan, block, existing.take) if existing else marched(plan, block)
     if plan.keeping.whole:
         files = Path(part).parents[2] / RUNS
         files.mkdir(exist_ok=True)
-        known = there.there(block) if there else np.zeros(plan.grid.shape_of(block), bool)
-        archived(plan, block, files, found, known)
-    variables = {one.name: ((*plan.grid.dims, *one.dims), found[one.name], one.attributes) for one in plan.variables}  # fmt: skip
+        present = existing.there(block) if existing else np.zeros(plan.grid.shape_of(block), bool)
+        archived(plan, block, files, values, present)
+    variables = {variable.name: ((*plan.grid.dims, *variable.dims), values[variable.name], variable.attributes) for variable in plan.variables}  # fmt: skip
     archive.save(exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest, BLOCK: _said(block)}), part)
 
 
 def _is_part(plan: Plan, block: Block, part: xr.Dataset) -> bool:
-    """Whether a file holds a block of a sweep, whatever it is named."""
+    """Whether a file holds a given block of a sweep, regardless of its name."""
     return part.attrs.get(DIGEST) == plan.digest and part.attrs.get(BLOCK) == _said(block)
 
 
 def _said(block: Block) -> str:
-    return "_".join(f"{one.start}-{one.stop}" for one in block)
+    return "_".join(f"{extent.start}-{extent.stop}" for extent in block)
 
 
 def _joined(plan: Plan, blocks: list[Block], parts: list[Path]) -> dict[str, Any]:
-    """Read the blocks into whole arrays; texts are bytes, and become texts a part at a time, as they are used."""
+    """Read the blocks into full arrays; texts are held as bytes and decoded lazily, part by part."""
     import dask.array
 
     da: Any = dask.array  # its functions are not typed
-    shapes = {one.name: (*plan.grid.shape, *one.sizes) for one in plan.variables}
-    texts = {one.name: np.dtype(one.dtype) for one in plan.variables if np.dtype(one.dtype).kind == "U"}
-    types = {one.name: one.dtype for one in plan.variables} | {name: f"S{one.itemsize // 4}" for name, one in texts.items()}  # fmt: skip
-    found: dict[str, Any] = {name: np.empty(shape, types[name]) for name, shape in shapes.items()}
+    shapes = {entry.name: (*plan.grid.shape, *entry.sizes) for entry in plan.variables}
+    texts = {entry.name: np.dtype(entry.dtype) for entry in plan.variables if np.dtype(entry.dtype).kind == "U"}
+    types = {entry.name: entry.dtype for entry in plan.variables} | {name: f"S{entry.itemsize // 4}" for name, entry in texts.items()}  # fmt: skip
+    arrays: dict[str, Any] = {name: np.empty(shape, types[name]) for name, shape in shapes.items()}
     for block, part in zip(blocks, parts, strict=True):
         values = values_of(part)
-        for name, whole in found.items():
-            whole[tuple(block)] = values[name]
-    lazy = {name: _Texts(found[name], one) for name, one in texts.items()}
-    return found | {name: da.from_array(one, chunks=one.shape, name=False) for name, one in lazy.items()}
+        for name, array in arrays.items():
+            array[tuple(block)] = values[name]
+    lazy = {name: _Texts(arrays[name], entry) for name, entry in texts.items()}
+    return arrays | {name: da.from_array(entry, chunks=entry.shape, name=False) for name, entry in lazy.items()}
 
 
 class _Texts:
-    """Bytes as an array of texts, of which those are made that are asked for."""
+    """An array of bytes that is decoded into texts where it is indexed."""
 
-    def __init__(self, found: NDArray[Any], dtype: np.dtype[Any]) -> None:
-        self.found, self.dtype, self.shape, self.ndim = found, dtype, found.shape, found.ndim
+    def __init__(self, characters: NDArray[Any], dtype: np.dtype[Any]) -> None:
+        self.found, self.dtype, self.shape, self.ndim = characters, dtype, characters.shape, characters.ndim
 
     def __getitem__(self, key: Any) -> NDArray[Any]:
         texts: NDArray[Any] = self.found[key].astype(self.dtype)
@@ -344,7 +346,7 @@ class _Texts:
 
 
 class _watching:  # noqa: N801 - used as a statement
-    """Tells how many blocks are done, by the files that are there: whoever marches them."""
+    """Report how many blocks are done by counting their files, whichever process writes them."""
 
     def __init__(self, parts: list[Path], progress: Progress | None) -> None:
         import threading

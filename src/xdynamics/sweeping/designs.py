@@ -13,24 +13,24 @@ from xdynamics.faults import InputError
 
 SOBOL, LATIN, DECLARED = "sobol", "latin_hypercube", "declared"
 DESIGNS = (SOBOL, LATIN, DECLARED)
-LEAST = 2.0**-54  # of a number from 0 to 1 at which a distribution without bounds is looked up
+LEAST = 2.0**-54  # probability at which an unbounded distribution is evaluated
 
 
 @dataclass(frozen=True)
 class Draws:
-    """Values of several things drawn together, for an axis of a sweep.
+    """Values of several parameters or initial values drawn together, for an axis of a sweep.
 
     Parameters
     ----------
     count : int
-        How many; of Sobol points a power of two.
+        Number of draws; for Sobol points a power of two.
     ranges : mapping of str to (lowest, highest), or sequence of str
-        What is drawn from where: ``{"m": ("1 kg", "2 kg")}``. Of the design ``declared`` names of parameters and initial
+        Ranges to draw from: ``{"m": ("1 kg", "2 kg")}``. For the design ``declared``, names of parameters and initial
         values that have an uncertainty in the model: each is drawn from its distribution, normal ones with their
         correlations.
     design : {"sobol", "latin_hypercube", "declared"}
     seed : int
-        Recorded, as the values are.
+        Recorded, like the values.
 
     Notes
     -----
@@ -57,8 +57,8 @@ class Draws:
         if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
             faults.append(f"count is {self.count!r}, needs a positive whole number")
         elif self.design == SOBOL and self.count & (self.count - 1):
-            more = 1 << self.count.bit_length()
-            faults.append(f"count is {self.count}, and Sobol points need a power of two, like {more}")
+            next_power = 1 << self.count.bit_length()
+            faults.append(f"count is {self.count}, and Sobol points need a power of two, like {next_power}")
         if self.design not in DESIGNS:
             faults.append(f"design is {self.design!r}; there are {', '.join(DESIGNS)}")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
@@ -78,16 +78,16 @@ class Draws:
 
     @property
     def ends(self) -> Mapping[str, Sequence[Any]]:
-        """The lowest and the highest of each name; of a declared design there are none."""
+        """Lowest and highest value of each name; empty for a declared design."""
         return self.ranges if isinstance(self.ranges, Mapping) else {}
 
     def points(self) -> NDArray[np.float64]:
-        """Return one row a draw, one column a name: numbers from 0 to 1; of the declared design never an end."""
+        """Return numbers from 0 to 1, one row per draw, one column per name; the declared design never gives 0 or 1."""
         rng, dimensions = np.random.default_rng(self.seed), len(self.ranges)
         if self.design == DECLARED:
             return np.maximum(rng.random((self.count, dimensions)), LEAST)
         from scipy.stats import qmc
 
         sampler = (qmc.Sobol if self.design == SOBOL else qmc.LatinHypercube)(dimensions, seed=rng)
-        found: NDArray[np.float64] = sampler.random(self.count)
-        return found
+        sample: NDArray[np.float64] = sampler.random(self.count)
+        return sample

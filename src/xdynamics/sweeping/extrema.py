@@ -1,4 +1,4 @@
-"""The largest and the least value of a quantity in each of many runs: what `diagnose` finds in one, for all at once."""
+"""Largest and least value of a quantity in each of many runs: what `diagnose` finds in one run, for all at once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from xdynamics.sweeping.harvest import Harvest
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-NO_RULE = -1  # of a member without any number
+NO_RULE = -1  # of a member without a finite value
 
 
 class Extremes(NamedTuple):
@@ -25,12 +25,12 @@ class Extremes(NamedTuple):
     Attributes
     ----------
     value : ndarray
-        In the unit of a record; nan of a member without any number.
+        In the unit of a record; nan for a member without a finite value.
     time : ndarray, s
     rule : ndarray of int8
-        Of `RULES`, or `NO_RULE`: an accepted state, a state between, or one at an event.
+        Index into `RULES` (an accepted state, a state between, one at an event), or `NO_RULE`.
     uncertainty : ndarray
-        Of the value, by interpolation alone, as of a single run.
+        Of the value, by interpolation alone, as for a single run.
     """
 
     value: Floats
@@ -40,12 +40,12 @@ class Extremes(NamedTuple):
 
 
 def extremes(runs: Harvest, name: str, sign: float) -> Extremes:
-    """Find the largest value of a quantity in every member, or with a sign of -1 the least; and when, how, and how surely.
+    """Find the largest value of a quantity in every member (the least, with a sign of -1), its time, rule and uncertainty.
 
     Parameters
     ----------
     runs : Harvest
-        With whole logs.
+        With complete logs.
     name : str
     sign : float
     """
@@ -58,59 +58,61 @@ def _extremes(runs: Harvest, name: str, sign: float) -> Extremes:
     values, time, first = runs[name], runs["time"], runs.runs.first_row
     rows, members = crests(sign * values, first)
     tops = _tops(sign * values, rows, members, runs.size)
-    found = _accepted(runs, values, tops)
+    result = _accepted(runs, values, tops)
     if runs.columns[name].variable.role not in STATES and runs.model.python_functions:
-        for i in np.flatnonzero(found.rule == SAMPLED).tolist():
-            own = slice(first[i], first[i + 1])
-            found.uncertainty[i] = beyond(values[own], time[own], int(tops[i] - first[i]))
-        return found
-    search = _search(runs, name, sign, found, humps(sign * values, time, first, rows, members))
+        for i in np.flatnonzero(result.rule == SAMPLED).tolist():
+            run_rows = slice(first[i], first[i + 1])
+            result.uncertainty[i] = beyond(values[run_rows], time[run_rows], int(tops[i] - first[i]))
+        return result
+    search = _search(runs, name, sign, result, humps(sign * values, time, first, rows, members))
     while (places := search.places()).size:
-        asked = search.asked
-        states, from_rows = runs.states_at(asked, places, after=False, known=search.rows)
-        search.narrow(*runs.with_rates(name, states, asked, from_rows, places))
-    between = np.flatnonzero(sign * search.best > sign * found.value)
-    for array, better in ((found.value, search.best), (found.time, search.when)):
-        array[between] = better[between]
+        times = search.asked
+        states, from_rows = runs.states_at(times, places, after=False, known=search.rows)
+        search.narrow(*runs.with_rates(name, states, times, from_rows, places))
+    between = np.flatnonzero(sign * search.best > sign * result.value)
+    for array, improved in ((result.value, search.best), (result.time, search.when)):
+        array[between] = improved[between]
     if between.size:
-        found.rule[between] = INTERPOLATED
-        found.uncertainty[between] = runs.doubts(name, between, found.time[between])
-    return found
+        result.rule[between] = INTERPOLATED
+        result.uncertainty[between] = runs.doubts(name, between, result.time[between])
+    return result
 
 
 def _accepted(runs: Harvest, values: Floats, tops: Rows) -> Extremes:
-    """Return what the best accepted states tell."""
-    there = tops >= 0
+    """Return the extremes over accepted states alone."""
+    has_number = tops >= 0
     at_event = np.isin(runs["row_kind"][tops], (EVENT_BEFORE, EVENT_AFTER))
-    rule = np.where(there, np.where(at_event, LOCATED, SAMPLED), NO_RULE).astype(np.int8)
-    best, when = np.where(there, values[tops], np.nan), np.where(there, runs["time"][tops], np.nan)
-    return Extremes(best, when, rule, np.where(there, 0.0, np.nan))
+    rule = np.where(has_number, np.where(at_event, LOCATED, SAMPLED), NO_RULE).astype(np.int8)
+    best, when = np.where(has_number, values[tops], np.nan), np.where(has_number, runs["time"][tops], np.nan)
+    return Extremes(best, when, rule, np.where(has_number, 0.0, np.nan))
 
 
-def _search(runs: Harvest, name: str, sign: float, found: Extremes, humped: tuple[Rows, Rows]) -> Summits:
-    """Begin the search about the humps of a quantity."""
+def _search(runs: Harvest, name: str, sign: float, accepted: Extremes, humped: tuple[Rows, Rows]) -> Summits:
+    """Begin the search for extremes between accepted states, around the humps of a quantity."""
     (rows, members), first, time = humped, runs.runs.first_row, runs["time"]
     rates = None
     if rate_tree(runs.model, name) is not None:
         low, high = np.maximum(rows - 1, first[members]), np.minimum(rows + 1, first[members + 1] - 1)
-        at = _rates(runs, name, rows, members)
-        rising = sign * at > 0.0
-        other = _rates(runs, name, np.where(rising, high, low), members)  # the end of a bracket with `at`
-        rates = np.stack([np.where(rising, np.nan, other), at, np.where(rising, other, np.nan)])
-    return summits(sign, found.value.copy(), found.time.copy(), runs[name], time, first, rates, rows, members)
+        rates_at_rows = _rates(runs, name, rows, members)
+        rising = sign * rates_at_rows > 0.0
+        rates_opposite = _rates(runs, name, np.where(rising, high, low), members)  # at the other end of the bracket
+        rates = np.stack(
+            [np.where(rising, np.nan, rates_opposite), rates_at_rows, np.where(rising, rates_opposite, np.nan)]
+        )
+    return summits(sign, accepted.value.copy(), accepted.time.copy(), runs[name], time, first, rates, rows, members)
 
 
 def _rates(runs: Harvest, name: str, rows: Rows, members: Rows) -> Floats:
     """Return the rate of a quantity at accepted states."""
-    states = {one: runs[one][rows] for one in runs.layout.used}
+    states = {state: runs[state][rows] for state in runs.layout.used}
     return runs.rate(name, states, members, rows, runs["time"][rows])
 
 
 def _tops(values: Floats, rows: Rows, members: Rows, size: int) -> Rows:
-    """Return the first row of each member that holds its largest value, which is a crest; -1 of one without any number."""
+    """Return the first row of each member that holds its largest value, a crest; -1 where there is no finite value."""
     largest = np.full(size, -np.inf)
     np.maximum.at(largest, members, values[rows])
     highest = np.flatnonzero(values[rows] == largest[members])[::-1]
-    found = np.full(size, -1)
-    found[members[highest]] = rows[highest]
-    return found
+    tops = np.full(size, -1)
+    tops[members[highest]] = rows[highest]
+    return tops

@@ -1,4 +1,4 @@
-"""A grid of runs: a model, what varies along its axes, what all members share."""
+"""A grid of runs: a model, its axes, and the settings that all members share."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ Arrays = dict[str, Any]
 
 @dataclass(frozen=True)
 class Group:
-    """Members that differ in numbers alone, so that one call of the engine marches them.
+    """Members that differ in numbers alone, so that one call of the engine can march them.
 
     Attributes
     ----------
     model : Model
     settings : Settings
     places : ndarray of int, shape (n,)
-        Which members of the block they are.
+        Indices of the members in the block.
     arrays : dict
-        Of `parameters`, `initial`, `steps` and `rtols` for `march_many` those that vary, SI.
+        Those of `parameters`, `initial`, `steps` and `rtols` for `march_many` that vary, SI.
     """
 
     model: Model
@@ -45,13 +45,13 @@ class Group:
     arrays: Arrays
 
     def without(self, known: NDArray[np.bool_]) -> Group:
-        """Leave out members of the block."""
-        left = ~known[self.places]
-        return self if left.all() else replace(self, places=self.places[left], arrays=self.part(left))
+        """Return the group without the known members of the block."""
+        remaining = ~known[self.places]
+        return self if remaining.all() else replace(self, places=self.places[remaining], arrays=self.part(remaining))
 
     def part(self, which: slice | NDArray[np.bool_]) -> Arrays:
-        """Return the numbers of some of them."""
-        return {key: {name: values[which] for name, values in one.items()} if isinstance(one, dict) else one[which] for key, one in self.arrays.items()}  # fmt: skip
+        """Return the numbers of some of the members."""
+        return {key: {name: values[which] for name, values in numbers.items()} if isinstance(numbers, dict) else numbers[which] for key, numbers in self.arrays.items()}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -76,35 +76,35 @@ class Grid:
     @property
     def dims(self) -> tuple[str, ...]:
         """The dimensions, in order."""
-        return tuple(one.dim for one in self.axes)
+        return tuple(axis.dim for axis in self.axes)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """How many values there are along each."""
-        return tuple(one.size for one in self.axes)
+        """Number of values along each dimension."""
+        return tuple(axis.size for axis in self.axes)
 
     @property
     def size(self) -> int:
-        """How many members there are."""
+        """Number of members."""
         return prod(self.shape)
 
     @cached_property
     def columns(self) -> tuple[tuple[int, Column], ...]:
-        """Everything that varies, each with the number of its axis."""
-        return tuple((k, one) for k, axis in enumerate(self.axes) for one in axis.columns)
+        """All columns, each with the index of its axis."""
+        return tuple((k, column) for k, axis in enumerate(self.axes) for column in axis.columns)
 
     @cached_property
     def words(self) -> tuple[int, ...]:
-        """Axes along which other things vary than numbers: a block holds one value of each."""
-        return tuple({k: None for k, one in self.columns if one.kind not in NUMBERS})
+        """Axes along which something other than numbers varies: a block holds one value of each."""
+        return tuple({k: None for k, column in self.columns if column.kind not in NUMBERS})
 
     def check(self) -> None:
-        """Refuse what no member could be marched with: all combinations of words, with the first of all numbers.
+        """Check the settings of every combination of words, with the first of all numbers, before anything is marched.
 
         Raises
         ------
         InputError
-            Naming the member.
+            If a member cannot be marched; it is named.
         """
         sizes = [size if k in self.words else 1 for k, size in enumerate(self.shape)]
         for at in np.ndindex(*sizes):
@@ -117,43 +117,43 @@ class Grid:
 
     def said(self, at: At) -> str:
         """Name a member by its values."""
-        return ", ".join(f"{one.label} = {_shown(one, at[k])}" for k, one in self.columns)
+        return ", ".join(f"{column.label} = {_shown(column, at[k])}" for k, column in self.columns)
 
     def model_of(self, at: At) -> Model:
         """Return a member's own model."""
         sections: dict[str, dict[str, Any]] = {}
-        for k, one in self.columns:
-            if one.kind in OF_MODEL:
-                sections.setdefault(OF_MODEL[one.kind], {})[one.name] = one.quantity(at[k])
+        for k, column in self.columns:
+            if column.kind in OF_MODEL:
+                sections.setdefault(OF_MODEL[column.kind], {})[column.name] = column.quantity(at[k])
         model = self._common(at)
         return model.replace(**sections) if sections else model
 
     def asked_of(self, at: At) -> dict[str, Any]:
-        """Return a member's own arguments of `simulate`, but for what says how whole runs are recorded."""
-        own = {one.name: one.quantity(at[k]) for k, one in self.columns if one.kind not in (*OF_MODEL, TABLE)}
-        return {name: one for name, one in self.asked.items() if name not in RECORDING} | own
+        """Return a member's own arguments of `simulate`, except those for the recording of whole runs."""
+        own = {entry.name: entry.quantity(at[k]) for k, entry in self.columns if entry.kind not in (*OF_MODEL, TABLE)}
+        return {name: entry for name, entry in self.asked.items() if name not in RECORDING} | own
 
     def settings_of(self, at: At) -> Settings:
-        """Return a member's settings; what its model file leaves out of records is kept."""
+        """Return a member's settings, without the thinning of records that its model file asks for."""
         return unthinned_settings_for(self._common(at), **self.asked_of(at))
 
     @property
     def recording(self) -> dict[str, Any]:
-        """What was asked for of the records of whole runs."""
-        return {name: one for name, one in self.asked.items() if name in RECORDING}
+        """The arguments given for the recording of whole runs."""
+        return {name: value for name, value in self.asked.items() if name in RECORDING}
 
     def recorded_settings_of(self, at: At) -> Settings:
-        """Return the settings of a member's whole run, with what is asked for of its record."""
+        """Return the settings of a member's whole run, with the arguments for its recording."""
         return settings_for(self._common(at), **self.asked_of(at), **(RECORDING | self.recording))
 
     @property
     def unrecorded(self) -> Grid:
-        """The same members, of which no whole runs are recorded."""
-        return replace(self, asked={name: one for name, one in self.asked.items() if name not in RECORDING})
+        """The same grid without recording of whole runs."""
+        return replace(self, asked={name: value for name, value in self.asked.items() if name not in RECORDING})
 
     @property
     def math_functions(self) -> str:
-        """The set of elementary functions of all members."""
+        """The set of elementary functions that all members use."""
         return str(self.asked.get("math_functions") or NAME)
 
     @property
@@ -162,41 +162,45 @@ class Grid:
         return str(self.asked.get("event_root_method") or EARLIEST_FIRST)
 
     def shape_of(self, block: Sequence[slice]) -> tuple[int, ...]:
-        """Return how many members a block has along each axis."""
-        return tuple(len(range(*one.indices(size))) for one, size in zip(block, self.shape, strict=True))
+        """Return the number of members of a block along each axis."""
+        return tuple(len(range(*extent.indices(size))) for extent, size in zip(block, self.shape, strict=True))
 
     def places(self, block: Sequence[slice]) -> Places:
-        """Return where the members of a block stand along the axes, shape (n, axes)."""
-        ranges = [np.arange(*one.indices(size)) for one, size in zip(block, self.shape, strict=True)]
-        return np.stack([one.ravel() for one in np.meshgrid(*ranges, indexing="ij")], axis=1)
+        """Return the indices of a block's members along the axes, shape (n, axes)."""
+        ranges = [np.arange(*part.indices(size)) for part, size in zip(block, self.shape, strict=True)]
+        return np.stack([part.ravel() for part in np.meshgrid(*ranges, indexing="ij")], axis=1)
 
     def groups(self, block: Sequence[slice]) -> Iterator[Group]:
-        """Take a block of the grid apart into members that differ in numbers alone."""
+        """Split a block of the grid into groups of members that differ in numbers alone."""
         at = self.places(block)
         keys = at[:, list(self.words)]
         for key in np.unique(keys, axis=0) if self.words else np.zeros((1, 0), np.int64):
             places = np.flatnonzero((keys == key).all(axis=1))
-            mine = at[places]
-            settings = replace(self.settings_of(mine[0]), samples=False)
-            yield Group(self._common(mine[0]), settings, places, self._arrays(mine))
+            members = at[places]
+            settings = replace(self.settings_of(members[0]), samples=False)
+            yield Group(self._common(members[0]), settings, places, self._arrays(members))
 
     def _arrays(self, at: Places) -> Arrays:
         """Return the numbers of members, SI."""
-        found: Arrays = {}
-        for k, one in self.columns:
-            if one.kind in (PARAMETER, INITIAL):
-                found.setdefault(OF_MODEL[one.kind], {})[one.name] = one.si[at[:, k]]
-            elif one.kind in NUMBERS:
-                found[{STEP: "steps", RTOL: "rtols"}[one.kind]] = one.si[at[:, k]]
-        if not found:  # words alone vary
+        arrays: Arrays = {}
+        for k, column in self.columns:
+            if column.kind in (PARAMETER, INITIAL):
+                arrays.setdefault(OF_MODEL[column.kind], {})[column.name] = column.si[at[:, k]]
+            elif column.kind in NUMBERS:
+                arrays[{STEP: "steps", RTOL: "rtols"}[column.kind]] = column.si[at[:, k]]
+        if not arrays:  # only words vary
             name = next(iter(self.model.units))
-            found["initial"] = {name: np.full(len(at), self.model.initial[name].si)}
-        return found
+            arrays["initial"] = {name: np.full(len(at), self.model.initial[name].si)}
+        return arrays
 
     def _common(self, at: At) -> Model:
-        """Return the model with a member's tables and start; its numbers are those that all share."""
-        drives = {one.name: (str(one.values[at[k]]), one.tables[at[k]]) for k, one in self.columns if one.kind == TABLE}
-        start = next((one.quantity(at[k]) for k, one in self.columns if one.kind == START), "")
+        """Return the model with a member's tables and start, and the numbers of the model itself."""
+        drives = {
+            column.name: (str(column.values[at[k]]), column.tables[at[k]])
+            for k, column in self.columns
+            if column.kind == TABLE
+        }
+        start = next((column.quantity(at[k]) for k, column in self.columns if column.kind == START), "")
         return _with(self.model, tuple(drives.items()), start) if drives or start else self.model
 
 
@@ -207,9 +211,9 @@ def _shown(column: Column, i: int) -> str:
 
 @lru_cache(maxsize=256)
 def _with(model: Model, tables: tuple[tuple[str, tuple[str, str]], ...], start: str) -> Model:
-    """Give drives other tables, whose text goes into the model, and the motion another beginning."""
+    """Replace tables of drives, whose text goes into the model, and the initial t."""
     import tomllib
 
-    said = tomllib.loads(model.to_toml()).get("drives", {})
-    drives = {name: said[name] | {"table": f"{label}.csv", "csv": text} for name, (label, text) in tables}
+    declared = tomllib.loads(model.to_toml()).get("drives", {})
+    drives = {name: declared[name] | {"table": f"{label}.csv", "csv": text} for name, (label, text) in tables}
     return model.replace(drives=drives, initial={"t": start} if start else {})

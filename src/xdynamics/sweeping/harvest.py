@@ -65,7 +65,7 @@ class Harvest:
     @cached_property
     def columns(self) -> Mapping[str, Column]:
         """Every variable of their records, and how it is taken from what was kept."""
-        return {one.variable.name: one for one in columns_of(self.layout, self.settings)}
+        return {column.variable.name: column for column in columns_of(self.layout, self.settings)}
 
     @cached_property
     def _taken(self) -> dict[str, NDArray[Any]]:
@@ -85,11 +85,11 @@ class Harvest:
 
     def met(self, detector: str) -> tuple[Rows, Rows, Rows]:
         """Return the events of one name: their places among all, the member of each, and its how-manieth it is."""
-        about = self.columns["event_detector"].variable.more
-        names = str(about["flag_meanings"]).split()
+        attributes = self.columns["event_detector"].variable.more
+        names = str(attributes["flag_meanings"]).split()
         if detector not in names:
-            none = np.zeros(0, np.int64)
-            return none, none, none
+            empty = np.zeros(0, np.int64)
+            return empty, empty, empty
         first = self.runs.first_event
         places = np.flatnonzero(self["event_detector"] == names.index(detector))
         members = np.repeat(np.arange(self.size), np.diff(first))[places]
@@ -111,8 +111,8 @@ class Harvest:
         low, high = first[members], first[members + 1] - 1
         rest = slice(known.size, None)
         rows = np.concatenate([known, rows_of_times(self["time"], low[rest], high[rest], times[rest], after=after)])
-        found = self._inside(members, times, rows, np.minimum(rows + 1, high))
-        return dict(zip(self.layout.used, found, strict=True)), rows
+        values = self._inside(members, times, rows, np.minimum(rows + 1, high))
+        return dict(zip(self.layout.used, values, strict=True)), rows
 
     def _inside(self, members: Rows, times: Floats, rows: Rows, following: Rows) -> Floats:
         """Make steps again, shortened to end at times: side by side where that is possible."""
@@ -123,11 +123,11 @@ class Harvest:
     def _again(self, members: Rows, times: Floats, rows: Rows, following: Rows, *, judged: bool) -> Floats:
         """Make steps again one by one; with how far each state is from a more accurate one, where that is asked for."""
         time, used = self["time"], self.layout.used
-        states = [state_name(one) for one in reactions(self.model)]
-        wanted = [("step_size", following), *((one, rows) for one in ("regime", "row_kind", *states, *used))]
+        states = [state_name(entry) for entry in reactions(self.model)]
+        wanted = [("step_size", following), *((entry, rows) for entry in ("regime", "row_kind", *states, *used))]
         if self.settings.method.simplified:
-            wanted += [(one, following) for one in used]
-        columns = np.stack([self[name][which] for name, which in wanted])
+            wanted += [(entry, following) for entry in used]
+        columns = np.stack([self[name][at_rows] for name, at_rows in wanted])
         return states_within(
             self.model, of_one_step(self.model, self.settings), law_of(self.layout, sampled=False),
             np.stack([times, time[rows], time[following]]), columns, factors_of(self.model, self.settings)[:, None],
@@ -138,10 +138,10 @@ class Harvest:
         """Evaluate the states of all members at times; return member and time of each, and the row it goes from."""
         if "at" not in self._sampled:
             first, last = self["time"][self.runs.first_row[:-1]], self.last("time")
-            members, which = np.nonzero((times >= first[:, None]) & (times <= last[:, None]))
-            self._sampled["at"] = (members, which, *self.states_at(members, times[which], after=True))
-        found: tuple[Rows, Rows, dict[str, Floats], Rows] = self._sampled["at"]
-        return found
+            members, indices = np.nonzero((times >= first[:, None]) & (times <= last[:, None]))
+            self._sampled["at"] = (members, indices, *self.states_at(members, times[indices], after=True))
+        sampled: tuple[Rows, Rows, dict[str, Floats], Rows] = self._sampled["at"]
+        return sampled
 
     @cached_property
     def _sampled(self) -> dict[str, Any]:
@@ -158,45 +158,51 @@ class Harvest:
     def with_rates(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> tuple[Floats, Floats]:  # fmt: skip
         """Evaluate a quantity and its rate; of one whose rate is not known the quantity for both."""
         if rate_tree(self.model, name) is None:
-            seen = self.value(name, states, members, rows, times)
-            return seen, seen
+            values = self.value(name, states, members, rows, times)
+            return values, values
         if name in states:
             return states[name], self.rate(name, states, members, rows, times)
-        seen, rates = self._evaluated(name, (*VALUE, *RATE), states, members, rows, times)
-        return seen, rates
+        values, rates = self._evaluated(name, (*VALUE, *RATE), states, members, rows, times)
+        return values, rates
 
     def doubts(self, name: str, members: Rows, times: Floats) -> Floats:
         """Say what the interpolation of states inside steps may have a quantity off, as `extremes.between` does of one run."""
         first, used = self.runs.first_row, self.layout.used
         last = first[members + 1] - 1
         rows = rows_of_times(self["time"], first[members], last, times, after=False)
-        found = self._again(members, times, rows, np.minimum(rows + 1, last), judged=True)
-        states, errors = (dict(zip(used, part, strict=True)) for part in np.split(found, 2))
+        states_and_errors = self._again(members, times, rows, np.minimum(rows + 1, last), judged=True)
+        states, errors = (dict(zip(used, half, strict=True)) for half in np.split(states_and_errors, 2))
         if name in states:
-            own: Floats = np.abs(errors[name])
-            return own
+            deviation: Floats = np.abs(errors[name])
+            return deviation
         value = self.value(name, states, members, rows, times)
-        doubts = np.zeros(value.shape)
-        for one in used:
-            moved = states | {one: states[one] + errors[one]}
-            doubts += np.abs(self.value(name, moved, members, rows, times) - value)
-        return doubts
+        total = np.zeros(value.shape)
+        for coordinate in used:
+            moved = states | {coordinate: states[coordinate] + errors[coordinate]}
+            total += np.abs(self.value(name, moved, members, rows, times) - value)
+        return total
 
     def _evaluated(self, name: str, what: tuple[str, ...], states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> list[Floats]:  # fmt: skip
         wanted = _wanted(self.model, name, what)
-        at: dict[str, Any] = {one: states[one] * float(self.model.units[one].factor) for one in self.layout.used}
-        at |= {"t": times, REGIME_NUMBER: self["regime"][rows].astype(float)} | self._own(members, wanted.names)
-        at |= self._modes(members, rows) if reactions(self.model) else {}
-        known, tables = constants(self.model), tables_of(self.model)
-        found = evaluated_many(self.model, wanted.trees, at, known, tables, self.settings.math_functions, wanted.read)
+        arguments: dict[str, Any] = {
+            entry: states[entry] * float(self.model.units[entry].factor) for entry in self.layout.used
+        }
+        arguments |= {"t": times, REGIME_NUMBER: self["regime"][rows].astype(float)} | self._own(members, wanted.names)
+        arguments |= self._modes(members, rows) if reactions(self.model) else {}
+        fixed, tables = constants(self.model), tables_of(self.model)
+        results = evaluated_many(
+            self.model, wanted.trees, arguments, fixed, tables, self.settings.math_functions, wanted.read
+        )
         unit = _factor_of(self.columns[name].variable.units)
-        return [np.array(np.broadcast_to(one, times.shape)) / unit for one in found]
+        return [np.array(np.broadcast_to(entry, times.shape)) / unit for entry in results]
 
     def _modes(self, members: Rows, rows: Rows) -> dict[str, Floats]:
         """Return what each contact and friction element does behind rows, as of one run."""
-        found = [state_name(one) for one in reactions(self.model)] + [one.name for one in reactions(self.model)]
+        names = [state_name(element) for element in reactions(self.model)] + [
+            element.name for element in reactions(self.model)
+        ]
         following = np.minimum(rows + 1, self.runs.first_row[members + 1] - 1)
-        return modes_behind(self.model, {name: self[name] for name in found}, rows, following)
+        return modes_behind(self.model, {name: self[name] for name in names}, rows, following)
 
     def _own(self, members: Rows, names: frozenset[str]) -> dict[str, Floats]:
         """Return those parameters of each member that are named, SI."""
@@ -220,14 +226,14 @@ class _Wanted(NamedTuple):
 def _wanted(model: Model, name: str, what: tuple[str, ...]) -> _Wanted:
     """Find out what it takes to evaluate a quantity, or its rate which is known, or both."""
     trees = []
-    for one in what:
+    for entry in what:
         # as `observe` does: no forces that are told on which side of a switch they are
-        tree = layout_of(model).derived.get(name, Name(name)) if (one,) == VALUE else rate_tree(model, name)
+        tree = layout_of(model).derived.get(name, Name(name)) if (entry,) == VALUE else rate_tree(model, name)
         assert tree is not None  # noqa: S101 - who asks has looked
         trees.append(tree)
     read = tuple(read_by(model, trees))
-    values = [one.value for one in read]
-    names = [set(one.arguments) if isinstance(one, Function) else free_names(one) for one in (*trees, *values)]
+    values = [entry.value for entry in read]
+    names = [set(entry.arguments) if isinstance(entry, Function) else free_names(entry) for entry in (*trees, *values)]
     return _Wanted(tuple(trees), read, frozenset().union(*names))
 
 
@@ -250,5 +256,5 @@ def of_one_step(model: Model, settings: Settings) -> Settings:
 
 def factors_of(model: Model, settings: Settings) -> Floats:
     """Return what leads from internal numbers of coordinates, velocities and states to those of the record."""
-    found = record.factors(model, settings.scales)
-    return np.array([found[name] for name in settings.layout(model).used])
+    factors = record.factors(model, settings.scales)
+    return np.array([factors[name] for name in settings.layout(model).used])

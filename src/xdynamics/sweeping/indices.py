@@ -83,23 +83,23 @@ def sobol_indices(
     else:
         spans = {str(name): _declared(model, str(name), ranges) for name in ranges}
     f = _marched(model, spans, quantity, draws, seed, settings)
-    told = _shares(f)
-    again = np.random.default_rng(seed).integers(draws, size=(resamples, draws))
-    low, high = np.quantile([_shares(f[:, one]) for one in again], [0.025, 0.975], axis=0)
-    ends = [_ends(one) for one in spans.values()]
-    where = "where its range" if isinstance(ranges, Mapping) else "where one standard uncertainty beside its value"
+    indices = _shares(f)
+    resampled = np.random.default_rng(seed).integers(draws, size=(resamples, draws))
+    low, high = np.quantile([_shares(f[:, entry]) for entry in resampled], [0.025, 0.975], axis=0)
+    ends = [_ends(entry) for entry in spans.values()]
+    range_text = "where its range" if isinstance(ranges, Mapping) else "where one standard uncertainty beside its value"
     variables: dict[str, Any] = {
         "parameter_name": (("parameter",), np.array([*spans]), about("1", "what was varied", "name")),
         "parameter_units": (("parameter",), np.array([units for units, _, _ in ends]), about("1", "unit of its range", "name")),
-        "lowest": (("parameter",), np.array([one for _, one, _ in ends]), about("1", f"{where} begins, in parameter_units", "axis")),
-        "highest": (("parameter",), np.array([one for _, _, one in ends]), about("1", f"{where} ends, in parameter_units", "axis")),
+        "lowest": (("parameter",), np.array([entry for _, entry, _ in ends]), about("1", f"{range_text} begins, in parameter_units", "axis")),
+        "highest": (("parameter",), np.array([entry for _, _, entry in ends]), about("1", f"{range_text} ends, in parameter_units", "axis")),
     }  # fmt: skip
     for i, (name, words) in enumerate(SHARES.items()):
-        variables[name] = (("parameter",), told[i], about("1", words, ROLE))
-        said = f"95 % interval of {name}, percentiles of {resamples} resamples of the draws"
-        variables[f"{name}_interval"] = (("parameter", "bound"), np.stack([low[i], high[i]], axis=-1), about("1", said, ROLE))  # fmt: skip
-    more = {"quantity": quantity, "draws": draws, "seed": seed, "model_digest": model.digest}
-    return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, more)
+        variables[name] = (("parameter",), indices[i], about("1", words, ROLE))
+        description = f"95 % interval of {name}, percentiles of {resamples} resamples of the draws"
+        variables[f"{name}_interval"] = (("parameter", "bound"), np.stack([low[i], high[i]], axis=-1), about("1", description, ROLE))  # fmt: skip
+    attributes = {"quantity": quantity, "draws": draws, "seed": seed, "model_digest": model.digest}
+    return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, attributes)
 
 
 def _marched(model: Model, spans: Mapping[str, Column | Parameter], quantity: str, draws: int, seed: int, settings: Mapping[str, Any]) -> NDArray[np.float64]:  # fmt: skip
@@ -110,13 +110,13 @@ def _marched(model: Model, spans: Mapping[str, Column | Parameter], quantity: st
     mixed = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
     spread = np.concatenate([a, b, *mixed])
     values = {name: _between(spans[name], spread[:, i]) for i, name in enumerate(names)}
-    found = swept(model, {"draw": values}, keep=[quantity], **settings)
-    if quantity not in found or found[quantity].dims != ("draw",):
+    sweep = swept(model, {"draw": values}, keep=[quantity], **settings)
+    if quantity not in sweep or sweep[quantity].dims != ("draw",):
         raise InputError(f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'")  # fmt: skip
-    f: NDArray[np.float64] = found[quantity].values.astype(float)
+    f: NDArray[np.float64] = sweep[quantity].values.astype(float)
     if not np.isfinite(f).all():
         i = int(np.flatnonzero(~np.isfinite(f))[0])
-        raise InputError(f"member {i} has no {quantity}: it ended as '{found[OUTCOME].values[i]}'; narrow the ranges")
+        raise InputError(f"member {i} has no {quantity}: it ended as '{sweep[OUTCOME].values[i]}'; narrow the ranges")
     if f.max() == f.min():
         raise InputError(f"{quantity} is {float(f[0])!r} in every draw: it has no variance to share; widen the ranges")
     return f.reshape(2 + len(names), draws)
@@ -133,9 +133,9 @@ def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _span(model: Model, name: str, ends: Sequence[Any]) -> Column:
-    known = [*model.parameters, *model.initial]
-    if name not in known:
-        raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(known)}")
+    available = [*model.parameters, *model.initial]
+    if name not in available:
+        raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(available)}")
     return range_of(model, name, ends)
 
 

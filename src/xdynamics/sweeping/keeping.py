@@ -97,15 +97,15 @@ class Keeping:
             If a word stands for nothing of the model; with every one.
         """
         reader = _Reader(self, model, settings)
-        found: dict[str, Kept] = {}
+        variables: dict[str, Kept] = {}
         unknown = []
         for word in (*self.words, *reader.sampled()):
             kept = list(reader.read(word))
             unknown += [] if kept or word == LOG else [word]
-            found |= {one.name: one for one in kept}
+            variables |= {variable.name: variable for variable in kept}
         if unknown:
             raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {', '.join(reader.known())}")
-        return tuple(found.values())
+        return tuple(variables.values())
 
 
 class _Reader:
@@ -114,7 +114,7 @@ class _Reader:
     def __init__(self, keeping: Keeping, model: Model, settings: Any) -> None:
         self.keeping, self.model = keeping, model
         self.layout = settings.layout(model)
-        self.columns = {one.variable.name: one.variable for one in columns_of(self.layout, settings)}
+        self.columns = {column.variable.name: column.variable for column in columns_of(self.layout, settings)}
         detectors = str(self.columns["event_detector"].more["flag_meanings"]).split()
         self.detectors = detectors if self.layout.watched else []
         self.quantities = observables_of(model)
@@ -130,9 +130,9 @@ class _Reader:
         """List the words."""
         events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
         quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in self.quantities]
-        behind = [f"{word}{name}_…" for name in self.detectors for word in (AFTER, BEFORE)]
+        beside = [f"{word}{name}_…" for name in self.detectors for word in (AFTER, BEFORE)]
         loads = [word + name for word in (LARGEST, LEAST) for name in self.loads]
-        return [END, LOG, *events, *behind, *quantities, *loads]
+        return [END, LOG, *events, *beside, *quantities, *loads]
 
     def sampled(self) -> list[str]:
         """Name what is kept at times where nothing says what."""
@@ -162,24 +162,24 @@ class _Reader:
         return []
 
     def _end(self, name: str) -> Kept:
-        about = self.columns[name]
-        return Kept(f"end_{name}", (), (), about.units, f"{about.long_name}, where the run ended", about.role, lambda runs: runs.last(name))  # fmt: skip
+        column = self.columns[name]
+        return Kept(f"end_{name}", (), (), column.units, f"{column.long_name}, where the run ended", column.role, lambda runs: runs.last(name))  # fmt: skip
 
     def _at(self, name: str) -> Kept:
-        times, about = self.keeping.times, self.columns[name]
+        times, column = self.keeping.times, self.columns[name]
         if not times.size:
             raise InputError(f"keep has '{name}', which needs times=[…]; or keep 'end_{name}'")
         if name not in comparable(self.model):
             raise InputError(f"keep has '{name}', which reads accelerations, which contacts change; keep what it is made of")  # fmt: skip
 
         def take(runs: Harvest) -> Values:
-            found = np.full((runs.size, times.size), np.nan)
-            members, which, states, rows = runs.at_times(times)
+            values = np.full((runs.size, times.size), np.nan)
+            members, indices, states, rows = runs.at_times(times)
             if members.size:
-                found[members, which] = runs.value(name, states, members, rows, times[which])
-            return found
+                values[members, indices] = runs.value(name, states, members, rows, times[indices])
+            return values
 
-        return Kept(name, (AT,), (times.size,), about.units, f"{about.long_name}; nan behind the end of a run", about.role, take, reads=self.motion)  # fmt: skip
+        return Kept(name, (AT,), (times.size,), column.units, f"{column.long_name}; nan behind the end of a run", column.role, take, reads=self.motion)  # fmt: skip
 
     def _event_time(self, detector: str) -> Kept:
         return self._occurrences(f"{EVENT_TIME}{detector}", detector, self.model.time_unit.text, f"time at which '{detector}' was met", lambda runs, places: runs["event_time"][places])  # fmt: skip
@@ -191,51 +191,53 @@ class _Reader:
         return Kept(f"{EVENT_COUNT}{detector}", (), (), "1", f"how often '{detector}' was met", EVENT, take, dtype="i8")
 
     def _beside(self, word: str, head: str, detector: str, name: str) -> Kept:
-        about, side = self.columns[name], "event_row_after" if head == AFTER else "event_row_before"
+        column, side = self.columns[name], "event_row_after" if head == AFTER else "event_row_before"
 
         def take(runs: Harvest, places: Values) -> Values:
             first = np.repeat(runs.runs.first_row[:-1], np.diff(runs.runs.first_event))
-            found: Values = runs[name][(first + runs[side])[places]]
-            return found
+            values: Values = runs[name][(first + runs[side])[places]]
+            return values
 
-        said = f"{about.long_name}, {head.removesuffix('_')} '{detector}' was met"
-        kept = self._occurrences(word, detector, about.units, said, take)
+        description = f"{column.long_name}, {head.removesuffix('_')} '{detector}' was met"
+        kept = self._occurrences(word, detector, column.units, description, take)
         return Kept(
-            kept.name, kept.dims, kept.sizes, kept.units, kept.said, about.role, kept.take, reads=(*self.motion, name)
+            kept.name, kept.dims, kept.sizes, kept.units, kept.said, column.role, kept.take, reads=(*self.motion, name)
         )
 
     def _occurrences(
-        self, name: str, detector: str, units: str, said: str, value: Callable[[Harvest, Values], Values]
+        self, name: str, detector: str, units: str, description: str, value: Callable[[Harvest, Values], Values]
     ) -> Kept:
         """Return something of each occurrence of an event that is kept; of the first alone, without a dimension."""
         begin, end = self.keeping.occurrences
-        most = end - begin
+        count = end - begin
 
         def take(runs: Harvest) -> Values:
-            found = np.full((runs.size, most), np.nan)
+            values = np.full((runs.size, count), np.nan)
             places, members, which = runs.met(detector)
-            kept = (which >= begin) & (which < end)
-            found[members[kept], which[kept] - begin] = value(runs, places[kept])
-            return found[:, 0] if alone else found
+            selected = (which >= begin) & (which < end)
+            values[members[selected], which[selected] - begin] = value(runs, places[selected])
+            return values[:, 0] if single else values
 
-        alone = (begin, end) == (0, 1)
-        dims, sizes = ((), ()) if alone else ((OCCURRENCE,), (most,))
-        return Kept(name, dims, sizes, units, f"{said}{', first' if alone else ''}; nan where it was not", EVENT, take)  # fmt: skip
+        single = (begin, end) == (0, 1)
+        dims, sizes = ((), ()) if single else ((OCCURRENCE,), (count,))
+        return Kept(name, dims, sizes, units, f"{description}{', first' if single else ''}; nan where it was not", EVENT, take)  # fmt: skip
 
     def _extreme(self, word: str, name: str) -> list[Kept]:
         """Return the largest or least value of a quantity, and when it was reached."""
-        sign, about = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name]
-        said = f"{'largest' if sign > 0 else 'least'} {name} of the run"
+        sign, column = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name]
+        description = f"{'largest' if sign > 0 else 'least'} {name} of the run"
         reads, rules = (*self.motion, name), flags({NO_RULE: "none", **dict(enumerate(RULES))})
 
-        def kept(end: str, place: int, units: str, said: str, role: str, **more: Any) -> Kept:
-            return Kept(f"{word}{end}", (), (), units, said, role, lambda runs: extremes(runs, name, sign)[place], reads, **more)  # fmt: skip
+        def kept(end: str, place: int, units: str, description: str, role: str, **extra: Any) -> Kept:
+            return Kept(f"{word}{end}", (), (), units, description, role, lambda runs: extremes(runs, name, sign)[place], reads, **extra)  # fmt: skip
 
         return [
-            kept("", 0, about.units, said, DIAGNOSTIC),
-            kept("_time", 1, self.model.time_unit.text, f"when {name} was {said.split(maxsplit=1)[0]}", DIAGNOSTIC),
+            kept("", 0, column.units, description, DIAGNOSTIC),
+            kept(
+                "_time", 1, self.model.time_unit.text, f"when {name} was {description.split(maxsplit=1)[0]}", DIAGNOSTIC
+            ),
             kept("_rule", 2, "1", RULE_SAID, "flag", dtype="i1", more=rules),
-            kept("_uncertainty", 3, about.units, DOUBT_SAID.format(word), "error"),
+            kept("_uncertainty", 3, column.units, DOUBT_SAID.format(word), "error"),
         ]
 
 
@@ -250,16 +252,16 @@ def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any, unit: U
     from xdynamics.dynamics.inside import wanted_times
 
     row: list[Any] = [words] if isinstance(words, str) or not hasattr(words, "__iter__") else list(words)
-    if not row or not all(isinstance(one, str) for one in row):
+    if not row or not all(isinstance(entry, str) for entry in row):
         raise InputError(f"keep is {str(words)[:60]}, needs words like 'end'")
-    both = (0, occurrences) if isinstance(occurrences, int) else occurrences
-    whole = isinstance(both, tuple | list) and len(both) == 2 and all(type(one) is int for one in both)
-    if isinstance(occurrences, bool) or not whole or not 0 <= both[0] < both[1]:
+    bounds = (0, occurrences) if isinstance(occurrences, int) else occurrences
+    is_pair = isinstance(bounds, tuple | list) and len(bounds) == 2 and all(type(entry) is int for entry in bounds)
+    if isinstance(occurrences, bool) or not is_pair or not 0 <= bounds[0] < bounds[1]:
         raise InputError(f"occurrences is {occurrences!r}, needs a positive whole number, or a pair like (100, 160)")
     if times is None:
-        given = np.zeros(0)
+        instants = np.zeros(0)
     else:
         if not isinstance(times, str | np.ndarray) and hasattr(times, "__iter__"):
-            times = [time_in(unit, one, "times") for one in times]
-        given = wanted_times(times, unit)
-    return Keeping(tuple(dict.fromkeys(row)), given, (int(both[0]), int(both[1])))
+            times = [time_in(unit, entry, "times") for entry in times]
+        instants = wanted_times(times, unit)
+    return Keeping(tuple(dict.fromkeys(row)), instants, (int(bounds[0]), int(bounds[1])))

@@ -25,15 +25,15 @@ def places_of(grid: Grid, labels: Mapping[str, Any]) -> list[int]:
     unknown = [name for name in labels if name not in grid.dims]
     if unknown:
         raise InputError(f"the sweep has no axis '{unknown[0]}'; there are {', '.join(grid.dims)}")
-    found = []
+    places = []
     for axis in grid.axes:
         if axis.size == 1 and axis.dim not in labels:
-            found.append(0)
+            places.append(0)
         elif axis.dim not in labels:
             raise InputError(f"a member needs a value of every axis, and of '{axis.dim}' there is none")
         else:
-            found.append(place_on(axis, labels[axis.dim]))
-    return found
+            places.append(place_on(axis, labels[axis.dim]))
+    return places
 
 
 def place_on(axis: Axis, label: Any) -> int:
@@ -44,13 +44,13 @@ def place_on(axis: Axis, label: Any) -> int:
     InputError
         If it has no such value.
     """
-    own = [one for one in axis.columns if one.label == axis.dim]
-    return _nearest(own[0], label) if own else _number(axis.dim, axis.size, label)
+    matching = [column for column in axis.columns if column.label == axis.dim]
+    return _nearest(matching[0], label) if matching else _number(axis.dim, axis.size, label)
 
 
 def _nearest(column: Column, label: Any) -> int:
     if column.values.dtype == object:
-        words = [str(one) for one in column.values]
+        words = [str(value) for value in column.values]
         if str(label) not in words:
             raise InputError(f"axis '{column.label}' has no {str(label)!r}; there are {', '.join(words)}")
         return words.index(str(label))
@@ -60,9 +60,9 @@ def _nearest(column: Column, label: Any) -> int:
         raise InputError(f"{column.label} {error}") from None
     if len(values) != 1:
         raise InputError(f"{column.label} is {label!r}, needs one value")
-    wanted, known = unit.to_si(float(values[0])), column.si
-    i = int(np.argmin(np.abs(known - wanted)))
-    if abs(known[i] - wanted) > ALIKE * max(abs(known[i]), abs(wanted)):
+    wanted, values_si = unit.to_si(float(values[0])), column.si
+    i = int(np.argmin(np.abs(values_si - wanted)))
+    if abs(values_si[i] - wanted) > ALIKE * max(abs(values_si[i]), abs(wanted)):
         raise InputError(f"axis '{column.label}' has no {label!r}; the nearest is {float(column.values[i])!r} {column.unit.text}")  # fmt: skip
     return i
 

@@ -58,27 +58,27 @@ def member(
     plan = plan_of(sweep, functions)
     grid = plan.grid
     at = places_of(grid, labels)
-    where = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
+    place = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
     ends = [f"end_{name}" for name in ("time", *grid.model.units) if f"end_{name}" in sweep]
-    said = sweep[[one for one in (DIGEST, OUTCOME, FILE, *ends) if one in sweep]].isel(where).compute()
-    if FILE in said and str(said[FILE].values) and (folder := _folder_of(sweep)):
-        return _opened(folder / str(said[FILE].values), str(said[DIGEST].values))
-    whole = FILE in said
-    run = _recorded(grid, at) if whole and grid.recording else march(grid.model_of(at), **grid.asked_of(at))
-    digest = archive.digest_of_run(run) if whole else digest_of_end(run, list(grid.model.units))
-    came_to = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
-        one: str(run[one.removeprefix("end_")].values[-1]) for one in ends if one.removeprefix("end_") in run
+    catalogued = sweep[[entry for entry in (DIGEST, OUTCOME, FILE, *ends) if entry in sweep]].isel(place).compute()
+    if FILE in catalogued and str(catalogued[FILE].values) and (folder := _folder_of(sweep)):
+        return _opened(folder / str(catalogued[FILE].values), str(catalogued[DIGEST].values))
+    is_archived = FILE in catalogued
+    run = _recorded(grid, at) if is_archived and grid.recording else march(grid.model_of(at), **grid.asked_of(at))
+    digest = archive.digest_of_run(run) if is_archived else digest_of_end(run, list(grid.model.units))
+    results = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
+        entry: str(run[entry.removeprefix("end_")].values[-1]) for entry in ends if entry.removeprefix("end_") in run
     }
-    apart = [f"{name} is {one}, in the sweep {value}" for name, one in came_to.items() if name in said and (value := str(said[name].values)) != one]  # fmt: skip
-    if apart:
-        raise ArchiveError(f"member {grid.said(at)}, marched again, comes to something else: {'; '.join(apart)}")
+    differences = [f"{name} is {entry}, in the sweep {value}" for name, entry in results.items() if name in catalogued and (value := str(catalogued[name].values)) != entry]  # fmt: skip
+    if differences:
+        raise ArchiveError(f"member {grid.said(at)}, marched again, comes to something else: {'; '.join(differences)}")
     return run
 
 
 def _recorded(grid: Grid, at: At) -> xr.Dataset:
     """March a member again, and record of it what was recorded."""
-    one = March(grid.model_of(at), grid.recorded_settings_of(at))
-    return archive.marched(record.dataset(one, one.blocks()))
+    single = March(grid.model_of(at), grid.recorded_settings_of(at))
+    return archive.marched(record.dataset(single, single.blocks()))
 
 
 def _folder_of(sweep: xr.Dataset) -> Path | None:

@@ -72,17 +72,17 @@ class Plan:
     def digest(self) -> str:
         """sha256 of all that the numbers of the sweep depend on."""
         grid, keeping = self.grid, self.keeping
-        axes = [[axis.dim, [[one.name, one.kind, one.unit.text, one.values.tolist(), one.tables] for one in axis.columns]] for axis in grid.axes]  # fmt: skip
+        axes = [[axis.dim, [[entry.name, entry.kind, entry.unit.text, entry.values.tolist(), entry.tables] for entry in axis.columns]] for axis in grid.axes]  # fmt: skip
         words = [grid.model.digest, grid.asked, axes, keeping.words, keeping.times.tolist(), keeping.occurrences]
-        marked = [one.name for one in self.variables if one.more]  # which folders of before may not have
-        said = json.dumps([*words, grid.math_functions, xdynamics_version(), *marked], sort_keys=True)
-        return sha256(said.encode()).hexdigest()
+        marked = [entry.name for entry in self.variables if entry.more]  # which folders of before may not have
+        text = json.dumps([*words, grid.math_functions, xdynamics_version(), *marked], sort_keys=True)
+        return sha256(text.encode()).hexdigest()
 
     @cached_property
     def variables(self) -> tuple[Kept, ...]:
         """What is kept of every member; of each with a `take` of its own."""
-        first = self.grid.settings_of((0,) * len(self.grid.shape))
-        own = [
+        settings = self.grid.settings_of((0,) * len(self.grid.shape))
+        kept = [
             Kept(
                 "end_time",
                 (),
@@ -92,24 +92,24 @@ class Plan:
                 "time",
                 lambda runs: runs.last("time"),
             ),
-            *self.keeping.variables(self.grid.model, first),
+            *self.keeping.variables(self.grid.model, settings),
         ]
         counts = [Kept(name, (), (), "1", name.removeprefix("run_").replace("_", " "), COUNT, take, dtype="i8") for name, take in COUNTS.items()]  # fmt: skip
-        return (*own, *counts, *self._judged)
+        return (*kept, *counts, *self._judged)
 
     @property
     def _judged(self) -> list[Kept]:
         """What is said of every member as a run."""
-        said = "of how many variables errors as large as their given absolute tolerance, one a step, come to 3 % of their largest value or more; steps that a stricter tolerance of another variable holds err by less, and what errors do to others is not in it: a member that is marched by itself is judged by both"
+        description = "of how many variables errors as large as their given absolute tolerance, one a step, come to 3 % of their largest value or more; steps that a stricter tolerance of another variable holds err by less, and what errors do to others is not in it: a member that is marched by itself is judged by both"
         whole = self.keeping.whole
-        stops = [name for name, one in self.grid.model.events.items() if one.action == "stop"]
+        stops = [name for name, event in self.grid.model.events.items() if event.action == "stop"]
         files = [
             Kept(FILE, (), (), "1", "archive of the run, named by a digest of all that it is marched from", "file", _none, dtype="U72"),
             Kept(SEAL, (), (), "1", "sha256 of the archive's bytes, that it ends with", CIRCUMSTANCE, _none, dtype="U64"),
         ]  # fmt: skip
         return [
             *(files if whole else []),
-            Kept(UNCONTROLLED, (), (), "1", said, DIAGNOSTIC, lambda runs: np.zeros(runs.size), dtype="i4"),
+            Kept(UNCONTROLLED, (), (), "1", description, DIAGNOSTIC, lambda runs: np.zeros(runs.size), dtype="i4"),
             *(
                 [
                     Kept(
@@ -174,21 +174,23 @@ def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Va
     """
     shape = plan.grid.shape_of(block)
     size = int(np.prod(shape))
-    found = {one.name: np.empty((size, *one.sizes), one.dtype) for one in plan.variables}
+    arrays = {variable.name: np.empty((size, *variable.sizes), variable.dtype) for variable in plan.variables}
     known = np.zeros(size, bool)
     if there is not None:
-        known = there(plan, block, {name: one.reshape(*shape, *one.shape[1:]) for name, one in found.items()}).ravel()
-    reads = tuple(dict.fromkeys(name for one in plan.variables for name in one.reads))
-    for whole in plan.grid.groups(block):
-        group = whole.without(known)
+        known = there(
+            plan, block, {name: variable.reshape(*shape, *variable.shape[1:]) for name, variable in arrays.items()}
+        ).ravel()
+    reads = tuple(dict.fromkeys(name for variable in plan.variables for name in variable.reads))
+    for full_group in plan.grid.groups(block):
+        group = full_group.without(known)
         parts = parts_of(group.model, group.settings) if reads and group.places.size else None
         for part, runs in _batches(group, reads):
             harvest = Harvest(group.model, group.settings, runs, parts)
-            for one in plan.variables:
-                found[one.name][group.places[part]] = one.take(harvest)
-            found[UNCONTROLLED][group.places[part]] = _uncontrolled(group, harvest, part)
-    _settle(plan, block, found, known)
-    return {name: values.reshape(*shape, *values.shape[1:]) for name, values in found.items()}
+            for variable in plan.variables:
+                arrays[variable.name][group.places[part]] = variable.take(harvest)
+            arrays[UNCONTROLLED][group.places[part]] = _uncontrolled(group, harvest, part)
+    _settle(plan, block, arrays, known)
+    return {name: values.reshape(*shape, *values.shape[1:]) for name, values in arrays.items()}
 
 
 def _batches(group: Group, reads: tuple[str, ...]) -> Iterator[tuple[slice, Runs]]:
@@ -211,14 +213,14 @@ def _none(runs: Harvest) -> Values:
 
 
 def _outcomes(runs: Harvest) -> Values:
-    words = np.array([OUTCOMES[one].word if one in OUTCOMES else "" for one in range(max(OUTCOMES) + 1)])
+    words = np.array([OUTCOMES[status].word if status in OUTCOMES else "" for status in range(max(OUTCOMES) + 1)])
     return words[runs.runs.status]
 
 
 def _passed(runs: Harvest) -> Values:
     """Count how often switches that are declared smooth were passed."""
-    found: Values = runs.runs.passed.sum(axis=1)
-    return found
+    counts: Values = runs.runs.passed.sum(axis=1)
+    return counts
 
 
 def _stopped_by(runs: Harvest) -> Values:
@@ -230,9 +232,9 @@ def _stopped_by(runs: Harvest) -> Values:
     places = np.flatnonzero(np.isin(runs["event_detector"], stops))
     stopped = runs.runs.status == STOPPED
     last = places[np.searchsorted(places, runs.runs.first_event[1:][stopped]) - 1]
-    found = np.full(runs.size, "", dtype=f"U{max(map(len, names))}")
-    found[stopped] = np.array(names)[runs["event_detector"][last]]
-    return found
+    events = np.full(runs.size, "", dtype=f"U{max(map(len, names))}")
+    events[stopped] = np.array(names)[runs["event_detector"][last]]
+    return events
 
 
 def ended(sweep: xr.Dataset) -> xr.DataArray:
@@ -242,21 +244,21 @@ def ended(sweep: xr.Dataset) -> xr.DataArray:
         return outcome
     import xarray as xr
 
-    said = [f"{word} {event}".strip() for word, event in zip(outcome.values.ravel().tolist(), sweep[STOPPED_BY].values.ravel().tolist(), strict=True)]  # fmt: skip
-    return xr.DataArray(np.array(said).reshape(outcome.shape), dims=outcome.dims)
+    texts = [f"{word} {event}".strip() for word, event in zip(outcome.values.ravel().tolist(), sweep[STOPPED_BY].values.ravel().tolist(), strict=True)]  # fmt: skip
+    return xr.DataArray(np.array(texts).reshape(outcome.shape), dims=outcome.dims)
 
 
 def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
     """Count the variables that the tolerances did not control, of every member by its own tolerance."""
-    asked, layout, rtols = group.settings.tolerances, runs.layout, group.arrays.get("rtols")
-    if not group.settings.adaptive or asked is None:
+    tolerances, layout, rtols = group.settings.tolerances, runs.layout, group.arrays.get("rtols")
+    if not group.settings.adaptive or tolerances is None:
         return np.zeros(runs.size, np.int64)
     scales = group.settings.scales
     largest = runs.runs.largest * np.array([scales.of(layout.model.dimensions[name]) for name in layout.used])
     if rtols is None:
-        return np.asarray(np.count_nonzero(uncontrolled(asked, layout, largest, runs.runs.accepted), axis=1))
-    each = zip(rtols[part].tolist(), largest, runs.runs.accepted.tolist(), strict=True)
-    return np.array([uncontrolled(replace(asked, rtol=rtol), layout, *one).sum() for rtol, *one in each])
+        return np.asarray(np.count_nonzero(uncontrolled(tolerances, layout, largest, runs.runs.accepted), axis=1))
+    members = zip(rtols[part].tolist(), largest, runs.runs.accepted.tolist(), strict=True)
+    return np.array([uncontrolled(replace(tolerances, rtol=rtol), layout, *rest).sum() for rtol, *rest in members])
 
 
 def _digests(runs: Harvest) -> Values:
@@ -282,19 +284,19 @@ def digest_of_end(run: xr.Dataset, names: Sequence[str]) -> str:
     return sha256(_bytes(end, counts) + np.asarray(run["event_time"]).astype("<f8").tobytes()).hexdigest()[:DIGITS]
 
 
-def _settle(plan: Plan, block: Block, found: Mapping[str, Values], known: NDArray[np.bool_]) -> None:
+def _settle(plan: Plan, block: Block, arrays: Mapping[str, Values], known: NDArray[np.bool_]) -> None:
     """Find out the causes of bad ends, and march those alone that are to be checked, but for those that are known."""
     grid = plan.grid
-    at = grid.places(block)
+    places = grid.places(block)
     refined = [OUTCOMES[status].word for status in REFINED]
-    for i in np.flatnonzero(np.isin(found[OUTCOME], refined) & ~known).tolist():
-        march = march_of(grid, at[i])
+    for i in np.flatnonzero(np.isin(arrays[OUTCOME], refined) & ~known).tolist():
+        march = march_of(grid, places[i])
         for _ in march.blocks() if march else ():
             pass
-        found[OUTCOME][i] = ending(march).outcome.word if march else found[OUTCOME][i]
-    numbers = np.asarray(np.ravel_multi_index(tuple(at.T), grid.shape))
+        arrays[OUTCOME][i] = ending(march).outcome.word if march else arrays[OUTCOME][i]
+    numbers = np.asarray(np.ravel_multi_index(tuple(places.T), grid.shape))
     for i in np.flatnonzero(chosen(numbers, plan.check) & ~known).tolist():
-        _check(grid, at[i], {name: found[name][i] for name in (DIGEST, OUTCOME)})
+        _check(grid, places[i], {name: arrays[name][i] for name in (DIGEST, OUTCOME)})
 
 
 def march_of(grid: Grid, at: At) -> March | None:
@@ -311,13 +313,15 @@ def chosen(numbers: Values, part: float) -> Values:
     return spread.astype(float) / 2.0**64 < part
 
 
-def _check(grid: Grid, at: Values, found: Mapping[str, Any]) -> None:
+def _check(grid: Grid, at: Values, kept: Mapping[str, Any]) -> None:
     """Compare a member with its run alone."""
     march = march_of(grid.unrecorded, at)
     if march is None:
         return
     run = record.dataset(march, march.blocks())
     alone = {DIGEST: digest_of_end(run, march.layout.used), OUTCOME: run.attrs[OUTCOME]}
-    apart = [f"{name} is {found[name]} in the sweep and {alone[name]} alone" for name in alone if alone[name] != found[name]]  # fmt: skip
-    if apart:
-        raise InputError(f"member {grid.said(at)}: {'; '.join(apart)}: this is a fault of xdynamics; please report it")
+    differences = [f"{name} is {kept[name]} in the sweep and {alone[name]} alone" for name in alone if alone[name] != kept[name]]  # fmt: skip
+    if differences:
+        raise InputError(
+            f"member {grid.said(at)}: {'; '.join(differences)}: this is a fault of xdynamics; please report it"
+        )

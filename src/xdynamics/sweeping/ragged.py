@@ -53,38 +53,46 @@ def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] |
     """
     plan = plan_of(sweep, functions)
     grid = plan.grid
-    parts: list[tuple[Any, Harvest]] = []
+    harvests: list[tuple[Any, Harvest]] = []
     bytes_ = 0
     for group in grid.groups([slice(None)] * len(grid.shape)):
         runs = march_many(group.model, group.settings, **group.arrays, logs=True)
-        parts.append((group.places, Harvest(group.model, group.settings, runs)))
+        harvests.append((group.places, Harvest(group.model, group.settings, runs)))
         bytes_ += runs.kept.log.rows.nbytes
         if bytes_ > MOST:
             raise InputError(f"the rows of {grid.size} members take more than {MOST / 1e9:g} GB; take a part of the sweep, like isel(…)")  # fmt: skip
-    names = [name for name in _names(parts[0][1]) if all(name in one.columns for _, one in parts)]
+    names = [name for name in _names(harvests[0][1]) if all(name in harvest.columns for _, harvest in harvests)]
     sizes = np.zeros(grid.size, np.int64)
-    for places, one in parts:
-        sizes[places] = np.diff(one.runs.first_row)
+    for places, harvest in harvests:
+        sizes[places] = np.diff(harvest.runs.first_row)
     first = np.concatenate([[0], np.cumsum(sizes)])
-    values = {name: np.empty(int(first[-1]), parts[0][1][name].dtype) for name in names}
-    for places, one in parts:
-        to = np.concatenate([np.arange(first[i], first[i + 1]) for i in places.tolist()])
+    values = {name: np.empty(int(first[-1]), harvests[0][1][name].dtype) for name in names}
+    for places, harvest in harvests:
+        destination = np.concatenate([np.arange(first[i], first[i + 1]) for i in places.tolist()])
         for name in names:
-            values[name][to] = one[name]
-    spec = parts[0][1].columns
-    variables: dict[str, Any] = {name: ((ROW,), values[name], dict(spec[name].variable.attributes)) for name in names}
-    size = about("1", "accepted states of the run", "index") | {"sample_dimension": ROW}
-    variables[SIZE] = ((RUN,), sizes, size)
+            values[name][destination] = harvest[name]
+    columns = harvests[0][1].columns
+    variables: dict[str, Any] = {
+        name: ((ROW,), values[name], dict(columns[name].variable.attributes)) for name in names
+    }
+    size_attributes = about("1", "accepted states of the run", "index") | {"sample_dimension": ROW}
+    variables[SIZE] = ((RUN,), sizes, size_attributes)
     at = grid.places([slice(None)] * len(grid.shape))
     for k, column in grid.columns:
-        told = column.values[at[:, k]]
-        numbers = np.issubdtype(told.dtype, np.number)
-        said = about(column.unit.text, f"{column.name} of the run", "axis")
-        variables[f"{RUN}_{column.label}"] = ((RUN,), told if numbers else told.astype(str), said)
+        column_values = column.values[at[:, k]]
+        is_numeric = np.issubdtype(column_values.dtype, np.number)
+        attributes = about(column.unit.text, f"{column.name} of the run", "axis")
+        variables[f"{RUN}_{column.label}"] = (
+            (RUN,),
+            column_values if is_numeric else column_values.astype(str),
+            attributes,
+        )
     title = f"{grid.model.name}: every state of {grid.size} runs"
-    said = {key: sweep.attrs[key] for key in ("sweep_digest", "sweep_settings", "model_digest") if key in sweep.attrs}
-    return exhibit("ragged sweep", title, [], variables, {"featureType": "timeSeries"} | said)
+    attributes = {
+        key: sweep.attrs[key] for key in ("sweep_digest", "sweep_settings", "model_digest") if key in sweep.attrs
+    }
+    return exhibit("ragged sweep", title, [], variables, {"featureType": "timeSeries"} | attributes)
 
 
-def _names(one: Harvest) -> list[str]:
-    return [name for name, column in one.columns.items() if column.variable.dims == (STEPS,)]
+def _names(harvest: Harvest) -> list[str]:
+    return [name for name, column in harvest.columns.items() if column.variable.dims == (STEPS,)]

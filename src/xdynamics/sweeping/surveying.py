@@ -56,18 +56,18 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Datase
     """
     _check_axis(sweep, dim)
     at = sweep.sizes[dim] - 1 if reference is None else _place(sweep, dim, reference)
-    one = sweep.isel({dim: at})
-    found: dict[str, Any] = {
-        f"difference_{name}": (sweep[name].dims, (sweep[name] - one[name]).transpose(*sweep[name].dims).data, _about(sweep, name, f"{sweep[name].attrs['long_name']}, less that of the reference"))
+    reference_member = sweep.isel({dim: at})
+    variables: dict[str, Any] = {
+        f"difference_{name}": (sweep[name].dims, (sweep[name] - reference_member[name]).transpose(*sweep[name].dims).data, _about(sweep, name, f"{sweep[name].attrs['long_name']}, less that of the reference"))
         for name in numbers(sweep)
     }  # fmt: skip
-    differs = sweep[OUTCOME] != one[OUTCOME]
+    differs = sweep[OUTCOME] != reference_member[OUTCOME]
     if STOPPED_BY in sweep:
-        differs = differs | (sweep[STOPPED_BY] != one[STOPPED_BY])
+        differs = differs | (sweep[STOPPED_BY] != reference_member[STOPPED_BY])
     differs = differs.transpose(*sweep[OUTCOME].dims).astype(np.int8)
-    found["outcome_differs"] = (differs.dims, differs.data, about("1", "1 where the run ended in another way than the reference", ROLE))  # fmt: skip
-    label = str(one[dim].values) if dim in sweep.coords else str(at)
-    return _exhibited("contrast", f"members along {dim}, compared with {label}", sweep, found, {"reference": label})
+    variables["outcome_differs"] = (differs.dims, differs.data, about("1", "1 where the run ended in another way than the reference", ROLE))  # fmt: skip
+    label = str(reference_member[dim].values) if dim in sweep.coords else str(at)
+    return _exhibited("contrast", f"members along {dim}, compared with {label}", sweep, variables, {"reference": label})
 
 
 def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
@@ -100,19 +100,19 @@ def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
     ]
     if not axes:
         raise InputError("no axis of the sweep has two numbers or more to differentiate by")
-    found: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     for name in numbers(sweep):
-        for dim in (one for one in axes if one in sweep[name].dims):
+        for dim in (axis for axis in axes if axis in sweep[name].dims):
             slope = sweep[name].chunk({dim: -1}) if sweep[name].chunks else sweep[name]
             edge: Any = 2 if sweep.sizes[dim] > 2 else 1
             slope = slope.astype(float).differentiate(dim, edge_order=edge).transpose(*sweep[name].dims)
             units = quotient(str(sweep[name].attrs["units"]), str(sweep[dim].attrs["units"]))
-            found[f"slope_{name}_{dim}"] = (
+            variables[f"slope_{name}_{dim}"] = (
                 slope.dims,
                 slope.data,
                 about(units, f"derivative of {name} by {dim}", ROLE),
             )
-    return _exhibited("sensitivities", f"slopes along {', '.join(axes)}", sweep, found, {})
+    return _exhibited("sensitivities", f"slopes along {', '.join(axes)}", sweep, variables, {})
 
 
 def influences(sweep: xr.Dataset) -> xr.Dataset:
@@ -138,19 +138,19 @@ def influences(sweep: xr.Dataset) -> xr.Dataset:
     axes = [dim for dim in _axes(sweep) if dim in sweep.dims]
     names = numbers(sweep)
     counts = [name for name in names if name.startswith(EVENT_COUNT)]
-    found: dict[str, Any] = {"axis_name": (("axis",), np.array(axes), about("1", "the axis", "name"))}
+    variables: dict[str, Any] = {"axis_name": (("axis",), np.array(axes), about("1", "the axis", "name"))}
     for name in (OUTCOME, *counts):
         values = ended(sweep).values if name == OUTCOME else sweep[name].values
         word = "outcome" if name == OUTCOME else name
         shares = [_share_of_changes(values, sweep[name].dims.index(dim)) for dim in axes]
-        found[f"{word}_changes"] = (("axis",), np.array(shares), about("1", f"share of neighbours along the axis that differ in {name}", ROLE))  # fmt: skip
-    for name in (one for one in names if one not in counts and not {AT, OCCURRENCE} & {*sweep[one].dims}):
-        one = sweep[name].astype(float)
-        whole = float(one.var())
-        rounding = (ROUNDING * EPS * float(abs(one).max())) ** 2
-        effects = [float(one.mean([other for other in one.dims if other != dim]).var()) / whole if whole > rounding else 0.0 for dim in axes]  # fmt: skip
-        found[f"main_effect_{name}"] = (("axis",), np.array(effects), about("1", f"share of the variance of {name} that the axis has alone", ROLE))  # fmt: skip
-    return _exhibited("influences", f"what {', '.join(axes)} change", sweep, found, {})
+        variables[f"{word}_changes"] = (("axis",), np.array(shares), about("1", f"share of neighbours along the axis that differ in {name}", ROLE))  # fmt: skip
+    for name in (number for number in names if number not in counts and not {AT, OCCURRENCE} & {*sweep[number].dims}):
+        number = sweep[name].astype(float)
+        variance = float(number.var())
+        rounding = (ROUNDING * EPS * float(abs(number).max())) ** 2
+        effects = [float(number.mean([other_dim for other_dim in number.dims if other_dim != dim]).var()) / variance if variance > rounding else 0.0 for dim in axes]  # fmt: skip
+        variables[f"main_effect_{name}"] = (("axis",), np.array(effects), about("1", f"share of the variance of {name} that the axis has alone", ROLE))  # fmt: skip
+    return _exhibited("influences", f"what {', '.join(axes)} change", sweep, variables, {})
 
 
 def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
@@ -181,25 +181,27 @@ def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
     if kind not in (STEP, RTOL) or sweep.sizes[dim] < LEVELS:
         raise InputError(f"'{dim}' has {sweep.sizes[dim]} values of a {kind or 'thing'}, needs {LEVELS} or more of step or rtol")  # fmt: skip
     fine = sweep.sortby(dim, ascending=False)
-    fine = fine.chunk({dim: -1}) if any(one.chunks for one in fine.data_vars.values()) else fine
+    fine = fine.chunk({dim: -1}) if any(entry.chunks for entry in fine.data_vars.values()) else fine
     steps, order = fine[dim].values.astype(float), _orders(sweep)
-    found: dict[str, Any] = {}
-    for name in (one for one in numbers(sweep) if sweep[one].dtype.kind == "f" and dim in sweep[one].dims):
-        parts = xr.apply_ufunc(
+    variables: dict[str, Any] = {}
+    for name in (entry for entry in numbers(sweep) if sweep[entry].dtype.kind == "f" and dim in sweep[entry].dims):
+        results = xr.apply_ufunc(
             lambda values, orders: _judged(values, steps, orders, smooth=kind == STEP), fine[name].astype(float), order,
             input_core_dims=[[dim], []], output_core_dims=[["told"]], dask="parallelized", output_dtypes=[float],
             dask_gufunc_kwargs={"output_sizes": {"told": 4}},
         )  # fmt: skip
-        dims = tuple(str(one) for one in parts.dims if one != "told")
-        verdict = parts.isel(told=1)
+        dims = tuple(str(entry) for entry in results.dims if entry != "told")
+        verdict = results.isel(told=1)
         judged = {
-            "order": (parts.isel(told=0), "1", f"observed order of {name} in its last three levels", {}),
+            "order": (results.isel(told=0), "1", f"observed order of {name} in its last three levels", {}),
             "verdict": (verdict.astype(np.int8), "1", f"what the levels tell of {name}", flags(dict(enumerate(VERDICTS)))),
-            "limit": (parts.isel(told=2), sweep[name].attrs["units"], f"{name} with an ever smaller {dim}", {}),
-            "uncertainty": (parts.isel(told=3), sweep[name].attrs["units"], f"uncertainty of {name} at the finest level, at about 95 %", {}),
+            "limit": (results.isel(told=2), sweep[name].attrs["units"], f"{name} with an ever smaller {dim}", {}),
+            "uncertainty": (results.isel(told=3), sweep[name].attrs["units"], f"uncertainty of {name} at the finest level, at about 95 %", {}),
         }  # fmt: skip
-        found |= {f"{word}_{name}": (dims, one.data, about(units, said, "flag" if more else ROLE) | more) for word, (one, units, said, more) in judged.items()}  # fmt: skip
-    return _exhibited("convergence", f"levels along {dim}", sweep.isel({dim: -1}, drop=True), found, {"varied": dim})
+        variables |= {f"{word}_{name}": (dims, entry.data, about(units, description, "flag" if extra else ROLE) | extra) for word, (entry, units, description, extra) in judged.items()}  # fmt: skip
+    return _exhibited(
+        "convergence", f"levels along {dim}", sweep.isel({dim: -1}, drop=True), variables, {"varied": dim}
+    )
 
 
 def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] | None = None) -> xr.Dataset:
@@ -226,35 +228,37 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
         If there is no such axis, or a name is no number of the sweep.
     """
     _check_axis(sweep, dim)
-    known, given = numbers(sweep), dict(exact or {})
-    if unknown := [name for name in given if name not in known]:
-        raise InputError(f"exact names '{unknown[0]}', which is none of {', '.join(known)}")
-    for name, value in given.items():
+    names, exact_values = numbers(sweep), dict(exact or {})
+    if unknown := [name for name in exact_values if name not in names]:
+        raise InputError(f"exact names '{unknown[0]}', which is none of {', '.join(names)}")
+    for name, value in exact_values.items():
         if not np.isfinite(value):
             raise InputError(f"exact has {value!r} for '{name}', needs a number")
-    best: dict[str, int] = {dim: int(np.argmin(sweep[dim].values))}
+    finest: dict[str, int] = {dim: int(np.argmin(sweep[dim].values))}
     if "method" in sweep.dims:
-        best["method"] = int(np.argmax([METHODS[str(one)].order for one in sweep["method"].values]))
-    found: dict[str, Any] = {}
-    for name in (one for one in known if dim in sweep[one].dims and sweep[one].dtype.kind == "f"):
-        off = abs(sweep[name] - given.get(name, sweep[name].isel(best, drop=True))).transpose(*sweep[name].dims)
-        found[f"off_{name}"] = (off.dims, off.data, _about(sweep, name, f"distance of {name} from {'the right value' if name in given else 'the finest one'}"))  # fmt: skip
+        finest["method"] = int(np.argmax([METHODS[str(entry)].order for entry in sweep["method"].values]))
+    variables: dict[str, Any] = {}
+    for name in (entry for entry in names if dim in sweep[entry].dims and sweep[entry].dtype.kind == "f"):
+        error = abs(sweep[name] - exact_values.get(name, sweep[name].isel(finest, drop=True))).transpose(
+            *sweep[name].dims
+        )
+        variables[f"off_{name}"] = (error.dims, error.data, _about(sweep, name, f"distance of {name} from {'the right value' if name in exact_values else 'the finest one'}"))  # fmt: skip
     work = sweep[EVALUATIONS]
-    found[EVALUATIONS] = (work.dims, work.data, dict(work.attrs))
-    return _exhibited("precision", f"work against precision along {dim}", sweep, found, {"varied": dim})
+    variables[EVALUATIONS] = (work.dims, work.data, dict(work.attrs))
+    return _exhibited("precision", f"work against precision along {dim}", sweep, variables, {"varied": dim})
 
 
 def numbers(sweep: xr.Dataset) -> list[str]:
     """Name what was kept of members as numbers, without what says how they were found and how surely."""
-    along = {*_axes(sweep)}
+    axes = {*_axes(sweep)}
     return [
         str(name)
-        for name, one in sweep.data_vars.items()
-        if one.dtype.kind in "fi"
-        and along & {*map(str, one.dims)}
+        for name, variable in sweep.data_vars.items()
+        if variable.dtype.kind in "fi"
+        and axes & {*map(str, variable.dims)}
         and not str(name).startswith("run_")
-        and AXIS not in one.attrs
-        and one.attrs.get("role") not in ("flag", "error")
+        and AXIS not in variable.attrs
+        and variable.attrs.get("role") not in ("flag", "error")
     ]
 
 
@@ -270,28 +274,28 @@ def _check_axis(sweep: Any, dim: str) -> None:
 
 def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
     """Find a value of an axis."""
-    return place_on(next(one for one in plan_of(sweep).grid.axes if one.dim == dim), label)
+    return place_on(next(axis for axis in plan_of(sweep).grid.axes if axis.dim == dim), label)
 
 
-def _about(sweep: xr.Dataset, name: str, said: str) -> dict[str, Any]:
-    return about(str(sweep[name].attrs["units"]), said, ROLE)
+def _about(sweep: xr.Dataset, name: str, description: str) -> dict[str, Any]:
+    return about(str(sweep[name].attrs["units"]), description, ROLE)
 
 
 def quotient(unit: str, by: str) -> str:
     """Spell one unit over another."""
     inverse = []
-    for one in by.split() if by != "1" else ():
-        name = one.rstrip("-0123456789")
-        power = int(one[len(name) :] or 1)
+    for factor in by.split() if by != "1" else ():
+        name = factor.rstrip("-0123456789")
+        power = int(factor[len(name) :] or 1)
         inverse.append(f"{name}{-power}")
-    return parse_unit(" ".join(one for one in (unit, *inverse) if one != "1") or "1").text
+    return parse_unit(" ".join(factor for factor in (unit, *inverse) if factor != "1") or "1").text
 
 
 def _share_of_changes(values: NDArray[Any], axis: int) -> float:
     """Return the share of neighbours along an axis that differ, of those that are there."""
     moved = np.moveaxis(values, axis, 0)
-    there = (moved[1:] == moved[1:]) & (moved[:-1] == moved[:-1])
-    return float(np.mean(moved[1:][there] != moved[:-1][there])) if there.any() else 0.0
+    both_known = (moved[1:] == moved[1:]) & (moved[:-1] == moved[:-1])
+    return float(np.mean(moved[1:][both_known] != moved[:-1][both_known])) if both_known.any() else 0.0
 
 
 def _orders(sweep: xr.Dataset) -> Any:
@@ -300,7 +304,7 @@ def _orders(sweep: xr.Dataset) -> Any:
 
     plan = plan_of(sweep)
     if "method" in sweep.dims:
-        return xr.DataArray([float(METHODS[str(one)].order) for one in sweep["method"].values], dims="method")
+        return xr.DataArray([float(METHODS[str(method)].order) for method in sweep["method"].values], dims="method")
     return xr.DataArray(float(plan.grid.settings_of((0,) * len(plan.grid.shape)).method.order))
 
 
@@ -308,21 +312,25 @@ def _judged(values: Floats, steps: Floats, orders: Floats, *, smooth: bool) -> F
     """Judge rows of levels; order, verdict, limit and uncertainty of each."""
     shape = values.shape[:-1]
     rows, order = values.reshape(-1, values.shape[-1]), np.broadcast_to(orders, shape).ravel().tolist()
-    found = np.full((len(rows), 4), np.nan)
+    judged = np.full((len(rows), 4), np.nan)
     observed = observed_orders(rows, steps)[:, -2]
     for i, row in enumerate(rows):
         if np.isfinite(row).all():
             formal, rounding = order[i] if smooth else 1.0, 4.0 * EPS * float(np.abs(row).max())
-            one = judge(row, steps, formal, rounding, 0.0, 0.0, smooth=smooth, order=order[i])
-            found[i] = observed[i], one.verdict, one.limit, one.uncertainty
-    found[np.isnan(found[:, 1]), 1] = VERDICTS.index("not_converging")
-    return found.reshape(*shape, 4)
+            judgement = judge(row, steps, formal, rounding, 0.0, 0.0, smooth=smooth, order=order[i])
+            judged[i] = observed[i], judgement.verdict, judgement.limit, judgement.uncertainty
+    judged[np.isnan(judged[:, 1]), 1] = VERDICTS.index("not_converging")
+    return judged.reshape(*shape, 4)
 
 
-def _exhibited(kind: str, title: str, sweep: xr.Dataset, found: dict[str, Any], more: dict[str, Any]) -> xr.Dataset:
+def _exhibited(
+    kind: str, title: str, sweep: xr.Dataset, variables: dict[str, Any], extra: dict[str, Any]
+) -> xr.Dataset:
     """Put a survey together, with the axes it is on."""
-    dims = {dim for one in found.values() for dim in one[0]}
-    coordinates = {str(name): (one.dims, one.data, dict(one.attrs)) for name, one in sweep.coords.items() if AXIS in one.attrs and {*one.dims} <= dims}  # fmt: skip
-    said = {key: sweep.attrs[key] for key in ("model_digest", "sweep_digest", "sweep_settings") if key in sweep.attrs}
+    dims = {dim for variable in variables.values() for dim in variable[0]}
+    coordinates = {str(name): (variable.dims, variable.data, dict(variable.attrs)) for name, variable in sweep.coords.items() if AXIS in variable.attrs and {*variable.dims} <= dims}  # fmt: skip
+    attributes = {
+        key: sweep.attrs[key] for key in ("model_digest", "sweep_digest", "sweep_settings") if key in sweep.attrs
+    }
     title = f"{str(sweep.attrs['title']).split(':')[0]}: {title}"
-    return exhibit(kind, title, [], coordinates | found, said | more).set_coords([*coordinates])
+    return exhibit(kind, title, [], coordinates | variables, attributes | extra).set_coords([*coordinates])

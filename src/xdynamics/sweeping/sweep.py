@@ -131,31 +131,33 @@ def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:
         return plan_of(model).grid
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
-    said = {name: plain(name, value) for name, value in settings.items() if value is not None}
-    grid = Grid(model, axes_of(model, axes or {}), said)
-    if twice := [one.name for _, one in grid.columns if one.name in said]:
-        raise InputError(f"'{twice[0]}' varies along an axis, and is {said[twice[0]]!r} for all members too; give one")
+    shared = {name: plain(name, value) for name, value in settings.items() if value is not None}
+    grid = Grid(model, axes_of(model, axes or {}), shared)
+    if repeated := [column.name for _, column in grid.columns if column.name in shared]:
+        raise InputError(
+            f"'{repeated[0]}' varies along an axis, and is {shared[repeated[0]]!r} for all members too; give one"
+        )
     if grid.size > MOST_MEMBERS:
         raise InputError(f"the axes make {grid.size} members, and {MOST_MEMBERS} are the most; take fewer values")
     return grid
 
 
-def _unrecorded(grid: Grid, asked: Mapping[str, Any]) -> Grid:
+def _unrecorded(grid: Grid, settings: Mapping[str, Any]) -> Grid:
     """Leave out what an earlier sweep recorded of whole runs, where none are kept; refuse it where it is asked for."""
-    if left := [name for name in grid.recording if asked.get(name) is not None]:
-        say = "says" if len(left) == 1 else "say"
-        raise InputError(f"{' and '.join(left)} {say} how whole runs are recorded, and keep has none: add 'log' to keep with path='a folder', or leave {' and '.join(left)} out; what else is kept is of every row")  # fmt: skip
+    if refused := [name for name in grid.recording if settings.get(name) is not None]:
+        verb = "says" if len(refused) == 1 else "say"
+        raise InputError(f"{' and '.join(refused)} {verb} how whole runs are recorded, and keep has none: add 'log' to keep with path='a folder', or leave {' and '.join(refused)} out; what else is kept is of every row")  # fmt: skip
     return grid.unrecorded
 
 
 def _check_times(plan: Plan) -> None:
     """Refuse times at which no member is, where all begin and end together."""
     times, grid = plan.keeping.times, plan.grid
-    if not times.size or {"t", "until"} & {one.name for _, one in grid.columns}:
+    if not times.size or {"t", "until"} & {entry.name for _, entry in grid.columns}:
         return
     second = behind(grid.model.time_unit)
     begin, end = grid.model.initial["t"].si, grid.settings_of((0,) * len(grid.shape)).until
-    if outside := [one for one in times.tolist() if not begin <= one <= end]:
+    if outside := [entry for entry in times.tolist() if not begin <= entry <= end]:
         raise InputError(
             f"times has {outside[0]!r}{second}, and the runs are from t = {begin!r}{second} to until = {end!r}{second}"
         )
@@ -186,9 +188,9 @@ def plain(name: str, value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, Mapping):
-        return {str(key): plain(name, one) for key, one in value.items()}
+        return {str(key): plain(name, element) for key, element in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [plain(name, one) for one in value]
+        return [plain(name, element) for element in value]
     if isinstance(value, str | int | float):
         return value
     raise InputError(f"setting '{name}' is {value!r}, needs words or numbers")

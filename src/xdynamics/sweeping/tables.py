@@ -45,11 +45,11 @@ def narrow(path: Path) -> dict[str, str]:
         If a name stands twice, or a row has another number of cells.
     """
     sheet = _sheet(path)
-    found = {}
+    tables = {}
     for label, columns in _labels(sheet):
         sheet.numbers(columns)  # or what is wrong with them
-        found[label] = _written([list(sheet.header), *(cells for _, cells in sheet.lines)], columns, sheet.decimal)
-    return found
+        tables[label] = _written([list(sheet.header), *(cells for _, cells in sheet.lines)], columns, sheet.decimal)
+    return tables
 
 
 def _written(rows: list[list[str]], columns: Sequence[int], decimal: str) -> str:
@@ -65,8 +65,10 @@ def _sheet(path: Path) -> Sheet:
 
 def _labels(sheet: Sheet) -> list[tuple[str, tuple[int, ...]]]:
     """Name the value columns, each with the places of the argument, itself, and its uncertainties."""
-    names = [one.name for one in sheet.titles()]
-    doubts = {names[place] for name in names for place in doubts_of(name, names).values()}
+    names = [title.name for title in sheet.titles()]
+    uncertainties = {names[place] for name in names for place in doubts_of(name, names).values()}
     return [
-        (name, (0, k, *doubts_of(name, names).values())) for k, name in enumerate(names) if k and name not in doubts
+        (name, (0, k, *doubts_of(name, names).values()))
+        for k, name in enumerate(names)
+        if k and name not in uncertainties
     ]

@@ -40,24 +40,24 @@ def chunks_of(plan: Plan, members: int | None = None) -> Chunks:
 
 def cut(grid: Grid, members: int) -> Chunks:
     """Cut a grid into blocks of so many members at most; along words there is one value in each."""
-    found: list[tuple[int, ...]] = []
-    left = max(1, members)
+    chunks: list[tuple[int, ...]] = []
+    remaining = max(1, members)
     for k in reversed(range(len(grid.shape))):
         size = grid.shape[k]
-        width = 1 if k in grid.words else min(size, left)
-        found.append((*[width] * (size // width), *([size % width] if size % width else [])))
-        left = max(1, left // width) if width == size or k in grid.words else 1
-    return tuple(reversed(found))
+        width = 1 if k in grid.words else min(size, remaining)
+        chunks.append((*[width] * (size // width), *([size % width] if size % width else [])))
+        remaining = max(1, remaining // width) if width == size or k in grid.words else 1
+    return tuple(reversed(chunks))
 
 
 def blocks_of(chunks: Chunks) -> list[tuple[tuple[int, ...], Block]]:
     """Return the blocks, each with its place among them."""
-    ends = [np.cumsum(one).tolist() for one in chunks]
+    ends = [np.cumsum(entries).tolist() for entries in chunks]
     parts = [
-        [slice(end - width, end) for width, end in zip(one, last, strict=True)]
-        for one, last in zip(chunks, ends, strict=True)
+        [slice(end - width, end) for width, end in zip(entries, last, strict=True)]
+        for entries, last in zip(chunks, ends, strict=True)
     ]
-    places = product(*(range(len(one)) for one in parts))
+    places = product(*(range(len(entries)) for entries in parts))
     return [(at, tuple(part[i] for part, i in zip(parts, at, strict=True))) for at in places]
 
 
@@ -79,27 +79,31 @@ def arrays_of(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any
 
     da: Any = dask.array  # its functions are not typed
     token = tokenize(plan.digest, chunks, plan.check)
-    told, name = f"plan-{token}", f"march-{token}"
+    plan_key, name = f"plan-{token}", f"march-{token}"
     blocks = blocks_of(chunks)
     layers: dict[str, Any] = {
-        told: {told: plan},
-        name: {(name, *at): (marched, told, list(block)) for at, block in blocks},
+        plan_key: {plan_key: plan},
+        name: {(name, *at): (marched, plan_key, list(block)) for at, block in blocks},
     }
-    below: dict[str, set[str]] = {told: set(), name: {told}}
-    found, told_apart, digests = {}, {}, _CAME_OF.setdefault(token, Digests())
-    for one in plan.variables:
-        own = f"{one.name}-{token}"
-        behind = (0,) * len(one.sizes)
-        graph = {(own, *at, *behind): (_taken, (name, *at), one.name, [token, one.name, *at]) for at, _ in blocks}
-        whole = HighLevelGraph(layers | {own: graph}, below | {own: {name}})
-        found[one.name] = da.Array(whole, own, (*chunks, *((n,) for n in one.sizes)), dtype=np.dtype(one.dtype))
-        told_apart[one.name] = partial(_came_of, digests, one.name, blocks)
-    return found, told_apart
+    dependencies: dict[str, set[str]] = {plan_key: set(), name: {plan_key}}
+    arrays, checks, digests = {}, {}, _CAME_OF.setdefault(token, Digests())
+    for variable in plan.variables:
+        key = f"{variable.name}-{token}"
+        inner = (0,) * len(variable.sizes)
+        graph = {
+            (key, *at, *inner): (_taken, (name, *at), variable.name, [token, variable.name, *at]) for at, _ in blocks
+        }
+        merged = HighLevelGraph(layers | {key: graph}, dependencies | {key: {name}})
+        arrays[variable.name] = da.Array(
+            merged, key, (*chunks, *((n,) for n in variable.sizes)), dtype=np.dtype(variable.dtype)
+        )
+        checks[variable.name] = partial(_came_of, digests, variable.name, blocks)
+    return arrays, checks
 
 
-def _taken(found: dict[str, Any], name: str, key: list[Any]) -> Any:
+def _taken(arrays: dict[str, Any], name: str, key: list[Any]) -> Any:
     """Take a variable out of a block, and note what it is."""
-    values = found[name]
+    values = arrays[name]
     token, *block = key
     digests = _CAME_OF.get(token)
     if digests is not None:  # else nobody here can ask
@@ -134,10 +138,10 @@ def _cost(plan: Plan) -> float:
     k = max((i for i in range(len(grid.shape)) if i not in grid.words), key=lambda i: grid.shape[i], default=0)
     probed = PROBED
     while True:  # of few members the cost is that of a call, not theirs
-        some = _spread(grid, k, probed)
+        sample = _spread(grid, k, probed)
         started = time.thread_time()
-        marched(plan, some)
-        taken, count = time.thread_time() - started, int(np.prod(grid.shape_of(some)))
+        marched(plan, sample)
+        taken, count = time.thread_time() - started, int(np.prod(grid.shape_of(sample)))
         if taken > LEAST or FURTHER * FURTHER * count > grid.size or FURTHER * probed > grid.shape[k]:
             return max(1e-7, taken / max(1, count))
         probed *= FURTHER

@@ -26,10 +26,10 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
     lines = [line for dim in str(sweep.attrs[AXES]).split() for line in _axis(sweep, dim)]
     lines.append(f"members   {sweep[OUTCOME].size}, with {settings_said(sweep)}; kept of each: {sweep.attrs[KEEP]}")
     outcomes = Counter(map(str, ended(sweep).values.ravel().tolist()))
-    said = ", ".join(
+    text = ", ".join(
         f"{count} {word}{'' if word.split()[0] in GOOD else ' (ended badly)'}" for word, count in outcomes.most_common()
     )
-    lines.append(f"outcomes  {said}")
+    lines.append(f"outcomes  {text}")
     loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
     if loose:
         lines.append(
@@ -45,10 +45,10 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
 
 def _axis(sweep: xr.Dataset, dim: str) -> Iterator[str]:
     for name in sweep.variables:
-        one = sweep[name]
-        if one.attrs.get(AXIS) != dim:
+        variable = sweep[name]
+        if variable.attrs.get(AXIS) != dim:
             continue
-        values, units = np.atleast_1d(one.values), one.attrs["units"]
+        values, units = np.atleast_1d(variable.values), variable.attrs["units"]
         numbers = values.dtype.kind in "fi"
         unit = "" if units == "1" else f" {units}"
         if len(values) <= MOST:
@@ -60,20 +60,20 @@ def _axis(sweep: xr.Dataset, dim: str) -> Iterator[str]:
 
 
 def _kept(sweep: xr.Dataset) -> Iterator[str]:
-    names = [str(name) for name, one in sweep.data_vars.items()
-             if one.dtype.kind in "fi" and one.attrs.get("role") not in ("parameter", "axis") and not str(name).startswith(_FIRST)]  # fmt: skip
+    names = [str(name) for name, variable in sweep.data_vars.items()
+             if variable.dtype.kind in "fi" and variable.attrs.get("role") not in ("parameter", "axis") and not str(name).startswith(_FIRST)]  # fmt: skip
     for name in names[:MOST]:
-        if (one := sweep[name]).attrs.get("role") == "flag":
-            counts = Counter(words_of(one.stack(each=one.dims) if one.ndim > 1 else one))
+        if (variable := sweep[name]).attrs.get("role") == "flag":
+            counts = Counter(words_of(variable.stack(each=variable.dims) if variable.ndim > 1 else variable))
             yield f"{name} is {', '.join(f'{word} in {count}' for word, count in counts.most_common())}"
             continue
         values, units = np.asarray(sweep[name]), sweep[name].attrs["units"]
         unit = "" if units == "1" else f" {units}"
-        known = values[np.isfinite(values)] if values.dtype.kind == "f" else values
-        if not known.size:
+        finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+        if not finite.size:
             yield f"{name} is not there in any member"
             continue
-        missing = "" if known.size == values.size else f", not there in {values.size - known.size} of {values.size}"
-        yield f"{name} from {known.min():.9g} to {known.max():.9g}{unit}{missing}"
+        missing = "" if finite.size == values.size else f", not there in {values.size - finite.size} of {values.size}"
+        yield f"{name} from {finite.min():.9g} to {finite.max():.9g}{unit}{missing}"
     if len(names) > MOST:
         yield f"… and {len(names) - MOST} more variables"

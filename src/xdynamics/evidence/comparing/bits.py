@@ -85,7 +85,9 @@ def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
             continue
         left, right = np.asarray(variable[:shared].values), np.asarray(remade[:shared].values)
         differences = np.where(_as_words(left) == _as_words(right), 0.0, np.abs(left - right))
-        differences = np.where(np.isnan(differences), np.inf, differences).reshape(shared, -1)  # a number in one run alone
+        differences = np.where(np.isnan(differences), np.inf, differences).reshape(
+            shared, -1
+        )  # a number in one run alone
         size = float(np.nanmax(np.abs(left), initial=0.0))
         largest = float(differences.max(initial=0.0))
         relative = largest / size if size > 0.0 and largest < np.inf else np.inf if largest else 0.0
