@@ -93,7 +93,7 @@ def global_error(name: str) -> str:
 def companion(
     run: xr.Dataset, times: Sequence[float] | Floats | float | str | None = None, *, functions: Functions | None = None
 ) -> xr.Dataset:
-    """Estimate the global errors of a run by one more run of its model with half the steps or a tenth of the tolerances.
+    """Estimate the global errors of a run by one more run with half the steps or a tenth of the tolerances.
 
     Parameters
     ----------

@@ -57,8 +57,8 @@ def sample(
     xarray.Dataset
         Along `at`: `at_time`, `row` (of `step`, from which the step goes), and for every coordinate, velocity and
         state its value and `error_…`: how far it is from the solution through the accepted state before. The
-        error of that state itself is not included; at an accepted time it is zero. Where a step's equations could not be
-        solved again, both are nan.
+        error of that state itself is not included; at an accepted time it is zero. Where a step's equations could not
+        be solved again, both are nan.
 
     Raises
     ------

@@ -14,13 +14,13 @@ from xdynamics.schema import ATOL_EFFECT, COUNTS, END_MEMORY, ORIGIN, ROOT_DIGES
 
 SLAB = 1_000_000
 STATES = ("coordinate", "velocity", "state")  # roles
-# the text of the law, which another version may write differently, the set of elementary functions, the words of records
-# and the sentence of the outcome, in which later versions report more doubts about a run
+# the text of the law, which another version may write differently, the set of elementary functions, the words of
+# records and the sentence of the outcome, in which later versions report more doubts about a run
 LAW = ("force_source", "force_digest", "math_functions", "schema_version", "run_outcome_text")
 # what later versions define differently: in 0.1, the uncertainty of an event's location had no lower bound
 REDEFINED = ("event_time_uncertainty",)
 OFFSETS = "event_offset_"  # of 0.2, always 0
-# what follows from a march and is not a setting of it: how `sample` interpolates, in the version that wrote it, and rates
+# what follows from a march and is not a setting of it: how `sample` interpolates, by the writing version, and rates
 FOLLOWING = (
     "solver_interpolation", "solver_interpolation_order", "run_fastest_rate", "run_h_omega_start", "run_h_omega_largest",
     "run_h_omega_rule", ATOL_EFFECT,
@@ -70,7 +70,7 @@ def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
 
 
 def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
-    """Describe the largest difference of a state, relative to its largest value; of another variable if states agree."""
+    """Describe the largest difference of a state relative to its largest value; of another variable if states agree."""
     states = [name for name, variable in kept.variables.items() if variable.attrs.get("role") in STATES]
     worst, sentence = 0.0, "no number of a row that both runs have differs"
     for name in [*states, *(name for name in kept.variables if name not in states)]:
@@ -85,9 +85,7 @@ def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
             continue
         left, right = np.asarray(variable[:shared].values), np.asarray(remade[:shared].values)
         differences = np.where(_as_words(left) == _as_words(right), 0.0, np.abs(left - right))
-        differences = np.where(np.isnan(differences), np.inf, differences).reshape(
-            shared, -1
-        )  # a number in one run alone
+        differences = np.where(np.isnan(differences), np.inf, differences).reshape(shared, -1)  # in one run only
         size = float(np.nanmax(np.abs(left), initial=0.0))
         largest = float(differences.max(initial=0.0))
         relative = largest / size if size > 0.0 and largest < np.inf else np.inf if largest else 0.0

@@ -80,8 +80,8 @@ def compare(
         differs: `parameters`, `initial`, `model`, `settings`, `events` (a line each), `parted` (since when the runs are
         further apart than interpolation can be), `cause`, `first_difference`, `identical`. On dask arrays the
         differences of states are lazy, and nothing else is returned. With data: `measured_y`, y as computed,
-        `difference_y` (measured minus computed), `scaled_difference_y` (over `difference_scale_y`, the largest measured y),
-        `interpolation_error_y`, `measured_uncertainty_y`, and without a dimension `rms_difference_y`,
+        `difference_y` (measured minus computed), `scaled_difference_y` (over `difference_scale_y`, the largest
+        measured y), `interpolation_error_y`, `measured_uncertainty_y`, and without a dimension `rms_difference_y`,
         `scaled_rms_difference_y` and `reduced_chi_square_y`.
 
     Raises
