@@ -31,7 +31,7 @@ SUGGESTION = (
 
 
 def modes(subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Linearise a model about a state: its modes, its eigenvalues, and the steps that each method bears there.
+    """Linearise a model about a state: its modes, its eigenvalues, and the steps that are stable by each method there.
 
     Parameters
     ----------
@@ -55,14 +55,14 @@ def modes(subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[st
     Raises
     ------
     InputError
-        If the Dataset is no run record, there is no such row, `at` names or measures wrongly, a force is written in
+        If the Dataset is not a run record, there is no such row, `at` has a wrong name or unit, a force is written in
         Python, or a derivative is not finite at the state.
 
     Notes
     -----
     Goldstein, Classical Mechanics, 3rd ed., chapter 6; Hairer and Wanner, Solving Ordinary Differential Equations II,
-    section IV.2. Away from an equilibrium the modes are those of the moment, and K has the part that the change of the
-    mass matrix adds.
+    section IV.2. Away from an equilibrium the modes hold for the moment only, and K includes the part from the change
+    of the mass matrix.
 
     Examples
     --------
@@ -74,20 +74,20 @@ def modes(subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[st
     if at:
         replaced = model.replace(initial=at)
         state |= {name: replaced.initial[name].si for name in at}
-    found = linearise(model, state)
-    _check_state(model, found, state)
-    _check_finite(model, found, state["t"])
-    return _dataset(model, state, found)
+    linearisation = linearise(model, state)
+    _check_state(model, linearisation, state)
+    _check_finite(model, linearisation, state["t"])
+    return _dataset(model, state, linearisation)
 
 
-def _dataset(model: Model, state: Mapping[str, float], found: Linearisation) -> xr.Dataset:
-    eigenvalues = np.linalg.eigvals(found.jacobian).astype(np.complex128)
+def _dataset(model: Model, state: Mapping[str, float], linearisation: Linearisation) -> xr.Dataset:
+    eigenvalues = np.linalg.eigvals(linearisation.jacobian).astype(np.complex128)
     eigenvalues = eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))]
     filled = [
         *_state(model, state),
-        *_undamped(model, found),
+        *_undamped(model, linearisation),
         *_eigenvalues(model, eigenvalues),
-        *_methods(model, found.jacobian, eigenvalues),
+        *_methods(model, linearisation.jacobian, eigenvalues),
     ]
     attributes = {
         "title": f"Modes of {model.name}",
@@ -95,11 +95,13 @@ def _dataset(model: Model, state: Mapping[str, float], found: Linearisation) -> 
         "source": "linearisation by xdynamics, exact derivatives",
         "model_digest": model.digest,
     }
-    return xr.Dataset({one.name: (one.dims, values, one.attributes) for one, values in filled}, attrs=attributes)
+    return xr.Dataset(
+        {variable.name: (variable.dims, values, variable.attributes) for variable, values in filled}, attrs=attributes
+    )
 
 
 def _subject(subject: Any, row: int | None) -> tuple[Model, dict[str, float]]:
-    """Return the model and the state that are asked for."""
+    """Return the requested model and state."""
     if isinstance(subject, Model):
         if row is not None:
             raise InputError(f"row is {row!r}, but a model has no rows; give a run record, or the state with at=…")
@@ -124,12 +126,12 @@ def _recorded(run: xr.Dataset, name: str, row: int) -> float:
         raise InputError(
             f"run record has no variable '{name}', which its model needs; {said_of_log(run.attrs) or 'give the whole record'}"
         )
-    one = run.variables[name]
-    return parse_unit(str(one.attrs["units"])).to_si(float(one[row].values))
+    variable = run.variables[name]
+    return parse_unit(str(variable.attrs["units"])).to_si(float(variable[row].values))
 
 
-def _check_state(model: Model, found: Linearisation, state: Mapping[str, float]) -> None:
-    """Refuse a state at which a drive has no value or the mass is none."""
+def _check_state(model: Model, linearisation: Linearisation, state: Mapping[str, float]) -> None:
+    """Refuse a state at which a drive has no value or the mass matrix is not positive definite."""
     for name, drive in model.drives.items():
         low, high = float(drive.table.argument[0]), float(drive.table.argument[-1])
         if drive.outside == "error" and not low <= state[drive.argument] <= high:
@@ -138,21 +140,21 @@ def _check_state(model: Model, found: Linearisation, state: Mapping[str, float])
                 f" {state[drive.argument]:.15g}, its table reaches from {low:.15g} to {high:.15g} (SI units)"
             )
     try:
-        np.linalg.cholesky(found.mass)
+        np.linalg.cholesky(linearisation.mass)
     except np.linalg.LinAlgError:
         raise InputError(
             f"model '{model.name}' cannot be linearised at t = {state['t']!r}{behind(model.time_unit)}: its mass matrix"
-            f" {found.mass.tolist()} is not positive definite there"
+            f" {linearisation.mass.tolist()} is not positive definite there"
         ) from None
 
 
-def _check_finite(model: Model, found: Linearisation, t: float) -> None:
-    wrong = np.argwhere(~np.isfinite(found.jacobian))
+def _check_finite(model: Model, linearisation: Linearisation, t: float) -> None:
+    wrong = np.argwhere(~np.isfinite(linearisation.jacobian))
     if wrong.size:
-        i, j = (int(one) for one in wrong[0])
+        i, j = (int(index) for index in wrong[0])
         raise InputError(
-            f"model '{model.name}' cannot be linearised at t = {t!r}{behind(model.time_unit)}: the rate of {found.names[i]} has the derivative"
-            f" {found.jacobian[i, j]} by {found.names[j]}; choose another state with at=… or row=…"
+            f"model '{model.name}' cannot be linearised at t = {t!r}{behind(model.time_unit)}: the rate of {linearisation.names[i]} has the derivative"
+            f" {linearisation.jacobian[i, j]} by {linearisation.names[j]}; choose another state with at=… or row=…"
         )
 
 
@@ -175,9 +177,9 @@ def _state(model: Model, state: Mapping[str, float]) -> list[tuple[Variable, Any
     ]
 
 
-def _undamped(model: Model, found: Linearisation) -> list[tuple[Variable, Any]]:
+def _undamped(model: Model, linearisation: Linearisation) -> list[tuple[Variable, Any]]:
     """Return frequencies, periods and shapes, the lowest frequency first."""
-    squares, shapes = _normal_modes(found.stiffness, found.mass)
+    squares, shapes = _normal_modes(linearisation.stiffness, linearisation.mass)
     real = np.where((squares.imag == 0.0) & (squares.real >= 0.0), squares.real, np.nan)
     frequency = np.sqrt(real)
     period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
@@ -197,8 +199,8 @@ def _undamped(model: Model, found: Linearisation) -> list[tuple[Variable, Any]]:
     ]
     scaling = {"comment": "a displacement, scaled so that the largest number of the mode in SI units is 1"}
     for i, name in enumerate(model.coordinates):
-        unit, about = _si_unit(model, name).text, f"mode shape along {name}"
-        result.append((Variable(f"shape_{name}", (MODES,), "f8", unit, about, "mode_shape", scaling), shapes[i]))
+        unit, label = _si_unit(model, name).text, f"mode shape along {name}"
+        result.append((Variable(f"shape_{name}", (MODES,), "f8", unit, label, "mode_shape", scaling), shapes[i]))
     return result
 
 
@@ -234,28 +236,28 @@ def _eigenvalues(model: Model, eigenvalues: NDArray[np.complex128]) -> list[tupl
 
 
 def _methods(model: Model, jacobian: Floats, eigenvalues: NDArray[np.complex128]) -> list[tuple[Variable, Any]]:
-    """Return what each method bears: in general, and at this state."""
+    """Return the stability limits of each method: in general, and at this state."""
     names = schema.flags(dict(enumerate(METHODS)))
     methods = list(METHODS.values())
-    stable = np.array([stable_step_of(jacobian, one, model) for one in methods])
+    stable = np.array([stable_step_of(jacobian, method, model) for method in methods])
     scale = _scale(eigenvalues)
-    kept = np.array([stable_step_of(jacobian, one, model, growth=0.01 / scale) for one in methods])
+    kept = np.array([stable_step_of(jacobian, method, model, growth=0.01 / scale) for method in methods])
     suggested = np.minimum(scale / 20.0, kept / 2.0)  # nan where the method refuses the model
 
-    def along(name: str, units: str, about: str, comment: str) -> Variable:
-        return Variable(name, (BY_METHOD,), "f8", units, about, "stability", {"comment": comment})
+    def along(name: str, units: str, long_name: str, comment: str) -> Variable:
+        return Variable(name, (BY_METHOD,), "f8", units, long_name, "stability", {"comment": comment})
 
     return [
         (Variable("method_name", (BY_METHOD,), "i1", "1", "time-stepping method", "flag", names), np.arange(len(methods), dtype=np.int8)),
-        (along("oscillator_limit", "1", "largest stable step over 1/w of an undamped oscillation", "0: every step makes it grow; inf: none does"), np.array([oscillator_limit(one) for one in methods])),
-        (along("decay_limit", "1", "largest stable step over the time of a decay", "inf: every step is stable; nan: the method refuses such a term"), np.array([decay_limit(one) for one in methods])),
+        (along("oscillator_limit", "1", "largest stable step over 1/w of an undamped oscillation", "0: every step makes it grow; inf: none does"), np.array([oscillator_limit(method) for method in methods])),
+        (along("decay_limit", "1", "largest stable step over the time of a decay", "inf: every step is stable; nan: the method refuses such a term"), np.array([decay_limit(method) for method in methods])),
         (along("largest_stable_step", model.time_unit.text, "largest step with which no mode grows that does not grow in the model", "0: none; inf: every step; nan: the method refuses the model"), stable),
         (along("suggested_step", model.time_unit.text, "suggested step", SUGGESTION), suggested),
     ]  # fmt: skip
 
 
 def _scale(eigenvalues: NDArray[np.complex128]) -> float:
-    """Return the time that a step has to resolve: of the fastest oscillation or growth, else of the slowest decay."""
+    """Return the time that a step must resolve: of the fastest oscillation or growth, else of the slowest decay."""
     sizes = np.abs(eigenvalues)
     moving = sizes > 0.0
     lively = moving & (eigenvalues.real > -np.abs(eigenvalues.imag))

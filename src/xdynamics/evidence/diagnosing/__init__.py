@@ -1,1 +1,1 @@
-"""Diagnoses: what a run tells of itself."""
+"""Diagnoses of a run: energy, momentum, cycles, extremes, chaos."""

@@ -1,4 +1,4 @@
-"""What small changes of a run's state grow by: Lyapunov exponents, and the growth over the run's own time."""
+"""Growth of small changes of a run's state: Lyapunov exponents, and the growth over the run's own time."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ROLE = "diagnostic"
-CERTAIN = 2.0  # uncertainties that an exponent has to be above 0 for a time to follow from it
-GROWN = 1000.0  # times, by which it has to have grown too: less is not told from growth by a power of time
-IN_WORDS = (LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH)  # numbers that `exponents_in_words` says
+CERTAIN = 2.0  # uncertainties by which an exponent has to exceed 0 for a time to follow from it
+GROWN = 1000.0  # least growth for that: a smaller one cannot be distinguished from growth by a power of time
+IN_WORDS = (LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH)  # numbers that `exponents_in_words` reports
 
 
 def lyapunov(
     run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None, *, wanted: bool | int
 ) -> dict[str, Any]:
-    """Return all exponents, or the largest few, with what follows from the largest.
+    """Return all Lyapunov exponents, or the largest few, with what follows from the largest.
 
     Raises
     ------
     InputError
-        If `wanted` is no count, or no small change of the state is followed along the run.
+        If `wanted` is not a count, or small changes of the state cannot be followed along the run.
     """
     if not isinstance(wanted, bool | int | np.integer) or wanted < 1:
         raise InputError(f"lyapunov is {wanted!r}, needs true for all exponents, or how many of the largest, from 1 on")
     try:
-        found = rules.exponents_of(local_growth(run, functions, None if wanted is True else int(wanted)))
+        exponents = rules.exponents_of(local_growth(run, functions, None if wanted is True else int(wanted)))
     except NotVariedError as error:
         raise InputError(
             f"the run has no Lyapunov exponents by variational equations: {error}; choose a run that ends before, or"
             " diagnose it without them"
         ) from None
-    largest, doubt = float(found.values[0]), float(found.uncertainties[0])
-    grown = largest * (float(run["time"][-1]) - found.begin) > float(log(GROWN))
+    largest, uncertainty = float(exponents.values[0]), float(exponents.uncertainties[0])
+    grown = largest * (float(run["time"][-1]) - exponents.begin) > float(log(GROWN))
     unit = str(run["time"].attrs["units"])
     per_time = "1" if unit == "1" else f"{unit}-1"
     rule = {"rule": rules.RULE, "ancillary_variables": LYAPUNOV_UNCERTAINTY, "piece_tolerance": TOLERANCE,
-            "transient": rules.TRANSIENT_RULE, "transient_end": found.begin, "pieces": found.pieces, "variables": found.variables}  # fmt: skip
-    said = {
+            "transient": rules.TRANSIENT_RULE, "transient_end": exponents.begin, "pieces": exponents.pieces, "variables": exponents.variables}  # fmt: skip
+    long_names = {
         LYAPUNOVS: "Lyapunov exponents of coordinates, velocities and states, the largest first",
         LYAPUNOV_UNCERTAINTY: f"standard uncertainty of each exponent: {rules.UNCERTAINTY_RULE}",
         LYAPUNOV: f"the largest of {LYAPUNOVS}",
@@ -58,44 +58,44 @@ def lyapunov(
         " each variable in units of its range, over the run's time; transients are in it",
     }
     numbers: dict[str, Any] = {
-        LYAPUNOVS: found.values,
-        LYAPUNOV_UNCERTAINTY: found.uncertainties,
+        LYAPUNOVS: exponents.values,
+        LYAPUNOV_UNCERTAINTY: exponents.uncertainties,
         LYAPUNOV: largest,
-        LYAPUNOV_TIME: 1.0 / largest if grown and largest > CERTAIN * doubt else np.inf,
-        FINITE_TIME_GROWTH: found.finite_time,
+        LYAPUNOV_TIME: 1.0 / largest if grown and largest > CERTAIN * uncertainty else np.inf,
+        FINITE_TIME_GROWTH: exponents.finite_time,
     }
     variables = {}
     for name, value in numbers.items():
         units = unit if name == LYAPUNOV_TIME else per_time
         role = "error" if name == LYAPUNOV_UNCERTAINTY else ROLE
         extra = rule if name == LYAPUNOVS else {}
-        variables[name] = ((EXPONENT,) if np.ndim(value) else (), value, about(units, said[name], role) | extra)
+        variables[name] = ((EXPONENT,) if np.ndim(value) else (), value, about(units, long_names[name], role) | extra)
     return variables
 
 
 def exponents_in_words(found: xr.Dataset) -> Iterator[str]:
-    """Say all exponents with the digits that their uncertainties bear, and what follows from the largest."""
+    """Describe all exponents, with the digits that their uncertainties justify, and what follows from the largest."""
     if LYAPUNOVS not in found:
         return
     unit = str(found[LYAPUNOVS].attrs["units"])
-    behind = "" if unit == "1" else f" {unit}"
-    yield f"{LYAPUNOVS} = {', '.join(exponents_with_uncertainty(found))}{behind}"
+    suffix = "" if unit == "1" else f" {unit}"
+    yield f"{LYAPUNOVS} = {', '.join(exponents_with_uncertainty(found))}{suffix}"
     time, unit_of_time = float(found[LYAPUNOV_TIME]), str(found[LYAPUNOV_TIME].attrs["units"])
     if np.isfinite(time):
         yield f"{LYAPUNOV_TIME} = {time:.3g}{'' if unit_of_time == '1' else f' {unit_of_time}'}"
     else:
         yield f"{LYAPUNOV_TIME} = inf: the largest exponent is not above twice its uncertainty, or the run is too short to tell"
-    yield f"{FINITE_TIME_GROWTH} = {float(found[FINITE_TIME_GROWTH]):.4g}{behind}, over the run's own time"
+    yield f"{FINITE_TIME_GROWTH} = {float(found[FINITE_TIME_GROWTH]):.4g}{suffix}, over the run's own time"
 
 
 def exponents_with_uncertainty(found: xr.Dataset) -> list[str]:
-    """Write every exponent with the digits that its uncertainty bears."""
+    """Write every exponent with the digits that its uncertainty justifies."""
     pairs = zip(found[LYAPUNOVS].values.tolist(), found[LYAPUNOV_UNCERTAINTY].values.tolist(), strict=True)
     return [with_uncertainty(*pair) for pair in pairs]
 
 
 def with_uncertainty(value: float, doubt: float) -> str:
-    """Write a number with the digits that its uncertainty bears.
+    """Write a number with the digits that its uncertainty justifies.
 
     Examples
     --------

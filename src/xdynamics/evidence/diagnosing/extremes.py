@@ -1,4 +1,4 @@
-"""The largest and the least value of a quantity over a run: sampled, interpolated, or located by an event, and which."""
+"""The largest and the least value of a quantity over a run: sampled, interpolated, or located by an event."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
 Rows = NDArray[np.int64]
 
-STATES = ("coordinate", "velocity", "state")  # roles of what steps carry
-SOUGHT = (*STATES, "energy", "observable", "force", "reaction")  # and of all that has extremes
+STATES = ("coordinate", "velocity", "state")  # roles of what steps integrate
+SOUGHT = (*STATES, "energy", "observable", "force", "reaction")  # and of everything whose extremes are sought
 SAMPLED, INTERPOLATED, LOCATED = range(3)
 RULES = ("sampled", "interpolated", "located")
 SAID = ("sampled at an accepted state", "interpolated between accepted states", "located by an event")
@@ -42,9 +42,9 @@ class Extreme(NamedTuple):
         In the unit of the record.
     time : float, s
     rule : int
-        Of `RULES`: the accepted state with it, a state between accepted ones, or the state at an event.
+        Index into `RULES`: an accepted state, a state between accepted ones, or the state at an event.
     uncertainty : float
-        Of the value, by interpolation alone: 0 of an accepted state that is known to be the largest.
+        Of the value, from interpolation alone: 0 for an accepted state that is known to be the largest.
     """
 
     value: float
@@ -61,34 +61,34 @@ def extreme(run: xr.Dataset, name: str, sign: float, functions: Functions | None
 def extremes(run: xr.Dataset, wanted: Sequence[tuple[str, float]], functions: Functions | None) -> list[Extreme]:
     """Find the largest values of quantities, or with a sign of -1 the least.
 
-    A state at an event that is above all others stands as it is. Else the steps to and from each row that is no lower than
-    its neighbours are searched for a zero of the quantity's rate, by states of the run's own method between, on which
-    forces, contact forces, energies and observables are evaluated; see `summits`. Forces in Python are looked at in
-    accepted states alone: how far the parabola through the largest and its neighbours goes beyond it is then what the
-    value is uncertain by.
+    A state at an event that is above all others is taken as it is. Otherwise the steps to and from each row that is not
+    lower than its neighbours are searched for a zero of the quantity's rate, by steps of the run's own method to states
+    between, on which forces, contact forces, energies and observables are evaluated; see `summits`. If a force is
+    written in Python, only accepted states are used, except for states that steps integrate: the uncertainty is then
+    how far the parabola through the largest value and its neighbours rises above it.
     """
     model = model_of(run, functions)
-    begun = [_begun(run, model, name, sign) for name, sign in wanted]
+    searches = [_begun(run, model, name, sign) for name, sign in wanted]
     while True:
-        places = [search.places() for _, search in begun]
-        if not any(one.size for one in places):
+        places = [search.places() for _, search in searches]
+        if not any(item.size for item in places):
             break
-        ends = np.cumsum([0, *(one.size for one in places)])
+        ends = np.cumsum([0, *(item.size for item in places)])
         states = sampled(run, np.concatenate(places), after=False, rule=REINTEGRATE, functions=functions)
-        for k, ((name, _), (_, search)) in enumerate(zip(wanted, begun, strict=True)):
+        for k, ((name, _), (_, search)) in enumerate(zip(wanted, searches, strict=True)):
             if places[k].size:
                 here = states.isel({schema.AT: slice(ends[k], ends[k + 1])})
                 search.narrow(*_with_rates(run, model, name, here))
-    found = [_settled(*one) for one in begun]
+    results = [_settled(*item) for item in searches]
     for k, (name, _) in enumerate(wanted):
-        if found[k].rule == INTERPOLATED:
-            doubt = float(between(run, model, name, np.array([found[k].time]), functions)[1][0])
-            found[k] = found[k]._replace(uncertainty=doubt)
-    return found
+        if results[k].rule == INTERPOLATED:
+            uncertainty = float(between(run, model, name, np.array([results[k].time]), functions)[1][0])
+            results[k] = results[k]._replace(uncertainty=uncertainty)
+    return results
 
 
 def _begun(run: xr.Dataset, model: Model, name: str, sign: float) -> tuple[Extreme, Summits]:
-    """Return the best accepted state, and the search of the steps about each that is no lower than its neighbours."""
+    """Return the best accepted state, and the search of the steps around each row not lower than its neighbours."""
     values, time = np.asarray(run[name]), np.asarray(run["time"])
     row = int(np.nanargmax(sign * values))
     at_event = int(run["row_kind"][row]) in (schema.EVENT_BEFORE, schema.EVENT_AFTER)
@@ -100,17 +100,17 @@ def _begun(run: xr.Dataset, model: Model, name: str, sign: float) -> tuple[Extre
     if run[name].attrs["role"] not in STATES and model.python_functions:
         best = best._replace(uncertainty=0.0 if at_event else beyond(values, time, row))
         rows, members = rows[:0], members[:0]
-    beside = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, len(time) - 1)])
+    neighbours = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, len(time) - 1)])
     tree, rates = rate_tree(model, name), None
     if tree is not None:
-        at = {one: np.asarray(run[one])[beside.ravel()] for one in model.units}
-        rates = evaluated_on(run, model, [tree], at, time[beside.ravel()], beside.ravel())[0].reshape(beside.shape) / _factor(run, name)  # fmt: skip
+        states = {variable: np.asarray(run[variable])[neighbours.ravel()] for variable in model.units}
+        rates = evaluated_on(run, model, [tree], states, time[neighbours.ravel()], neighbours.ravel())[0].reshape(neighbours.shape) / _factor(run, name)  # fmt: skip
     search = summits(sign, np.array([best.value]), np.array([best.time]), values, time, first, rates, rows, members)
     return best, search
 
 
 def _settled(best: Extreme, search: Summits) -> Extreme:
-    """Return what the search came to, if that is better than the best accepted state."""
+    """Return the result of the search if it is better than the best accepted state, which is returned otherwise."""
     value, time = float(search.best[0]), float(search.when[0])
     return Extreme(value, time, INTERPOLATED, 0.0) if search.sign * value > search.sign * best.value else best
 
@@ -120,39 +120,39 @@ def _factor(run: xr.Dataset, name: str) -> float:
 
 
 def _with_rates(run: xr.Dataset, model: Model, name: str, states: xr.Dataset) -> tuple[Floats, Floats]:
-    """Return a quantity on states inside steps, and its rate; of one whose rate is not known the quantity for both."""
+    """Return a quantity on states inside steps, and its rate; where no rate is known, the quantity twice."""
     values, tree = _values(run, model, name, states), rate_tree(model, name)
     if tree is None:
         return values, values
-    at = {one: np.asarray(states[one]) for one in model.units}
+    state = {variable: np.asarray(states[variable]) for variable in model.units}
     times, rows = np.asarray(states[schema.AT_TIME]), np.asarray(states["row"])
-    return values, evaluated_on(run, model, [tree], at, times, rows)[0] / _factor(run, name)
+    return values, evaluated_on(run, model, [tree], state, times, rows)[0] / _factor(run, name)
 
 
 def _values(run: xr.Dataset, model: Model, name: str, states: xr.Dataset, moved: str = "") -> Floats:
-    """Return a quantity on states inside steps; with one of them moved by what interpolation may have it off."""
+    """Return a quantity on states inside steps; with one variable moved by its interpolation error, if named."""
     if name in model.units and not moved:
         return np.asarray(states[name])
-    at = {one: np.asarray(states[one]) for one in model.units}
+    state = {variable: np.asarray(states[variable]) for variable in model.units}
     if moved:
-        at[moved] = at[moved] + np.asarray(states[schema.error(moved)])
+        state[moved] = state[moved] + np.asarray(states[schema.error(moved)])
     times, rows = np.asarray(states[schema.AT_TIME]), np.asarray(states["row"])
-    return evaluated_on(run, model, [tree_of(model, name)], at, times, rows)[0] / _factor(run, name)
+    return evaluated_on(run, model, [tree_of(model, name)], state, times, rows)[0] / _factor(run, name)
 
 
 def between(run: xr.Dataset, model: Model, name: str, times: Floats, functions: Functions | None) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return a quantity at times inside steps, and what the interpolation of the state may have it off."""
+    """Return a quantity at times inside steps, and its error by the interpolation of the state."""
     states = sampled(run, times, after=False, rule=REINTEGRATE, functions=functions)
     values = _values(run, model, name, states)
     if name in model.units:
         return values, np.abs(np.asarray(states[schema.error(name)]))
-    errors = [one for one in model.units if np.asarray(states[schema.error(one)]).any()]
-    moved = (np.abs(_values(run, model, name, states, one) - values) for one in errors)
+    uncertain = [variable for variable in model.units if np.asarray(states[schema.error(variable)]).any()]
+    moved = (np.abs(_values(run, model, name, states, variable) - values) for variable in uncertain)
     return values, sum(moved, np.zeros(values.shape))
 
 
 def beyond(values: Floats, time: Floats, row: int) -> float:
-    """Return how far the parabola through an extreme row and its neighbours goes beyond it; 0 at either end."""
+    """Return how far the parabola through an extreme row and its neighbours exceeds it; 0 at either end."""
     if not 0 < row < len(values) - 1:
         return 0.0
     before, after = time[row] - time[row - 1], time[row + 1] - time[row]
@@ -164,26 +164,30 @@ def beyond(values: Floats, time: Floats, row: int) -> float:
 
 
 def sought(run: xr.Dataset) -> list[str]:
-    """Name what has extremes; of large models what steps carry alone."""
-    along = {str(name): one.attrs.get("role") for name, one in run.data_vars.items() if one.dims == (schema.STEPS,)}
+    """Name the quantities whose extremes are sought; in large models only those that steps integrate."""
+    along = {
+        str(name): variable.attrs.get("role")
+        for name, variable in run.data_vars.items()
+        if variable.dims == (schema.STEPS,)
+    }
     names = [name for name, role in along.items() if role in SOUGHT]
     return names if len(names) <= MOST_NAMES else [name for name in names if along[name] in STATES]
 
 
 def extremes_of(run: xr.Dataset, names: Sequence[str], functions: Functions | None) -> dict[str, tuple[Any, ...]]:
-    """Return the variables that say the largest and the least value of quantities."""
-    found: dict[str, tuple[Any, ...]] = {}
-    rules, second = schema.flags(dict(enumerate(RULES))), str(run["time"].attrs["units"])
+    """Return the largest and the least value of quantities as variables of a Dataset."""
+    variables: dict[str, tuple[Any, ...]] = {}
+    rules, time_unit = schema.flags(dict(enumerate(RULES))), str(run["time"].attrs["units"])
     wanted = [(name, sign) for name in names for sign in (1.0, -1.0)]
-    for (name, sign), one in zip(wanted, extremes(run, wanted, functions), strict=True):
-        units, word, said = (
+    for (name, sign), result in zip(wanted, extremes(run, wanted, functions), strict=True):
+        units, word, adjective = (
             str(run[name].attrs["units"]),
             *(("maximum", "largest") if sign > 0 else ("minimum", "least")),
         )
-        found |= {
-            f"{word}_{name}": ((), one.value, {"units": units, "long_name": f"{said} {name} of the run", "role": "diagnostic"}),
-            f"{word}_{name}_time": ((), one.time, {"units": second, "long_name": f"when {name} was {said}", "role": "diagnostic"}),
-            f"{word}_{name}_rule": ((), np.int8(one.rule), {"units": "1", "long_name": RULE_SAID, "role": "flag"} | rules),
-            f"{word}_{name}_uncertainty": ((), one.uncertainty, {"units": units, "long_name": DOUBT_SAID.format(f"{word}_{name}"), "role": "error"}),
+        variables |= {
+            f"{word}_{name}": ((), result.value, {"units": units, "long_name": f"{adjective} {name} of the run", "role": "diagnostic"}),
+            f"{word}_{name}_time": ((), result.time, {"units": time_unit, "long_name": f"when {name} was {adjective}", "role": "diagnostic"}),
+            f"{word}_{name}_rule": ((), np.int8(result.rule), {"units": "1", "long_name": RULE_SAID, "role": "flag"} | rules),
+            f"{word}_{name}_uncertainty": ((), result.uncertainty, {"units": units, "long_name": DOUBT_SAID.format(f"{word}_{name}"), "role": "error"}),
         }  # fmt: skip
-    return found
+    return variables

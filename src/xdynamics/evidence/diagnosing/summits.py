@@ -1,9 +1,9 @@
 """Summits between accepted states: zeros of a quantity's rate, many at once, of one run or of many.
 
 Where the rate is known and changes its sign over a step, the summit is where it is zero: the cubic through values and
-rates at both ends of a bracket says where to look next, by a step of the run's method made again. Elsewhere (forces of
-contacts, steps in which more happens than their ends tell) the bracket is looked through. Nothing here sums or compares
-over members: each has the bits that it has alone.
+rates at both ends of a bracket gives the next place to evaluate, by repeating a step of the run's method. Elsewhere
+(forces of contacts, steps in which more happens than their ends show) the bracket is scanned. Nothing here sums or
+compares across members: each has the same bits as alone.
 """
 
 from __future__ import annotations
@@ -17,11 +17,14 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 EPS = float(np.finfo(float).eps)
-MOST_HUMPS = 1000  # of a run that are searched, the highest among accepted states
-LOOKS, SWEEPS = 9, 12  # where no rate is known: so many places at once, then between the neighbours of the best
+MOST_HUMPS = 1000  # of a run that are searched: those with the highest accepted states
+LOOKS, SWEEPS = (
+    9,
+    12,
+)  # where no rate is known: places evaluated at once, and rounds, each between the neighbours of the best
 ROUNDS = 40  # where it is known: three are usual, a kink takes 4 to 39
-WIDE = 4.0  # times the height of the tangents' meeting: what a bracket may hold that bends up in a part of it
-SMOOTH_ROUNDS = 3  # after which every third one halves, and every third one takes the point in which tangents meet
+WIDE = 4.0  # times the height at which the tangents meet: how high a bracket may reach that bends up in a part of it
+SMOOTH_ROUNDS = 3  # after which one round in three bisects, and one in three takes the point where the tangents meet
 
 
 @dataclass
@@ -31,15 +34,15 @@ class Summits:
     Attributes
     ----------
     sign : float
-        1 of the largest values, -1 of the least.
+        1 for the largest values, -1 for the least.
     best, when : ndarray, shape (members,)
         The best accepted value of each member, and its time; in the end the best of all.
     members, rows : ndarray of int, shape (k,)
-        Of each bracket whose rate changes its sign, and the row from which its step goes.
+        Of each bracket whose rate changes its sign: its member, and the row from which its step starts.
     ends, values, rates : ndarray, shape (2, k)
         Times of its ends, and there the quantity and its rate, both times the sign.
     blind : ndarray of int, shape (m,)
-        Members of the brackets that are looked through.
+        Members of the brackets that are scanned.
     borders : ndarray, shape (2, m)
     """
 
@@ -63,7 +66,7 @@ class Summits:
         return np.concatenate([self.members, np.tile(self.blind, LOOKS)])
 
     def places(self) -> Floats:
-        """Return the times at which to look next; none when the search is over."""
+        """Return the times to evaluate next; none when the search is over."""
         low, high = self.ends
         middle, top = low + (high - low) / 2.0, self.values.max(axis=0, initial=-np.inf)
         hope = top + WIDE * (self._meeting()[1] - top) >= self.sign * self.best[self.members]
@@ -76,32 +79,32 @@ class Summits:
         return np.concatenate([self._places, self._looks.ravel()])
 
     def narrow(self, values: Floats, rates: Floats) -> None:
-        """Take what was seen at the places, the rate of the first k; go on in smaller brackets."""
+        """Take values at the places, and rates at the first k of them; continue in smaller brackets."""
         k = self.members.size
         seen, rate, aims = self.sign * values[:k], self.sign * rates[:k], self._places
         looked = np.where(np.isnan(values[k:]), -np.inf, self.sign * values[k:]).reshape(self._looks.shape)
-        top, each = np.argmax(looked, axis=0), np.arange(self.blind.size)
-        highest, where = looked[top, each], self._looks[top, each]
+        top, columns = np.argmax(looked, axis=0), np.arange(self.blind.size)
+        highest, where = looked[top, columns], self._looks[top, columns]
         self._improve(
             np.concatenate([self.members, self.blind]), np.concatenate([seen, highest]), np.concatenate([aims, where])
         )
-        self.borders = np.stack([self._looks[np.maximum(top - 1, 0), each], self._looks[np.minimum(top + 1, LOOKS - 1), each]])  # fmt: skip
-        rising, each = rate > 0.0, np.arange(k)
+        self.borders = np.stack([self._looks[np.maximum(top - 1, 0), columns], self._looks[np.minimum(top + 1, LOOKS - 1), columns]])  # fmt: skip
+        rising, columns = rate > 0.0, np.arange(k)
         end = np.where(rising, 0, 1)
-        self.ends[end, each], self.values[end, each], self.rates[end, each] = aims, seen, rate
-        gain = np.abs(rate * (self._summit() - aims))  # at most, of what the cubic still promises
+        self.ends[end, columns], self.values[end, columns], self.rates[end, columns] = aims, seen, rate
+        gain = np.abs(rate * (self._summit() - aims))  # upper bound of what the cubic still promises
         self._keep(gain > EPS * np.abs(seen))
 
     def _aims(self) -> Floats:
-        """Return where to look in each bracket, which has room for that."""
+        """Return the place to evaluate inside each bracket."""
         low, high = self.ends
         middle: Floats = low + (high - low) / 2.0
         turn = self._round % 3 if self._round >= SMOOTH_ROUNDS else 2
         if turn == 1:
             return middle
         aims = self._meeting()[0] if turn == 0 else self._summit()
-        found: Floats = np.where((aims > low) & (aims < high), aims, middle)
-        return found
+        bracketed: Floats = np.where((aims > low) & (aims < high), aims, middle)
+        return bracketed
 
     def _summit(self) -> Floats:
         """Return where the cubic through values and rates at both ends is largest (Nocedal, Wright, (3.59))."""
@@ -110,23 +113,23 @@ class Summits:
         with np.errstate(all="ignore"):
             mean = 3.0 * (last - first) / width - rise - fall
             root = np.sqrt(mean * mean - rise * fall)
-            found: Floats = high - width * ((root - fall - mean) / (rise - fall + 2.0 * root))
-        return found
+            place: Floats = high - width * ((root - fall - mean) / (rise - fall + 2.0 * root))
+        return place
 
     def _meeting(self) -> tuple[Floats, Floats]:
-        """Return where the tangents at both ends meet, and how high: no summit is above that where the curve bends down."""
+        """Return where the tangents at both ends meet, and how high: an upper bound where the curve bends down."""
         (low, high), (first, last), (rise, fall) = self.ends, self.values, self.rates
         with np.errstate(all="ignore"):
             time = (last - first - fall * (high - low)) / (rise - fall)
             return low + time, first + rise * time
 
     def _keep(self, kept: NDArray[np.bool_]) -> None:
-        """Go on with some brackets alone."""
+        """Continue with some of the brackets."""
         self.members, self.rows = self.members[kept], self.rows[kept]
         self.ends, self.values, self.rates = self.ends[:, kept], self.values[:, kept], self.rates[:, kept]
 
     def _improve(self, members: Rows, values: Floats, times: Floats) -> None:
-        """Take what is better than the best of its member, the first of equal ones."""
+        """Replace the best of each member by a better value, the first of equal ones."""
         better = np.flatnonzero(values > self.sign * self.best[members])
         order = better[np.lexsort((better, -values[better], members[better]))]
         top = order[np.flatnonzero(np.diff(members[order], prepend=-1))]
@@ -134,14 +137,14 @@ class Summits:
 
 
 def crests(values: Floats, first: Rows) -> tuple[Rows, Rows]:
-    """Return the rows that lie no lower than both neighbours in their member, and higher than one, and the members.
+    """Return the rows not lower than both neighbours in their member, and higher than one; and their members.
 
     Parameters
     ----------
     values : ndarray, shape (rows,)
-        Of all members, one behind the other.
+        Of all members, one after the other.
     first : ndarray of int, shape (members + 1,)
-        Where each member's rows begin, and all end.
+        Where each member's rows begin, and where the last ones end.
     """
     values = np.where(np.isnan(values), -np.inf, values) if np.isnan(values).any() else values
     not_lower, higher = np.ones((2, values.size), bool), np.zeros(values.size, bool)
@@ -157,10 +160,10 @@ def crests(values: Floats, first: Rows) -> tuple[Rows, Rows]:
 
 
 def humps(values: Floats, time: Floats, first: Rows, rows: Rows, members: Rows) -> tuple[Rows, Rows]:
-    """Return of crests those about which there is something to search, the highest where there are many."""
+    """Return the crests whose neighbours are at other times; the highest of them where there are many."""
     low, high = np.maximum(rows - 1, first[members]), np.minimum(rows + 1, first[members + 1] - 1)
-    there = time[high] > time[low]
-    rows, members = rows[there], members[there]
+    wide = time[high] > time[low]
+    rows, members = rows[wide], members[wide]
     counts = np.bincount(members, minlength=len(first) - 1)
     if counts.max(initial=0) > MOST_HUMPS:
         order = np.lexsort((np.arange(rows.size), values[rows], members))
@@ -171,7 +174,7 @@ def humps(values: Floats, time: Floats, first: Rows, rows: Rows, members: Rows) 
 
 
 def summits(sign: float, best: Floats, when: Floats, values: Floats, time: Floats, first: Rows, rates: Floats | None, rows: Rows, members: Rows) -> Summits:  # fmt: skip
-    """Begin the search about the humps of a quantity.
+    """Begin the search around the humps of a quantity.
 
     Parameters
     ----------
@@ -181,17 +184,17 @@ def summits(sign: float, best: Floats, when: Floats, values: Floats, time: Float
     values, time : ndarray, shape (rows,)
     first : ndarray of int, shape (members + 1,)
     rates : ndarray, shape (3, k), optional
-        Of the quantity, in the rows before each hump, at it and behind it; none where it is not known.
+        Of the quantity, in the rows before each hump, at it and after it; None if it is not known.
     rows, members
         Of the humps.
     """
     low, high = np.maximum(rows - 1, first[members]), np.minimum(rows + 1, first[members + 1] - 1)
     if rates is None:
-        there = np.zeros((2, 0))
-        return Summits(sign, best, when, rows[:0], rows[:0], there, there.copy(), there.copy(), members, time[np.stack([low, high])])  # fmt: skip
-    before, at, behind = sign * rates
+        empty = np.zeros((2, 0))
+        return Summits(sign, best, when, rows[:0], rows[:0], empty, empty.copy(), empty.copy(), members, time[np.stack([low, high])])  # fmt: skip
+    before, at, after = sign * rates
     begin, end = np.where(at > 0.0, rows, low), np.where(at > 0.0, high, rows)
-    rise, fall = np.where(at > 0.0, at, before), np.where(at > 0.0, behind, at)
+    rise, fall = np.where(at > 0.0, at, before), np.where(at > 0.0, after, at)
     wide = time[end] > time[begin]
     turns = wide & (rise > 0.0) & (fall < 0.0)
     blind = wide & ~turns & (at != 0.0)
