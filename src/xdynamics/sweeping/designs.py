@@ -34,8 +34,8 @@ class Draws:
 
     Notes
     -----
-    Scrambled Sobol points: Owen 1998 (doi:10.1006/jcom.1998.0487), by `scipy.stats.qmc`; Latin hypercube: McKay, Beckman,
-    Conover 1979 (doi:10.1080/00401706.1979.10489755).
+    Scrambled Sobol points: Owen 1998 (doi:10.1006/jcom.1998.0487), by `scipy.stats.qmc`; Latin hypercube: McKay,
+    Beckman, Conover 1979 (doi:10.1080/00401706.1979.10489755).
 
     Examples
     --------

@@ -40,7 +40,7 @@ class Extremes(NamedTuple):
 
 
 def extremes(runs: Harvest, name: str, sign: float) -> Extremes:
-    """Find the largest value of a quantity in every member (the least, with a sign of -1), its time, rule and uncertainty.
+    """Find the largest value of a quantity in every member (with a sign of -1 the least), its time and uncertainty.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Many runs of one model as columns of a record, one run behind the other: states, events, states in between."""
+"""Many runs of one model as concatenated columns of a record: states, events, states in between."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from xdynamics.units import parse_unit
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 MANY = 1 << 12  # states, enough for lanes
-VALUE, RATE = ("value",), ("rate",)  # of a quantity, which are evaluated
+VALUE, RATE = ("value",), ("rate",)  # what is evaluated of a quantity
 
 
 @dataclass(frozen=True)
 class Harvest:
-    """What became of members that differ in numbers alone.
+    """The runs of members that differ in numbers alone.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Harvest:
     settings : Settings
     runs : Runs
     parts : PartsAbreast, optional
-        What makes steps of theirs again, side by side.
+        Repeats steps of the runs, side by side.
     """
 
     model: Model
@@ -54,17 +54,17 @@ class Harvest:
 
     @property
     def layout(self) -> Layout:
-        """Where the numbers of the march stand."""
+        """The layout of the numbers in the march."""
         return self.runs.layout
 
     @property
     def size(self) -> int:
-        """How many members there are."""
+        """Number of members."""
         return len(self.runs.ends)
 
     @cached_property
     def columns(self) -> Mapping[str, Column]:
-        """Every variable of their records, and how it is taken from what was kept."""
+        """Every variable of the records, and how it is taken from the kept logs."""
         return {column.variable.name: column for column in columns_of(self.layout, self.settings)}
 
     @cached_property
@@ -72,7 +72,7 @@ class Harvest:
         return {}
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a variable of the records, of all members one behind the other, in the unit that a record has it in."""
+        """Return a variable of the records, concatenated over all members, in the unit of a record."""
         if name not in self._taken:
             if name in self.layout.row and name not in self.runs.columns:
                 raise KeyError(f"'{name}' was not kept of the logs")
@@ -80,11 +80,11 @@ class Harvest:
         return self._taken[name]
 
     def last(self, name: str) -> NDArray[Any]:
-        """Return a variable of every member's last row."""
+        """Return a variable in every member's last row."""
         return self[name][self.runs.last_rows]
 
     def met(self, detector: str) -> tuple[Rows, Rows, Rows]:
-        """Return the events of one name: their places among all, the member of each, and its how-manieth it is."""
+        """Return the events of one detector: their index among all events, their member, and which occurrence they are."""
         attributes = self.columns["event_detector"].variable.more
         names = str(attributes["flag_meanings"]).split()
         if detector not in names:
@@ -97,15 +97,15 @@ class Harvest:
 
     @cached_property
     def extremes(self) -> dict[tuple[str, float], tuple[NDArray[Any], ...]]:
-        """Those that were found, by name and sign."""
+        """Extremes found so far, by name and sign."""
         return {}
 
     def states_at(
         self, members: Rows, times: Floats, *, after: bool, known: Rows | None = None
     ) -> tuple[dict[str, Floats], Rows]:
-        """Evaluate states of members at times, as `sample` does; the row each goes from too.
+        """Evaluate states of members at times, as `sample` does; return also the row that each step starts from.
 
-        Of the first times, the rows may be known.
+        For the first times the rows may be given as `known`.
         """
         first, known = self.runs.first_row, np.zeros(0, np.int64) if known is None else known
         low, high = first[members], first[members + 1] - 1
@@ -115,13 +115,13 @@ class Harvest:
         return dict(zip(self.layout.used, values, strict=True)), rows
 
     def _inside(self, members: Rows, times: Floats, rows: Rows, following: Rows) -> Floats:
-        """Make steps again, shortened to end at times: side by side where that is possible."""
+        """Repeat steps, shortened to end at the given times: side by side where possible."""
         if self.parts is not None:
             return self.parts.states(self.runs, np.stack([rows, following, members]), times)
         return self._again(members, times, rows, following, judged=False)[: len(self.layout.used)]
 
     def _again(self, members: Rows, times: Floats, rows: Rows, following: Rows, *, judged: bool) -> Floats:
-        """Make steps again one by one; with how far each state is from a more accurate one, where that is asked for."""
+        """Repeat steps one by one; if `judged`, return also the distance of each state from a more accurate one."""
         time, used = self["time"], self.layout.used
         states = [state_name(entry) for entry in reactions(self.model)]
         wanted = [("step_size", following), *((entry, rows) for entry in ("regime", "row_kind", *states, *used))]
@@ -135,7 +135,7 @@ class Harvest:
         )  # fmt: skip
 
     def at_times(self, times: Floats) -> tuple[Rows, Rows, dict[str, Floats], Rows]:
-        """Evaluate the states of all members at times; return member and time of each, and the row it goes from."""
+        """Evaluate all members at times; return member and time index of each, the states, and the row stepped from."""
         if "at" not in self._sampled:
             first, last = self["time"][self.runs.first_row[:-1]], self.last("time")
             members, indices = np.nonzero((times >= first[:, None]) & (times <= last[:, None]))
@@ -148,15 +148,15 @@ class Harvest:
         return {}
 
     def value(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:
-        """Evaluate a quantity on states inside steps, in the unit of a record."""
+        """Evaluate a quantity at states inside steps, in the unit of a record."""
         return states[name] if name in states else self._evaluated(name, VALUE, states, members, rows, times)[0]
 
     def rate(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:
-        """Evaluate the rate of a quantity, which is known."""
+        """Evaluate the rate of a quantity whose rate is known."""
         return self._evaluated(name, RATE, states, members, rows, times)[0]
 
     def with_rates(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> tuple[Floats, Floats]:  # fmt: skip
-        """Evaluate a quantity and its rate; of one whose rate is not known the quantity for both."""
+        """Evaluate a quantity and its rate; if the rate is not known, return the quantity for both."""
         if rate_tree(self.model, name) is None:
             values = self.value(name, states, members, rows, times)
             return values, values
@@ -166,7 +166,7 @@ class Harvest:
         return values, rates
 
     def doubts(self, name: str, members: Rows, times: Floats) -> Floats:
-        """Say what the interpolation of states inside steps may have a quantity off, as `extremes.between` does of one run."""
+        """Estimate the error of a quantity from interpolation inside steps, as `extremes.between` does for one run."""
         first, used = self.runs.first_row, self.layout.used
         last = first[members + 1] - 1
         rows = rows_of_times(self["time"], first[members], last, times, after=False)
@@ -197,7 +197,7 @@ class Harvest:
         return [np.array(np.broadcast_to(entry, times.shape)) / unit for entry in results]
 
     def _modes(self, members: Rows, rows: Rows) -> dict[str, Floats]:
-        """Return what each contact and friction element does behind rows, as of one run."""
+        """Return the mode of each contact and friction element after rows, as for one run."""
         names = [state_name(element) for element in reactions(self.model)] + [
             element.name for element in reactions(self.model)
         ]
@@ -205,7 +205,7 @@ class Harvest:
         return modes_behind(self.model, {name: self[name] for name in names}, rows, following)
 
     def _own(self, members: Rows, names: frozenset[str]) -> dict[str, Floats]:
-        """Return those parameters of each member that are named, SI."""
+        """Return the named parameters of each member, SI."""
         model, scales = self.model, self.settings.scales
         return {
             name: self.runs.parameters[members, i] * scales.of(model.dimensions[name])
@@ -215,7 +215,7 @@ class Harvest:
 
 
 class _Wanted(NamedTuple):
-    """Expressions, what of the motion they read, and every name that takes."""
+    """Expressions, the assignments of the motion that they read, and every name that these need."""
 
     trees: tuple[Node, ...]
     read: tuple[Assignment, ...]
@@ -224,12 +224,12 @@ class _Wanted(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _wanted(model: Model, name: str, what: tuple[str, ...]) -> _Wanted:
-    """Find out what it takes to evaluate a quantity, or its rate which is known, or both."""
+    """Collect what evaluating a quantity, its known rate, or both takes."""
     trees = []
     for entry in what:
-        # as `observe` does: no forces that are told on which side of a switch they are
+        # as in `observe`: without forces that depend on the side of a switch
         tree = layout_of(model).derived.get(name, Name(name)) if (entry,) == VALUE else rate_tree(model, name)
-        assert tree is not None  # noqa: S101 - who asks has looked
+        assert tree is not None  # noqa: S101 - callers have checked
         trees.append(tree)
     read = tuple(read_by(model, trees))
     values = [entry.value for entry in read]
@@ -242,7 +242,7 @@ def _factor_of(unit: str) -> float:
 
 
 def parts_of(model: Model, settings: Settings) -> PartsAbreast | None:
-    """Return what makes steps of members again side by side; none where the single run has to."""
+    """Return what repeats steps of members side by side; None where only the single run can."""
     layout = settings.layout(model)
     law, single = law_of(layout, sampled=False), of_one_step(model, settings)
     lanes = 1 if reactions(model) else lanes_for(law, single, MANY, None)
@@ -250,11 +250,11 @@ def parts_of(model: Model, settings: Settings) -> PartsAbreast | None:
 
 
 def of_one_step(model: Model, settings: Settings) -> Settings:
-    """Return what a single step is made with, as by `sample`: equations are solved as well as they can be, whatever the tolerances."""
+    """Return settings for a single step, as in `sample`: equations are solved as well as possible at any tolerance."""
     return replace(settings, until=model.initial["t"].si, step=None, tolerances=None, pacing=Pacing())
 
 
 def factors_of(model: Model, settings: Settings) -> Floats:
-    """Return what leads from internal numbers of coordinates, velocities and states to those of the record."""
+    """Return the factors from internal numbers of coordinates, velocities and states to those of the record."""
     factors = record.factors(model, settings.scales)
     return np.array([factors[name] for name in settings.layout(model).used])

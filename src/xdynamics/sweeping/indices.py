@@ -1,4 +1,4 @@
-"""Which share of a number's variance is whose: Sobol's indices, from a design of their own."""
+"""Shares of a number's variance by parameter: Sobol's indices, from a design of their own."""
 
 from __future__ import annotations
 
@@ -37,40 +37,41 @@ def sobol_indices(
     resamples: int = 200,
     **settings: Any,
 ) -> xr.Dataset:
-    """Say which share of a number's variance each parameter has, alone and with all that it acts together with.
+    """Return the share of a number's variance due to each parameter, alone and with its interactions.
 
     Parameters
     ----------
     model : Model
     ranges : mapping of str to (lowest, highest), or sequence of str
-        Parameters or initial values, spread evenly between; or names alone, drawn from the distributions that the model
-        declares for them.
+        Parameters or initial values, uniform between the two; or names alone, drawn from the distributions that the
+        model declares for them.
     quantity : str
         A word of `keep` that stands for one number: ``"end_y"``, ``"event_time_ground"``, ``"maximum_y"``.
     draws : int
         A power of two; draws*(2 + parameters) members are marched.
     seed : int
     resamples : int
-        Of the bootstrap that the intervals are from.
+        Number of bootstrap resamples for the intervals.
     **settings
         Of `simulate`, for all members.
 
     Returns
     -------
     xarray.Dataset
-        Along `parameter`: ``parameter_name``, its range (``lowest``, ``highest`` in ``parameter_units``), ``first_order``,
-        ``total_order`` and their 95 % intervals along `bound`.
+        Along `parameter`: ``parameter_name``, its range (``lowest``, ``highest`` in ``parameter_units``),
+        ``first_order``, ``total_order`` and their 95 % intervals along `bound`.
 
     Raises
     ------
     InputError
-        If a range or the quantity cannot be used, or a member does not come to a number, or all come to the same.
+        If a range or the quantity cannot be used, a member has no such number, or all members have the same.
 
     Notes
     -----
-    Saltelli et al. 2010 (doi:10.1016/j.cpc.2009.09.018), table 2, (b) and (f): the numbers of `scipy.stats.sobol_indices`,
-    whose bootstrap takes no seed and would give other intervals in each call. Here they are percentiles of the indices of
-    draws that are drawn again (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 13.3).
+    Saltelli et al. 2010 (doi:10.1016/j.cpc.2009.09.018), table 2, (b) and (f): the numbers of
+    `scipy.stats.sobol_indices`, whose bootstrap takes no seed and would give other intervals in each call. Here they
+    are percentiles of the indices of resampled draws (Efron and Tibshirani, An Introduction to the Bootstrap, 1993,
+    section 13.3).
     """
     for what, value, least in (("draws", draws, 2), ("resamples", resamples, 1)):
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
@@ -103,7 +104,7 @@ def sobol_indices(
 
 
 def _marched(model: Model, spans: Mapping[str, Column | Parameter], quantity: str, draws: int, seed: int, settings: Mapping[str, Any]) -> NDArray[np.float64]:  # fmt: skip
-    """March two designs, and the first with each column of the second; return what came, shape (2 + n, draws)."""
+    """March two designs, and the first with each column of the second; return the numbers, shape (2 + n, draws)."""
     names = list(spans)
     points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
     a, b = points[:, : len(names)], points[:, len(names) :]
@@ -123,7 +124,7 @@ def _marched(model: Model, spans: Mapping[str, Column | Parameter], quantity: st
 
 
 def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return first and total orders of each parameter from what came at both designs and at each mixed one."""
+    """Return first and total orders of each parameter from the numbers of both designs and each mixed one."""
     both = f[:2]
     f = f - both.mean()
     variance = both.var()
@@ -140,7 +141,7 @@ def _span(model: Model, name: str, ends: Sequence[Any]) -> Column:
 
 
 def _between(span: Column | Parameter, points: NDArray[np.float64]) -> xr.DataArray:
-    """Put points from 0 to 1 between the ends of a range, in its unit."""
+    """Map points from 0 to 1 to a range or a distribution, in its unit."""
     import xarray as xr
 
     if isinstance(span, Parameter):
@@ -152,7 +153,7 @@ def _between(span: Column | Parameter, points: NDArray[np.float64]) -> xr.DataAr
 
 
 def _declared(model: Model, name: str, names: Sequence[str]) -> Parameter:
-    """Return what has a distribution of its own in the model, and is independent of the others."""
+    """Return an uncertain parameter or initial value that is independent of the others."""
     if name not in model.uncertain:
         raise InputError(f"'{name}' has no uncertainty in the model; there are {', '.join(model.uncertain) or 'none'}")
     for pair in model.correlations:
@@ -162,7 +163,7 @@ def _declared(model: Model, name: str, names: Sequence[str]) -> Parameter:
 
 
 def _ends(span: Column | Parameter) -> tuple[str, float, float]:
-    """Return the unit of a range and its ends; of a distribution a standard uncertainty to either side."""
+    """Return unit and ends of a range; for a distribution, one standard uncertainty to either side."""
     if isinstance(span, Parameter):
         value, unit = span.quantity.value, span.quantity.unit.text
         return unit, value - span.uncertainty, value + span.uncertainty

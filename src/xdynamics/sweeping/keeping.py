@@ -1,4 +1,4 @@
-"""What is kept of every member of a grid: words, and the numbers they stand for."""
+"""What is kept of every member of a grid: words of `keep`, and the variables they stand for."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ class Kept:
     ----------
     name : str
     dims : tuple of str
-        Behind those of the axes.
+        Dimensions after those of the axes.
     sizes : tuple of int
     units, said, role : str
     take : callable
         From a `Harvest` to an array, shape (members, *sizes).
     reads : tuple of str
-        Variables along `step` that it takes from whole logs.
+        Variables along `step` that it takes from complete logs.
     dtype : str
     more : mapping
-        Further attributes: what flags mean.
+        Further attributes, such as the meanings of flags.
     """
 
     name: str
@@ -68,15 +68,15 @@ class Kept:
 
 @dataclass(frozen=True)
 class Keeping:
-    """What is kept.
+    """What is kept of every member.
 
     Attributes
     ----------
     words : tuple of str
-        As they were asked for.
+        As given.
     times : ndarray, shape (n,), s
     occurrences : (int, int)
-        Of each event: the first that is kept, counted from 0, and the first that is not any more.
+        Range of occurrences of each event, counted from 0; the end is excluded.
     """
 
     words: tuple[str, ...]
@@ -94,7 +94,7 @@ class Keeping:
         Raises
         ------
         InputError
-            If a word stands for nothing of the model; with every one.
+            If words stand for nothing in the model; all of them are named.
         """
         reader = _Reader(self, model, settings)
         variables: dict[str, Kept] = {}
@@ -109,7 +109,7 @@ class Keeping:
 
 
 class _Reader:
-    """Finds out what a word means for a model."""
+    """Resolve the words of `keep` for a model."""
 
     def __init__(self, keeping: Keeping, model: Model, settings: Any) -> None:
         self.keeping, self.model = keeping, model
@@ -123,11 +123,11 @@ class _Reader:
             "step_size",
             *self.layout.used,
             *self.layout.reactions,
-        )  # which states between are made of
-        self.loads = (*self.layout.forces, *self.layout.reactions)  # which have extremes too
+        )  # what states inside steps are computed from
+        self.loads = (*self.layout.forces, *self.layout.reactions)  # they have extremes too
 
     def known(self) -> list[str]:
-        """List the words."""
+        """List the words that can be kept."""
         events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
         quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in self.quantities]
         beside = [f"{word}{name}_…" for name in self.detectors for word in (AFTER, BEFORE)]
@@ -135,12 +135,12 @@ class _Reader:
         return [END, LOG, *events, *beside, *quantities, *loads]
 
     def sampled(self) -> list[str]:
-        """Name what is kept at times where nothing says what."""
+        """Return what is kept at times by default: every state, if times are given and no quantity is named."""
         named = {*self.keeping.words} & {*self.quantities}
         return [] if named or not self.keeping.times.size else list(self.layout.used)
 
     def read(self, word: str) -> list[Kept]:
-        """Return what a word stands for; nothing of one that is not known."""
+        """Return the variables that a word stands for; none if it is not known."""
         if word == END:
             return [self._end(name) for name in self.layout.used]
         if word in self.quantities:
@@ -207,7 +207,7 @@ class _Reader:
     def _occurrences(
         self, name: str, detector: str, units: str, description: str, value: Callable[[Harvest, Values], Values]
     ) -> Kept:
-        """Return something of each occurrence of an event that is kept; of the first alone, without a dimension."""
+        """Return a variable over the kept occurrences of an event; without a dimension if only the first is kept."""
         begin, end = self.keeping.occurrences
         count = end - begin
 
@@ -242,12 +242,12 @@ class _Reader:
 
 
 def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any, unit: Unit = SECONDS) -> Keeping:
-    """Read what is asked for.
+    """Read the arguments `keep`, `times` and `occurrences` of a sweep.
 
     Raises
     ------
     InputError
-        If it is no row of words, no row of times, or no number of occurrences.
+        If words, times or occurrences cannot be used.
     """
     from xdynamics.dynamics.inside import wanted_times
 

@@ -1,4 +1,4 @@
-"""Members by the values that they have along the axes."""
+"""Finding members by their values along the axes."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from xdynamics.faults import InputError
 from xdynamics.sweeping.axes import Axis, Column, numbers_of
 from xdynamics.sweeping.grid import Grid
 
-ALIKE = 1e-12  # relative, of values that are written down in other units
+ALIKE = 1e-12  # relative difference of values that were converted between units
 
 
 def places_of(grid: Grid, labels: Mapping[str, Any]) -> list[int]:
-    """Find where along every axis the values are that are asked for.
+    """Find the index along every axis of a member given by its values.
 
     Raises
     ------
     InputError
-        If an axis has no such value, it names the nearest; if there is no such axis, or nothing is said of one.
+        If an axis has no such value (the nearest is named), there is no such axis, or the value of one is missing.
     """
     unknown = [name for name in labels if name not in grid.dims]
     if unknown:
@@ -37,12 +37,12 @@ def places_of(grid: Grid, labels: Mapping[str, Any]) -> list[int]:
 
 
 def place_on(axis: Axis, label: Any) -> int:
-    """Find a value on one axis; on one along which several things vary, the number of a member.
+    """Find a value on one axis; an axis along which several columns vary takes the number of the member.
 
     Raises
     ------
     InputError
-        If it has no such value.
+        If the axis has no such value.
     """
     matching = [column for column in axis.columns if column.label == axis.dim]
     return _nearest(matching[0], label) if matching else _number(axis.dim, axis.size, label)

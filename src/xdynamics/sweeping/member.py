@@ -32,8 +32,8 @@ def member(
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
     **labels
-        A value of every axis: ``k="1 N m-1"``, ``k=1.0`` in the axis' unit, ``method="heun"``; of an axis along which
-        several things vary the number of the member.
+        A value of every axis: ``k="1 N m-1"``, ``k=1.0`` in the axis' unit, ``method="heun"``; for an axis along which
+        several columns vary, the number of the member.
 
     Returns
     -------
@@ -42,9 +42,9 @@ def member(
     Raises
     ------
     InputError
-        If an axis has no such value; it names the nearest.
+        If an axis has no such value; the nearest is named.
     ArchiveError
-        If the run that is marched does not come to what the sweep says.
+        If the run marched again differs from what the sweep holds.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def member(
 
 
 def _recorded(grid: Grid, at: At) -> xr.Dataset:
-    """March a member again, and record of it what was recorded."""
+    """March a member again, recording what the sweep recorded."""
     single = March(grid.model_of(at), grid.recorded_settings_of(at))
     return archive.marched(record.dataset(single, single.blocks()))
 
@@ -88,7 +88,7 @@ def _folder_of(sweep: xr.Dataset) -> Path | None:
 
 
 def _opened(file: Path, digest: str) -> xr.Dataset:
-    """Open a member's archive, which is to hold the run that the catalogue says."""
+    """Open a member's archive, and check that it holds the run named in the catalogue."""
     run = archive.open_run(file)
     if run.attrs[ROOT_DIGEST] != digest:
         run.close()

@@ -1,4 +1,4 @@
-"""A block of members marched: what is kept of each, its outcome, and a digest of what it came to."""
+"""Marching a block of members: kept variables, outcome and digest of each."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 Values = NDArray[Any]
 Block = Sequence[slice]
 
-LOG_BYTES = 12_000_000  # of whole logs that are held at once
-FEW, MOST, MORE = 128, 16_384, 16  # members whose logs are, at first and at most, and times the one before
-REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # of which the cause is found out by making the step again
+LOG_BYTES = 12_000_000  # of complete logs held at once
+FEW, MOST, MORE = 128, 16_384, 16  # members whose logs are held: at first, at most, and growth factor
+REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # whose cause is found by repeating the step
 LONGEST_WORD = max(map(len, WORDS))
 _GOLDEN = 0x9E3779B97F4A7C15
 
@@ -51,14 +51,14 @@ COUNTS: dict[str, Callable[[Harvest], Values]] = {
 
 @dataclass(frozen=True)
 class Plan:
-    """What is marched, and what is kept of it.
+    """What is marched, and what is kept of every member.
 
     Attributes
     ----------
     grid : Grid
     keeping : Keeping
     check : float
-        Part of the members that are marched alone too, and compared bit for bit.
+        Fraction of members that are also marched alone, and compared bit for bit.
     """
 
     grid: Grid
@@ -70,7 +70,7 @@ class Plan:
 
     @cached_property
     def digest(self) -> str:
-        """sha256 of all that the numbers of the sweep depend on."""
+        """sha256 of everything that the numbers of the sweep depend on."""
         grid, keeping = self.grid, self.keeping
         axes = [[axis.dim, [[entry.name, entry.kind, entry.unit.text, entry.values.tolist(), entry.tables] for entry in axis.columns]] for axis in grid.axes]  # fmt: skip
         words = [grid.model.digest, grid.asked, axes, keeping.words, keeping.times.tolist(), keeping.occurrences]
@@ -80,7 +80,7 @@ class Plan:
 
     @cached_property
     def variables(self) -> tuple[Kept, ...]:
-        """What is kept of every member; of each with a `take` of its own."""
+        """The variables kept of every member."""
         settings = self.grid.settings_of((0,) * len(self.grid.shape))
         kept = [
             Kept(
@@ -99,7 +99,7 @@ class Plan:
 
     @property
     def _judged(self) -> list[Kept]:
-        """What is said of every member as a run."""
+        """The variables that judge every member as a run: doubts, outcome, digest, file."""
         description = "of how many variables errors as large as their given absolute tolerance, one a step, come to 3 % of their largest value or more; steps that a stricter tolerance of another variable holds err by less, and what errors do to others is not in it: a member that is marched by itself is judged by both"
         whole = self.keeping.whole
         stops = [name for name, event in self.grid.model.events.items() if event.action == "stop"]
@@ -164,13 +164,13 @@ def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Va
     plan : Plan
     block : sequence of slice
     there : callable, optional
-        Puts what is known of members into the arrays, by name, in the shape of the block, and returns which they are:
-        those are not marched.
+        Copies what is known of members into the arrays, by name, in the shape of the block, and returns which members
+        these are; they are not marched.
 
     Returns
     -------
     dict of str to ndarray
-        Every variable, shape of the block and behind it what is kept of each member.
+        Every variable; dimensions of the block, followed by those of the variable.
     """
     shape = plan.grid.shape_of(block)
     size = int(np.prod(shape))
@@ -194,7 +194,7 @@ def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Va
 
 
 def _batches(group: Group, reads: tuple[str, ...]) -> Iterator[tuple[slice, Runs]]:
-    """March a group; where logs are looked at, as many members at a time as memory is to hold."""
+    """March a group; if logs are read, as many members at a time as the memory limit allows."""
     begin, count, room = 0, FEW if reads else len(group.places), Room()
     while begin < len(group.places):
         part = slice(begin, begin + count)
@@ -218,13 +218,13 @@ def _outcomes(runs: Harvest) -> Values:
 
 
 def _passed(runs: Harvest) -> Values:
-    """Count how often switches that are declared smooth were passed."""
+    """Count how often steps passed switches that are declared smooth."""
     counts: Values = runs.runs.passed.sum(axis=1)
     return counts
 
 
 def _stopped_by(runs: Harvest) -> Values:
-    """Name the last event of every run that one has stopped."""
+    """Name the last event of every run that was stopped by an event."""
     names = str(runs.columns["event_detector"].variable.more["flag_meanings"]).split()
     stops = [
         i for i, name in enumerate(names) if name in runs.model.events and runs.model.events[name].action == "stop"
@@ -249,7 +249,7 @@ def ended(sweep: xr.Dataset) -> xr.DataArray:
 
 
 def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
-    """Count the variables that the tolerances did not control, of every member by its own tolerance."""
+    """Count the variables that the tolerances did not control, for every member by its own tolerance."""
     tolerances, layout, rtols = group.settings.tolerances, runs.layout, group.arrays.get("rtols")
     if not group.settings.adaptive or tolerances is None:
         return np.zeros(runs.size, np.int64)
@@ -262,7 +262,7 @@ def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
 
 
 def _digests(runs: Harvest) -> Values:
-    """Digest what every member came to."""
+    """Digest the end, the counts and the event times of every member."""
     ends = np.stack([runs.last(name) for name in ("time", *runs.layout.used)], axis=1)
     counts = np.stack([counted(runs) for counted in COUNTS.values()], axis=1)
     rows, events = _bytes(ends, counts), runs["event_time"].astype("<f8").tobytes()
@@ -273,19 +273,19 @@ def _digests(runs: Harvest) -> Values:
 
 
 def _bytes(ends: Values, counts: Values) -> bytes:
-    """Return numbers and whole numbers of rows as bytes, little end first."""
+    """Return rows of floats and integers as bytes, little-endian."""
     return np.concatenate([ends.astype("<f8").view("<i8"), counts.astype("<i8")], axis=-1).tobytes()
 
 
 def digest_of_end(run: xr.Dataset, names: Sequence[str]) -> str:
-    """Return the digest that a record's run has in a sweep: names are those of coordinates, velocities and states."""
+    """Return the digest that a run has in a sweep; `names` are those of coordinates, velocities and states."""
     end = np.array([float(run[name][-1]) for name in ("time", *names)])
     counts = np.array([int(run.attrs[name]) for name in COUNTS])
     return sha256(_bytes(end, counts) + np.asarray(run["event_time"]).astype("<f8").tobytes()).hexdigest()[:DIGITS]
 
 
 def _settle(plan: Plan, block: Block, arrays: Mapping[str, Values], known: NDArray[np.bool_]) -> None:
-    """Find out the causes of bad ends, and march those alone that are to be checked, but for those that are known."""
+    """Find the causes of bad ends, and march the members to be checked alone; known members are skipped."""
     grid = plan.grid
     places = grid.places(block)
     refined = [OUTCOMES[status].word for status in REFINED]
@@ -300,7 +300,7 @@ def _settle(plan: Plan, block: Block, arrays: Mapping[str, Values], known: NDArr
 
 
 def march_of(grid: Grid, at: At) -> March | None:
-    """Return the march of a member alone, as its run is recorded; none of one whose model is refused, whose outcome tells why it could not go on."""
+    """Return the march of a single member, as its run is recorded; None if its model is refused (see its outcome)."""
     try:
         return March(grid.model_of(at), grid.recorded_settings_of(at))
     except ModelError:
@@ -308,13 +308,13 @@ def march_of(grid: Grid, at: At) -> March | None:
 
 
 def chosen(numbers: Values, part: float) -> Values:
-    """Choose members by their numbers alone, spread evenly: a part of them, whatever the blocks."""
-    spread = (numbers.astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN)  # wraps around, as it is meant to
+    """Choose a fraction of the members by their numbers, evenly spread and independent of the blocks."""
+    spread = (numbers.astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN)  # wraps around on purpose
     return spread.astype(float) / 2.0**64 < part
 
 
 def _check(grid: Grid, at: Values, kept: Mapping[str, Any]) -> None:
-    """Compare a member with its run alone."""
+    """Compare a member with the same run marched alone."""
     march = march_of(grid.unrecorded, at)
     if march is None:
         return

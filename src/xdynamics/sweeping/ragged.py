@@ -1,4 +1,4 @@
-"""All members of a sweep as whole runs in one Dataset: rows of all, one run behind the other (CF contiguous ragged arrays)."""
+"""All members of a sweep as whole runs in one Dataset: concatenated rows (CF contiguous ragged arrays)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
 RUN, ROW, SIZE = "run", "row", "row_size"
-MOST = 2_000_000_000  # bytes that are put together
+MOST = 2_000_000_000  # bytes of rows in one Dataset
 
 
 def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
-    """Return every accepted state of every member, one run behind the other.
+    """Return every accepted state of every member, runs concatenated.
 
     Parameters
     ----------
@@ -35,13 +35,13 @@ def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] |
     -------
     xarray.Dataset
         Along `row` what a record has along `step`: `time`, coordinates, velocities, forces, energies …; along `run`
-        `row_size`, and what varies. Member i's rows are those behind the first i `row_size` (CF 1.11, section 9.3.3);
-        members stand as their values do along the axes, the last one fastest.
+        `row_size`, and what varies. Member i's rows follow those of the first i members (CF 1.11, section 9.3.3);
+        members are in the order of the axes, the last axis fastest.
 
     Raises
     ------
     InputError
-        If all rows would take more than two gigabytes; a part of the sweep will do.
+        If the rows take more than two gigabytes; take a part of the sweep.
 
     Examples
     --------

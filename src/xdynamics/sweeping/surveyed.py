@@ -1,4 +1,4 @@
-"""What a survey of a sweep tells, in lines of text."""
+"""Surveys of a sweep in lines of text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST = 16
 
 
 def lines_of(found: xr.Dataset) -> list[str]:
-    """Say what was found, the largest first where there is much."""
+    """Summarise a survey; of a long one the first lines."""
     lines = list(_TOLD[str(found.attrs[EVIDENCE])](found))
     return lines if len(lines) <= MOST else [*lines[:MOST], f"… and {len(lines) - MOST} more"]
 

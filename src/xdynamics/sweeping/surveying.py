@@ -1,4 +1,4 @@
-"""What a grid of runs tells: where choices part, what changes an outcome, slopes, shares of variance, convergence."""
+"""Surveys of a grid of runs: differences, changes of outcome, slopes, shares of variance, convergence."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 ROLE = "survey"
 EVALUATIONS = "run_force_evaluations"
-ROUNDING = 64.0  # times the spacing of numbers: a spread that is no more is none
-LEVELS = 3  # that an order is told from
+ROUNDING = 64.0  # spacings of numbers; a smaller spread counts as zero
+LEVELS = 3  # needed to observe an order
 
 
 def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Dataset:
-    """Say how far members along one axis are from one of them: where two methods part, or two tables.
+    """Compare members along one axis with one of them: two methods, say, or two tables.
 
     Parameters
     ----------
@@ -41,13 +41,13 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Datase
     dim : str
         The axis, ``"method"`` say.
     reference : optional
-        The value that the others are compared with; the last one where it is not given.
+        The value that the others are compared with; by default the last one.
 
     Returns
     -------
     xarray.Dataset
-        Lazy where the sweep is. For every number ``difference_end_y``, and ``outcome_differs``: 1 where the run ended in
-        another way.
+        Lazy where the sweep is. For every number ``difference_end_y``, and ``outcome_differs``: 1 where the run ended
+        in another way.
 
     Raises
     ------
@@ -89,8 +89,8 @@ def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Second-order differences on uneven grids as by `numpy.gradient`, at the ends too where there are three values: at a member they are as good as the grid is fine there,
-    and mean nothing across a change of outcome; see `influences`.
+    Second-order differences on uneven grids as by `numpy.gradient`, at the ends too where there are three values: they
+    are as accurate as the grid is fine, and mean nothing across a change of outcome; see `influences`.
     """
     check_sweep(sweep)
     axes = [
@@ -116,7 +116,7 @@ def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
 
 
 def influences(sweep: xr.Dataset) -> xr.Dataset:
-    """Say which axes change how runs end, how often events are met, and every number.
+    """Return how much each axis changes outcomes, counts of events, and every number.
 
     Parameters
     ----------
@@ -126,13 +126,13 @@ def influences(sweep: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         Along `axis`: ``outcome_changes``, the share of neighbours along the axis that ended in different ways;
-        ``event_count_ground_changes`` the same of a count; ``main_effect_end_y``, the share of variance that the axis has
-        alone, of members that came to a number.
+        ``event_count_ground_changes`` the same for a count; ``main_effect_end_y``, the share of variance that the axis
+        has alone, over members that have the number.
 
     Notes
     -----
-    The main effect is the variance of means over all other axes, over the variance of all: the first-order index of Sobol
-    for values that are spread over the axes as the grid is (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2).
+    The main effect is the variance of means over all other axes, divided by the total variance: Sobol's first-order
+    index for values distributed like the grid (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2).
     """
     check_sweep(sweep)
     axes = [dim for dim in _axes(sweep) if dim in sweep.dims]
@@ -166,13 +166,13 @@ def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        On the other axes, lazy where the sweep is: for every number ``order_end_y``, ``verdict_end_y``, ``limit_end_y``,
-        ``uncertainty_end_y`` of the finest level, as `refine` finds them for one model.
+        On the other axes, lazy where the sweep is: for every number ``order_end_y``, ``verdict_end_y``,
+        ``limit_end_y``, ``uncertainty_end_y`` of the finest level, as `refine` finds them for one model.
 
     Raises
     ------
     InputError
-        If the axis is none of steps or tolerances, or has fewer levels, or methods vary in it.
+        If the axis is not one of steps or tolerances, or has fewer levels, or methods vary in it.
     """
     import xarray as xr
 
@@ -205,7 +205,7 @@ def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
 
 
 def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] | None = None) -> xr.Dataset:
-    """Set what runs cost against how far they are off: work and precision of methods, from coarse to fine.
+    """Return the cost and the error of every run: a work-precision diagram of methods, from coarse to fine.
 
     Parameters
     ----------
@@ -214,8 +214,8 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
     dim : str
         The axis of steps or tolerances.
     exact : mapping of str to float, optional
-        The right values, in the units of the sweep; of what is not named, the finest level of the method of the highest
-        order stands for it.
+        The exact values, in the units of the sweep; by default the finest level of the method of the highest order is
+        taken for exact.
 
     Returns
     -------
@@ -225,7 +225,7 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
     Raises
     ------
     InputError
-        If there is no such axis, or a name is no number of the sweep.
+        If there is no such axis, or `exact` names no number of the sweep or has no finite value.
     """
     _check_axis(sweep, dim)
     names, exact_values = numbers(sweep), dict(exact or {})
@@ -249,7 +249,7 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
 
 
 def numbers(sweep: xr.Dataset) -> list[str]:
-    """Name what was kept of members as numbers, without what says how they were found and how surely."""
+    """Name the numbers kept of members, without their rules and uncertainties."""
     axes = {*_axes(sweep)}
     return [
         str(name)
@@ -273,7 +273,7 @@ def _check_axis(sweep: Any, dim: str) -> None:
 
 
 def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
-    """Find a value of an axis."""
+    """Find the index of a value on an axis."""
     return place_on(next(axis for axis in plan_of(sweep).grid.axes if axis.dim == dim), label)
 
 
@@ -292,14 +292,14 @@ def quotient(unit: str, by: str) -> str:
 
 
 def _share_of_changes(values: NDArray[Any], axis: int) -> float:
-    """Return the share of neighbours along an axis that differ, of those that are there."""
+    """Return the share of neighbours along an axis that differ, among those that both exist."""
     moved = np.moveaxis(values, axis, 0)
     both_known = (moved[1:] == moved[1:]) & (moved[:-1] == moved[:-1])
     return float(np.mean(moved[1:][both_known] != moved[:-1][both_known])) if both_known.any() else 0.0
 
 
 def _orders(sweep: xr.Dataset) -> Any:
-    """Return the order of every method in its step."""
+    """Return the order of every method."""
     import xarray as xr
 
     plan = plan_of(sweep)
@@ -309,7 +309,7 @@ def _orders(sweep: xr.Dataset) -> Any:
 
 
 def _judged(values: Floats, steps: Floats, orders: Floats, *, smooth: bool) -> Floats:
-    """Judge rows of levels; order, verdict, limit and uncertainty of each."""
+    """Judge rows of levels; return order, verdict, limit and uncertainty of each."""
     shape = values.shape[:-1]
     rows, order = values.reshape(-1, values.shape[-1]), np.broadcast_to(orders, shape).ravel().tolist()
     judged = np.full((len(rows), 4), np.nan)
@@ -326,7 +326,7 @@ def _judged(values: Floats, steps: Floats, orders: Floats, *, smooth: bool) -> F
 def _exhibited(
     kind: str, title: str, sweep: xr.Dataset, variables: dict[str, Any], extra: dict[str, Any]
 ) -> xr.Dataset:
-    """Put a survey together, with the axes it is on."""
+    """Assemble a survey, with the coordinates of its axes."""
     dims = {dim for variable in variables.values() for dim in variable[0]}
     coordinates = {str(name): (variable.dims, variable.data, dict(variable.attrs)) for name, variable in sweep.coords.items() if AXIS in variable.attrs and {*variable.dims} <= dims}  # fmt: skip
     attributes = {

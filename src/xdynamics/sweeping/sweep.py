@@ -25,7 +25,7 @@ from xdynamics.units import Quantity, behind
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST_MEMBERS = 200_000_000  # of which one sweep holds what was kept
+MOST_MEMBERS = 200_000_000  # in one sweep
 
 
 def sweep(
@@ -41,56 +41,58 @@ def sweep(
     progress: Callable[[float, float, int], None] | None = None,
     **settings: Any,
 ) -> xr.Dataset:
-    """March a model once for every combination of values along its axes; each member has the bits that it has alone.
+    """March a model once for every combination of values along its axes, each bit for bit as if it were marched alone.
 
     Parameters
     ----------
     model : Model, or xarray.Dataset
-        Or an earlier sweep, or a part of one, whose members are marched again with its settings, for something else to be
-        kept: ``sweep(found, keep=["y"], times=[1.0])`` puts all runs on common times.
+        An earlier sweep, or a part of one, is marched again with its settings, to keep something else:
+        ``sweep(found, keep=["y"], times=[1.0])`` puts all runs on common times.
     axes : mapping
-        What varies, by name: parameters, initial values (``initial_x`` calls the axis so), drives, ``method``, ``step``,
-        ``rtol`` and other settings of `simulate` that are one word or number. Values are a row of texts with units or of
-        numbers in the declared unit, an array with `units`, or a text: ``"0:2e-3:41 kg m-1"`` (first, last, how many),
-        ``"1, 2, 5 kg"``. A drive takes CSV files, or one with a column for each value. What varies together stands in a
-        mapping under a name of its own, ``{"body": {"m": […], "c": […]}}``; what is drawn in `Draws`.
+        What varies, by name: parameters, initial values (``initial_x`` names the axis so), drives, ``method``,
+        ``step``, ``rtol`` and other settings of `simulate` that are one word or number. Values are a list of texts with
+        units or of numbers in the declared unit, an array with `units`, or a text: ``"0:2e-3:41 kg m-1"`` (first, last,
+        count), ``"1, 2, 5 kg"``. A drive takes CSV files, or one file with a column for each value. Group what varies
+        together in a mapping under a name of its own, ``{"body": {"m": […], "c": […]}}``; give random values as
+        `Draws`.
     keep : sequence of str
         ``end`` (coordinates, velocities, states where each run ended), ``end_x``, ``event_time_ground``,
-        ``event_count_ground``, ``after_ground_x``, ``before_ground_x``, ``maximum_x``, ``minimum_x`` (with time,
-        rule and uncertainty, as `diagnose` has them), ``x`` or any energy or observable at `times`, ``log`` for whole runs, one file each.
+        ``event_count_ground``, ``after_ground_x``, ``before_ground_x``, ``maximum_x``, ``minimum_x`` (with time, rule
+        and uncertainty, as in `diagnose`), ``x`` or any energy or observable at `times`, ``log`` for whole runs, one
+        file each.
     times : array_like, s, or of texts
-        Along `at`; of every coordinate, velocity and state, or of those that `keep` names. nan behind the end of a run.
+        Along `at`; for every coordinate, velocity and state, or those that `keep` names. nan after the end of a run.
     occurrences : int, or (int, int)
-        How many of every event, along `occurrence` if more than the first are kept; ``(100, 160)`` leaves out the first
-        hundred.
+        How many occurrences of every event to keep, along `occurrence` if more than the first; ``(100, 160)`` leaves
+        out the first hundred.
     path : str or Path, optional
-        A folder to march into, and to go on in where a process was stopped: what is there is not marched again. To a
-        sweep that is there members can be added: by an axis that is longer or finer, by one more, by further methods.
+        A folder to march into. The same call continues an interrupted sweep without marching finished members again,
+        and members can be added to an existing sweep: by a longer or finer axis, one more axis, further methods.
     check : float
-        Part of the members that are marched alone too and compared, bit for bit: ``0.01``.
+        Fraction of members that are also marched alone and compared bit for bit: ``0.01``.
     members_per_task : int, optional
-        How many a task marches; else as many as fill about a second.
+        Members in a task; by default as many as take about a second.
     progress : callable, optional
-        Called with the part done, 0 and the tasks done, of a sweep into a folder.
+        Called with the fraction done, 0 and the number of tasks done, for a sweep into a folder.
     **settings
-        Of `simulate`, for all members; ``keep_every``, ``log`` and ``compress`` are of the records of ``keep=["log"]``, and
-        all else that is kept is of every row. What a model file's `[run]` leaves out of records is recorded here, unless
-        it is asked for.
+        Of `simulate`, for all members; ``keep_every``, ``log`` and ``compress`` apply to the records of
+        ``keep=["log"]``, everything else that is kept uses every row. What a model file's `[run]` leaves out of records
+        is recorded here, unless these settings say otherwise.
 
     Returns
     -------
     xarray.Dataset
         On the axes' own dimensions, lazy: computed by dask's threads, or on a cluster where there is a
-        `dask.distributed` client. With `path` marched, and opened from there. For every member `end_time`,
-        `run_outcome`, counts, `run_uncontrolled` (of how many variables given absolute tolerances may let pass 3 %, if
-        every step errs by as much as they allow), and `run_digest`. A member that fails is a row with its outcome.
-        `member` marches one again, to its whole run.
+        `dask.distributed` client. With `path` it is marched at once, and opened from there. For every member
+        `end_time`, `run_outcome`, counts, `run_uncontrolled` (of how many variables given absolute tolerances may let
+        pass 3 %, if every step errs by as much as they allow), and `run_digest`. A member that fails is a row with its
+        outcome. `member` marches one again, to its whole run.
 
     Raises
     ------
     InputError
-        If an axis, a word or a setting cannot be used, before anything is marched; with every fault. If the folder holds
-        a sweep of which this one is no enlargement: what differs is named.
+        If an axis, a word or a setting cannot be used, before anything is marched; every fault is named. If the folder
+        holds a sweep that this one does not extend; the differences are named.
 
     Examples
     --------
@@ -109,9 +111,9 @@ def sweep(
         grid = _unrecorded(grid, settings)
     grid.check()
     plan = Plan(grid, keeping, _part(check))
-    collected(plan, {})  # refuses words that mean nothing
+    collected(plan, {})  # refuses unknown words
     if grid.recording and (first := march_of(grid, (0,) * len(grid.shape))):
-        record.columns(first)  # and columns that are none
+        record.columns(first)  # refuses unknown columns
     _check_times(plan)
     if plan.keeping.whole and path is None:
         raise InputError("keep has 'log', and whole runs are kept in files; give path='a folder'")
@@ -124,7 +126,7 @@ def sweep(
 
 
 def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:
-    """Read what is to be marched: a model over axes, or the members of an earlier sweep."""
+    """Return the grid to march: a model over axes, or the members of an earlier sweep."""
     if hasattr(model, "attrs") and hasattr(model, "data_vars"):
         if axes is not None or settings:
             raise InputError("an earlier sweep has its axes and settings; give keep, times and occurrences alone")
@@ -143,7 +145,7 @@ def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:
 
 
 def _unrecorded(grid: Grid, settings: Mapping[str, Any]) -> Grid:
-    """Leave out what an earlier sweep recorded of whole runs, where none are kept; refuse it where it is asked for."""
+    """Drop the recording settings of an earlier sweep where no whole runs are kept; refuse them if they were given."""
     if refused := [name for name in grid.recording if settings.get(name) is not None]:
         verb = "says" if len(refused) == 1 else "say"
         raise InputError(f"{' and '.join(refused)} {verb} how whole runs are recorded, and keep has none: add 'log' to keep with path='a folder', or leave {' and '.join(refused)} out; what else is kept is of every row")  # fmt: skip
@@ -151,7 +153,7 @@ def _unrecorded(grid: Grid, settings: Mapping[str, Any]) -> Grid:
 
 
 def _check_times(plan: Plan) -> None:
-    """Refuse times at which no member is, where all begin and end together."""
+    """Refuse times outside the runs, where all members begin and end together."""
     times, grid = plan.keeping.times, plan.grid
     if not times.size or {"t", "until"} & {entry.name for _, entry in grid.columns}:
         return
@@ -176,12 +178,12 @@ def _part(check: Any) -> float:
 
 
 def plain(name: str, value: Any) -> Any:
-    """Return a setting as a text could hold it.
+    """Return a setting as JSON can hold it.
 
     Raises
     ------
     InputError
-        If it is nothing that a file of a sweep keeps.
+        If it is neither a number, a text, nor a list or mapping of these.
     """
     if isinstance(value, Quantity):
         return str(value)

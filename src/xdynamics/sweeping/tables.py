@@ -37,23 +37,23 @@ def is_wide(path: Path) -> bool:
 
 
 def narrow(path: Path) -> dict[str, str]:
-    """Take a wide table apart: CSV text with argument, value and perhaps its uncertainty, by the name in the header.
+    """Split a wide table: CSV text with argument, value and perhaps its uncertainty, by the name in the header.
 
     Raises
     ------
     InputError
-        If a name stands twice, or a row has another number of cells.
+        If a name occurs twice, or a row has another number of cells.
     """
     sheet = _sheet(path)
     tables = {}
     for label, columns in _labels(sheet):
-        sheet.numbers(columns)  # or what is wrong with them
+        sheet.numbers(columns)  # raises if they cannot be read
         tables[label] = _written([list(sheet.header), *(cells for _, cells in sheet.lines)], columns, sheet.decimal)
     return tables
 
 
 def _written(rows: list[list[str]], columns: Sequence[int], decimal: str) -> str:
-    """Write some columns with commas between them; their numbers stay the texts that they are."""
+    """Write some columns as CSV; numbers stay the texts that they are, with decimal points."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([row[k].replace(decimal, ".") for k in columns] for row in rows)
     return text.getvalue()
@@ -64,7 +64,7 @@ def _sheet(path: Path) -> Sheet:
 
 
 def _labels(sheet: Sheet) -> list[tuple[str, tuple[int, ...]]]:
-    """Name the value columns, each with the places of the argument, itself, and its uncertainties."""
+    """Return the value columns by name, each with the indices of the argument, itself and its uncertainties."""
     names = [title.name for title in sheet.titles()]
     uncertainties = {names[place] for name in names for place in doubts_of(name, names).values()}
     return [

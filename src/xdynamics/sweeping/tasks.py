@@ -1,4 +1,4 @@
-"""A grid cut into blocks, each enough work for a task; the scheduling is dask's."""
+"""Cutting a grid into blocks, each enough work for a task; dask does the scheduling."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ import numpy as np
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.members import Block, Plan, marched
 
-SECOND = 1.0  # of work in a task, of which a scheduler costs a millisecond
+SECOND = 1.0  # of work in a task; scheduling it costs about a millisecond
 LEAST = 0.05  # s, where there are few members for many workers
-EACH = 4  # tasks a worker, so that none is idle for long
-MOST = 1 << 15  # members of a task, each of which takes a kilobyte while it is marched
+EACH = 4  # tasks per worker, so that none is idle for long
+MOST = 1 << 15  # members of a task, each of which takes about a kilobyte while marched
 PROBED, FURTHER = (
     8,
     16,
-)  # members that are marched to see what one costs, and how many times as many where they cost little
+)  # members marched to measure the cost of one, and the growth factor while they cost little
 
 Chunks = tuple[tuple[int, ...], ...]
 
 
 def chunks_of(plan: Plan, members: int | None = None) -> Chunks:
-    """Cut a sweep into tasks of so many members, else of as many as fill about a second; no number depends on it."""
-    from dask.system import CPU_COUNT  # those that this process may use
+    """Cut a sweep into tasks of so many members, by default about a second of work; results do not depend on it."""
+    from dask.system import CPU_COUNT  # CPUs that this process may use
 
     grid = plan.grid
     if members is not None:
@@ -39,7 +39,7 @@ def chunks_of(plan: Plan, members: int | None = None) -> Chunks:
 
 
 def cut(grid: Grid, members: int) -> Chunks:
-    """Cut a grid into blocks of so many members at most; along words there is one value in each."""
+    """Cut a grid into blocks of at most so many members, with one value each along axes of words."""
     chunks: list[tuple[int, ...]] = []
     remaining = max(1, members)
     for k in reversed(range(len(grid.shape))):
@@ -51,7 +51,7 @@ def cut(grid: Grid, members: int) -> Chunks:
 
 
 def blocks_of(chunks: Chunks) -> list[tuple[tuple[int, ...], Block]]:
-    """Return the blocks, each with its place among them."""
+    """Return the blocks, each with its index among them."""
     ends = [np.cumsum(entries).tolist() for entries in chunks]
     parts = [
         [slice(end - width, end) for width, end in zip(entries, last, strict=True)]
@@ -65,14 +65,14 @@ Key = tuple[Any, ...]
 
 
 class Digests(dict[Key, str]):
-    """The digests of a sweep's blocks that this process computed; they live as long as records of the sweep."""
+    """Digests of a sweep's blocks that this process computed; they live as long as Datasets of the sweep."""
 
 
 _CAME_OF: WeakValueDictionary[str, Digests] = WeakValueDictionary()  # by a sweep's token
 
 
 def arrays_of(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return every variable as a dask array, a block marched once for all of them; and what tells whether values came of it."""
+    """Return every variable as a dask array, marching a block once for all, and checks whether values came of it."""
     import dask.array
     from dask.base import tokenize
     from dask.highlevelgraph import HighLevelGraph
@@ -102,17 +102,17 @@ def arrays_of(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any
 
 
 def _taken(arrays: dict[str, Any], name: str, key: list[Any]) -> Any:
-    """Take a variable out of a block, and note what it is."""
+    """Take a variable out of a block, and store its digest."""
     values = arrays[name]
     token, *block = key
     digests = _CAME_OF.get(token)
-    if digests is not None:  # else nobody here can ask
+    if digests is not None:  # otherwise no Dataset here can ask for it
         digests[tuple(block)] = _digest(values)
     return values
 
 
 def _came_of(digests: Digests, name: str, blocks: list[tuple[tuple[int, ...], Block]], now: Any) -> bool:
-    """Tell whether values are those that the blocks of a variable came to in this process."""
+    """Return whether values are those that the blocks of a variable gave in this process."""
     values = np.asarray(now.values)
     return all(digests.get((name, *at)) == _digest(values[tuple(block)]) for at, block in blocks)
 
@@ -123,9 +123,9 @@ def _digest(values: Any) -> str:
 
 
 def _cost(plan: Plan) -> float:
-    """March a member, and if that is short some more, spread over the grid; return how long one takes, s.
+    """March a member, and if that is fast some more, spread over the grid; return the time of one, s.
 
-    By the processor's time: on a machine that is busy with other things a sweep is cut no finer.
+    Measured in CPU time, so that a busy machine does not cut a sweep finer.
     """
     grid = plan.grid
     first = tuple(slice(0, 1) for _ in grid.shape)
@@ -137,7 +137,7 @@ def _cost(plan: Plan) -> float:
         return max(1e-7, taken)
     k = max((i for i in range(len(grid.shape)) if i not in grid.words), key=lambda i: grid.shape[i], default=0)
     probed = PROBED
-    while True:  # of few members the cost is that of a call, not theirs
+    while True:  # with few members the cost is mostly that of the call
         sample = _spread(grid, k, probed)
         started = time.thread_time()
         marched(plan, sample)

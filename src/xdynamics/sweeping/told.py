@@ -1,4 +1,4 @@
-"""What a person wants to know first of a sweep, in lines of text."""
+"""A summary of a sweep in lines of text."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST = 12  # values of an axis, and variables, that are told
+MOST = 12  # values of an axis, and variables, that are listed
 _FIRST = ("run_", "end_time")  # what every sweep has
 
 
 def lines_of(sweep: xr.Dataset) -> list[str]:
-    """Say what was varied, how the members ended, and between which bounds what was kept of them lies."""
+    """Summarise what was varied, how the members ended, and the ranges of what was kept."""
     lines = [line for dim in str(sweep.attrs[AXES]).split() for line in _axis(sweep, dim)]
     lines.append(f"members   {sweep[OUTCOME].size}, with {settings_said(sweep)}; kept of each: {sweep.attrs[KEEP]}")
     outcomes = Counter(map(str, ended(sweep).values.ravel().tolist()))
