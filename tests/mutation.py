@@ -3,7 +3,7 @@
     python tests/mutation.py                                      all that is listed in TOUCHED
     python tests/mutation.py units.py --most 40 --seed 1          a sample of one file: of 40 in evidence, budgeting, units
                                                                   and march/events 34 are to be found
-    python tests/mutation.py march/events/locating.py --lines 38 40        all mutants of some lines
+    python tests/mutation.py march/events/root_finding.py --lines 38 40        all mutants of some lines
 
 A mutant is compiled in memory and takes the place of its module in a forked process: no file is ever changed, and the
 libraries are imported once. Tests that start processes of their own do not see it. What is compiled by numba runs as
@@ -73,7 +73,7 @@ TOUCHED = {
         "test_march.py -k drive",
         "test_model.py -k not (python_force or cannot_be_marched)",
     ),
-    "march/events/locating.py": (
+    "march/events/root_finding.py": (
         "test_locating.py",
         PHASES,
         MANY,
@@ -82,42 +82,42 @@ TOUCHED = {
         "test_python_detectors.py -k jump or slopes",
         "test_root_state.py -k bogacki or dormand",
     ),
-    "march/events/certainty.py": ("test_certainty.py", CLASSES, "test_python_detectors.py -k jump"),
+    "march/events/zero_tests.py": ("test_certainty.py", CLASSES, "test_python_detectors.py -k jump"),
     "march/events/isolation.py": ("test_certainty.py", "test_isolation.py -k rejected", CLASSES),
-    "march/events/sides.py": (
+    "march/events/switch_sides.py": (
         "test_pieces.py",
         "test_switches.py -k (relay and not midpoint) or stop or start or sliding or sides_are",
         "test_table_switches.py -k relay or starts or leaves or outside or motion_along or nothing_beyond",
         "test_nested_switches.py -k reproduced or met_in",
         "test_table_switches.py -k reset_beyond and 9 or told_of and rows0",
     ),
-    "march/events/silence.py": ("test_silence.py", "test_several_events.py -k box or region and (46 or 69)"),
+    "march/events/event_free_region.py": ("test_silence.py", "test_several_events.py -k box or region and (46 or 69)"),
     "march/contacts/complementarity.py": ("test_complementarity.py", CONTACTS),
     "march/contacts/balance.py": ("test_balance.py -k parts",),
-    "march/contacts/bonds.py": (CONTACTS, FRICTION),
-    "march/contacts/bouncing.py": (CONTACTS, FRICTION),
+    "march/contacts/active_set.py": (CONTACTS, FRICTION),
+    "march/contacts/zeno.py": (CONTACTS, FRICTION),
     "march/contacts/gaps.py": (CONTACTS, FRICTION),
-    "march/contacts/holding.py": (CONTACTS, FRICTION),
+    "march/contacts/projection.py": (CONTACTS, FRICTION),
     "march/contacts/impact.py": (CONTACTS, FRICTION),
-    "march/contacts/linking.py": ("test_complementarity.py", CONTACTS, FRICTION),
-    "march/contacts/noting.py": (CONTACTS, FRICTION),
-    "march/contacts/stepping.py": ("test_contacts.py -k second_scheme",),
-    "march/contacts/touch.py": (CONTACTS, FRICTION),
-    "march/sizes.py": ("test_sizes.py -k parts",),
+    "march/contacts/delassus.py": ("test_complementarity.py", CONTACTS, FRICTION),
+    "march/contacts/event_rows.py": (CONTACTS, FRICTION),
+    "march/contacts/time_stepping.py": ("test_contacts.py -k second_scheme",),
+    "march/contacts/dispatch.py": (CONTACTS, FRICTION),
+    "march/tolerance_sizes.py": ("test_sizes.py -k parts",),
     "figures/curves.py": ("test_curves.py -k parts", "test_curves.py -k joined or closed_form"),
     "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
-    "dynamics/inside.py": ("test_sampling.py -k not (radau or archive)",),
+    "dynamics/shortened_steps.py": ("test_sampling.py -k not (radau or archive)",),
     "evidence/diagnosing/chaos.py": (
         "test_lyapunov.py -k is_certain or their_digits or largest_exponent",
         "test_lyapunov.py -k units_of or counts_that or without_variational",
     ),
-    "evidence/exhibit.py": ("test_evidence_parts.py -k exhibit", "test_scaling.py -k units"),
-    "evidence/marching.py": (
+    "evidence/evidence_dataset.py": ("test_evidence_parts.py -k exhibit", "test_scaling.py -k units"),
+    "evidence/runs.py": (
         "test_evidence_parts.py -k location or study or interrupted or just_written",
         "test_signs_of_studies.py -k room or beyond",
         "test_refinement.py -k kept_in_files or interrupt",
     ),
-    "evidence/observing.py": (
+    "evidence/observables.py": (
         "test_observing.py",
         "test_evidence_parts.py -k derived or contacts_do",
         "test_curves.py -k contact_forces",
@@ -185,7 +185,7 @@ TOUCHED = {
         "test_isolation.py -k tank or forget",
         "test_contacts.py -k plastic or impulses or no_answer or lifts or same_floor",
     ),
-    "evidence/matching.py": (
+    "evidence/event_matching.py": (
         "test_evidence_parts.py -k matched or known",
         "test_comparison.py -k matched",
         "test_verdicts.py -k missed",
@@ -260,8 +260,8 @@ TOUCHED = {
         "test_certificate.py -k border or their_words or apart or in_words",
         "test_certificate.py -k all_that_defends or forgeries or changed or open or defended_fails or ledger",
     ),
-    "budgeting/drawing.py": ("test_budget_parts.py -k is_added or doubled or well_ends", DRAWN),
-    "budgeting/fitted.py": (
+    "budgeting/random_draws.py": ("test_budget_parts.py -k is_added or doubled or well_ends", DRAWN),
+    "budgeting/fit_summary.py": (
         "test_budget_parts.py -k fit_in",
         "test_fitting.py -k told or warned_of",
     ),
@@ -288,9 +288,9 @@ TOUCHED = {
         "test_variational.py -k not_small or rule_says",
     ),
     "budgeting/residuals.py": ("test_budget_quantities.py -k residuals", "test_fitting.py -k runs"),
-    "budgeting/reversal.py": ("test_budget.py -k undo or marching_back",),
+    "budgeting/time_reversal.py": ("test_budget.py -k undo or marching_back",),
     "budgeting/rounding.py": ("test_budget_quantities.py -k rounded",),
-    "budgeting/searching.py": (
+    "budgeting/multistart.py": (
         "test_budget_parts.py -k search or starts",
         "test_fitting.py -k straight or speak or astray",
     ),
@@ -298,7 +298,7 @@ TOUCHED = {
         "test_variational.py -k bounce_are or very or collocation_bears",
         "test_variational.py -k told or tenth or resets",
     ),
-    "budgeting/tables.py": (
+    "budgeting/budget_variables.py": (
         "test_budget_parts.py -k terms_add or slopes_keep or levels_and",
         QUANTITIES,
         "test_budget.py -k spelled or cancel or without_one",
@@ -307,14 +307,14 @@ TOUCHED = {
         "test_budget_parts.py -k rows",
         "test_tabulated.py -k not (columns or kept_in)",
     ),
-    "budgeting/target.py": (
+    "budgeting/measurand.py": (
         "test_budget_parts.py -k places or extreme",
         QUANTITIES,
         "test_extremes.py -k budget or named",
         "test_budget.py -k cannot_be or without_a_unit",
     ),
     "budgeting/term.py": ("test_budget_parts.py -k declared", QUANTITIES, "test_budget.py -k declared"),
-    "budgeting/told.py": (
+    "budgeting/budget_summary.py": (
         "test_budget_parts.py -k words",
         QUANTITIES,
         "test_tabulated.py -k says_so",
@@ -323,7 +323,7 @@ TOUCHED = {
     "sweeping/axes.py": ("test_sweep.py -k wrong or drawn or tables or settings",),
     "sweeping/designs.py": ("test_sweep.py -k draws or drawn",),
     "sweeping/extrema.py": ("test_sweep.py -k alone and not file",),
-    "sweeping/surveying.py": ("test_surveying.py",),
+    "sweeping/ensemble_analysis.py": ("test_surveying.py",),
     "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py"),
     "record/dataset.py": (
         "test_record.py",
@@ -351,7 +351,7 @@ TOUCHED = {
         "test_origin.py",
         "test_identity.py -k (edited or rows or copy or writing or arithmetic or over or remembered) and not opened",
     ),
-    "archive/standing.py": ("test_standing.py", "test_identity.py -k edited or selection"),
+    "archive/integrity.py": ("test_standing.py", "test_identity.py -k edited or selection"),
     "archive/target.py": (
         "test_durability.py",
         "test_target.py -k not interrupt and not sigterm and not command and not killed and not any_name",
@@ -389,25 +389,25 @@ TOUCHED = {
         "test_extend.py -k streamed",
     ),
     "archive/signatures.py": ("test_signatures.py",),
-    "archive/library.py": (
+    "archive/netcdf_library.py": (
         "test_target.py -k any_name",
         "test_library.py -k words or xarrays_own or made_with or own_name or as_they or was_left or alone or waited or finaliser or fork",
         "test_archive.py -k opened_equals or truncation",
     ),
-    "archive/lending.py": (
+    "archive/shared_handles.py": (
         "test_lending.py",
         "test_library.py -k finaliser or few or goes_to or another",
         "test_target.py -k is_read",
         "test_bounds.py -k more_than_there_is",
     ),
-    "archive/examination.py": (
+    "archive/integrity_checks.py": (
         "test_examination.py",
         "test_tail.py -k added or word or hurt_seal",
         f"test_archive.py -k {ARCHIVE}",
         "test_odd_archives.py -k utf_8 or says_where",
         "test_target.py -k complete_archive or bad_end",
     ),
-    "archive/leftovers.py": (
+    "archive/temporary_files.py": (
         "test_leftovers.py",
         "test_target.py -k parts or others or killed or name",
     ),

@@ -10,7 +10,7 @@ import netCDF4
 import xarray as xr
 
 from xdynamics.archive.seals import seal_file
-from xdynamics.archive.texts import form_of
+from xdynamics.archive.text_encoding import form_of
 from xdynamics.archive.writer import Writer
 from xdynamics.attributes import own_attributes
 

@@ -102,8 +102,8 @@ def watching(
     """A run whose trial each function is known to cross zero in, and the list of where they will be looked at."""
     import numpy as np
 
-    from xdynamics.march import proposing
-    from xdynamics.march.events import certainty
+    from xdynamics.march import trial_step
+    from xdynamics.march.events import zero_tests
 
     n = len(functions)
     looks: list[float] = []
@@ -130,11 +130,11 @@ def watching(
     )
     run.plan[0].stages, run.now[0].t = 1, t
     run.g[:] = run.near_g[:] = [seen.value(0.0) for seen in functions]
-    plain(proposing.propose)(run, t + h, h)
-    plain(proposing.look)(run)
-    plain(proposing.keep)(run)
+    plain(trial_step.propose)(run, t + h, h)
+    plain(trial_step.look)(run)
+    plain(trial_step.keep)(run)
     watches["armed"], watches["before"], watches["alive"] = np.sign(run.g), run.g, 1
-    watches["hit"], watches["right"] = certainty.CROSSED, h
+    watches["hit"], watches["right"] = zero_tests.CROSSED, h
     looks.clear()
     return run, looks
 
@@ -152,11 +152,11 @@ def entries() -> Any:
     """Put what is called by address behind the elementary functions, as plain Python."""
     import numpy as np
 
-    from xdynamics.march import proposing
+    from xdynamics.march import trial_step
 
     found = np.zeros(HAPPEN + 1, np.int64)
     found[SUBSTEP] = max(PLAIN, default=0) + 1
-    PLAIN[int(found[SUBSTEP])] = plain(proposing.part_of_step)
+    PLAIN[int(found[SUBSTEP])] = plain(trial_step.part_of_step)
     return found
 
 

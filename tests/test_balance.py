@@ -17,7 +17,7 @@ from contacts import ball
 from problems import ROOT
 from xdynamics.march import run as places
 from xdynamics.march.contacts import balance
-from xdynamics.march.contacts.linking import FREE, GAP_OF, NOISE, RATE
+from xdynamics.march.contacts.delassus import FREE, GAP_OF, NOISE, RATE
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT
 from xdynamics.model.detectors import GAP
 from xdynamics.model.reactions import NORMAL
@@ -88,7 +88,7 @@ sys.path.insert(0, 'tests')
 import xdynamics as xd
 from xdynamics.kernels.linear import solve_linear as SOLVE
 from xdynamics.march.contacts import {room} as room
-from xdynamics.march.contacts.linking import reach as REACH, row as ROW
+from xdynamics.march.contacts.delassus import reach as REACH, row as ROW
 def GROW(b, n):
     for i in range(n):
         b[i] += 1e-3

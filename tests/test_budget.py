@@ -12,9 +12,9 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
+from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import drawn, judged, tolerance_of
-from xdynamics.budgeting.reversal import returned
-from xdynamics.budgeting.target import Target
+from xdynamics.budgeting.time_reversal import returned
 from xdynamics.units import parse_quantity
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")

@@ -16,14 +16,14 @@ from scipy.stats import chi2, norm
 import xdynamics as xd
 from xdynamics.budgeting import tabulated
 from xdynamics.budgeting.budget import _check, _declared, _doubt_slopes
-from xdynamics.budgeting.drawing import MOST_DRAWS, Asked, drawn_until, wanted_of
-from xdynamics.budgeting.fitted import lines_of as fit_in_lines
+from xdynamics.budgeting.budget_summary import lines_of
+from xdynamics.budgeting.budget_variables import draws_as, terms_as
+from xdynamics.budgeting.fit_summary import lines_of as fit_in_lines
+from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import ADEQUATE, NOT_ADEQUATE, NOT_CHECKED, Drawn, drawn, judged
-from xdynamics.budgeting.searching import drawn_starts, grown, search, searches
-from xdynamics.budgeting.tables import draws_as, terms_as
-from xdynamics.budgeting.target import Target
+from xdynamics.budgeting.multistart import drawn_starts, grown, search, searches
+from xdynamics.budgeting.random_draws import MOST_DRAWS, Asked, drawn_until, wanted_of
 from xdynamics.budgeting.term import Declared, Term
-from xdynamics.budgeting.told import lines_of
 from xdynamics.model import toml
 from xdynamics.model.parts import Fitted
 from xdynamics.units import parse_unit

@@ -20,7 +20,7 @@ from problems import MODELS
 from xdynamics.kernels import cache
 from xdynamics.march import engine as engine_room
 from xdynamics.march.engine import engine
-from xdynamics.march.kept import Kept
+from xdynamics.march.numba_cache import Kept
 
 SCRIPT = """
 import sys, logging

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from plain import Seen, plain, watching
-from xdynamics.kernels.doubt import BREAKS, EPS, SMOOTH, UNBOUNDED
-from xdynamics.march.events import certainty, isolation
-from xdynamics.march.events.certainty import CLEAR, CROSSED, ENDED, FORCED, MONOTONE, MURKY, NONE, OPEN, TOUCHED
+from xdynamics.kernels.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
+from xdynamics.march.events import isolation, zero_tests
+from xdynamics.march.events.zero_tests import CLEAR, CROSSED, ENDED, FORCED, MONOTONE, MURKY, NONE, OPEN, TOUCHED
 from xdynamics.march.run import TOUCH, Run
 from xdynamics.model.detectors import GAP, OCCASION
 
@@ -35,7 +35,7 @@ def on_a_piece(before: float = 1.0, after: float = 1.0, width: float = 0.5, **wa
 def test_a_tent_under_values_and_slopes(side: float) -> None:
     """Assert that a function is known to keep its sign just where the lines through both ends meet on its side of zero."""
     random = np.random.default_rng(7)
-    clears, answers = plain(certainty.clears), set()
+    clears, answers = plain(zero_tests.clears), set()
     for _ in range(300):
         before, after = random.uniform(0.01, 2.0, 2).tolist()
         w, slack = random.uniform(0.1, 2.0), random.uniform(0.1, 4.0, 2)
@@ -71,7 +71,7 @@ def test_small_by_values_or_by_slopes(side: float, size: float, low: float, high
     """Assert the tighter of both bounds, at both ends."""
     ends, rates = sorted((side * low, side * high)), sorted(side * slope for slope in slopes)
     run = on_a_piece(side * 0.5, side * 0.6, low=ends[0], high=ends[1], flaw=flaw, down=rates[0], up=rates[1])
-    assert plain(certainty.stays_within)(run, 0, size, 0.5) == within
+    assert plain(zero_tests.stays_within)(run, 0, size, 0.5) == within
 
 
 @pytest.mark.parametrize(
@@ -94,18 +94,18 @@ def test_what_is_known_on_a_piece(before: float, after: float, slope: tuple[floa
     """Assert what enclosures and slopes tell, or of a function that is only sampled its values."""
     run = on_a_piece(before, after, 0.5, low=-5.0, high=5.0, down=slope[0], up=slope[1], floor=1e-12)
     run.detectors[0].sampled, run.located[0].h = sampled, 4.0
-    assert plain(certainty.known)(run, 0) == known
+    assert plain(zero_tests.known)(run, 0) == known
     if sampled:
         assert run.watches[0].down == run.watches[0].up == abs(after - before) / 0.5
         run.located[0].h = 3.9  # of which this piece is more than an eighth
-        assert plain(certainty.known)(run, 0) == OPEN
+        assert plain(zero_tests.known)(run, 0) == OPEN
 
 
 @pytest.mark.parametrize(("low", "high", "known"), [(0.1, 5.0, CLEAR), (-5.0, -0.1, CLEAR), (0.0, 5.0, OPEN), (-5.0, 0.0, OPEN)])  # fmt: skip
 def test_values_alone_may_do(low: float, high: float, known: int) -> None:
     """Assert that bounds beyond zero are enough, of a function with jumps too, and bounds at zero are not."""
     run = on_a_piece(1.0, 1.0, low=low, high=high, flaw=BREAKS, down=0.5, up=0.6)
-    assert plain(certainty.known)(run, 0) == known
+    assert plain(zero_tests.known)(run, 0) == known
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_slopes_of_gaps_are_those_at_the_start_and_their_change(
     run = on_a_piece(down=-5.0, up=7.0, least_bend=-2.0, most_bend=3.0, flaw=flaw, alive=alive)
     run.put(under=np.array([9.0, -1.0]), over=np.array([9.0, 1.0]), parts=np.zeros(4, np.int64), functions=np.zeros(20, np.int64))  # fmt: skip
     run.detectors[0].bend, run.detectors[0].slope = bend, 1
-    tighten, seen = plain(certainty.tighten), []
+    tighten, seen = plain(zero_tests.tighten), []
     monkeypatch.setitem(
         tighten.__globals__, "enclosed_by", lambda *_: seen.append((run.piece[0].end, run.piece[0].width))
     )
@@ -147,12 +147,12 @@ def test_turns_come_nearer_and_leave(side: float) -> None:
         run, _ = watching(Seen(lambda _: side, lambda s, rates=rates: side * (rates[0] if s == 0.25 else rates[1])))
         run.put(far=np.array([0.75, 1.0, 0.0]), far_g=np.array([side]))
         run.near[0], run.near_g[0] = 0.25, side
-        assert plain(certainty.turns)(run, 0) == expected
+        assert plain(zero_tests.turns)(run, 0) == expected
         for end, flaw in ((-side, SMOOTH), (side, BREAKS)):
             run.far_g[0], run.watches[0].flaw = end, flaw
-            assert plain(certainty.turns)(run, 0)
+            assert plain(zero_tests.turns)(run, 0)
         run.near_g[0] = 0.0
-        assert plain(certainty.turns)(run, 0)
+        assert plain(zero_tests.turns)(run, 0)
 
 
 def doubted(monkeypatch: pytest.MonkeyPatch, function: Any, murk: float, uncertainty: float = 0.0) -> Any:
@@ -171,7 +171,7 @@ def doubted(monkeypatch: pytest.MonkeyPatch, function: Any, murk: float, uncerta
 def test_a_trespass_is_beyond_doubt(monkeypatch: pytest.MonkeyPatch, side: int, guard: int, armed: int, far: float, expected: bool) -> None:  # fmt: skip
     """Assert that a guarded function is where it may not be by more than its murk."""
     run = on_a_piece(side, side * far, guard=side * guard, armed=side * armed)
-    assert doubted(monkeypatch, certainty.trespasses, 0.05)(run, 0, 0.75) == expected
+    assert doubted(monkeypatch, zero_tests.trespasses, 0.05)(run, 0, 0.75) == expected
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -185,7 +185,7 @@ def test_a_function_leaves_to_where_it_may_not_be(monkeypatch: pytest.MonkeyPatc
     run, _ = watching(Seen(lambda _: side, lambda _: side * rate))
     run.put(far=np.array([0.75, 1.0, 0.0]), far_g=np.array([side * far]))
     run.watches["guard"], run.watches["armed"] = side * guard, side * armed
-    assert doubted(monkeypatch, certainty.leaves, 0.05)(run, 0, side * came) == expected
+    assert doubted(monkeypatch, zero_tests.leaves, 0.05)(run, 0, side * came) == expected
 
 
 @pytest.mark.parametrize(
@@ -196,10 +196,10 @@ def test_a_function_leaves_to_where_it_may_not_be(monkeypatch: pytest.MonkeyPatc
 def test_a_kink_reaches_zero_if_its_slope_explains_it(monkeypatch: pytest.MonkeyPatch, near: float, broken: int, slopes: tuple[float, float], expected: bool) -> None:  # fmt: skip
     """Assert for a piece of 0.02 s that a hundred times the larger slope is what is explained, and no infinite value is."""
     run = on_a_piece(near, near, broken=broken, down=slopes[0], up=slopes[1], greatest=2.0)
-    assert doubted(monkeypatch, certainty.reaches, 0.0)(run, 0, 0.02) == expected
+    assert doubted(monkeypatch, zero_tests.reaches, 0.0)(run, 0, 0.02) == expected
     if near == 1.1 and slopes[1] == 0.5 and not expected:
-        assert doubted(monkeypatch, certainty.reaches, 0.0, 0.026)(run, 0, 0.02)
-        assert not doubted(monkeypatch, certainty.reaches, 0.0, 0.024)(run, 0, 0.02)
+        assert doubted(monkeypatch, zero_tests.reaches, 0.0, 0.026)(run, 0, 0.02)
+        assert not doubted(monkeypatch, zero_tests.reaches, 0.0, 0.024)(run, 0, 0.02)
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_a_kink_reaches_zero_if_its_slope_explains_it(monkeypatch: pytest.Monkey
 def test_a_slow_end_near_zero_lingers(monkeypatch: pytest.MonkeyPatch, far: float, slopes: tuple[float, float], doubt: float, expected: bool) -> None:  # fmt: skip
     """Assert for a tolerance of 1e-9 s that doubt or bend hides the side that a monotone function ends on."""
     run = on_a_piece(1.0, far, down=slopes[0], up=slopes[1])
-    assert doubted(monkeypatch, certainty.lingers, 0.0, doubt)(run, 0) == expected
+    assert doubted(monkeypatch, zero_tests.lingers, 0.0, doubt)(run, 0) == expected
 
 
 @pytest.mark.parametrize(
@@ -224,22 +224,22 @@ def test_what_presses_nothing_idles(role: int, lingering: float, guard: int, arm
     for ends in ((near, 0.0), (0.0, near)):
         run = on_a_piece(*ends, guard=guard, armed=armed)
         run.detectors[0].role, run.detectors[0].reaction, run.lingering[0] = role, 0, lingering
-        assert plain(certainty.idles)(run, 0, 0.2) == expected
+        assert plain(zero_tests.idles)(run, 0, 0.2) == expected
 
 
 def test_what_is_never_told_from_zero() -> None:
     """Assert the floor of a function, and of a gap what is left of it; four of its uncertainties, if that is more."""
     run = on_a_piece(floor=1e-9)
     run.detectors[0].reaction, run.lingering[0] = 0, 1e-6
-    assert plain(certainty.least)(run, 0) == 1e-9
+    assert plain(zero_tests.least)(run, 0) == 1e-9
     run.detectors[0].role = GAP
-    assert plain(certainty.least)(run, 0) == 1e-6
+    assert plain(zero_tests.least)(run, 0) == 1e-6
 
 
 def test_how_large_a_function_may_be_and_count_as_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert four uncertainties, or the floor."""
     run = on_a_piece(floor=1e-9)
-    murk = plain(certainty.murk)
+    murk = plain(zero_tests.murk)
     for doubt, size in ((1e-9, 4e-9), (1e-10, 1e-9)):
         monkeypatch.setitem(murk.__globals__, "uncertainty", lambda *_, doubt=doubt: doubt)
         assert murk(run, 0, run.near) == size
@@ -252,7 +252,7 @@ def test_pieces_are_not_cut_below_the_spacing_of_t(t: float, s: float, width: fl
     """Assert the tolerance, or twice the rounding of the later time."""
     run = on_a_piece()
     run.now[0].t = t
-    assert plain(certainty.resolution)(run, 0, s) == width
+    assert plain(zero_tests.resolution)(run, 0, s) == width
 
 
 def test_sides_are_armed_away_from_zero(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -347,9 +347,9 @@ def test_an_event_is_struck_in_its_direction(direction: int, armed: int, hit: bo
 def test_what_is_decided_on_a_piece(monkeypatch: pytest.MonkeyPatch, side: int, watched: dict[str, Any], near: float, far: float, border: bool, outcome: tuple[Any, ...]) -> None:  # fmt: skip
     """Assert the event of a piece, its bracket and the side behind it, for what is known of its function there."""
     decide = plain(isolation.decide)
-    monkeypatch.setitem(plain(certainty.trespasses).__globals__, "murk", lambda *_: 1e-6)
+    monkeypatch.setitem(plain(zero_tests.trespasses).__globals__, "murk", lambda *_: 1e-6)
     run = on_a_piece(side * near, side * far, **(watched | {one: side * watched[one] for one in ("armed", "guard") if one in watched}))  # fmt: skip
-    monkeypatch.setitem(decide.__globals__, "trespasses", plain(certainty.trespasses))
+    monkeypatch.setitem(decide.__globals__, "trespasses", plain(zero_tests.trespasses))
     hit, left, right, armed = outcome
     assert decide(run, 0.25, 0.75, border) == (hit != NONE)
     watch = run.watches[0]

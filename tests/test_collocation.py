@@ -16,8 +16,8 @@ from xdynamics.kernels.operations import PYTHON
 from xdynamics.kernels.program import Call, Compute, Load, Operand, Place, Program, Store, When, While
 from xdynamics.kernels.python_text import python_of
 from xdynamics.march import Runs, march_many
-from xdynamics.march.abreast import lanes_for
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.simd_ensemble import lanes_for
 
 N = 37
 COMPARED = ("time", "state", "status", "rows", "trials", "evaluations", "largest", "ends", "events")

@@ -11,7 +11,7 @@ import xarray as xr
 import xdynamics as xd
 from problems import linear_drag, particle
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.record import columns, factors
 from xdynamics.units import Scales, parse_unit
 

@@ -458,7 +458,7 @@ def test_a_run_goes_on_in_the_middle_of_a_contact(tmp_path: Any) -> None:
 def test_masses_and_bounces_of_many_runs_are_their_own() -> None:
     """Assert that runs through one place forget the contacts of the run before."""
     from xdynamics.march import Settings, march_many
-    from xdynamics.march.asking import settings_for
+    from xdynamics.march.configuration import settings_for
 
     model = ball(0.5, 4.0, 8.0)
     settings: Settings = settings_for(model, method="rk4", step=0.1, until=5.0)

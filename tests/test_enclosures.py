@@ -21,8 +21,8 @@ import xdynamics as xd
 from plain import plain
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.kernels.compiling import PLAIN
-from xdynamics.kernels.enclosing import CALLED, COORDINATE, STATE
-from xdynamics.kernels.tables import _found, _slope, _value
+from xdynamics.kernels.drive_tables import _found, _slope, _value
+from xdynamics.kernels.interval_program import CALLED, COORDINATE, STATE
 from xdynamics.march.events.enclosures import BREAKS, SMOOTH, UNBOUNDED, companion, coordinate, enclose, put
 from xdynamics.march.run import ALL, Run
 from xdynamics.march.runner import March

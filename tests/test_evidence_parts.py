@@ -27,10 +27,9 @@ from xdynamics.evidence.comparing.comparison import (
     _times,
 )
 from xdynamics.evidence.comparing.comparison import lines_of as comparison_in_words
-from xdynamics.evidence.exhibit import exhibit
-from xdynamics.evidence.marching import march
-from xdynamics.evidence.matching import matched, met
-from xdynamics.evidence.observing import comparable, modes_behind, observe
+from xdynamics.evidence.event_matching import matched, met
+from xdynamics.evidence.evidence_dataset import exhibit
+from xdynamics.evidence.observables import comparable, modes_behind, observe
 from xdynamics.evidence.refining.convergence import judge, observed_orders
 from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import Watched, family
@@ -39,6 +38,7 @@ from xdynamics.evidence.refining.levels import CHOICES, RTOLS, STEPS, TIME_TOLER
 from xdynamics.evidence.refining.refinement import _bounds, _changing, _known, _stopped, _tolerances
 from xdynamics.evidence.refining.refinement import lines_of as refinement_in_words
 from xdynamics.evidence.refining.study import Study
+from xdynamics.evidence.runs import march
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")

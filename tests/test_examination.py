@@ -13,8 +13,8 @@ import pytest
 
 import xdynamics as xd
 from problems import oscillator
-from xdynamics.archive import examination
-from xdynamics.archive.examination import Examination, examine
+from xdynamics.archive import integrity_checks
+from xdynamics.archive.integrity_checks import Examination, examine
 from xdynamics.archive.seals import Tail, stored_digest, tail_of
 
 SEALED = Tail("0" * 64)  # for a file whose seal nobody is to look at
@@ -87,7 +87,7 @@ def test_what_is_out_of_bounds_is_not_read(archived: Path, tmp_path: Path, monke
     path = Path(shutil.copy(archived, tmp_path / "harmed.nc"))
     with netCDF4.Dataset(path, "a") as file:
         file.createVariable("more", "f8", ("step",), compression="bzip2")
-    monkeypatch.setattr(examination, "stored_digest", lambda _: 1 / 0)
+    monkeypatch.setattr(integrity_checks, "stored_digest", lambda _: 1 / 0)
     said = "variable 'more' is compressed (bzip2), which no variable of an archive is"
     assert examine(path, Tail(fault="its seal is hurt")).faults == ("its seal is hurt", said)
 
@@ -106,19 +106,19 @@ def test_what_cannot_be_read_is_told(archived: Path, tmp_path: Path, monkeypatch
         return raised
 
     with monkeypatch.context() as patch:
-        patch.setattr(examination, "stored_digest", refuse(RuntimeError("NetCDF: HDF error")))
+        patch.setattr(integrity_checks, "stored_digest", refuse(RuntimeError("NetCDF: HDF error")))
         faults = examine(archived, SEALED).faults
         assert "variable 'x' cannot be read: NetCDF: HDF error" in faults
         assert DIFFER not in faults
-    monkeypatch.setattr(examination, "opened", refuse(MemoryError()))
+    monkeypatch.setattr(integrity_checks, "opened", refuse(MemoryError()))
     assert examine(archived, SEALED).faults == ("it cannot be read: MemoryError",)
 
 
 def test_a_value_for_nothing_is_none_of_an_archive(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that an attribute that would have readers take numbers away is found, whatever digests say."""
-    told = examination.attributes_of
+    told = integrity_checks.attributes_of
     monkeypatch.setattr(
-        examination,
+        integrity_checks,
         "attributes_of",
         lambda of: told(of) | ({"_FillValue": 1.0} if getattr(of, "name", "") == "x" else {}),
     )

@@ -13,9 +13,9 @@ import xarray as xr
 import xdynamics as xd
 from problems import MODELS
 from xdynamics.evidence.diagnosing.extremes import extreme
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 from xdynamics.summary import summary
-from xdynamics.sweeping.surveying import numbers
+from xdynamics.sweeping.ensemble_analysis import numbers
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 FINE: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}

@@ -16,7 +16,7 @@ from scipy.stats import chi2
 import xdynamics as xd
 from xdynamics.budgeting import residuals
 from xdynamics.budgeting.fitting import Asked, Fitting, _bounds, _covariance, _fitted, _scales, _with_slopes
-from xdynamics.budgeting.searching import Search
+from xdynamics.budgeting.multistart import Search
 from xdynamics.evidence.comparing.measured import Measured
 from xdynamics.units import Unit, parse_unit
 

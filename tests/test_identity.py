@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 import xdynamics as xd
 from problems import MODELS
 from xdynamics.archive import reading
-from xdynamics.archive.examination import Examination
+from xdynamics.archive.integrity_checks import Examination
 from xdynamics.archive.seals import Tail
 from xdynamics.cli import main
 from xdynamics.faults import KindWarning

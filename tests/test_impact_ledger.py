@@ -13,7 +13,7 @@ from contacts import ball, cradle
 from impacts import random_rod
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.model.parts import IMPACT_LAWS
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 
 
 def failed(run: Any, model: xd.Model) -> set[str]:

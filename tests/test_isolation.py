@@ -13,7 +13,7 @@ import xarray as xr
 import xdynamics as xd
 from problems import MODELS
 from xdynamics.march import March, march_many
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.schema import CLUSTER, CROSSING, EVENT_KINDS, JUMP, POLE, REASON_ERROR, TOUCH
 
 T = "t/(1*second)"

@@ -11,9 +11,9 @@ import xdynamics as xd
 from problems import MODELS, particle
 from xdynamics.kernels import law_of
 from xdynamics.march import Runs, march_many
-from xdynamics.march.abreast import lanes_for
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.march.settings import Settings
+from xdynamics.march.simd_ensemble import lanes_for
 from xdynamics.methods import METHODS
 
 N = 37

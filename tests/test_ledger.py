@@ -27,7 +27,7 @@ from xdynamics.evidence.validating.ledger import (
 )
 from xdynamics.expressions import parse
 from xdynamics.model.parts import Validation
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 
 
 @pytest.fixture(scope="module")

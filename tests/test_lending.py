@@ -13,8 +13,8 @@ import pytest
 
 import xdynamics as xd
 from problems import oscillator
-from xdynamics.archive import lending, library
-from xdynamics.archive.lending import Lent, identity_of, is_lent, lent
+from xdynamics.archive import netcdf_library, shared_handles
+from xdynamics.archive.shared_handles import Lent, identity_of, is_lent, lent
 from xdynamics.faults import ArchiveError
 
 
@@ -28,22 +28,22 @@ def archived(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def nothing_open() -> None:
     """Let go of what earlier tests opened."""
     gc.collect()
-    lending._end()
+    shared_handles._end()
 
 
 def test_what_was_used_longest_ago_is_closed(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that of many files those stay open that were read last, and that all can be read."""
-    monkeypatch.setattr(lending, "MOST_OPEN", 2)
+    monkeypatch.setattr(shared_handles, "MOST_OPEN", 2)
     first, second, third = (Lent(archived) for _ in range(3))
     a, b = first.acquire(), second.acquire()
     assert first.acquire() is a
     third.acquire()
-    assert list(lending._open) == [id(first), id(third)]
+    assert list(shared_handles._open) == [id(first), id(third)]
     assert (a.isopen(), b.isopen()) == (True, False)
     with second.acquire_context() as again:
         assert again.isopen()
     assert again.isopen()
-    assert list(lending._open) == [id(third), id(second)]
+    assert list(shared_handles._open) == [id(third), id(second)]
 
 
 def test_a_file_is_found_again_from_elsewhere(archived: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -67,18 +67,20 @@ def test_another_file_is_closed_again(archived: Path, tmp_path: Path) -> None:
         (device, *rest[:2], rest[2] + 1),
     ):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(lending, "file_at", opened.append)
+            patch.setattr(shared_handles, "file_at", opened.append)
             with pytest.raises(ArchiveError, match="run.nc' is another file than the one that was opened; open it"):
                 Lent(path, other).acquire()
         assert opened == []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            lending, "file_at", lambda path: opened.append(library.file_at(path)) or os.utime(path) or opened[-1]
+            shared_handles,
+            "file_at",
+            lambda path: opened.append(netcdf_library.file_at(path)) or os.utime(path) or opened[-1],
         )
         with pytest.raises(ArchiveError, match="run.nc' is another file than the one that was opened; open it again"):
             Lent(path).acquire()
     assert not opened[-1].isopen()
-    assert list(lending._open) == []
+    assert list(shared_handles._open) == []
 
 
 def test_a_name_that_others_take_is_asked_for_again(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,14 +94,14 @@ def test_a_name_that_others_take_is_asked_for_again(archived: Path, monkeypatch:
         return acquire(one, needs_lock)
 
     monkeypatch.setattr(Lent, "acquire", taken)
-    times = lending.MOST_REPLACED
+    times = shared_handles.MOST_REPLACED
     lent(archived).close()
     assert len({id(one) for one in tried[:times]}) == times
     tried.clear()
-    times = lending.MOST_REPLACED + 1
+    times = shared_handles.MOST_REPLACED + 1
     with pytest.raises(ArchiveError, match="is another file"):
         lent(archived)
-    assert len(tried) == lending.MOST_REPLACED
+    assert len(tried) == shared_handles.MOST_REPLACED
 
 
 def test_a_file_is_lent_until_nobody_can_read_it(archived: Path, tmp_path: Path) -> None:
@@ -107,7 +109,9 @@ def test_a_file_is_lent_until_nobody_can_read_it(archived: Path, tmp_path: Path)
     (tmp_path / "link.nc").symlink_to(archived)
     other = Path(shutil.copy(archived, tmp_path / "other.nc"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lending.gc, "collect", lambda: 1 / 0)  # nobody waits for it where there is nothing to collect
+        patch.setattr(
+            shared_handles.gc, "collect", lambda: 1 / 0
+        )  # nobody waits for it where there is nothing to collect
         assert not is_lent(archived)
     run = xd.open_run(archived)
     again = xd.open_run(archived)
@@ -131,21 +135,21 @@ def test_closing_goes_with_a_run(archived: Path) -> None:
     run = xd.open_run(archived)
     sent = pickle.loads(pickle.dumps(run))
     assert sent.x.values.size == 11
-    assert len(lending._open) == 2
+    assert len(shared_handles._open) == 2
     sent.close()
-    assert len(lending._open) == 1
+    assert len(shared_handles._open) == 1
     assert run.x.values.size == 11
-    (file,) = lending._open.values()
+    (file,) = shared_handles._open.values()
     run.close()
-    assert list(lending._open) == []
+    assert list(shared_handles._open) == []
     assert not file.isopen()
-    closing = pickle.loads(pickle.dumps(lending._Closing(None)))
+    closing = pickle.loads(pickle.dumps(shared_handles._Closing(None)))
     closing()
 
 
 def test_values_are_lent_as_they_are_stored(tmp_path: Path) -> None:
     """Assert that nothing that a file says of scales, gaps and dates makes other numbers of those that it holds."""
-    with library.opened(tmp_path / "odd.nc", "w") as file:
+    with netcdf_library.opened(tmp_path / "odd.nc", "w") as file:
         file.createDimension("n", 3)
         for name, about in (
             ("when", {"units": "days since 2000-01-01"}),
@@ -162,9 +166,9 @@ def test_values_are_lent_as_they_are_stored(tmp_path: Path) -> None:
 def test_in_the_end_every_file_is_closed(archived: Path) -> None:
     """Assert that what is open when the interpreter ends is closed, what finalisers left too."""
     runs = [xd.open_run(archived) for _ in range(3)]
-    files = [*lending._open.values()]
+    files = [*shared_handles._open.values()]
     del runs[0]
-    lending._end()
+    shared_handles._end()
     assert len(files) == 3
     assert not any(file.isopen() for file in files)
-    assert (list(lending._open), library._left) == ([], [])
+    assert (list(shared_handles._open), netcdf_library._left) == ([], [])

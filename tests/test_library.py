@@ -18,8 +18,8 @@ from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 import xdynamics as xd
 from problems import oscillator
-from xdynamics.archive import lending, library
-from xdynamics.archive.library import alone
+from xdynamics.archive import netcdf_library, shared_handles
+from xdynamics.archive.netcdf_library import alone
 
 
 @pytest.fixture(scope="module")
@@ -139,12 +139,12 @@ def test_a_finaliser_does_not_wait(archived: Path) -> None:
     thread = inside(held)
     del run
     gc.collect()
-    assert library._left
+    assert netcdf_library._left
     held.set()
     thread.join()
-    assert not lending.is_lent(archived)
+    assert not shared_handles.is_lent(archived)
     again = xd.open_run(archived)
-    assert not library._left
+    assert not netcdf_library._left
     again.close()
 
 
@@ -165,7 +165,7 @@ import os, random, signal, sys, threading
 from pathlib import Path
 import xdynamics as xd
 from problems import oscillator
-from xdynamics.archive.library import _own, alone
+from xdynamics.archive.netcdf_library import _own, alone
 
 path, moments = Path(sys.argv[1]), random.Random(5)
 run = xd.simulate(oscillator().model, step=0.01, until=5.0)
@@ -198,9 +198,9 @@ def test_an_interrupt_leaves_nothing_locked(tmp_path: Path) -> None:
 
 def test_few_files_are_open_at_a_time(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that more runs can be open than files, and are read all the same."""
-    monkeypatch.setattr(lending, "MOST_OPEN", 2)
+    monkeypatch.setattr(shared_handles, "MOST_OPEN", 2)
     runs = [xd.open_run(archived) for _ in range(5)]
-    assert len(lending._open) == 2
+    assert len(shared_handles._open) == 2
     assert {xd.content_digest(run) for run in runs} == {xd.verify(archived)}
 
 
@@ -243,19 +243,19 @@ def test_the_mask_of_the_process_is_left_alone(tmp_path: Path, monkeypatch: pyte
 
 def test_a_close_that_fails_is_the_last_one(tmp_path: Path) -> None:
     """Assert that no finaliser closes again what the library could not: it would use memory that is free already."""
-    file = library.file_at(tmp_path / "run.nc", "w")
+    file = netcdf_library.file_at(tmp_path / "run.nc", "w")
     file.createDimension("step", 2**62)  # more than HDF5 can lay out
     file.createVariable("x", "f8", ())
     with pytest.raises(RuntimeError, match="HDF error"):
-        library.close(file)
+        netcdf_library.close(file)
     assert not file.isopen()
 
 
 def test_the_locks_are_xarrays_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that the two locks of xarray are found, in its order, and others taken while it is not imported."""
-    assert library._locks_of_xarray() == [one.lock for one in NETCDF4_PYTHON_LOCK.locks]
+    assert netcdf_library._locks_of_xarray() == [one.lock for one in NETCDF4_PYTHON_LOCK.locks]
     monkeypatch.setitem(sys.modules, "xarray.backends.netCDF4_", None)
-    first, second = library._locks_of_xarray()
+    first, second = netcdf_library._locks_of_xarray()
     assert first is not second
     assert not first.locked()
     assert alone(lambda: 1)() == 1
@@ -263,22 +263,22 @@ def test_the_locks_are_xarrays_own(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_fork_is_made_with_all_locks_and_frees_them() -> None:
     """Assert that nobody is in the library while a process forks, but who forks may be, and goes on being."""
-    locks = library._locks_of_xarray()
-    library._before_fork()
-    assert library._own._is_owned()
+    locks = netcdf_library._locks_of_xarray()
+    netcdf_library._before_fork()
+    assert netcdf_library._own._is_owned()
     assert [one.locked() for one in locks] == [True, True]
-    library._after_fork()
-    assert not library._own._is_owned()
+    netcdf_library._after_fork()
+    assert not netcdf_library._own._is_owned()
     assert [one.locked() for one in locks] == [False, False]
 
     @alone
     def forking() -> bool:
-        library._before_fork()
-        library._after_fork()
-        return library._own._is_owned()
+        netcdf_library._before_fork()
+        netcdf_library._after_fork()
+        return netcdf_library._own._is_owned()
 
     assert forking()
-    assert not library._own._is_owned()
+    assert not netcdf_library._own._is_owned()
 
 
 def test_a_file_says_its_own_name(archived: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -286,7 +286,7 @@ def test_a_file_says_its_own_name(archived: Path, tmp_path: Path, monkeypatch: p
     path = tmp_path / os.fsdecode(b"caf\xe9 \xc3\xa4.nc")
     path.write_bytes(archived.read_bytes())
     monkeypatch.chdir(tmp_path)
-    with library.opened(Path(path.name)) as file:
+    with netcdf_library.opened(Path(path.name)) as file:
         assert file.filepath() == str(path)
         assert file.filepath("latin-1") == os.fsencode(path).decode("latin-1")
     assert not file.isopen()
@@ -294,38 +294,38 @@ def test_a_file_says_its_own_name(archived: Path, tmp_path: Path, monkeypatch: p
 
 def test_values_are_read_as_they_are_stored(tmp_path: Path) -> None:
     """Assert that no scale that a file names is applied, that its attributes are told, and that it is closed after an error."""
-    with library.opened(tmp_path / "new.nc", "w") as file:
+    with netcdf_library.opened(tmp_path / "new.nc", "w") as file:
         file.createDimension("n", 2)
         variable = file.createVariable("x", "i2", ("n",))
         variable.scale_factor = 10.0
         variable.set_auto_maskandscale(False)
         variable[:] = [1, 2]
-    with suppress(KeyError), library.opened(tmp_path / "new.nc") as file:
-        assert library.read(file["x"], slice(1, 2)).tolist() == [2]
-        assert library.attributes(file["x"]) == {"scale_factor": 10.0}
+    with suppress(KeyError), netcdf_library.opened(tmp_path / "new.nc") as file:
+        assert netcdf_library.read(file["x"], slice(1, 2)).tolist() == [2]
+        assert netcdf_library.attributes(file["x"]) == {"scale_factor": 10.0}
         raise KeyError
     assert not file.isopen()
 
 
 def test_what_was_left_is_closed_before_the_next(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that files of finalisers are closed, those that are closed already too, and half-opened ones collected."""
-    one, two = library.file_at(archived), library.file_at(archived)
-    library.close(one)
+    one, two = netcdf_library.file_at(archived), netcdf_library.file_at(archived)
+    netcdf_library.close(one)
     for file in (one, two):
-        library.leave(file)
-    library.close(library.file_at(archived))
+        netcdf_library.leave(file)
+    netcdf_library.close(netcdf_library.file_at(archived))
     assert not two.isopen()
     collected = []
-    monkeypatch.setattr(library.gc, "collect", lambda: collected.append(1))
+    monkeypatch.setattr(netcdf_library.gc, "collect", lambda: collected.append(1))
     (odd := archived.with_name("odd.nc")).write_bytes(b"no archive")
     with pytest.raises(OSError, match="Unknown file format"):
-        library.file_at(odd)
+        netcdf_library.file_at(odd)
     assert collected
 
 
 def test_an_error_without_words_is_told_by_its_name() -> None:
     """Assert what is said of a file that could not be read."""
-    assert [library.words_of(one) for one in (OSError("odd"), MemoryError())] == ["odd", "MemoryError"]
+    assert [netcdf_library.words_of(one) for one in (OSError("odd"), MemoryError())] == ["odd", "MemoryError"]
 
 
 def two_of_a_size(folder: Path) -> tuple[Path, Path]:

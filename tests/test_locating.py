@@ -7,8 +7,8 @@ import math
 import pytest
 
 from plain import Seen, plain, watching
-from xdynamics.kernels.doubt import BREAKS, EPS, SMOOTH, UNBOUNDED
-from xdynamics.march.events import certainty, locating
+from xdynamics.kernels.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
+from xdynamics.march.events import root_finding, zero_tests
 from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
 
 TOLERANCE = 1e-9
@@ -35,7 +35,7 @@ def inverse_cubic(root: float, side: float, h: float) -> Seen:
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (0.25, 0.875), (-3.0, 2.0)])
 def test_hermite_is_exact_where_time_is_a_cubic_of_the_value(side: float, low: float, high: float) -> None:
     """Assert the root by values and rates at both ends, wherever it lies; the middle where a rate goes the other way."""
-    search = plain(locating.hermite)
+    search = plain(root_finding.hermite)
     for share in (0.1, 0.37, 0.8):
         root = low + share * (high - low)
         one = inverse_cubic(root, side, 3.0)
@@ -52,7 +52,7 @@ def test_a_smooth_root_is_found_by_two_looks(side: float, t: float) -> None:
     """Assert where it is looked: a hair behind the root that values and rates give, and just inside the tolerance before it."""
     root, h = 0.3, 1.5
     run, looks = watching(inverse_cubic(root, side, 3.0), t=t, h=h)
-    plain(locating.locate)(run)
+    plain(root_finding.locate)(run)
     hair = 2.0 * EPS * max(abs(t), abs(t + h)) / 16.0
     assert len(looks) == 2
     assert looks[0] == pytest.approx(root + hair, abs=4 * EPS)
@@ -75,7 +75,7 @@ def test_other_roots_take_few_looks(name: str) -> None:
     """Assert that a bracket is within its tolerance about the root, by few looks of a smooth function."""
     one, root = SHAPES[name], {"steep": 0.7, "wave": 0.4, "flat": 0.6, "bow": 1e-3}[name]
     run, looks = watching(one)
-    plain(locating.locate)(run)
+    plain(root_finding.locate)(run)
     assert run.watches[0].left < root <= run.trial[0].h + 1e-12
     assert run.trial[0].h - run.watches[0].left <= TOLERANCE
     assert len(looks) <= LOOKS[name]
@@ -85,7 +85,7 @@ def test_other_roots_take_few_looks(name: str) -> None:
 def test_a_place_is_asked_for_at_the_far_end(place: float) -> None:
     """Assert that the value behind the root is within its tolerance, however wide that of time is; no look more than that takes."""
     run, looks = watching(SHAPES["wave"], tolerance=0.5, place=place)
-    plain(locating.locate)(run)
+    plain(root_finding.locate)(run)
     assert 0.0 <= -run.g1[0] <= place
     assert 0.0 < run.trial[0].h - run.watches[0].left <= 0.5
     assert len(looks) == (4 if place > 1e-10 else 5)
@@ -96,7 +96,7 @@ def test_a_side_that_is_all_that_is_known_is_looked_at_in_the_middle() -> None:
     run, looks = watching(Seen(lambda s: max(0.0, 0.25 - s) - 0.1 * max(0.0, s - 0.5), lambda _: -1.0))
     run.watches[0].left, run.watches[0].before = 0.0, math.nan
     run.g[0], run.watches[0].broken = 0.0, BREAKS
-    plain(locating.bracket)(run, 0, 0.0)
+    plain(root_finding.bracket)(run, 0, 0.0)
     assert looks[0] == 0.5
 
 
@@ -106,13 +106,13 @@ def test_a_look_for_one_event_raises_the_bracket_of_another() -> None:
     late = Seen(lambda s: 0.6001**5 - s**5, lambda s: -5.0 * s**4)
     for functions in ((early, late), (late, early)):
         run, looks = watching(*functions)
-        plain(locating.locate)(run)
+        plain(root_finding.locate)(run)
         assert looks[0] == 0.5  # of the later one, whose rate begins at 0 and so seems to be the first
         hair = EPS / 8.0
         assert looks[-2:] == pytest.approx([0.6 + hair, 0.6 + hair - 0.9 * TOLERANCE], abs=2 * EPS)
         assert len(looks) == 9
         assert run.trial[0].h == looks[-2]
-        hits = {early: certainty.CROSSED, late: certainty.NONE}
+        hits = {early: zero_tests.CROSSED, late: zero_tests.NONE}
         assert [watch.hit for watch in run.watches] == [hits[one] for one in functions]
 
 
@@ -121,7 +121,7 @@ def test_a_value_that_is_not_known_is_looked_at_again() -> None:
     for left, first in ((0.25, 0.25), (0.0, 0.3 + EPS / 8.0)):
         run, looks = watching(inverse_cubic(0.3, 1.0, 3.0))
         run.watches[0].before = math.nan
-        plain(locating.bracket)(run, 0, left)
+        plain(root_finding.bracket)(run, 0, left)
         assert looks[0] == pytest.approx(first, abs=4 * EPS)
 
 
@@ -132,8 +132,8 @@ def test_events_at_one_time_but_for_rounding_are_one_group(t: float) -> None:
         roots = [1.0, 1.0 + behind * EPS]
         one, other = (Seen(lambda s, root=root: root - s, lambda _: -1.0) for root in roots)
         run, _ = watching(one, other, t=t, h=1.5, tolerance=0.0)
-        plain(locating.locate)(run)
-        assert (run.watches[1].hit == certainty.CROSSED) == both
+        plain(root_finding.locate)(run)
+        assert (run.watches[1].hit == zero_tests.CROSSED) == both
         assert (run.trial[0].h >= roots[1]) == both
 
 
@@ -143,8 +143,8 @@ def test_events_within_a_tolerance_are_one_group() -> None:
     for place, both in ((math.inf, True), (1e-10, False)):
         run, _ = watching(one, other, tolerance=1e-8)
         run.detectors[0].tolerance, run.detectors[0].position = 1e-13, place
-        plain(locating.locate)(run)
-        assert (run.watches[1].hit == certainty.CROSSED) == both
+        plain(root_finding.locate)(run)
+        assert (run.watches[1].hit == zero_tests.CROSSED) == both
 
 
 @pytest.mark.parametrize("t", [-0.5, 0.0, 20.0])
@@ -155,12 +155,12 @@ def test_what_is_left_of_a_gap_is_rounding(side: float, t: float) -> None:
     run, looks = watching(Seen(lambda s: side * (0.5 - s), lambda _: -side), t=t)
     watch = run.watches[0]
     watch.left, watch.right, watch.before = 0.5 - 3e-10, high, side * 3e-10
-    plain(locating.polish)(run, 0, -side * 7e-10)
+    plain(root_finding.polish)(run, 0, -side * 7e-10)
     hair = 2.0 * EPS * max(abs(t), abs(t + high))
     assert looks == [pytest.approx(root + hair, abs=2 * EPS)]
     assert watch.right == run.located[0].h == looks[0]
     watch.right = high
-    plain(locating.polish)(run, 0, 0.0)  # without a value to go by, it is the left end
+    plain(root_finding.polish)(run, 0, 0.0)  # without a value to go by, it is the left end
     assert looks[1:] == [pytest.approx(watch.left + hair, abs=EPS)]
     assert watch.right == high  # where it has not happened yet
 
@@ -169,9 +169,9 @@ def test_what_is_left_of_a_gap_is_rounding(side: float, t: float) -> None:
     ("before", "after", "change", "kind"),
     [
         (1.0, -1.0, {}, CROSSING),
-        (1.0, -1.0, {"hit": certainty.FORCED}, CLUSTER),
-        (1.0, -1.0, {"hit": certainty.TOUCHED}, TOUCH),
-        (1.0, -1.0, {"hit": certainty.ENDED}, TOUCH),
+        (1.0, -1.0, {"hit": zero_tests.FORCED}, CLUSTER),
+        (1.0, -1.0, {"hit": zero_tests.TOUCHED}, TOUCH),
+        (1.0, -1.0, {"hit": zero_tests.ENDED}, TOUCH),
         (1.0, -1.0, {"broken": BREAKS}, JUMP),
         (1e-8, -1e-8, {"broken": BREAKS}, CROSSING),
         (1e-8, -0.9e-7, {"broken": BREAKS}, CROSSING),
@@ -188,7 +188,7 @@ def test_kinds_go_by_what_a_slope_explains(before: float, after: float, change: 
     for name, value in change.items():
         run.watches[name] = value
     run.g1[0], run.slopes[0] = after, -1.0
-    assert plain(locating.kind_of)(run, 0) == kind
+    assert plain(root_finding.kind_of)(run, 0) == kind
 
 
 @pytest.mark.parametrize(
@@ -202,12 +202,12 @@ def test_kinds_of_sampled_functions_go_by_looks(jump: float, up: float, full: fl
     run.detectors[0].sampled, run.piece[0].full = 1, full
     watch.left, watch.right, watch.before, watch.greatest, watch.up = 0.5, 0.5 + 1e-9, jump / 2.0, 1.0, up
     run.g1[0] = -jump / 2.0
-    assert plain(locating.kind_of)(run, 0) == kind
+    assert plain(root_finding.kind_of)(run, 0) == kind
 
 
 def test_slack_is_a_power_of_two_tolerances() -> None:
     """Assert the first halving that leaves a bracket within its tolerance."""
-    reach = plain(locating.reach)
+    reach = plain(root_finding.reach)
     assert [reach(width, 0.25) for width in (0.2, 0.25, 0.3, 0.5, 1.9, 2.0, 2.1)] == [
         0.25,
         0.25,
@@ -221,6 +221,6 @@ def test_slack_is_a_power_of_two_tolerances() -> None:
 
 def test_points_at_the_ends_go_inside() -> None:
     """Assert a tolerance, or the middle where that is nearer."""
-    inside = plain(locating.inside)
+    inside = plain(root_finding.inside)
     assert [inside(s, 1.0, 2.0, 0.25) for s in (0.5, 1.0, 1.1, 2.0, 3.0)] == [1.25, 1.25, 1.1, 1.75, 1.75]
     assert [inside(s, 1.0, 2.0, 0.75) for s in (1.0, 2.0)] == [1.5, 1.5]

@@ -10,7 +10,7 @@ import pytest
 import xdynamics as xd
 from problems import MODELS, particle
 from xdynamics.march import March, Runs, march_many
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.march.settings import Settings
 
 N = 40

@@ -18,7 +18,7 @@ import xdynamics as xd
 from problems import EPS, MODELS, free, oscillator, particle, pushed
 from xdynamics import record
 from xdynamics.march import March, Settings
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_EVENT
 from xdynamics.summary import summary
 

@@ -10,7 +10,7 @@ import xarray as xr
 import xdynamics as xd
 from problems import oscillator, particle
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.record import apart, identity, is_of, same_settings
 
 CHOSEN = {"method": "dormand_prince", "rtol": 1e-6}

@@ -13,7 +13,7 @@ import pytest
 import xdynamics as xd
 from problems import MODELS
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.march.engine import engine
 from xdynamics.march.log import allocate
 from xdynamics.march.memory import arrays_of, put_back

@@ -157,16 +157,16 @@ ARGUMENT, VALUE = np.array([0.0, 1.0, 2.5, 3.0, 4.0]), np.array([1.0, 3.0, 2.0, 
 )
 def test_compiled_table_agrees_with_scipy(rule: str, reference: object) -> None:
     """Assert that the pieces, as compiled code evaluates them, are scipy's interpolant."""
-    from xdynamics.kernels import tables
+    from xdynamics.kernels import drive_tables
 
-    flat, places = tables.flattened([coefficients(ARGUMENT, VALUE, rule, "zero")])
+    flat, places = drive_tables.flattened([coefficients(ARGUMENT, VALUE, rule, "zero")])
     points = np.linspace(0.0, 3.999, 97)
 
     def piece(x: float) -> int:
-        return tables.PYTHON_TABLES["_find_piece"](flat, places, x, 0)
+        return drive_tables.PYTHON_TABLES["_find_piece"](flat, places, x, 0)
 
     def value(x: float, number: int) -> float:
-        return tables.PYTHON_TABLES["_value_at"](flat, places, x, number, 0)
+        return drive_tables.PYTHON_TABLES["_value_at"](flat, places, x, number, 0)
 
     mine = [value(x, piece(x)) for x in points]
     assert np.allclose(mine, reference(points), rtol=1e-14, atol=1e-14)

@@ -24,7 +24,7 @@ def run() -> xr.Dataset:
 
 def test_a_quantified_record_is_the_same_again(run: xr.Dataset) -> None:
     """Assert that units go into arrays and come out as they were, flags and texts untouched."""
-    from xdynamics.quantified import is_quantified, plain
+    from xdynamics.pint_records import is_quantified, plain
 
     found = run.dynamics.quantify()
     assert is_quantified(found)

@@ -140,8 +140,8 @@ def test_conditions_that_stand_still_and_tables(tmp_path: Path) -> None:
 
 def test_many_runs_have_the_same_bits() -> None:
     """Assert that runs in lanes meet nested switches as a run alone does."""
-    from xdynamics.march.asking import settings_for
-    from xdynamics.march.many import march_many
+    from xdynamics.march.configuration import settings_for
+    from xdynamics.march.ensemble import march_many
 
     settings, starts = settings_for(ball(), method="dop853", rtol=1e-8, until=2.0), np.linspace(0.2, 2.0, 24)
     alone, beside = (march_many(ball(), settings, initial={"y": starts}, lanes=lanes) for lanes in (1, 8))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.evidence.observing import (
+from xdynamics.evidence.observables import (
     comparable,
     evaluated_on,
     modes_behind,

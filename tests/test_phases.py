@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from plain import entries, kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
-from xdynamics.march import control, landing, loop, proposing
-from xdynamics.march.events import certainty, locating, transition
+from xdynamics.march import acceptance, control, loop, trial_step
+from xdynamics.march.events import root_finding, transition, zero_tests
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, WATCH, Run
@@ -35,7 +35,7 @@ def test_aim_at_the_grid() -> None:
     run = made_by_hand()
     run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
     plain(loop.aim)(run)
-    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (3 * 0.1, 0.1, landing.AT_GRID)
+    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (3 * 0.1, 0.1, acceptance.AT_GRID)
 
 
 def test_aim_at_a_node_before_the_grid() -> None:
@@ -43,7 +43,7 @@ def test_aim_at_a_node_before_the_grid() -> None:
     run = made_by_hand(nodes=np.array([0.25]))
     run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
     plain(loop.aim)(run)
-    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (0.25, 0.25 - 0.2, landing.AT_NODE)
+    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (0.25, 0.25 - 0.2, acceptance.AT_NODE)
 
 
 def test_aim_at_a_node_on_the_grid() -> None:
@@ -51,7 +51,7 @@ def test_aim_at_a_node_on_the_grid() -> None:
     run = made_by_hand(nodes=np.array([0.5]))
     run.plan[0].step_size, run.plan[0].snap, run.now[0].grid, run.now[0].t = 0.25, 1e-15, 1, 0.25
     plain(loop.aim)(run)
-    assert (run.trial[0].t, run.trial[0].landing) == (0.5, landing.AT_BOTH)
+    assert (run.trial[0].t, run.trial[0].landing) == (0.5, acceptance.AT_BOTH)
 
 
 def test_aim_freely_stretches_to_the_end() -> None:
@@ -87,14 +87,14 @@ def test_judge_names_one_reason(state: list[float], limited: int, iterations: in
     run = made_by_hand(z=np.array(state))
     run.plan[0].limited, run.trial[0].iterations = limited, iterations
     run.trial[0].unsound = 0.0 if np.isfinite(state).all() else np.nan
-    assert plain(landing.judge)(run) == reason
+    assert plain(acceptance.judge)(run) == reason
 
 
 def test_judge_event_functions() -> None:
     """Assert that an event function that is no number has a reason of its own."""
     run = made_by_hand(detectors=np.zeros(1, DETECTOR), g1=np.array([np.nan]))
     run.trial[0].unsound_events = np.nan
-    assert plain(landing.judge)(run) == REASON_EVENT_FUNCTION
+    assert plain(acceptance.judge)(run) == REASON_EVENT_FUNCTION
 
 
 def test_judge_errors() -> None:
@@ -103,14 +103,14 @@ def test_judge_errors() -> None:
         e=np.array([1e-3, 3e-3]), atol=np.array([1e-2, 1e-3]), y=np.array([0.0, 1.0, 0.0]), z=np.zeros(3)
     )
     run.plan[0].estimates, run.plan[0].adaptive, run.plan[0].rtol = 1, 1, 1e-3
-    assert plain(landing.judge)(run) == REASON_ERROR
+    assert plain(acceptance.judge)(run) == REASON_ERROR
     assert run.now[0].norm == 3e-3 / (1e-3 + 1e-3)
 
 
 def test_accept_notes_and_moves() -> None:
     """Assert that an accepted trial is a row and the place to go on from."""
     run = made_by_hand(z=np.array([1.0, 2.0, 3.0]))
-    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.25, landing.AT_GRID
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.25, acceptance.AT_GRID
     plain(loop.accept)(run)
     assert run.y.tolist() == [1.0, 2.0, 3.0]
     assert run.log_rows[:5, 1].tolist() == [0.5, 0.25, 1.0, 2.0, 3.0]
@@ -121,10 +121,10 @@ def test_accept_notes_and_moves() -> None:
 def test_accept_at_a_node_and_at_the_end() -> None:
     """Assert that a breakpoint is a node, and that the end completes the run and is none."""
     run = made_by_hand(nodes=np.array([0.5]))
-    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.5, landing.AT_NODE
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.5, acceptance.AT_NODE
     plain(loop.accept)(run)
     assert (run.log_flags[0, 1], run.now[0].node, run.now[0].on_grid) == (NODE, 1, 0)
-    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 10.0, 9.5, landing.AT_BOTH
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 10.0, 9.5, acceptance.AT_BOTH
     plain(loop.accept)(run)
     assert (run.log_flags[0, 2], run.now[0].status) == (STEP, COMPLETED)
 
@@ -205,18 +205,18 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
 
 def found(run: Run, h: float, t: float = 0.0) -> None:
     """Make a trial in the whole of which every event function is known to cross, once."""
-    plain(proposing.propose)(run, t + h, h)
-    plain(proposing.look)(run)
-    plain(proposing.keep)(run)
-    run.watches["hit"], run.watches["left"], run.watches["right"] = certainty.CROSSED, 0.0, h
+    plain(trial_step.propose)(run, t + h, h)
+    plain(trial_step.look)(run)
+    plain(trial_step.keep)(run)
+    run.watches["hit"], run.watches["left"], run.watches["right"] = zero_tests.CROSSED, 0.0, h
 
 
 def test_propose_leaves_the_state() -> None:
     """Assert that a trial fills z, and a look at it the event functions there, and nothing else moves."""
     run = dropped()
     before = run.y.copy()
-    plain(proposing.propose)(run, 0.75, 0.75)
-    plain(proposing.look)(run)
+    plain(trial_step.propose)(run, 0.75, 0.75)
+    plain(trial_step.look)(run)
     assert run.z.tolist() == [1 - 0.75**2, -1.5, -2.0]
     assert run.g1[0] == run.z[0]
     assert np.array_equal(run.y, before)
@@ -229,7 +229,7 @@ def test_locate_ends_the_trial_behind_the_event(apart: int) -> None:
     run = dropped()
     run.plan[0].apart = apart
     found(run, 1.5)
-    plain(locating.locate)(run)
+    plain(root_finding.locate)(run)
     h = run.trial[0].h
     assert 0 <= h - 1.0 <= 1e-12
     assert run.watches[0].left < 1.0 <= h
@@ -265,7 +265,7 @@ def test_substeps_are_those_of_the_paper(seen: Callable[[float], float], toleran
     """Assert the points at which ITP looks, one after the other, for event functions of several shapes."""
     run = dropped(seen=seen, tolerance=tolerance)
     found(run, 1.5)
-    plain(locating.locate)(run)
+    plain(root_finding.locate)(run)
     wanted = list(itp(lambda h: seen(1 - h * h), 1.5, tolerance))
     assert run.log_trials["step_size"][: run.now[0].trials] == pytest.approx(wanted, rel=1e-12)
 
@@ -278,7 +278,7 @@ def test_no_bracket_is_narrower_than_t_can_be_told(t: float, tolerance: float) -
     run = dropped(seen=lambda x: math.copysign(1.0, x), tolerance=tolerance)
     run.now[0].t = t
     found(run, 1.5, t)
-    plain(locating.locate)(run)
+    plain(root_finding.locate)(run)
     floor = 2 * np.finfo(float).eps * max(abs(t), abs(t + 1.5))
     assert run.now[0].trials == math.ceil(math.log2(1.5 / max(tolerance, floor)))
 
@@ -288,7 +288,7 @@ def test_a_point_on_an_end_of_the_bracket_is_moved_inside(side: int) -> None:
     """Assert that a bracket closes where one end is so near to zero that interpolation comes back to it."""
     run = dropped(seen=lambda x: x * 1e-30 if x * side > 0 else x)
     found(run, 1.5)
-    plain(locating.locate)(run)
+    plain(root_finding.locate)(run)
     assert 0 < run.trial[0].h - run.watches[0].left <= 1e-12
     assert run.now[0].trials <= 41 + 1 + 1  # halvings, what the method adds, the point that was moved
 
@@ -298,9 +298,9 @@ def bracketed(monkeypatch: pytest.MonkeyPatch, h: float, root: float, tolerance:
     run = dropped(seen=lambda x: x - (1 - root * root), tolerance=tolerance)
     found(run, h)
     for name, function in instead.items():
-        monkeypatch.setitem(plain(locating.bracket).__globals__, name, function)
-    plain(locating.bracket)(run, 0, 0.0)
-    plain(proposing.take)(run)
+        monkeypatch.setitem(plain(root_finding.bracket).__globals__, name, function)
+    plain(root_finding.bracket)(run, 0, 0.0)
+    plain(trial_step.take)(run)
     return run
 
 
@@ -353,7 +353,7 @@ def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
             watches=np.zeros(2, WATCH), **arrays)  # fmt: skip
     run.watches["armed"] = 1
     found(run, 1.5)
-    plain(locating.locate)(run)
+    plain(root_finding.locate)(run)
     assert run.trial[0].h == pytest.approx(0.5, abs=1e-9)
     assert run.watches[0].left == 0.0
     assert 0.0 < run.trial[0].h - run.watches[1].left <= 1e-9
@@ -369,11 +369,11 @@ def test_the_located_trial_comes_back_whole() -> None:
     for one in arrays:
         one[:] = np.arange(1.0, len(one) + 1)
     before = [one.tobytes() for one in (run.trial, *arrays)]
-    plain(proposing.keep)(run)
+    plain(trial_step.keep)(run)
     run.trial[:] = np.zeros(1, TRIAL)
     for one in arrays:
         one[:] = 0.0
-    plain(proposing.take)(run)
+    plain(trial_step.take)(run)
     assert [one.tobytes() for one in (run.trial, *arrays)] == before
 
 
@@ -382,7 +382,7 @@ def test_hand_over_writes_both_sides_without_another_step(monkeypatch: pytest.Mo
     """Assert two rows at one time, one event, and that the event's state is the located trial, not made again."""
     run = dropped(stops)
     found(run, 1.5)
-    run.located[0].landing = landing.AT_GRID
+    run.located[0].landing = acceptance.AT_GRID
     for phase, name in ((transition.note_events, "uncertainty"), (transition.rearm, "arm")):
         monkeypatch.setitem(plain(phase).__globals__, name, lambda *_: 0.0)
     plain(transition.hand_over)(run)

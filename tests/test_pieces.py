@@ -12,8 +12,8 @@ import pytest
 import xdynamics as xd
 from plain import plain
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
-from xdynamics.march.events import sides
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.events import switch_sides
 from xdynamics.march.run import Run
 
 X, V, A = range(3)  # of a state: a position, its velocity, its acceleration
@@ -57,16 +57,16 @@ def test_the_function_of_a_piece_is_zero_at_its_ends(
     run, points = tabulated(tmp_path, np.random.default_rng([26, 5, case]), interpolation, outside)
     ends, last, whole = outside == "error", len(points) - 1, points[-1] - points[0]
     for k, (low, high) in enumerate(pairwise(points), start=1):
-        plain(sides.enter_piece)(run, 0, k)
+        plain(switch_sides.enter_piece)(run, 0, k)
         assert (run.places[2], run.watches[0].guard) == (k, 1)
         for x in (low, 0.75 * low + 0.25 * high, high):
             left, right = (x - low) / (high - low), (high - x) / (high - low)
             wanted = [1.0 if ends and k == 1 else left, 1.0 if ends and k == last else right]
             assert factors(run, x) == pytest.approx(wanted, abs=1e-13)
     if not ends:
-        plain(sides.enter_piece)(run, 0, 0)
+        plain(switch_sides.enter_piece)(run, 0, 0)
         assert factors(run, points[0] - 0.3) == pytest.approx([1.0, 0.3 / whole], abs=1e-13)
-        plain(sides.enter_piece)(run, 0, run.places[1] - 1)
+        plain(switch_sides.enter_piece)(run, 0, run.places[1] - 1)
         assert factors(run, points[-1] + 0.3) == pytest.approx([0.3 / whole, 1.0], abs=1e-13)
 
 
@@ -75,7 +75,7 @@ def test_the_function_of_a_piece_is_zero_at_its_ends(
 def test_a_point_belongs_to_the_piece_that_is_moved_into(outside: str, case: int, tmp_path: Path) -> None:
     """Assert the piece inside, at points by the way of motion, and at the table's own ends by a velocity alone."""
     run, points = tabulated(tmp_path, np.random.default_rng([26, 6, case]), "linear", outside)
-    find, last = plain(sides.find), len(points) - 1
+    find, last = plain(switch_sides.find), len(points) - 1
     for k, (low, high) in enumerate(pairwise(points), start=1):
         for rate in (-1.0, 0.0, 1.0):
             assert find(run, 0, moving(0.3 * low + 0.7 * high, rate), rate) == k
@@ -91,7 +91,7 @@ def test_a_point_belongs_to_the_piece_that_is_moved_into(outside: str, case: int
         assert find(run, 0, moving(x, -v), -v) == (1 if x == points[0] else last)
     assert find(run, 0, moving(points[0] - 0.1, 0.0), 0.0) == 0
     assert find(run, 0, moving(points[-1] + 0.1, 0.0), 0.0) == last + 1
-    assert [plain(sides.moving)(run, 0, moving(0.0, *va)) for va in ((2.0, -1.0), (0.0, -1.0))] == [2.0, -1.0]
+    assert [plain(switch_sides.moving)(run, 0, moving(0.0, *va)) for va in ((2.0, -1.0), (0.0, -1.0))] == [2.0, -1.0]
 
 
 @pytest.mark.cases(60)
@@ -106,18 +106,18 @@ def test_behind_a_point_is_the_next_piece_or_a_later_one(case: int, tmp_path: Pa
             (points[0] - 1.0, -1.0, 0),
         ):
             for side in (-np.inf, x, np.inf):
-                plain(sides.enter_piece)(run, 0, k)
+                plain(switch_sides.enter_piece)(run, 0, k)
                 run.z[:3] = moving(float(np.nextafter(x, side)), v)
-                assert plain(sides.passed_into)(run, 0) == wanted
+                assert plain(switch_sides.passed_into)(run, 0) == wanted
 
 
 @pytest.mark.parametrize("outside", ["hold", "zero", "error"])
 def test_a_last_value_at_a_point_alone_has_no_width(outside: str, tmp_path: Path) -> None:
     """Assert that a table of steps ends with a value at one point, which is left for what lies beyond, if anything does."""
     run, points = tabulated(tmp_path, np.random.default_rng(26), "previous", outside)
-    count, find = int(run.places[1]), plain(sides.find)
-    assert plain(sides.alone)(run, 0)
+    count, find = int(run.places[1]), plain(switch_sides.find)
+    assert plain(switch_sides.alone)(run, 0)
     at_end = [find(run, 0, moving(points[-1], v), v) for v in (-1.0, 0.0, 1.0)]
     assert at_end == [count - 3, count - 2, count - 2 if outside == "error" else count - 1]
     linear, _ = tabulated(tmp_path, np.random.default_rng(26), "linear", outside)
-    assert not plain(sides.alone)(linear, 0)
+    assert not plain(switch_sides.alone)(linear, 0)

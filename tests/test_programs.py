@@ -17,12 +17,12 @@ from xdynamics.expressions import Name, parse
 from xdynamics.kernels import Law, law_of, layout_of
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.law import CONTROL
+from xdynamics.kernels.law_cache import key_of
 from xdynamics.kernels.llvm_text import UNROLLED
-from xdynamics.kernels.printed import key_of
 from xdynamics.kernels.program import AT, TABLE, WORDS, Compute, Load, Place, Program, Store
 from xdynamics.kernels.python_text import python_of
-from xdynamics.kernels.tables import flattened
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.summation import COMPENSATED, updates
 from xdynamics.methods.summation import PLAIN as PLAIN_SUMS

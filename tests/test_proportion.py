@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import xdynamics as xd
 from problems import EPS
-from xdynamics.march.asking import settings_for
-from xdynamics.march.many import march_many
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.ensemble import march_many
 from xdynamics.methods import METHODS, Method
 from xdynamics.model.motion import variables
 

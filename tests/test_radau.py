@@ -20,7 +20,7 @@ from plain import made_by_hand, plain
 from problems import EPS
 from xdynamics.kernels import linear
 from xdynamics.march import March, march_many
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.march.engine import engine
 from xdynamics.march.implicit import radau as march_radau
 from xdynamics.march.log import allocate

@@ -13,9 +13,9 @@ import xarray as xr
 import xdynamics as xd
 from problems import oscillator
 from xdynamics.archive import reading, seals
-from xdynamics.archive.examination import Examination
-from xdynamics.archive.lending import is_lent
+from xdynamics.archive.integrity_checks import Examination
 from xdynamics.archive.seals import Tail
+from xdynamics.archive.shared_handles import is_lent
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import xarray as xr
 import xdynamics as xd
 from problems import MODELS, free, oscillator
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.record import check_kind, dataset
 from xdynamics.schema import REQUIRED_ATTRIBUTES, ROW_KINDS
 

@@ -18,7 +18,7 @@ from problems import MODELS
 from xdynamics.archive import segments
 from xdynamics.cli import main
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 
 PENDULUM = xd.Model.from_toml(MODELS / "pendulum.toml")
 ASKED: dict[str, Any] = {"method": "rk4", "step": 1e-3, "until": 40.0}

@@ -31,7 +31,7 @@ for name in ("double_pendulum", "pendulum", "ball_drag"):
 import hashlib
 import numpy as np
 from xdynamics.march import march_many
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 told = settings_for(every, method="dop853", rtol=1e-9, atol=1e-9, until="9 s", force_samples="none")
 abreast = march_many(every, told, initial={"x": np.linspace(0.9, 1.3, 40)}, lanes=8)
 print(*map(xd.content_digest, runs), hashlib.sha256(abreast.kept.log.rows.tobytes() + abreast.ends.tobytes()).hexdigest())

@@ -15,7 +15,7 @@ from problems import oscillator
 from xdynamics.archive import segment, segments
 from xdynamics.archive.segments import Segments, discard, folder_of, has_segments
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 
 MODEL = oscillator().model
 

@@ -54,7 +54,7 @@ def test_an_archive_is_reproduced_with_its_set(name: str, runs: dict[str, xr.Dat
 @pytest.mark.parametrize("name", SETS)
 def test_states_and_observables_between_have_the_set_of_the_run(name: str, runs: dict[str, xr.Dataset]) -> None:
     """Assert that what is sampled at accepted states, observables too, has the bits that the run recorded there."""
-    from xdynamics.evidence.observing import observe
+    from xdynamics.evidence.observables import observe
 
     run = runs[name]
     found = observe(run, MODEL, ["x", "angle", "slope"], run.time.values)

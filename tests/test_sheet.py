@@ -12,7 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.model import Table
-from xdynamics.model.sheet import Sheet, title, written
+from xdynamics.model.csv_sheet import Sheet, title, written
 
 PLAIN = "time [ms],force [mN]\n0,1.5\n10,2.25\n20,-3\n"
 

@@ -12,9 +12,9 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.march import sizes
-from xdynamics.march.asking import settings_for
-from xdynamics.march.many import march_many
+from xdynamics.march import tolerance_sizes
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.ensemble import march_many
 from xdynamics.schema import ATOL_FOLLOWS
 from xdynamics.units import parse_unit
 
@@ -287,15 +287,15 @@ RTOL = 1e-4
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Phases as Python has them, and forces that are a matrix: what is compiled has no way in from Python."""
     for name in ("tops_of", "natural_sizes", "time_at", "fastest_rate", "recurred", "slope_of"):
-        function = getattr(sizes, name)
-        monkeypatch.setattr(sizes, name, getattr(function, "py_func", function))
+        function = getattr(tolerance_sizes, name)
+        monkeypatch.setattr(tolerance_sizes, name, getattr(function, "py_func", function))
 
     def evaluate(run: Any, t: float, state: np.ndarray) -> None:
         assert t == 3.0
         used = run.plan[0].used
         state[used:] = run.matrix @ state[:used]
 
-    monkeypatch.setattr(sizes, "evaluate", evaluate)
+    monkeypatch.setattr(tolerance_sizes, "evaluate", evaluate)
 
 
 def linear(start: list[float], matrix: list[list[float]], coordinates: int, kinds: list[int]) -> Any:
@@ -310,7 +310,7 @@ def linear(start: list[float], matrix: list[list[float]], coordinates: int, kind
 
 def begun(run: Any) -> float:
     """Give sizes to a start."""
-    function = sizes.begin_sizes
+    function = tolerance_sizes.begin_sizes
     return float(getattr(function, "py_func", function)(run))
 
 
@@ -319,7 +319,7 @@ def test_parts_tolerances_follow_the_largest_so_far() -> None:
     """Assert rtol times each size, a millionth of the largest of its kind at least, and given ones as they are."""
     run = linear([3.0, 1e-9, -5.0, 0.0], [[0.0] * 4] * 4, 0, [0, 0, 1, 1])
     run.followers[3] = False
-    getattr(sizes.settle_tolerances, "py_func", sizes.settle_tolerances)(run)
+    getattr(tolerance_sizes.settle_tolerances, "py_func", tolerance_sizes.settle_tolerances)(run)
     assert run.atol == pytest.approx([3.0 * RTOL, 3e-6 * RTOL, 5.0 * RTOL, -1.0])
 
 
@@ -347,7 +347,9 @@ def test_parts_the_fastest_rate_is_an_eigenvalue(matrix: list[list[float]], coor
     """Assert the largest size of an eigenvalue: two decays, a turning, a saddle, drag and damping, and none of free flight."""
     run = linear([1.5, 0.75], matrix, coordinates, [0, 1] if coordinates else [0, 0])
     run.turning[:2] = [2.0, 1.0]
-    assert sizes.fastest_rate(run, 3.0, run.y) == pytest.approx(rate, rel=1e-3 if rate > 6.5 and coordinates else 1e-9)
+    assert tolerance_sizes.fastest_rate(run, 3.0, run.y) == pytest.approx(
+        rate, rel=1e-3 if rate > 6.5 and coordinates else 1e-9
+    )
 
 
 @pytest.mark.usefixtures("plain")
@@ -359,25 +361,25 @@ def test_parts_a_time_of_state_and_slopes() -> None:
         ([8.0, 40.0], [[-0.25, 0.0]], 1, [0, 1], 2.0), ([1e6, 1.0], [[0.0, 0.0]], 1, [0, 1], 50.0), ([0.0, 0.0], [[0.0, 0.0]], 1, [0, 1], 0.5),
     ):  # fmt: skip
         run = linear(start, matrix, coordinates, kinds)
-        assert sizes.time_at(run, run.y) == pytest.approx(time), (start, matrix)
+        assert tolerance_sizes.time_at(run, run.y) == pytest.approx(time), (start, matrix)
 
 
 @pytest.mark.usefixtures("plain")
 def test_parts_natural_sizes_are_what_a_time_would_make() -> None:
     """Assert places and speeds after a time of the motion's own, a thousandth of their kind at least."""
     run = linear([8.0, 0.0, 0.0, 0.0], [[-0.25, 0, 0, 0], [0.0, 0, 0, 0]], 2, [0, 0, 1, 1])
-    assert sizes.natural_sizes(run, run.y) == pytest.approx(2.0)
+    assert tolerance_sizes.natural_sizes(run, run.y) == pytest.approx(2.0)
     assert run.turning[:4] == pytest.approx([8.0, 8e-3, 4.0, 4e-3])
     assert run.turning[4:8].tolist() == [0.0] * 4
     still = linear([8.0, 0.0], [[0.0, 0.0]], 1, [0, 1])
-    assert sizes.natural_sizes(still, still.y) == 0.5
+    assert tolerance_sizes.natural_sizes(still, still.y) == 0.5
     assert still.turning[:2] == pytest.approx([8.0, 16e-3])
     pushed = linear([0.0, 0.0], [[0.0, 0.0]], 1, [0, 1])
     pushed.y[2] = -4.0
-    assert sizes.natural_sizes(pushed, pushed.y) == 0.5
+    assert tolerance_sizes.natural_sizes(pushed, pushed.y) == 0.5
     assert pushed.turning[:2] == pytest.approx([1.0, 2.0])
     falling = linear([0.0, 3.0], [[0.0, -0.5]], 1, [0, 1])
-    assert sizes.natural_sizes(falling, falling.y) == pytest.approx(2.0)
+    assert tolerance_sizes.natural_sizes(falling, falling.y) == pytest.approx(2.0)
     assert falling.turning[:2] == pytest.approx([6.0, 3.0])
 
 
@@ -387,6 +389,6 @@ def test_parts_derivatives_are_over_the_sizes() -> None:
     run = linear([1.5, 0.75, 2.0], [[-9.0, -2.0, 1.0], [0.5, 3.0, -4.0]], 1, [0, 1, 2])
     run.turning[:3] = [2.0, 1.0, 0.25]
     found = np.full((4, 3), np.nan)
-    getattr(sizes.derivatives, "py_func", sizes.derivatives)(run, 3.0, run.y, found)
+    getattr(tolerance_sizes.derivatives, "py_func", tolerance_sizes.derivatives)(run, 3.0, run.y, found)
     whole, size = np.array([[0.0, 1.0, 0.0], [-9.0, -2.0, 1.0], [0.5, 3.0, -4.0]]), run.turning[:3]
     assert found[1:] == pytest.approx(whole * size / size[:, None], rel=1e-9)

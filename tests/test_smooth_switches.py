@@ -89,8 +89,8 @@ def test_counts_of_random_oscillations(case: int) -> None:
 
 def test_many_runs_count_alike() -> None:
     """Assert that runs in lanes have the counts of runs alone, one after the other too, and that sweeps tell them."""
-    from xdynamics.march.asking import settings_for
-    from xdynamics.march.many import march_many
+    from xdynamics.march.configuration import settings_for
+    from xdynamics.march.ensemble import march_many
 
     model, starts = ball(), np.linspace(-5, 25, 40)
     for asked in ({"method": "dop853", "rtol": 1e-7}, {"method": "rk4", "step": 0.013}):
@@ -101,7 +101,7 @@ def test_many_runs_count_alike() -> None:
         assert alone.passed[:, 0].tolist() == [int(v > 0) for v in starts.tolist()]
     swept = xd.sweep(model, axes={"v_y": ["5 m s-1", "20 m s-1"]}, method="rk4", step=0.01, until=1.0)
     assert swept.smooth_switches_passed.values.tolist() == [1, 0]
-    from xdynamics.sweeping.told import lines_of
+    from xdynamics.sweeping.sweep_summary import lines_of
 
     assert any("1 members passed switches" in line or "1 member passed" in line for line in lines_of(swept))
 

@@ -11,7 +11,7 @@ import pytest
 import scipy.stats
 
 import xdynamics as xd
-from xdynamics.model.spread import Spread, normal_quantile
+from xdynamics.model.uncertainty import Spread, normal_quantile
 from xdynamics.units import parse_quantity
 
 TOML = """

@@ -15,7 +15,7 @@ from xdynamics.archive import segments, streaming
 from xdynamics.archive.seals import CHUNKS
 from xdynamics.archive.writer import Writer
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
 
 MODEL = oscillator().model

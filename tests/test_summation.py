@@ -10,8 +10,8 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS, damped, oscillator, particle
-from xdynamics.march.asking import settings_for
-from xdynamics.march.many import march_many
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.ensemble import march_many
 from xdynamics.methods import METHODS, Method
 from xdynamics.methods.summation import updates
 from xdynamics.record.provenance import asked_of

@@ -10,7 +10,7 @@ import pytest
 import xdynamics as xd
 from xdynamics.evidence.diagnosing.summits import ROUNDS, Summits, crests, humps, summits
 from xdynamics.march import march_many
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 
 N = 40  # members, enough for lanes on any machine
 X, V = "(x/metre)", "(v_x*second/metre)"

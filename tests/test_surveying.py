@@ -10,7 +10,7 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 
 END = 2.0  # s
 

@@ -12,7 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from problems import MODELS, particle
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 
 BALL = MODELS / "ball_drag.toml"
 KEEP = ["end", "event_time_ground", "event_count_ground", "maximum_y", "minimum_v_y", "end_total_energy", "total_energy", "y", "after_apex_v_y"]  # fmt: skip
@@ -509,7 +509,7 @@ def test_methods_that_solve_and_halve(how: dict[str, Any]) -> None:
 @pytest.mark.parametrize("name", ["rocket_c6", "cart_spring", "stick_slip_belt"])
 def test_everything_that_can_be_observed_at_times(name: str) -> None:
     """Assert states, energies and observables of members at times against those of the runs alone."""
-    from xdynamics.evidence.observing import comparable, observe
+    from xdynamics.evidence.observables import comparable, observe
 
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
     words, times, parameter = comparable(model), [0.2, 0.9, 1.0], next(iter(model.parameters))

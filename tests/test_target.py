@@ -21,8 +21,8 @@ from click.testing import CliRunner
 
 import xdynamics as xd
 from problems import MODELS, oscillator
-from xdynamics.archive.leftovers import Part, sweep
 from xdynamics.archive.target import check_no_table, taking_name
+from xdynamics.archive.temporary_files import Part, sweep
 from xdynamics.cli import main
 
 

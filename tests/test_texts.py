@@ -14,7 +14,7 @@ import xdynamics as xd
 from problems import MODELS
 from xdynamics.archive import writer
 from xdynamics.archive.seals import letters, seal_file
-from xdynamics.archive.texts import form_of, numbers_of
+from xdynamics.archive.text_encoding import form_of, numbers_of
 
 ASKED: dict[str, Any] = {"method": "heun", "rtol": 1e-6, "members_per_task": 2}
 AXES = {"vt": "20:40:5 m s-1", "y": [0.0, 1.0]}

@@ -11,7 +11,7 @@ import pytest
 import xdynamics as xd
 from problems import MODELS
 from xdynamics.march import march_many
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 
 NAMES = ("kepler", "ball_drag", "double_pendulum", "rocket_c6")
 

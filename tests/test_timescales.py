@@ -13,7 +13,7 @@ import xdynamics as xd
 from problems import MODELS
 from xdynamics.cli import main
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.march.timescales import jacobian_at
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.stability import fastest_rate

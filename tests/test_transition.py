@@ -10,9 +10,9 @@ import pytest
 import xdynamics as xd
 from plain import Seen, law_of, nothing, plain, watching
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march import landing
-from xdynamics.march.events import certainty, locating, transition
-from xdynamics.march.events.silence import BOX, STANDS
+from xdynamics.march import acceptance
+from xdynamics.march.events import root_finding, transition, zero_tests
+from xdynamics.march.events.event_free_region import BOX, STANDS
 from xdynamics.march.run import REACTION, Run
 from xdynamics.model.detectors import GAP, GRIP, OCCASION, PULL, SLIP
 from xdynamics.schema import CROSSING, REASON_ERROR, REASON_EVENT
@@ -25,7 +25,7 @@ def noting(monkeypatch: pytest.MonkeyPatch, doubt: float = 1e-14) -> Run:
     """Return a run that has located two events at half a second behind 2 s, each known to a doubt."""
     run, _ = watching(FALLING, RISING, t=2.0)
     run.put(log_rates=np.zeros((0, 5)), log_impulses=np.ones((2, 5)))
-    plain(locating.locate)(run)
+    plain(root_finding.locate)(run)
     run.slopes[:], run.watches["zone"] = 99.0, -1.0
     monkeypatch.setitem(plain(transition.note_events).__globals__, "uncertainty", lambda *_: doubt)
     return run
@@ -66,7 +66,7 @@ def test_an_event_that_is_past_but_not_found_is_pending(monkeypatch: pytest.Monk
     run.plan[0].apart = apart
     run.trial[0].h, run.trial[0].t, run.y[0] = 0.625, 2.625, 0.625
     run.g1[:] = [seen.value(0.625) for seen in (FALLING, RISING)]
-    run.watches["hit"], run.watches["left"], run.pending[:] = certainty.NONE, [0.5, 0.25], [0.03125, 0.0]
+    run.watches["hit"], run.watches["left"], run.pending[:] = zero_tests.NONE, [0.5, 0.25], [0.03125, 0.0]
     monkeypatch.setitem(plain(transition.rearm).__globals__, "arm", lambda _, i, value: armed.append((i, value)))
     armed: list[tuple[int, float]] = []
     plain(transition.rearm)(run)
@@ -76,10 +76,10 @@ def test_an_event_that_is_past_but_not_found_is_pending(monkeypatch: pytest.Monk
 
 def test_what_is_no_event_to_come_is_not_pending(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a met event, a contact's, one whose value an action changed and one not watched for are none."""
-    changes: list[tuple[str, Any]] = [("hit", certainty.CROSSED), ("armed", 0), ("reaction", 0), ("direction", 1), ("g1", 0.0), ("", 0)]  # fmt: skip
+    changes: list[tuple[str, Any]] = [("hit", zero_tests.CROSSED), ("armed", 0), ("reaction", 0), ("direction", 1), ("g1", 0.0), ("", 0)]  # fmt: skip
     for what, value in changes:
         run, _ = watching(FALLING, t=2.0)
-        run.y[0], run.watches[0].hit = 0.625, certainty.NONE
+        run.y[0], run.watches[0].hit = 0.625, zero_tests.NONE
         run.g[0] = run.g1[0] = FALLING.value(0.625)
         where: Any = run.watches if what in ("hit", "armed") else run.detectors
         if what == "g1":
@@ -103,9 +103,9 @@ def test_no_grip_is_lost_where_its_contact_opens(role: int, normal: int, other: 
     run.put(reactions=np.zeros(3, REACTION))
     run.reactions["normal"] = [-1, -1, normal]
     run.detectors["role"], run.detectors["reaction"] = [role, other], [2, 1]
-    run.watches[1].hit = certainty.CROSSED if hit else certainty.NONE
+    run.watches[1].hit = zero_tests.CROSSED if hit else zero_tests.NONE
     plain(transition.leave_out)(run)
-    assert (run.watches[0].hit != certainty.NONE) == left
+    assert (run.watches[0].hit != zero_tests.NONE) == left
 
 
 def test_a_reset_sets_what_it_names() -> None:
@@ -142,7 +142,7 @@ def test_what_happens_ends_the_region_without_events(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize(
     ("made", "at", "node", "final"),
-    [(0, landing.AT_NODE, 1, True), (3, landing.AT_BOTH, 1, True), (0, landing.AT_GRID, 1, False), (0, landing.AT_NODE, 0, False)],
+    [(0, acceptance.AT_NODE, 1, True), (3, acceptance.AT_BOTH, 1, True), (0, acceptance.AT_GRID, 1, False), (0, acceptance.AT_NODE, 0, False)],
 )  # fmt: skip
 def test_a_trial_without_events_stays_as_it_is(
     monkeypatch: pytest.MonkeyPatch, made: int, at: int, node: int, final: bool

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from xdynamics.archive.lending import Lent
-from xdynamics.archive.library import opened
+from xdynamics.archive.netcdf_library import opened
+from xdynamics.archive.shared_handles import Lent
 from xdynamics.archive.values import Store, Values
 
 TABLE = np.arange(12, dtype="i2").reshape(4, 3)

@@ -13,9 +13,9 @@ import xarray as xr
 import xdynamics as xd
 from problems import MODELS
 from test_budget import doubtful, slope
+from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.physical import _differences
 from xdynamics.budgeting.slopes import _check_open, _equations, slopes_along
-from xdynamics.budgeting.target import Target
 from xdynamics.dynamics.variational import NotVariedError, gauss
 
 TIGHT: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}

@@ -13,8 +13,8 @@ import xarray as xr
 import xdynamics as xd
 from problems import oscillator
 from xdynamics.archive import writing
-from xdynamics.archive.examination import Examination
-from xdynamics.archive.examiner import is_known
+from xdynamics.archive.integrity_checks import Examination
+from xdynamics.archive.sandboxed_reading import is_known
 from xdynamics.archive.seals import tail_of
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.entrance import entrance
+from xdynamics.lazy_imports import entrance
 
 if TYPE_CHECKING:
     from xdynamics.archive import content_digest, discard, open_run, save
@@ -50,14 +50,14 @@ if TYPE_CHECKING:
     from xdynamics.model import Model
     from xdynamics.record import check
     from xdynamics.reporting import report
+    from xdynamics.scipy_interface import solve
     from xdynamics.simulation import reproduce, simulate
-    from xdynamics.solving import solve
     from xdynamics.sweeping.catalogue import open_sweep, verify
     from xdynamics.sweeping.designs import Draws
+    from xdynamics.sweeping.ensemble_analysis import contrast, convergence, influences, precision, sensitivities
     from xdynamics.sweeping.indices import sobol_indices
     from xdynamics.sweeping.member import member
     from xdynamics.sweeping.ragged import ragged
-    from xdynamics.sweeping.surveying import contrast, convergence, influences, precision, sensitivities
     from xdynamics.sweeping.sweep import sweep
 
 # public name -> the room it lives in, entered when the name is first used
@@ -65,7 +65,7 @@ _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults", "SignatureWarning": "faults",
     "StabilityWarning": "faults", "animate": "figures.animation",
     "check": "record", "complete": "completion", "companion": "evidence.companion", "Declared": "budgeting.term", "Draws": "sweeping.designs", "error_budget": "budgeting.budget", "certify": "budgeting.certificate", "fit": "budgeting.fitting", "bundle": "bundling", "document": "documenting.document", "recheck": "bundling", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
-    "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "save_many": "archive", "sign": "archive.signatures", "simulate": "simulation", "solve": "solving", "sweep": "sweeping.sweep", "contrast": "sweeping.surveying", "convergence": "sweeping.surveying", "influences": "sweeping.surveying", "precision": "sweeping.surveying", "ragged": "sweeping.ragged", "sensitivities": "sweeping.surveying", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "sweeping.catalogue",
+    "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "save_many": "archive", "sign": "archive.signatures", "simulate": "simulation", "solve": "scipy_interface", "sweep": "sweeping.sweep", "contrast": "sweeping.ensemble_analysis", "convergence": "sweeping.ensemble_analysis", "influences": "sweeping.ensemble_analysis", "precision": "sweeping.ensemble_analysis", "ragged": "sweeping.ragged", "sensitivities": "sweeping.ensemble_analysis", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "sweeping.catalogue",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 
@@ -78,7 +78,7 @@ __all__ = [
 # verbs that take records, with units as attributes or in their arrays
 _OF_RECORDS = ("animate", "check", "companion", "compare", "complete", "content_digest", "diagnose", "extend", "modes", "plot", "sample", "save", "contrast", "convergence", "influences", "precision", "sensitivities", "ragged")  # fmt: skip
 
-_entered = entrance(__name__, _ROOMS, beside="accessor", through={"quantified.taking": _OF_RECORDS})
+_entered = entrance(__name__, _ROOMS, beside="accessor", through={"pint_records.taking": _OF_RECORDS})
 
 
 def __getattr__(name: str) -> Any:

@@ -9,12 +9,12 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.archive import digest_of_run
-from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
-from xdynamics.quantified import is_quantified, plain, quantified, teach
+from xdynamics.pint_records import is_quantified, plain, quantified, teach
 from xdynamics.record import check_kind
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 from xdynamics.schema import BOUNDS, EVENTS, STEPS
 from xdynamics.summary import summary
 

@@ -13,8 +13,8 @@ from xdynamics import archive, record
 from xdynamics.archive.seals import slabs
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import OUTCOMES, March
-from xdynamics.march.asking import settings_for
-from xdynamics.march.gains import Gains, Impacts, with_more
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.energy_gains import Gains, Impacts, with_more
 from xdynamics.march.memory import go_on
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # what belongs together, in the order of the help
 MARCH, CONTROL, EVENTS, ARITHMETIC, RECORD = "March", "Step control", "Events", "Arithmetic", "Record"
 
-# how a value is written; the last five are read with the model, by `march.asking`
+# how a value is written; the last five are read with the model, by `march.configuration`
 WORD, TIME, NUMBER, WHOLE, PAIR, TRUTH = "word", "time", "number", "whole number", "pair of numbers", "true | false"
 STEP, TOLERANCES, SCALES, TIMES, COLUMNS = "step", "tolerances", "scales", "times", "columns"
 

@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, record
-from xdynamics.dynamics.inside import wanted_times
+from xdynamics.dynamics.shortened_steps import wanted_times
 from xdynamics.evidence.comparing.bits import reproduced
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning, warn
 from xdynamics.keywords import FULL, KEYWORDS, STATES
 from xdynamics.march import March, Settings
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.methods import Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
-from xdynamics.record.extent import check_room
 from xdynamics.record.kinds import is_run, said_of
 from xdynamics.record.provenance import asked_of
+from xdynamics.record.size import check_room
 from xdynamics.schema import STEP_NUMBER
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
 from xdynamics.units import Quantity, Unit, behind

@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.digits import digits, known_part
-from xdynamics.dynamics.inside import model_of
+from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import escaped
+from xdynamics.record.flag_words import words_of
 from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, rows_apart, said_of
-from xdynamics.record.words import words_of
 from xdynamics.schema import (
     AT_REST,
     CHOSEN,

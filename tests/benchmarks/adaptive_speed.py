@@ -91,7 +91,7 @@ def our_runs(problem: str, method: str, tolerance: float, end: float | None = No
     """March by xdynamics: the engine into a log that is there, like C; with blocks of its own; to the Dataset."""
     import xdynamics as xd
     from xdynamics.march import OUTCOMES, March
-    from xdynamics.march.asking import settings_for
+    from xdynamics.march.configuration import settings_for
     from xdynamics.march.engine import engine
     from xdynamics.march.log import allocate
     from xdynamics.march.memory import arrays_of, put_back

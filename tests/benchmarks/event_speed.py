@@ -19,7 +19,7 @@ import numpy as np
 
 import xdynamics as xd
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 
 MODEL = Path(__file__).parents[2] / "data" / "models" / "double_pendulum.toml"
 FUNCTIONS = {"a position": "x - {0}*metre", "a sine": "(sin(x/(1*metre)) - {0})*metre"}

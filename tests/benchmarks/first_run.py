@@ -21,7 +21,7 @@ from typing import Any
 import xdynamics as xd
 from xdynamics.faults import InputError
 from xdynamics.kernels import cache
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.methods import METHODS
 
 MODELS = Path(__file__).parents[2] / "data" / "models"

@@ -20,7 +20,7 @@ import numpy as np
 
 import xdynamics as xd
 from xdynamics.march import march_many
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 
 END = 50.0
 DUFFING, PENDULUM = "Duffing oscillators", "damped pendulums"

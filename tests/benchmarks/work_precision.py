@@ -26,7 +26,7 @@ from adaptive_problems import PROBLEMS, Benchmark
 import xdynamics as xd
 from xdynamics.faults import InputError
 from xdynamics.march import March
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.methods import METHODS
 
 if TYPE_CHECKING:

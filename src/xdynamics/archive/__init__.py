@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from xdynamics.entrance import entrance
+from xdynamics.lazy_imports import entrance
 
 if TYPE_CHECKING:
+    from xdynamics.archive.integrity import check_unchanged, digest_of_run, selected_like
     from xdynamics.archive.origin import marched
     from xdynamics.archive.reading import open_run, verify
     from xdynamics.archive.seals import content_digest
     from xdynamics.archive.segments import clear_rest, discard, has_segments
     from xdynamics.archive.source import check_source
-    from xdynamics.archive.standing import check_unchanged, digest_of_run, selected_like
     from xdynamics.archive.streaming import stream
     from xdynamics.archive.target import check_target
     from xdynamics.archive.writing import save, save_many
 
 # name -> its room, entered when the name is first used: who only reads, like the examining process, loads no engine
 _ROOMS = {
-    "check_source": "source", "clear_rest": "segments", "check_target": "target", "check_unchanged": "standing", "content_digest": "seals", "digest_of_run": "standing", "discard": "segments", "has_segments": "segments",
+    "check_source": "source", "clear_rest": "segments", "check_target": "target", "check_unchanged": "integrity", "content_digest": "seals", "digest_of_run": "integrity", "discard": "segments", "has_segments": "segments",
     "marched": "origin", "open_run": "reading", "save": "writing", "save_many": "writing",
-    "selected_like": "standing", "stream": "streaming", "verify": "reading",
+    "selected_like": "integrity", "stream": "streaming", "verify": "reading",
 }  # fmt: skip
 
 __all__ = [

@@ -7,7 +7,7 @@ from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.archive.library import alone
+from xdynamics.archive.netcdf_library import alone
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

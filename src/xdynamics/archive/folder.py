@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from xdynamics.archive.leftovers import LONGEST
+from xdynamics.archive.temporary_files import LONGEST
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.files import asked, kind_of, made_folder, synced
 

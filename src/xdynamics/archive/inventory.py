@@ -14,8 +14,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from xdynamics.archive.library import alone
-from xdynamics.archive.openings import openings
+from xdynamics.archive.netcdf_library import alone
+from xdynamics.archive.open_files import openings
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # attributes by which netCDF keeps dimensions, and which it does not show

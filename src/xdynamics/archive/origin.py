@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.archive.seals import Seal, root_digest, stored_slabs
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.record import own_attributes
 from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 

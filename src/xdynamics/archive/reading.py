@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.examination import Examination
-from xdynamics.archive.examiner import examined, is_known, is_seen, see
+from xdynamics.archive.integrity_checks import Examination
 from xdynamics.archive.inventory import inventory
-from xdynamics.archive.lending import MOST_REPLACED, Identity, identity_of, lent
-from xdynamics.archive.library import DAMAGE, alone, attributes, opened, words_of
+from xdynamics.archive.netcdf_library import DAMAGE, alone, attributes, opened, words_of
 from xdynamics.archive.origin import read
+from xdynamics.archive.sandboxed_reading import examined, is_known, is_seen, see
 from xdynamics.archive.seals import Tail, tail_of
+from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_of, lent
 from xdynamics.archive.source import check_source
-from xdynamics.archive.texts import form_of
+from xdynamics.archive.text_encoding import form_of
 from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, warn
-from xdynamics.quantified import quantified
+from xdynamics.pint_records import quantified
 from xdynamics.record import faults_of
 from xdynamics.record.kinds import is_evidence, said_of
 from xdynamics.schema import ROOT_DIGEST, SEALED

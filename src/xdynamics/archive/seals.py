@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.library import alone, read
-from xdynamics.archive.library import attributes as attributes_of
-from xdynamics.archive.texts import form_of
+from xdynamics.archive.netcdf_library import alone, read
+from xdynamics.archive.netcdf_library import attributes as attributes_of
+from xdynamics.archive.text_encoding import form_of
 from xdynamics.attributes import own_attributes, plain
 from xdynamics.schema import (
     BOUNDS,

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.archive import segment
-from xdynamics.archive.leftovers import fitting, sweep, take
 from xdynamics.archive.seals import Seal
 from xdynamics.archive.segment import Part, Segment
 from xdynamics.archive.target import check_target
+from xdynamics.archive.temporary_files import fitting, sweep, take
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import ArchiveError, InputError, ResumeWarning, warn
 from xdynamics.march import March

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.archive.leftovers import fitting
-from xdynamics.archive.lending import identity_of
 from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import bytes_digest
+from xdynamics.archive.shared_handles import identity_of
 from xdynamics.archive.target import taking_name
+from xdynamics.archive.temporary_files import fitting
 from xdynamics.faults import ArchiveError, InputError, SignatureWarning, warn
 from xdynamics.files import asked, kind_of, write_new
 from xdynamics.schema import VOLATILE_DIGEST

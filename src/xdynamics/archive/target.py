@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from xdynamics.archive.leftovers import Part, sweep
-from xdynamics.archive.lending import is_lent
+from xdynamics.archive.shared_handles import is_lent
 from xdynamics.archive.source import check_name
+from xdynamics.archive.temporary_files import Part, sweep
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.files import asked, decoded, kind_of, read_bounded, synced
 

@@ -9,9 +9,9 @@ from xarray import Variable
 from xarray.backends import BackendArray, NetCDF4DataStore
 from xarray.core import indexing
 
-from xdynamics.archive.library import alone
-from xdynamics.archive.stretches import chosen
-from xdynamics.archive.texts import Form, form_of
+from xdynamics.archive.chunk_reading import chosen
+from xdynamics.archive.netcdf_library import alone
+from xdynamics.archive.text_encoding import Form, form_of
 from xdynamics.attributes import own_attributes
 from xdynamics.faults import ArchiveError
 from xdynamics.schema import DIGEST

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.bounds import packed
-from xdynamics.archive.library import alone
+from xdynamics.archive.netcdf_library import alone
 from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, letters_of, root_digest, volatile_digest
-from xdynamics.archive.texts import Numbers, numbers_of
+from xdynamics.archive.text_encoding import Numbers, numbers_of
 from xdynamics.attributes import own_attributes
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.kinds import is_evidence

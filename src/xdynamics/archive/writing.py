@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.archive.examination import compare
-from xdynamics.archive.examiner import examined, know, see
-from xdynamics.archive.leftovers import LONGEST
-from xdynamics.archive.lending import identity_of
-from xdynamics.archive.library import alone, opened
+from xdynamics.archive.integrity import standing
+from xdynamics.archive.integrity_checks import compare
+from xdynamics.archive.netcdf_library import alone, opened
+from xdynamics.archive.sandboxed_reading import examined, know, see
 from xdynamics.archive.seals import Tail, seal_file, stored_slabs, tail_of
-from xdynamics.archive.standing import standing
+from xdynamics.archive.shared_handles import identity_of
 from xdynamics.archive.target import Batch, check_no_table, check_target, taking_name
+from xdynamics.archive.temporary_files import LONGEST
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
 from xdynamics.files import made_folder
 from xdynamics.march.outcomes import GOOD
-from xdynamics.model.bounding import parsed
+from xdynamics.model.text_limits import parsed
 from xdynamics.record.kinds import is_evidence, left_out_atols
 from xdynamics.schema import (
     COMPRESSION,

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.budgeting import numerical, physical, tabulated
-from xdynamics.budgeting.drawing import Asked, drawn_until, wanted_of
+from xdynamics.budgeting.budget_variables import draws_as, levels_as, terms_as
+from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, draws_needed, judged
+from xdynamics.budgeting.random_draws import Asked, drawn_until, wanted_of
 from xdynamics.budgeting.rounding import rounded
-from xdynamics.budgeting.tables import draws_as, levels_as, terms_as
-from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import PHYSICAL, Declared, Term
 from xdynamics.elementary.arrays import applied
 from xdynamics.evidence.diagnosing.extremes import RULES
-from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.model import Model
 from xdynamics.schema import flags

@@ -11,10 +11,10 @@ import numpy as np
 
 from xdynamics import archive
 from xdynamics.budgeting.budget import error_budget
+from xdynamics.budgeting.budget_summary import place_of, settled_by
 from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
-from xdynamics.budgeting.told import place_of, settled_by
-from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING
 from xdynamics.evidence.validating.ledger import VERDICTS as CASES
 from xdynamics.evidence.validating.ledger import validate

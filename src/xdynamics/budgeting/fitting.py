@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.budgeting.multistart import Search, searches
 from xdynamics.budgeting.residuals import Tested, tested
-from xdynamics.budgeting.searching import Search, searches
 from xdynamics.evidence.comparing.measured import Measured, measured
-from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.observing import comparable
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.observables import comparable
 from xdynamics.faults import AccuracyWarning, InputError, Ledger, warn
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model, toml
 from xdynamics.model.parts import Fitted, Parameter
-from xdynamics.model.spread import Spread
+from xdynamics.model.uncertainty import Spread
 from xdynamics.record.columns import columns_of
 from xdynamics.schema import AT, AT_TIME
 from xdynamics.sweeping.axes import FOR_INITIAL, numbers_of

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.arrays import exp
 from xdynamics.faults import InputError
-from xdynamics.model.spread import normal_quantile
+from xdynamics.model.uncertainty import normal_quantile
 
 Floats = NDArray[np.float64]
 

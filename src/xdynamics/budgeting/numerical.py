@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive import digest_of_run
-from xdynamics.budgeting.reversal import returned
-from xdynamics.budgeting.target import Target
+from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
+from xdynamics.budgeting.time_reversal import returned
 from xdynamics.elementary.arrays import exp, power
 from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, SAID, Extreme
-from xdynamics.evidence.marching import march
 from xdynamics.evidence.refining.convergence import CAUTION, CLOSE, SAFETY, Judged, judge, observed_orders
 from xdynamics.evidence.refining.levels import Levels, absolute_tolerances
+from xdynamics.evidence.runs import march
 from xdynamics.faults import InputError, ModelError
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.march.settings import LEAST_RTOL
 from xdynamics.methods.scheme import Scheme
 from xdynamics.model import Model

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.slopes import slopes_along
-from xdynamics.budgeting.target import Target
 from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import dot, product
 from xdynamics.faults import InputError
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.model.parts import Parameter
-from xdynamics.model.spread import matrix_of, root_of
+from xdynamics.model.uncertainty import matrix_of, root_of
 from xdynamics.sweeping.axes import FOR_INITIAL
 from xdynamics.units import Unit, coherent
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.target import TIME, Target
+from xdynamics.budgeting.measurand import TIME, Target
 from xdynamics.dynamics.path import BY_IMPULSES, NO_MAP
 from xdynamics.dynamics.saltation import Met, Place
 from xdynamics.dynamics.variational import LARGEST, Along, Equations, NotVariedError, gauss, touches
@@ -17,7 +17,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 
 if TYPE_CHECKING:
     import xarray as xr

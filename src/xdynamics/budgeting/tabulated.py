@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.target import Target
+from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
 from xdynamics.elementary.arrays import dot
-from xdynamics.evidence.marching import march
-from xdynamics.march.asking import settings_for
+from xdynamics.evidence.runs import march
+from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.model.drives import Table
-from xdynamics.model.spread import normal_quantile
+from xdynamics.model.uncertainty import normal_quantile
 from xdynamics.units import NUMBERS, coherent
 
 Floats = NDArray[np.float64]

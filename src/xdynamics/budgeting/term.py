@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, isfinite, nan, sqrt
 
-from xdynamics.budgeting.target import Target
+from xdynamics.budgeting.measurand import Target
 from xdynamics.faults import InputError
 from xdynamics.units import Quantity, Unit, parse_quantity, parse_unit, time_in
 

@@ -184,7 +184,7 @@ def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: 
     from xdynamics.archive import open_run
     from xdynamics.evidence.comparing.comparison import compare as compared
     from xdynamics.evidence.comparing.comparison import lines_of
-    from xdynamics.record.words import time_unit
+    from xdynamics.record.flag_words import time_unit
     from xdynamics.units import time_in
 
     _check(output)

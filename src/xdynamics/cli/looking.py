@@ -97,9 +97,9 @@ def animate(archive: str, output: str, seconds: float | None, trail: float | Non
 def sample(archive: str, times: str, output: str | None) -> None:
     """Write the states of a run at any times as a table, each as if a step had ended there."""
     from xdynamics.archive import open_run
-    from xdynamics.dynamics.inside import wanted_times
-    from xdynamics.record.words import time_unit
-    from xdynamics.tabling import check_target, text_of, write
+    from xdynamics.csv_export import check_target, text_of, write
+    from xdynamics.dynamics.shortened_steps import wanted_times
+    from xdynamics.record.flag_words import time_unit
 
     target = check_target(Path(output)) if output else None
     with open_run(archive) as run:

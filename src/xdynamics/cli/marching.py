@@ -62,18 +62,18 @@ def run(
     from xdynamics.simulation import simulate
 
     if times is not None:
-        from xdynamics import tabling
-        from xdynamics.march.asking import settings_for
+        from xdynamics import csv_export
+        from xdynamics.march.configuration import settings_for
         from xdynamics.simulation import check_sampled, times_within
 
-        table = tabling.check_target(Path(output).with_suffix(".csv"))
+        table = csv_export.check_target(Path(output).with_suffix(".csv"))
         resolved = settings_for(model, **arguments)
         check_sampled(resolved)
         sample_times = times_within(times, model.time_unit, model.initial["t"].si, resolved.until)
     with progress() as report:
         finished = simulate(model, **arguments, path=output, resume=resume, memory=memory, progress=report)
     if times is not None:
-        from xdynamics.tabling import tabled
+        from xdynamics.csv_export import tabled
 
         written = tabled(finished, sample_times, table)
         if not as_json:

@@ -53,6 +53,6 @@ def _next(path: str) -> Iterator[str]:
 @click.option("--tables", type=click.Choice(["below", "anywhere"]), default="below", help="Where the model may take tables from.")  # fmt: skip
 def check(model_file: str, changes: tuple[str, ...], tables: str) -> None:
     """Read a model and check every unit; print its equations, time scales, and the methods that take it. Marches nothing."""
-    from xdynamics.documenting.plain import lines_of
+    from xdynamics.documenting.plain_text import lines_of
 
     say(lines_of(changed_model(model_file, changes, tables)))

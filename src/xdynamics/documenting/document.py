@@ -9,15 +9,15 @@ import numpy as np
 
 from xdynamics import archive
 from xdynamics.archive.target import check_target, taking_name
+from xdynamics.budgeting.budget_summary import doubt_of, known_to, with_doubt
 from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED
-from xdynamics.budgeting.told import doubt_of, known_to, with_doubt
 from xdynamics.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
 from xdynamics.documenting import blocks
 from xdynamics.documenting.blocks import Code, Picture, Section, Table, Words
 from xdynamics.documenting.equations import of_model
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.record.words import time_unit, words_of
+from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.schema import SCALED_RESIDUAL
 from xdynamics.units import behind
 

@@ -9,7 +9,7 @@ from xdynamics import schema
 from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.faults import InputError
 from xdynamics.model.grammar import HEAD, NEEDED, SECTIONS, Key
-from xdynamics.model.words import near
+from xdynamics.model.table_keys import near
 from xdynamics.schema import Variable
 from xdynamics.units import CONSTANTS, PREFIX, SPELLING
 

@@ -37,7 +37,7 @@ class Law(NamedTuple):
     y, z, e, at, p : ndarray
         State, what its evaluation gives, derivatives by the state, time and regime, constants; SI.
     places : ndarray of int
-        Pieces of tables, as in `kernels.tables`.
+        Pieces of tables, as in `kernels.drive_tables`.
     entries : ndarray of int, shape (2, j)
         Row and column of each derivative among the variables.
     weights, sizes, ratios : ndarray, shape (j,), (n,), (coordinates,)

@@ -11,23 +11,23 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.dynamics.growth import Law, Rows
-from xdynamics.dynamics.inside import Inside
 from xdynamics.dynamics.saltation import Met
+from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.dynamics.variational import Along, Equations, NotVariedError, touches
-from xdynamics.kernels import Layout, machine, quantities
+from xdynamics.kernels import Layout, machine, model_programs
 from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.drive_tables import PYTHON_TABLES, flattened
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.operations import PYTHON
 from xdynamics.kernels.program import AT, TABLE, WORDS, Program
 from xdynamics.kernels.python_text import python_of
-from xdynamics.kernels.tables import PYTHON_TABLES, flattened
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, jacobian, tables_of, variables
 from xdynamics.model.switches import STEPPED_OVER, switches, told, watched_by
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 from xdynamics.schema import acceleration, contact_state, friction_state, rate, velocity
 
 if TYPE_CHECKING:
@@ -231,7 +231,7 @@ class Path:
         """Return the law with what has to live as long as it is called."""
         layout, model = self._layout, self._layout.model
         by_differences = bool(model.python_forces)
-        program = quantities.forces(layout) if by_differences else quantities.linearised(layout)
+        program = model_programs.forces(layout) if by_differences else model_programs.linearised(layout)
         tables, places = flattened(tables_of(model))
         p, nc, n = np.array(list(constants(model).values())), len(model.coordinates), self.size
         column = {name: i for i, name in enumerate(layout.used)}
@@ -258,7 +258,7 @@ class Path:
 def _entry(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple[int, Any]:
     """Compile a program and return where it begins; where nothing is compiled, its key in `PLAIN`."""
     model = layout.model
-    functions = {f"_{quantities.PYTHON}{name}": one for name, one in model.functions.items()}
+    functions = {f"_{model_programs.PYTHON}{name}": one for name, one in model.functions.items()}
     if not config.DISABLE_JIT:  # type: ignore[attr-defined]
         text = llvm_of([program], 1, [(one.name, len(one.arguments)) for one in model.python_functions])
         code = machine.compiled(text, [program.name], functions)

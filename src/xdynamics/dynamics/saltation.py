@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.dynamics.variational import Along, NotVariedError, varying
 from xdynamics.elementary.arrays import dot, product, solved
 from xdynamics.expressions import Node, derivatives, free_names

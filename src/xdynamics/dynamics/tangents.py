@@ -22,7 +22,7 @@ from xdynamics.dynamics.path import Path
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.kernels import cache
 from xdynamics.march import handle
-from xdynamics.march.kept import Kept
+from xdynamics.march.numba_cache import Kept
 from xdynamics.methods.runge_kutta import DOP853_FIFTH, DOP853_OF_THIRD, DOP853_TABLEAU
 from xdynamics.methods.tableau import differences
 

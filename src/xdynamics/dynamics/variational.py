@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.inside import sampled
+from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.elementary.arrays import applied, product, solved
 from xdynamics.expressions import Name, Node, derivatives
 from xdynamics.expressions.calculus import ONE

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics.elementary.llvm_numbers import Written
 from xdynamics.elementary.tables import TABLES
-from xdynamics.elementary.written import Written
 
 Number = Any  # a float, an array of floats, or a written one
 Whole = Any  # the same for whole numbers of 64 bits

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from xdynamics.elementary import first
+from xdynamics.elementary import first_set
 from xdynamics.elementary.functions import FUNCTIONS, NAME
 from xdynamics.elementary.numbers import Number
 
 SETS: Mapping[str, Mapping[str, Callable[..., Number]]] = {
-    "xdynamics 1": FUNCTIONS | {"tan": first.tan, "atan2": first.atan2},
+    "xdynamics 1": FUNCTIONS | {"tan": first_set.tan, "atan2": first_set.atan2},
     NAME: FUNCTIONS,
 }
 

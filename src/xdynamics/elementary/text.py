@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 from xdynamics.elementary.functions import NAME, PAIRS, TOGETHER
+from xdynamics.elementary.llvm_numbers import Lines, Written
 from xdynamics.elementary.sets import SETS
 from xdynamics.elementary.tables import TABLES
-from xdynamics.elementary.written import Lines, Written
 
 
 @lru_cache(maxsize=256)

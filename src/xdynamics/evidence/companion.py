@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, schema
 from xdynamics.digits import digits
-from xdynamics.dynamics.inside import model_of, sampled, wanted_times
-from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.marching import march
-from xdynamics.evidence.matching import matched, met
+from xdynamics.dynamics.shortened_steps import model_of, sampled, wanted_times
+from xdynamics.evidence.event_matching import matched, met
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.runs import march
 from xdynamics.faults import InputError
-from xdynamics.march.asking import THINNING
+from xdynamics.march.configuration import THINNING
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record import check_kind
+from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import is_whole, said_of
 from xdynamics.record.provenance import asked_of
-from xdynamics.record.words import time_unit
 from xdynamics.schema import AT, AT_TIME, EVENTS
 from xdynamics.units import Quantity, behind
 

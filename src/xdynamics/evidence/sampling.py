@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.inside import sampled, wanted_times
+from xdynamics.dynamics.shortened_steps import sampled, wanted_times
 from xdynamics.evidence.companion import companion_of
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
-from xdynamics.record.words import time_unit
+from xdynamics.record.flag_words import time_unit
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from xdynamics import schema
-from xdynamics.evidence.exhibit import about
+from xdynamics.evidence.evidence_dataset import about
 
 ROLE = "scaled"
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from xdynamics.budgeting.told import doubt_of
+from xdynamics.budgeting.budget_summary import doubt_of
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.sheet import Panel
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,7 +73,7 @@ def _bar(axes: Axes, row: int, size: float, doubt: float, least: float, colour: 
 
 def _intervals(budget: xr.Dataset, axes: Axes) -> None:
     """Draw the intervals of the draws, and the linear budget's with the same coverage."""
-    from xdynamics.model.spread import normal_quantile
+    from xdynamics.model.uncertainty import normal_quantile
 
     coverage, units, value = (
         float(budget.attrs["coverage"]),

@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.inside import model_of, sampled, slack
-from xdynamics.evidence.observing import evaluated_on, tree_of
+from xdynamics.dynamics.shortened_steps import model_of, sampled, slack
+from xdynamics.evidence.observables import evaluated_on, tree_of
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model

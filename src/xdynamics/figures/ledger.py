@@ -10,7 +10,7 @@ import xarray as xr
 
 from xdynamics.figures.marks import words
 from xdynamics.figures.sheet import Panel
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

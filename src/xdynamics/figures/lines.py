@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.inside import model_of
+from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.sampling import sample
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.figures.curves import drawn, has_chords, moments

@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.faults import escaped
+from xdynamics.record.flag_words import words_of
 from xdynamics.record.kinds import is_whole
-from xdynamics.record.words import words_of
 from xdynamics.schema import contact_force, friction_force
 from xdynamics.units import behind
 

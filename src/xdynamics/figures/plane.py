@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.inside import model_of
+from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError
@@ -19,7 +19,7 @@ from xdynamics.figures.lines import DASHES, Beside, straight
 from xdynamics.figures.marks import COLOURS, INK, words
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 from xdynamics.units import NONE, parse_unit, spell
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.faults import InputError
-from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, precision, refinement, run, several, sweep
+from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, overlay, precision, refinement, run, sweep
 from xdynamics.figures.sheet import DPI, HEIGHT, check_path, lit, sheet, write
 from xdynamics.schema import EVIDENCE
 
@@ -71,7 +71,7 @@ def plot(
             raise InputError(f"a {kind} has no figure; what it found is told by `xdynamics show`")
         page, title = PAGES.get(kind, run), str(record.attrs.get("title", "run"))
     else:
-        page, title = several, f"{', '.join(record)}, side by side"
+        page, title = overlay, f"{', '.join(record)}, side by side"
     others = [beside] if isinstance(beside, str | Path) or hasattr(beside, "attrs") or hasattr(beside, "columns") else [*beside]  # fmt: skip
     if page is not run and (only is not None or others):
         raise InputError("only and beside are for figures of a run")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.figures.marks import COLOURS, at_time, timed, words
 from xdynamics.figures.sheet import Panel
-from xdynamics.record.words import words_of
+from xdynamics.record.flag_words import words_of
 from xdynamics.schema import AT, AT_TIME, LEVEL
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ from typing import Any
 
 import xarray as xr
 
-from xdynamics.dynamics.inside import model_of
+from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import InputError
 from xdynamics.figures import control, energy, lines, plane
-from xdynamics.figures.beside import beside_of
 from xdynamics.figures.sheet import Panel
+from xdynamics.figures.side_by_side import beside_of
 from xdynamics.record import check
 from xdynamics.record.kinds import is_whole, rows_apart, said_of_log
 from xdynamics.schema import STEPS, velocity

@@ -17,8 +17,8 @@ from xdynamics.figures.sheet import Panel
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.sweeping.collection import AXES, AXIS, settings_said
+from xdynamics.sweeping.ensemble_analysis import numbers
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
-from xdynamics.sweeping.surveying import numbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

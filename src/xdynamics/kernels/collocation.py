@@ -7,7 +7,6 @@ lane whose iteration is over waits for the others; one whose iteration fails is 
 from __future__ import annotations
 
 from xdynamics.kernels import elimination
-from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.formulas import Formulas
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import (
@@ -25,6 +24,7 @@ from xdynamics.kernels.program import (
     Store,
     T,
 )
+from xdynamics.kernels.rounding_margins import EPS
 from xdynamics.methods import radau
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
 from xdynamics.methods.radau import T as T_MATRIX
@@ -182,7 +182,7 @@ class Collocation:
                 f.store(self._place(name, k * self._used + i), value)
 
     def _slope(self, i: int) -> int:
-        """Return where in a state the time derivative of the i-th number stands: `march.evaluating.slope_of`."""
+        """Return where in a state the time derivative of the i-th number stands: `march.force_evaluation.slope_of`."""
         return self._n + i if i < self._n else self._used + i - self._n
 
     def _flushed(self, f: Formulas) -> None:

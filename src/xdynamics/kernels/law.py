@@ -14,22 +14,22 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.elementary import NAME, SETS
 from xdynamics.elementary.text import declarations, definitions
-from xdynamics.forking import waited_for
-from xdynamics.kernels import machine, printed, quantities, stepping
+from xdynamics.fork_safety import waited_for
+from xdynamics.kernels import law_cache, machine, model_programs, step_programs
 from xdynamics.kernels.compiling import PLAIN
-from xdynamics.kernels.enclosing import CALLED
+from xdynamics.kernels.drive_tables import PYTHON_TABLES
+from xdynamics.kernels.interval_program import CALLED
+from xdynamics.kernels.lane_step import STRIDE, stride
+from xdynamics.kernels.law_cache import Printed
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.operations import python_of_set
-from xdynamics.kernels.printed import Printed
 from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
-from xdynamics.kernels.stepping import Equations, Steps
-from xdynamics.kernels.striding import STRIDE, stride
-from xdynamics.kernels.tables import PYTHON_TABLES
+from xdynamics.kernels.step_programs import Equations, Steps
 from xdynamics.methods.scheme import EXACT, Scheme
 
 # what stands where in the addresses of a law; the programs of a step are the last
@@ -71,28 +71,28 @@ class Law:
         if self.scheme.method.simplified:
             first = 3 * len(self.layout.used)
             exact = self.scheme.jacobian == EXACT
-            derivatives = (quantities.linearised(self.layout, "w", first),) if exact else ()
+            derivatives = (model_programs.linearised(self.layout, "w", first),) if exact else ()
             return Steps(derivatives, (), first + len(self.layout.couplings))
-        return stepping.step(self.layout, self.scheme, sampled=self.sampled)
+        return step_programs.step(self.layout, self.scheme, sampled=self.sampled)
 
     @cached_property
     def entries(self) -> tuple[Program, ...]:
         """What is called from outside, in the order of the addresses behind those of `CONTROL`."""
         layout = self.layout
         own = (
-            quantities.forces(layout),
-            quantities.events(layout),
-            quantities.event_rates(layout),
-            quantities.resets(layout),
-            quantities.touching(layout),
-            quantities.row(layout, self.steps.memory),
+            model_programs.forces(layout),
+            model_programs.events(layout),
+            model_programs.event_rates(layout),
+            model_programs.resets(layout),
+            model_programs.touching(layout),
+            model_programs.row(layout, self.steps.memory),
         )
-        return (*own, stepping.inside(layout, self.scheme), *self.steps.programs)
+        return (*own, step_programs.inside(layout, self.scheme), *self.steps.programs)
 
     @cached_property
     def programs(self) -> tuple[Program, ...]:
         """Every program, each behind those that it calls."""
-        inner = (quantities.linearised(self.layout),) if self.steps.equations else ()
+        inner = (model_programs.linearised(self.layout),) if self.steps.equations else ()
         return (self.entries[0], *inner, *self.entries[1:])
 
     @cached_property
@@ -112,11 +112,11 @@ class Law:
     @cached_property
     def _kept(self) -> tuple[Printed, bytes] | None:
         """What a process before printed and compiled of the same form; functions in Python are of this one alone."""
-        return printed.read(self._key) if self._can_be_kept else None
+        return law_cache.read(self._key) if self._can_be_kept else None
 
     @cached_property
     def _key(self) -> str:
-        return printed.key_of(self.layout, sampled=self.sampled)
+        return law_cache.key_of(self.layout, sampled=self.sampled)
 
     @property
     def _can_be_kept(self) -> bool:
@@ -166,7 +166,7 @@ class Law:
     @cached_property
     def plain(self) -> NDArray[np.int64]:
         """Keys under which the programs stand in `PLAIN` as Python functions."""
-        functions = {f"_{quantities.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
+        functions = {f"_{model_programs.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
         scope: dict[str, Any] = (
             python_of_set(self.scheme.math_functions)
             | PYTHON_TABLES
@@ -195,7 +195,7 @@ class Law:
 
     def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:
         """Compile the law for a number of lanes, without some of the programs."""
-        functions = {f"_{quantities.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
+        functions = {f"_{model_programs.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
         names = [one.name for one in self.entries if one not in without]
         return machine.compiled(self.text(lanes, without), names, functions)
 
@@ -243,7 +243,7 @@ class Law:
         if self._kept is not None:
             return machine.Code(self._kept[1], names)
         code = machine.built(self.text(without=[self.entries[INSIDE - FORCES]]))
-        printed.write(self._key, self.printed, code)
+        law_cache.write(self._key, self.printed, code)
         return machine.Code(code, names)
 
     @cached_property

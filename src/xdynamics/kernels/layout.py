@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from xdynamics import schema
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.methods.scheme import DIFFERENCES, Scheme
 from xdynamics.model import Model, motion

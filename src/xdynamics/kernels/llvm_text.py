@@ -11,8 +11,8 @@ from collections.abc import Container, Iterable
 from string import ascii_lowercase
 
 from xdynamics.elementary import FUNCTIONS, NAME, PAIRS
+from xdynamics.elementary.llvm_numbers import Lines
 from xdynamics.elementary.text import declarations, definition, definitions, struct_of
-from xdynamics.elementary.written import Lines
 from xdynamics.kernels.operations import COMPARISONS, COMPOSED, INFIX, INTRINSICS
 from xdynamics.kernels.program import (
     ARRAYS,

@@ -1,7 +1,7 @@
 """The march: aim, propose, judge, reject or locate and accept, note; in compiled blocks."""
 
+from xdynamics.march.ensemble import Runs, march_many
 from xdynamics.march.log import Block, Log
-from xdynamics.march.many import Runs, march_many
 from xdynamics.march.outcomes import OUTCOMES, Outcome
 from xdynamics.march.runner import March
 from xdynamics.march.settings import Pacing, Settings, Tolerances

@@ -7,14 +7,14 @@ import math
 import numpy as np
 
 from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.lane_step import LEAST_LOGARITHM
 from xdynamics.kernels.law import EXP, FORCES, LOG
 from xdynamics.kernels.program import T
-from xdynamics.kernels.striding import LEAST_LOGARITHM
-from xdynamics.march.evaluating import slope_of
+from xdynamics.march.force_evaluation import slope_of
 from xdynamics.march.handle import applied, called
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
-from xdynamics.march.sizes import tops_of
+from xdynamics.march.tolerance_sizes import tops_of
 
 SPACINGS = 10.0  # of t that the shortest step has at least, like scipy's
 NONFINITE_FACTOR = 0.25

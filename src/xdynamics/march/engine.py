@@ -15,14 +15,14 @@ from numba import config, from_dtype, types
 from numba.core.compiler_lock import global_compiler_lock
 
 from xdynamics.faults import InputError
-from xdynamics.forking import waited_for
+from xdynamics.fork_safety import waited_for
 from xdynamics.kernels import cache
 from xdynamics.kernels.compiling import PLAIN, UNCOUNTED
-from xdynamics.march import entries, loop, proposing
-from xdynamics.march.contacts import touch
+from xdynamics.march import entries, loop, trial_step
+from xdynamics.march.contacts import dispatch
 from xdynamics.march.events import enclosures, transition
-from xdynamics.march.kept import Kept
 from xdynamics.march.lanes import gather_rows, march_lanes, parts_of_steps
+from xdynamics.march.numba_cache import Kept
 from xdynamics.march.run import EVENT_ROW, NOW, PLAN
 
 SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS, CONTACTS_SECONDS, LANES_SECONDS = (
@@ -78,7 +78,7 @@ class Watchers(NamedTuple):
     """Where begins what looks for events and lands on them."""
 
     enclose: int  # `enclosures.enclose_between`
-    substep: int  # `proposing.part_of_step`
+    substep: int  # `trial_step.part_of_step`
     happen: int  # `transition.happen`
 
 
@@ -187,7 +187,7 @@ def _solvers(kept: Kept) -> Solvers:
 def _plain_watchers() -> Watchers:
     PLAIN[ENCLOSING], PLAIN[PARTING], PLAIN[HAPPENING] = (
         enclosures.enclose_between,
-        proposing.part_of_step,
+        trial_step.part_of_step,
         transition.happen,
     )
     return Watchers(ENCLOSING, PARTING, HAPPENING)
@@ -197,19 +197,19 @@ def _watchers(kept: Kept) -> Watchers:
     """The same for the search for events."""
     found: list[Any] = [kept.callback(enclosures.enclose_between, types.void(*[types.int64] * 6))]
     entry = types.void(types.int64, types.float64, types.int64)
-    found += [kept.callback(one, entry) for one in (proposing.part_of_step, transition.happen)]
+    found += [kept.callback(one, entry) for one in (trial_step.part_of_step, transition.happen)]
     _KEPT.extend(found)
     return Watchers(*(one.address for one in found))
 
 
 def _plain_contacts() -> int:
-    PLAIN[TOUCHING] = touch.touch
+    PLAIN[TOUCHING] = dispatch.touch
     return TOUCHING
 
 
 def _contacts(kept: Kept) -> int:
     """The same for contacts."""
-    found: Any = kept.callback(touch.touch, types.void(types.int64, types.float64, types.int64))
+    found: Any = kept.callback(dispatch.touch, types.void(types.int64, types.float64, types.int64))
     _KEPT.append(found)
     return int(found.address)
 

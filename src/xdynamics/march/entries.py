@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.doubt import EPS
+from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
-from xdynamics.kernels.tables import enter_pieces
-from xdynamics.march.evaluating import evaluate
+from xdynamics.kernels.rounding_margins import EPS
+from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.handle import called, entered_by, floats_at, march_by, run_at
 from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.perturbation import follow
-from xdynamics.march.proposing import copy, propose_apart
 from xdynamics.march.run import BEGUN, HAPPEN, INFORM, KEPT, PIECE, SETTLE, SIDES, TOUCH, TOUCHED, TRIAL, WATCH, Run
-from xdynamics.march.sizes import derivatives, fastest_rate, natural_sizes
+from xdynamics.march.tolerance_sizes import derivatives, fastest_rate, natural_sizes
+from xdynamics.march.trial_step import copy, propose_apart
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]

@@ -1,6 +1,6 @@
 """Many runs side by side: each in a lane of vector code, which takes the next run when its own is over.
 
-`kernels.striding` makes ordinary steps in all lanes at once. Whatever else a step is, a run's own `Run` makes by the
+`kernels.lane_step` makes ordinary steps in all lanes at once. Whatever else a step is, a run's own `Run` makes by the
 single march, from the same state, and the lane goes on behind it: so each run has the bits that it has alone.
 """
 
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import borrowing
+from xdynamics.kernels.drive_tables import enter_pieces
+from xdynamics.kernels.lane_step import LANE
 from xdynamics.kernels.program import REGIME, T1, H, T
-from xdynamics.kernels.striding import LANE
-from xdynamics.kernels.tables import enter_pieces
-from xdynamics.march.contacts.holding import choose
+from xdynamics.march.contacts.projection import choose
 from xdynamics.march.entries import begin, keep_last, keep_passed, stand
-from xdynamics.march.evaluating import evaluate, finite_state
+from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.handle import march_by, run_at, strode_by
 from xdynamics.march.implicit.lanes import begin_anew, enter_kept, leave_kept
 from xdynamics.march.log import has_room, note

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.drive_tables import enter_pieces
+from xdynamics.kernels.lane_step import STRETCH
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import REGIME, UNSOUND, T
-from xdynamics.kernels.striding import STRETCH
-from xdynamics.kernels.tables import enter_pieces
+from xdynamics.march.acceptance import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite
 from xdynamics.march.control import first_step, grow, reduce, shortest
-from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.events.certainty import enclose_constants
+from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.isolation import quiet
-from xdynamics.march.events.silence import end_region
+from xdynamics.march.events.zero_tests import enclose_constants
+from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.handle import called, entered_by, run_at
-from xdynamics.march.landing import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     BEGIN,
@@ -31,10 +31,10 @@ from xdynamics.march.outcomes import (
     STEP_LIMIT,
     STEP_TOO_SMALL,
 )
-from xdynamics.march.proposing import copy, propose
 from xdynamics.march.run import BEGIN as TOUCHES
 from xdynamics.march.run import BEGUN, HAPPEN, SIDES, TOUCHED, Run
-from xdynamics.march.sizes import begin_sizes, settle_tolerances
+from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
+from xdynamics.march.trial_step import copy, propose
 from xdynamics.schema import (
     INITIAL,
     NODE,

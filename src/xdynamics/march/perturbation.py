@@ -12,10 +12,10 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.kernels.tables import enter_pieces
-from xdynamics.march.evaluating import evaluate, slope_of
+from xdynamics.kernels.drive_tables import enter_pieces
+from xdynamics.march.force_evaluation import evaluate, slope_of
 from xdynamics.march.run import Run
-from xdynamics.march.sizes import time_at
+from xdynamics.march.tolerance_sizes import time_at
 
 State = NDArray[Any]
 Floats = NDArray[Any]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.enclosing import CALLED
+from xdynamics.kernels.interval_program import CALLED
 from xdynamics.kernels.program import TABLE, WORDS
 
 

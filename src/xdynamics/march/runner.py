@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
+from xdynamics.march.energy_gains import Gains, impacts_of, with_more
 from xdynamics.march.engine import engine
-from xdynamics.march.gains import Gains, impacts_of, with_more
+from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Block, Log, allocate, misplaced_events, most_recycled
 from xdynamics.march.memory import arrays_of, put_back
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STOPPED, Outcome
-from xdynamics.march.posing import addresses_of, posed
 from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning

@@ -9,7 +9,7 @@ from functools import lru_cache
 from itertools import takewhile
 from textwrap import dedent
 
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Node, free_names, parse
 from xdynamics.faults import InputError
 from xdynamics.model import Model, Trait, traits_of
@@ -159,7 +159,7 @@ class Method:
     symmetric : bool
         Whether a step of size -h undoes one of size h: the method is its own adjoint, impacts aside (Hairer, Lubich, Wanner, section V.1).
     stepping : bool
-        Whether contacts act by impulses over whole steps (`march.contacts.stepping`), and not as events.
+        Whether contacts act by impulses over whole steps (`march.contacts.time_stepping`), and not as events.
     """
 
     name: str

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.sheet import MOST_FAULTS, Sheet, Title, normal, shown
+from xdynamics.model.csv_sheet import MOST_FAULTS, Sheet, Title, normal, shown
 from xdynamics.model.splines import hermite_pieces, monotone_slopes, spline_slopes
 from xdynamics.units import Unit
 

@@ -11,8 +11,8 @@ from typing import Any
 from xdynamics.keywords import KEYWORDS
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE
 from xdynamics.model.parts import ACTIONS, DIRECTIONS, IMPACT_LAWS, ROOT_STATES, STRIKE, TANGENTIALS
-from xdynamics.model.spread import DISTRIBUTIONS
-from xdynamics.model.words import keys
+from xdynamics.model.table_keys import keys
+from xdynamics.model.uncertainty import DISTRIBUTIONS
 
 NEEDED = "needed"
 

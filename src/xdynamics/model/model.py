@@ -9,14 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names
 from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import InputError, ModelError
 from xdynamics.files import asked, decoded, read_bounded
 from xdynamics.model import toml
-from xdynamics.model.bounding import parsed
-from xdynamics.model.checking import check
+from xdynamics.model.consistency import check
+from xdynamics.model.csv_sheet import normal
+from xdynamics.model.file_access import ANYWHERE, BELOW, EMBEDDED, REACHES, Reach
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
     Contact,
@@ -34,11 +35,10 @@ from xdynamics.model.parts import (
     State,
     Validation,
 )
-from xdynamics.model.reach import ANYWHERE, BELOW, EMBEDDED, REACHES, Reach
 from xdynamics.model.reading import read
-from xdynamics.model.sheet import normal
-from xdynamics.model.spread import SIZES, Discrepancy, parted
 from xdynamics.model.statement import Statement
+from xdynamics.model.text_limits import parsed
+from xdynamics.model.uncertainty import SIZES, Discrepancy, parted
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, parse_unit
 

@@ -12,7 +12,7 @@ from typing import Any
 from xdynamics.expressions import Node
 from xdynamics.faults import InputError
 from xdynamics.model.drives import Table
-from xdynamics.model.spread import Spread
+from xdynamics.model.uncertainty import Spread
 from xdynamics.units import Quantity, Unit
 
 DIRECTIONS = ("rising", "falling", "either")

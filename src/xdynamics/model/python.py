@@ -8,7 +8,7 @@ from typing import Any
 from xdynamics.expressions import Node, parse
 from xdynamics.faults import InputError
 from xdynamics.model.parts import Function
-from xdynamics.model.words import keys
+from xdynamics.model.table_keys import keys
 
 Functions = Mapping[str, Callable[..., float]]
 

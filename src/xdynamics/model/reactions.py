@@ -187,7 +187,7 @@ def pressing(model: Model) -> Iterator[Assignment]:
 
 
 def table(model: Model) -> tuple[list[Node], ...]:
-    """Return what `march.contacts.linking` needs of a state: numbers of each reaction, then the matrices, row by row.
+    """Return what `march.contacts.delassus` needs of a state: numbers of each reaction, then the matrices, row by row.
 
     Returns
     -------

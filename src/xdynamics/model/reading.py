@@ -10,11 +10,13 @@ from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, columns_of
-from xdynamics.model.bounding import excess
+from xdynamics.model.closed_forms import validation
+from xdynamics.model.contact_reading import contact, friction, impact
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE, Table
+from xdynamics.model.event_reading import event, regime
+from xdynamics.model.file_access import Reach
 from xdynamics.model.grammar import HEAD, SECTIONS, keys_of
 from xdynamics.model.lagrangian import TERMS, lagrangian, motion_of
-from xdynamics.model.measuring import tabled
 from xdynamics.model.parts import (
     STRIKE,
     Coordinate,
@@ -28,13 +30,11 @@ from xdynamics.model.parts import (
     State,
 )
 from xdynamics.model.python import Functions, expression_or_function
-from xdynamics.model.reach import Reach
-from xdynamics.model.spread import Discrepancy, correlations_of, parted, spread_of
+from xdynamics.model.python_tables import tabled
 from xdynamics.model.statement import Statement
-from xdynamics.model.switching import event, regime
-from xdynamics.model.touching import contact, friction, impact
-from xdynamics.model.validating import validation
-from xdynamics.model.words import choice, described, flag, near
+from xdynamics.model.table_keys import choice, described, flag, near
+from xdynamics.model.text_limits import excess
+from xdynamics.model.uncertainty import Discrepancy, correlations_of, parted, spread_of
 from xdynamics.schema import velocity
 from xdynamics.units import CONSTANTS, NUMBERS, SECONDS, Quantity, Scales, Unit, parse_quantity, parse_unit, time_in
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.model.lagrangian import Lagrangian
@@ -25,7 +25,7 @@ from xdynamics.model.parts import (
     State,
     Validation,
 )
-from xdynamics.model.spread import Discrepancy
+from xdynamics.model.uncertainty import Discrepancy
 from xdynamics.units import SECONDS, Quantity, Unit
 
 

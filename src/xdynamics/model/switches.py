@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, Number, chain, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import children

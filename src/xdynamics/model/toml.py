@@ -10,8 +10,8 @@ from xdynamics.expressions import text_of
 from xdynamics.model.drives import REFUSE
 from xdynamics.model.lagrangian import TERMS
 from xdynamics.model.parts import Contact, Event, Friction, Function, Pictured, Validation
-from xdynamics.model.spread import NORMAL, RECTANGULAR
 from xdynamics.model.statement import Statement
+from xdynamics.model.uncertainty import NORMAL, RECTANGULAR
 from xdynamics.units import Quantity, Unit, behind
 
 

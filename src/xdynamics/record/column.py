@@ -9,7 +9,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
 from xdynamics.march import Block, Tolerances

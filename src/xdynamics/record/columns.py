@@ -20,7 +20,7 @@ from xdynamics.march.memory import numbers_at_end
 from xdynamics.model import Model
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
-from xdynamics.model.words import near
+from xdynamics.model.table_keys import near
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.event_columns import event_columns
 from xdynamics.record.switches import passed, side_columns

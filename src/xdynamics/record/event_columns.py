@@ -12,7 +12,7 @@ from xdynamics import schema
 from xdynamics.expressions import Node, dimension_of, text_of
 from xdynamics.faults import InputError
 from xdynamics.march import Block
-from xdynamics.march.events.certainty import LOOKS
+from xdynamics.march.events.zero_tests import LOOKS
 from xdynamics.model import Function, Model
 from xdynamics.model.detectors import GAP, GRIP, KINK, LIMIT, OCCASION, PULL, SLIP, SWITCH, function_dimension, labels
 from xdynamics.model.parts import Contact, Friction

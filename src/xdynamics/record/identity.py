@@ -9,7 +9,7 @@ from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.march import OUTCOMES, March, Pacing, Settings, Tolerances
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.march.outcomes import INTERRUPTED
 from xdynamics.methods import Method
 from xdynamics.model.motion import variables

@@ -17,13 +17,13 @@ from xdynamics.kernels import Layout
 from xdynamics.keywords import FULL, KEYWORDS
 from xdynamics.march import March
 from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, PREDICTIVE, SPACINGS
-from xdynamics.march.diagnosis import ending
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY
+from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.settings import ONE_BY_ONE, ROOT_METHODS
-from xdynamics.march.sizes import ATOL_RULE
 from xdynamics.march.timescales import FEW, RULE, time_scales
+from xdynamics.march.tolerance_sizes import ATOL_RULE
 from xdynamics.methods.method import HERMITE, printed
 from xdynamics.methods.radau import SHARE
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, STEP_DOUBLING, Scheme

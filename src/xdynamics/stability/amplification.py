@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from xdynamics.expressions import Binary, Call, Name, Negative, Node, Number, exponent_of, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
+from xdynamics.methods.line_walk import Walker
 from xdynamics.methods.method import SCALARS, Evaluation, Line, Method, Solve, Statement
-from xdynamics.methods.walk import Walker
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
-from xdynamics.model.spread import deviations, matrix_of
+from xdynamics.model.uncertainty import deviations, matrix_of
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.sweeping.designs import DECLARED, Draws
-from xdynamics.sweeping.tables import is_wide, narrow, text_of
+from xdynamics.sweeping.table_columns import is_wide, narrow, text_of
 from xdynamics.units import NONE, Quantity, Range, Unit, is_range, parse_quantity, parse_unit
 
 Values = NDArray[Any]

@@ -17,17 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.archive import leftovers
+from xdynamics.archive import temporary_files
 from xdynamics.archive.reading import values_of
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.target import taking_name
-from xdynamics.evidence.exhibit import exhibit
+from xdynamics.evidence.evidence_dataset import exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.files import asked, made_folder
 from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping.additions import Additions, additions
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
-from xdynamics.sweeping.files import archived, digests_of
+from xdynamics.sweeping.member_files import archived, digests_of
 from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
 from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, OUTCOME, SEAL, STOPPED_BY, Block, Plan, marched
 from xdynamics.sweeping.tasks import Chunks, blocks_of, chunks_of
@@ -204,7 +204,7 @@ def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | N
         If the path is no folder, or it holds another sweep that is no part of this one.
     """
     for place in (made_folder(folder), folder / RUNS):
-        leftovers.sweep(place)
+        temporary_files.sweep(place)
     existing = None
     if (folder / CATALOGUE).is_file():
         sweep = _whole(folder)

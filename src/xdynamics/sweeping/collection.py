@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.elementary import NAME, kept_set
-from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.march.settings import EARLIEST_FIRST, ROOT_METHODS
 from xdynamics.model import Model
@@ -17,7 +17,7 @@ from xdynamics.record.provenance import root_method_of
 from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, SWEEP
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis, Column
 from xdynamics.sweeping.grid import Grid
-from xdynamics.sweeping.keeping import Keeping, keeping_of
+from xdynamics.sweeping.kept_quantities import Keeping, keeping_of
 from xdynamics.sweeping.members import Plan
 from xdynamics.units import behind, parse_unit
 

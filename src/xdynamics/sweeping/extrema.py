@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, LOCATED, SAMPLED, STATES, beyond
 from xdynamics.evidence.diagnosing.summits import Summits, crests, humps, summits
-from xdynamics.evidence.observing import rate_tree
+from xdynamics.evidence.observables import rate_tree
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE
-from xdynamics.sweeping.harvest import Harvest
+from xdynamics.sweeping.ensemble_records import Harvest
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.parts import Parameter
 from xdynamics.sweeping.axes import Column, range_of
 from xdynamics.sweeping.designs import LEAST, Draws
+from xdynamics.sweeping.ensemble_analysis import ROLE
 from xdynamics.sweeping.members import OUTCOME
-from xdynamics.sweeping.surveying import ROLE
 from xdynamics.sweeping.sweep import sweep as swept
 
 if TYPE_CHECKING:

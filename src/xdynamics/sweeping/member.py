@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
-from xdynamics.evidence.marching import march
+from xdynamics.evidence.runs import march
 from xdynamics.faults import ArchiveError
 from xdynamics.march import March
 from xdynamics.schema import ROOT_DIGEST

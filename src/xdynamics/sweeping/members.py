@@ -12,19 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.cached import cached_property
+from xdynamics.cached_properties import cached_property
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs, march_many
-from xdynamics.march.diagnosis import ending
 from xdynamics.march.log import Room
+from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
-from xdynamics.march.uncontrolled import uncontrolled
+from xdynamics.march.uncontrolled_errors import uncontrolled
 from xdynamics.model.switches import smooth_switches
 from xdynamics.record.provenance import xdynamics_version
 from xdynamics.schema import CIRCUMSTANCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
+from xdynamics.sweeping.ensemble_records import Harvest, parts_of
 from xdynamics.sweeping.grid import At, Grid, Group
-from xdynamics.sweeping.harvest import Harvest, parts_of
-from xdynamics.sweeping.keeping import COUNT, DIAGNOSTIC, Keeping, Kept
+from xdynamics.sweeping.kept_quantities import COUNT, DIAGNOSTIC, Keeping, Kept
 
 if TYPE_CHECKING:
     import xarray as xr

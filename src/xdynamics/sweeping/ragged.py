@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.evidence.exhibit import about, exhibit
+from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.march import march_many
 from xdynamics.schema import STEPS
 from xdynamics.sweeping.collection import plan_of
-from xdynamics.sweeping.harvest import Harvest
+from xdynamics.sweeping.ensemble_records import Harvest
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import record
-from xdynamics.entrance import load_dask_whole
 from xdynamics.faults import InputError
+from xdynamics.lazy_imports import load_dask_whole
 from xdynamics.model import Model
 from xdynamics.sweeping import catalogue
 from xdynamics.sweeping.axes import axes_of
 from xdynamics.sweeping.collection import collected, plan_of
 from xdynamics.sweeping.grid import Grid
-from xdynamics.sweeping.keeping import END, keeping_of
+from xdynamics.sweeping.kept_quantities import END, keeping_of
 from xdynamics.sweeping.members import Plan, march_of
 from xdynamics.sweeping.tasks import arrays_of, chunks_of
 from xdynamics.units import Quantity, behind

@@ -11,19 +11,19 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.dynamics.inside import model_of, wanted_times
+from xdynamics.dynamics.shortened_steps import model_of, wanted_times
 from xdynamics.evidence.comparing.bits import bitwise, settings_apart
 from xdynamics.evidence.comparing.measured import is_measured, residuals
-from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.matching import Rows, matched, met
-from xdynamics.evidence.observing import comparable, observe
+from xdynamics.evidence.event_matching import Rows, matched, met
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.observables import comparable, observe
 from xdynamics.evidence.sampling import sample
 from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError, escaped
-from xdynamics.model.bounding import parsed
+from xdynamics.model.text_limits import parsed
 from xdynamics.record import check
+from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import is_evidence, rows_apart, said_of
-from xdynamics.record.words import time_unit
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
 from xdynamics.units import behind, parse_unit
 

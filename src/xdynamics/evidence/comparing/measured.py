@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.dynamics.inside import model_of
-from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError, Ledger
+from xdynamics.model.csv_sheet import Sheet, Title, shown, title
 from xdynamics.model.drives import GAPS, REFUSE, SKIP
-from xdynamics.model.reach import ANYWHERE, Reach
-from xdynamics.model.sheet import Sheet, Title, shown, title
-from xdynamics.record.words import time_unit
+from xdynamics.model.file_access import ANYWHERE, Reach
+from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, EVIDENCE
 from xdynamics.units import SECONDS, TIME, Unit, behind, parse_unit
 

@@ -11,7 +11,7 @@ from xdynamics.dynamics import exponents as rules
 from xdynamics.dynamics.tangents import TOLERANCE, local_growth
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import log
-from xdynamics.evidence.exhibit import about
+from xdynamics.evidence.evidence_dataset import about
 from xdynamics.faults import InputError
 from xdynamics.schema import EXPONENT, FINITE_TIME_GROWTH, LYAPUNOV, LYAPUNOV_TIME, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, schema
 from xdynamics.digits import digits
-from xdynamics.dynamics.inside import model_of, sampled
+from xdynamics.dynamics.shortened_steps import model_of, sampled
 from xdynamics.evidence.companion import Companion, check_whole, companion_of, global_error
 from xdynamics.evidence.diagnosing import chaos
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
 from xdynamics.evidence.diagnosing.extremes import extremes_of, sought
-from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.marching import march
-from xdynamics.evidence.observing import comparable, evaluated_on, tree_of
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.observables import comparable, evaluated_on, tree_of
+from xdynamics.evidence.runs import march
 from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.expressions import Binary, Name, Node, dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger
@@ -27,8 +27,8 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.record import check, check_kind
+from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import check_every_column, check_every_row
-from xdynamics.record.words import time_unit
 from xdynamics.schema import CYCLE, STEPS
 from xdynamics.units import Unit, behind, parse_quantity, parse_unit, spell, time_in
 

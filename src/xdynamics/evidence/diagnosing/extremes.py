@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.inside import model_of, sampled
+from xdynamics.dynamics.shortened_steps import model_of, sampled
 from xdynamics.evidence.diagnosing.summits import Summits, crests, humps, summits
-from xdynamics.evidence.observing import evaluated_on, rate_tree, tree_of
+from xdynamics.evidence.observables import evaluated_on, rate_tree, tree_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.units import parse_unit

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.inside import Inside
+from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.exhibit import about
+from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
 from xdynamics.evidence.refining.levels import RTOLS, TIME_TOLERANCES, Levels
 from xdynamics.schema import LEVEL, flags

@@ -13,7 +13,7 @@ from xdynamics.elementary.arrays import log, power
 from xdynamics.evidence.refining.convergence import STEADY
 from xdynamics.evidence.refining.levels import RTOLS, STEPS
 from xdynamics.evidence.refining.study import Study
-from xdynamics.record.extent import ROOM, free_memory, said
+from xdynamics.record.size import ROOM, free_memory, said
 from xdynamics.units import behind
 
 Floats = NDArray[np.float64]

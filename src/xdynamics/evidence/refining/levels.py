@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.marching import march
 from xdynamics.evidence.refining.convergence import HIGHEST
+from xdynamics.evidence.runs import march
 from xdynamics.faults import InputError
-from xdynamics.march.asking import settings_for
+from xdynamics.march.configuration import settings_for
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.model import Model
 from xdynamics.model.motion import variables

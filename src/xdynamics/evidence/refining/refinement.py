@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from xdynamics import archive
 from xdynamics.digits import digits
-from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.observing import observables_of
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.observables import observables_of
 from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import ROLE, family
 from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
@@ -23,8 +23,8 @@ from xdynamics.faults import InputError
 from xdynamics.files import made_folder
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
-from xdynamics.record.extent import memory_asked
-from xdynamics.record.words import time_unit, words_of
+from xdynamics.record.flag_words import time_unit, words_of
+from xdynamics.record.size import memory_asked
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
 from xdynamics.units import Quantity, behind, parse_quantity, parse_unit
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.seals import slabs
 from xdynamics.evidence.diagnosing.cycles import TURN, cycles
-from xdynamics.evidence.matching import Rows, matched, met
-from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.evidence.event_matching import Rows, matched, met
+from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.refining.family import Watched
 from xdynamics.evidence.refining.levels import Levels
 from xdynamics.faults import InputError

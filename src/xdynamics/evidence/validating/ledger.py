@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.cached import cached_property
-from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.marching import march
-from xdynamics.evidence.matching import met
-from xdynamics.evidence.observing import observables_of, observe
+from xdynamics.cached_properties import cached_property
+from xdynamics.evidence.event_matching import met
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.observables import observables_of, observe
+from xdynamics.evidence.runs import march
 from xdynamics.evidence.scaling import ROLE as SCALED
 from xdynamics.evidence.scaling import over, scale_of
 from xdynamics.evidence.validating.impacts import checks_of
@@ -26,10 +26,10 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import DIFFERENCES
 from xdynamics.model import Model
+from xdynamics.model.closed_forms import BAND, ORDER, UNSCALED, exact_from
 from xdynamics.model.motion import constants, evaluated_many
 from xdynamics.model.parts import Validation
-from xdynamics.model.validating import BAND, ORDER, UNSCALED, exact_from
-from xdynamics.record.words import time_unit, words_of
+from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.schema import CASE, RESIDUAL_SCALE, SCALED_RESIDUAL, STEPS, flags, velocity
 from xdynamics.units import Quantity, behind, parse_unit, time_in
 

@@ -10,14 +10,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.dynamics.inside import wanted_times
+from xdynamics.dynamics.shortened_steps import wanted_times
 from xdynamics.elementary.arrays import log
-from xdynamics.evidence.exhibit import about, exhibit
-from xdynamics.evidence.marching import march
-from xdynamics.evidence.observing import observe
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.observables import observe
+from xdynamics.evidence.runs import march
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.record.words import time_unit
+from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, LEVEL
 from xdynamics.units import Unit, behind, parse_quantity, time_in
 

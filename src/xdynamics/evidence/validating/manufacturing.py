@@ -10,9 +10,9 @@ from xdynamics.expressions.calculus import ONE, ZERO, add, derivative, expand, m
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
+from xdynamics.model.closed_forms import ORDER
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import Function
-from xdynamics.model.validating import ORDER
 from xdynamics.schema import velocity
 
 TERM = "manufactured"

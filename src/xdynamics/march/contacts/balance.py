@@ -9,9 +9,9 @@ from __future__ import annotations
 from math import sqrt
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.march.contacts.delassus import FREE, GAP_OF, NOISE, RATE, gram, number, reach, row
 from xdynamics.march.contacts.gaps import brake, size_of_gap, spread, within
-from xdynamics.march.contacts.holding import choose
-from xdynamics.march.contacts.linking import FREE, GAP_OF, NOISE, RATE, gram, number, reach, row
+from xdynamics.march.contacts.projection import choose
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT
 from xdynamics.march.run import (  # fmt: skip
     APART,

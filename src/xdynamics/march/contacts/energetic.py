@@ -15,7 +15,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.linking import NOISE, SIZE, add_impulses, gained, gram, number
+from xdynamics.march.contacts.delassus import NOISE, SIZE, add_impulses, gained, gram, number
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import NORMAL, TANGENT
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.program import T
-from xdynamics.march.contacts.linking import FREE, GAP_OF, NOISE, RATE, SIZE, gram, number, row
-from xdynamics.march.events.certainty import NONE
+from xdynamics.kernels.rounding_margins import EPS
+from xdynamics.march.contacts.delassus import FREE, GAP_OF, NOISE, RATE, SIZE, gram, number, row
+from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP
 from xdynamics.model.reactions import NORMAL, TANGENT

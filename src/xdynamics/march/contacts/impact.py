@@ -10,8 +10,7 @@ after the other in declared order, until none approaches. `energetic`: see `marc
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.energetic import strike
-from xdynamics.march.contacts.linking import (  # fmt: skip
+from xdynamics.march.contacts.delassus import (  # fmt: skip
     ABSENT,
     GRIPPING,
     NOISE,
@@ -24,6 +23,7 @@ from xdynamics.march.contacts.linking import (  # fmt: skip
     reach,
     solve_reactions,
 )
+from xdynamics.march.contacts.energetic import strike
 from xdynamics.march.run import Run
 from xdynamics.model.parts import IMPACT_LAWS
 from xdynamics.model.reactions import NORMAL, TANGENT

@@ -3,7 +3,7 @@
 Between two states of a step a coordinate is Hermite's polynomial through both positions, velocities and accelerations, a
 first-order state that through both values and rates, each widened by how far such polynomials of lower degree are from
 it. Their Bernstein coefficients hold them, and interval arithmetic, rounded outward, the functions (Moore, Kearfott,
-Cloud, Introduction to Interval Analysis, 2009). The rows that say what to compute are `kernels.enclosing`'s.
+Cloud, Introduction to Interval Analysis, 2009). The rows that say what to compute are `kernels.interval_program`'s.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.doubt import ARCHED, BENT, BREAKS, ROUNDED, SMOOTH, ULPS, UNBOUNDED
-from xdynamics.kernels.enclosing import (  # fmt: skip
+from xdynamics.kernels.drive_tables import find_piece
+from xdynamics.kernels.interval_program import (  # fmt: skip
     CONSTANT,
     COORDINATE,
     NUMBER,
@@ -27,7 +27,7 @@ from xdynamics.kernels.enclosing import (  # fmt: skip
     VALUE,
 )
 from xdynamics.kernels.program import REGIME
-from xdynamics.kernels.tables import find_piece
+from xdynamics.kernels.rounding_margins import ARCHED, BENT, BREAKS, ROUNDED, SMOOTH, ULPS, UNBOUNDED
 from xdynamics.march.events.intervals import (
     DIVIDE,
     above,

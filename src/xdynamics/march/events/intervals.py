@@ -1,4 +1,4 @@
-"""Interval arithmetic, rounded outward: the operations of the language, as rows of `kernels.enclosing` ask for them.
+"""Interval arithmetic, rounded outward: the operations of the language, as rows of `kernels.interval_program` ask for them.
 
 A value is known by what it is not under and not over, and by whether it may jump or be no number (Moore, Kearfott, Cloud,
 Introduction to Interval Analysis, 2009).
@@ -10,17 +10,17 @@ from math import inf, pi
 
 import numpy as np
 
-from xdynamics.kernels import enclosing
+from xdynamics.kernels import interval_program
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.doubt import BREAKS, EPS, MOST, SMOOTH, ULPS, UNBOUNDED
-from xdynamics.kernels.enclosing import ARITHMETIC, COMPARED, OPERATION
+from xdynamics.kernels.interval_program import ARITHMETIC, COMPARED, OPERATION
+from xdynamics.kernels.rounding_margins import BREAKS, EPS, MOST, SMOOTH, ULPS, UNBOUNDED
 from xdynamics.march.handle import applied
 from xdynamics.march.run import Run
 
 ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATIVE, SQRT, ABS, MINIMUM, MAXIMUM, SIGN = (OPERATION[name] for name in ARITHMETIC)
 CHOOSE, HYPOT, ATAN2, POWER, POSITIVE = (OPERATION[name] for name in ("choose", "hypot", "atan2", "power", "positive"))
 LESS, AT_MOST, MORE, AT_LEAST, EQUAL, UNEQUAL = (OPERATION[name] for name in COMPARED)
-SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, EXP, LOG = (OPERATION[name] for name in enclosing.CALLED)
+SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, EXP, LOG = (OPERATION[name] for name in interval_program.CALLED)
 
 
 @shared

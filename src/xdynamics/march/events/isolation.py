@@ -10,10 +10,11 @@ from __future__ import annotations
 from math import nan
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.kernels.doubt import BREAKS, SMOOTH
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.events.certainty import (
+from xdynamics.kernels.rounding_margins import BREAKS, SMOOTH
+from xdynamics.march.events.event_free_region import set_region, stays_inside
+from xdynamics.march.events.zero_tests import (
     CLEAR,
     CROSSED,
     ENDED,
@@ -36,11 +37,10 @@ from xdynamics.march.events.certainty import (
     trespasses,
     turns,
 )
-from xdynamics.march.events.silence import set_region, stays_inside
 from xdynamics.march.handle import called, enclosed_by
 from xdynamics.march.log import MOST_SUBSTEPS
-from xdynamics.march.proposing import copy, substep
 from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
+from xdynamics.march.trial_step import copy, substep
 from xdynamics.model.detectors import GAP
 
 

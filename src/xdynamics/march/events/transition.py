@@ -12,19 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import apart, shared
-from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import REGIME, T
+from xdynamics.kernels.rounding_margins import EPS
+from xdynamics.march.acceptance import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.control import grow
-from xdynamics.march.evaluating import evaluate, finite_state
-from xdynamics.march.events.certainty import NONE, murk, resolution, sign, uncertainty
-from xdynamics.march.events.certainty import TOUCHED as TANGENT
+from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.isolation import arm, arrives, forget, isolate, quiet
-from xdynamics.march.events.locating import kind_of, locate
-from xdynamics.march.events.sides import keep_sides, slides, take_sides
-from xdynamics.march.events.silence import end_region
+from xdynamics.march.events.root_finding import kind_of, locate
+from xdynamics.march.events.switch_sides import keep_sides, slides, take_sides
+from xdynamics.march.events.zero_tests import NONE, murk, resolution, sign, uncertainty
+from xdynamics.march.events.zero_tests import TOUCHED as TANGENT
+from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.handle import called, entered_by, run_at
-from xdynamics.march.landing import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.log import MOST_SUBSTEPS, first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (  # fmt: skip
     BEGIN,
@@ -36,8 +36,8 @@ from xdynamics.march.outcomes import (  # fmt: skip
     SOUND,
     STOPPED,
 )
-from xdynamics.march.proposing import copy, keep, look, substep, take
 from xdynamics.march.run import BEFORE, BEGUN, BEHIND, GUARD, KEPT_ALL, RESOLVE, SETTLE, SIDES, TOUCHED, WEIGH, Run
+from xdynamics.march.trial_step import copy, keep, look, substep, take
 from xdynamics.model.detectors import GRIP, KINK, OCCASION, PULL, SLIP
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.collocation import KEPT, LASTING
 from xdynamics.kernels.compiling import borrowing
+from xdynamics.kernels.lane_step import LANE
 from xdynamics.kernels.linear import COMPLEX, REAL, note_extents
-from xdynamics.kernels.striding import LANE
 from xdynamics.march.run import BEGUN, Run
 
 Floats = NDArray[np.float64]

@@ -11,10 +11,10 @@ import math
 import numpy as np
 
 from xdynamics.kernels.compiling import apart, compiled, shared
-from xdynamics.kernels.doubt import EPS
 from xdynamics.kernels.program import UNSOUND
+from xdynamics.kernels.rounding_margins import EPS
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm, larger
-from xdynamics.march.evaluating import State, evaluate, keep_sample
+from xdynamics.march.force_evaluation import State, evaluate, keep_sample
 from xdynamics.march.implicit.transformed import factorise_both, linearise, slope_apart, solve_complex, solve_real
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
 from xdynamics.methods.radau import (

@@ -1,0 +1,147 @@
+"""What an archive is compared with: its seal, the bounds of its file, the digests of its variables and attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from xdynamics.archive.bounds import declared, foreign, oversize
+from xdynamics.archive.inventory import Inventory, inventory
+from xdynamics.archive.netcdf_library import DAMAGE, alone, opened, read, words_of
+from xdynamics.archive.netcdf_library import attributes as attributes_of
+from xdynamics.archive.seals import Tail, letters_of, root_digest, stored_digest, volatile_digest
+from xdynamics.archive.text_encoding import bytes_of, form_of
+from xdynamics.attributes import own_attributes
+from xdynamics.faults import ArchiveError, numbered
+from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST, coordinates_of
+
+
+@dataclass(frozen=True)
+class Examination:
+    """The result of examining an archive.
+
+    Attributes
+    ----------
+    faults : tuple of str
+        Everything that differs; empty for an archive as it was written.
+    digest : str
+        The content digest that it states.
+    outcome : str
+        How its run ended, as recorded.
+    """
+
+    faults: tuple[str, ...]
+    digest: str = ""
+    outcome: str = ""
+
+    def settle(self, path: Path) -> None:
+        """Raise the faults as one error, if there are any.
+
+        Raises
+        ------
+        ArchiveError
+            With every fault.
+        """
+        if self.faults:
+            raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(self.faults)}", self.faults)
+
+
+def examine(path: Path, tail: Tail, granted: Callable[[int], None] | None = None) -> Examination:
+    """Compare an archive with its seal and digests, in this process; its objects are listed first.
+
+    Parameters
+    ----------
+    path : Path
+    tail : Tail
+        The end of the file, from `tail_of`.
+    granted : callable, optional
+        Called with the number of bytes to be read, once the file can hold that many.
+    """
+    faults = [tail.fault] if tail.fault else []
+    try:
+        objects = inventory(path)
+    except DAMAGE as error:
+        return Examination((*faults, f"it cannot be read: {words_of(error)}"))
+    if objects.faults:  # not opened: the netCDF library would follow them
+        return Examination((*faults, *objects.faults))
+    return compare(path, tail, objects, granted)
+
+
+def compare(
+    path: Path, tail: Tail, objects: Inventory | None = None, granted: Callable[[int], None] | None = None
+) -> Examination:
+    """Compare an archive, all of whose bytes are known here, with its seal and digests.
+
+    Parameters
+    ----------
+    path : Path
+    tail : Tail
+    objects : Inventory, optional
+        Its objects, if others wrote it.
+    granted : callable, optional
+        As for `examine`.
+    """
+    faults = [tail.fault] if tail.fault else []
+    try:
+        with opened(path) as file:
+            if bounds := oversize(path, file):
+                return Examination((*faults, *bounds))
+            if granted:
+                granted(declared(file))
+            return _examined(file, tail, faults, objects)
+    except DAMAGE as error:
+        return Examination((*faults, f"it cannot be read: {words_of(error)}"))
+
+
+def _examined(file: Any, tail: Tail, faults: list[str], objects: Inventory | None) -> Examination:
+    faults += foreign(file)
+    attributes = attributes_of(file)
+    if objects is not None:
+        shown = {name: {*attributes_of(variable)} for name, variable in file.variables.items()}
+        faults += objects.hidden(shown | {"": {*attributes}}, {*file.dimensions})
+    if ORIGIN in attributes:
+        faults.append(f"attribute '{ORIGIN}' is none of an archive")
+    if SEALED in attributes and tail == Tail():
+        faults.append("its seal is missing: the end of the file is cut off or overwritten")
+    missing = [f"attribute '{name}' is missing" for name in (ROOT_DIGEST, VOLATILE_DIGEST) if name not in attributes]
+    digests: dict[str, str] = {}
+    own: dict[str, dict[str, Any]] = {}
+    differing = [
+        f"variable '{name}' {fault}"
+        for name, variable in file.variables.items()
+        if (fault := _fault_of(name, variable, digests, own))
+    ]
+    faults += missing + differing
+    if not missing and not differing and attributes[ROOT_DIGEST] != root_digest(digests, own, attributes):
+        faults.append("the attributes differ from the content digest")
+    if not missing and attributes[VOLATILE_DIGEST] != volatile_digest(digests, own, attributes):
+        faults.append("the attributes on date, versions and machine differ from their digest")
+    return Examination(tuple(faults), str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")))
+
+
+def _fault_of(name: str, variable: Any, digests: dict[str, str], own: dict[str, dict[str, Any]]) -> str:
+    """Compare one variable with its digest, and note its digest and attributes; return its fault."""
+    try:
+        digests[name] = stored_digest(variable)
+        attributes = attributes_of(variable)
+        dims, shape, dtype = alone(lambda: (variable.dimensions, variable.shape, variable.dtype))()
+        form, is_text = form_of(attributes, dtype, dims, shape), dtype == "S1"
+        text = read(variable, ...).tobytes() if is_text else b""
+    except DAMAGE as error:
+        return f"cannot be read: {words_of(error)}"
+    try:
+        text.decode()
+    except UnicodeDecodeError as error:
+        return f"is no text in UTF-8: {error.reason} at {error.start}"
+    own[name] = own_attributes(attributes)
+    if attributes.get(DIGEST) != digests[name]:
+        return "differs from its digest"
+    further = letters_of(name) if is_text else bytes_of(name) if form and form.further else ""
+    own_dims = dims[:-1] if further else dims
+    as_written = {"coordinates": coordinates_of(name, own_dims)} | ({"_Encoding": "utf-8"} if is_text else {})
+    added = any(attributes.get(key, value) != value for key, value in as_written.items())
+    if added or "_FillValue" in attributes or (further and dims != (*own_dims, further)):
+        return "is not stored as it was written"
+    return ""

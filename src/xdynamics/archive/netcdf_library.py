@@ -1,0 +1,179 @@
+"""The netCDF4 library, which one thread at a time may use: its lock, and the opener of every file.
+
+Neither netCDF-C nor HDF5 tolerates two threads, not even on two files. xarray has locks of its own for them; here they
+are taken together with ours, so that files opened here and files opened by xarray do not interfere.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import lru_cache, wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
+
+from xdynamics.archive.open_files import openings
+
+if TYPE_CHECKING:
+    import netCDF4
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+# what the libraries raise on files that are damaged or of another kind
+DAMAGE = (OSError, RuntimeError, ValueError, AttributeError, LookupError, TypeError, MemoryError, OverflowError)
+
+
+def words_of(error: Exception) -> str:
+    """Return the text of an error; its type's name if it has none, as a MemoryError."""
+    return str(error) or type(error).__name__
+
+
+_own = threading.RLock()
+_left: list[Any] = []
+
+
+def alone(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Make a function run while no other thread is in the library; such functions may call each other.
+
+    The locks are held for one call of the library or a few in a row, never while a caller's code runs or another thread
+    is waited for. Ours is first, xarray's follow in its own order; who holds xarray's never asks for ours. All are locks
+    of the interpreter, taken by `with` itself: no Ctrl-C comes between a lock and its release, as it does between the
+    lines of a lock that is written in Python.
+    """
+
+    @wraps(function)
+    def called(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        if _own._is_owned():  # type: ignore[attr-defined]  # noqa: SLF001 - as `threading.Condition` asks
+            return function(*args, **kwargs)
+        first, second = _locks_of_xarray()
+        with _own, first, second:
+            return function(*args, **kwargs)
+
+    return called
+
+
+def _locks_of_xarray() -> list[Any]:
+    """Return the two locks that xarray takes around the library, in its order; others while it is not imported."""
+    backend = sys.modules.get("xarray.backends.netCDF4_")
+    combined = getattr(getattr(backend, "NETCDF4_PYTHON_LOCK", None), "locks", ())
+    locks = [lock.lock for lock in combined if hasattr(lock, "lock")]
+    return [*locks, threading.Lock(), threading.Lock()][:2]
+
+
+_forking: list[Any] = []
+
+
+def _before_fork() -> None:
+    theirs = [] if _own._is_owned() else _locks_of_xarray()  # type: ignore[attr-defined]  # noqa: SLF001
+    _own.acquire()
+    for lock in theirs:
+        lock.acquire()
+    _forking[:] = [_own, *theirs]
+
+
+def _after_fork() -> None:
+    while _forking:
+        _forking.pop().release()
+
+
+# a child that is forked while another thread is in the library would find its lock taken for ever, and its state inconsistent
+os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
+
+
+def leave(file: netCDF4.Dataset) -> None:
+    """Leave a file to be closed when the next one is opened; for finalisers, which must not wait for the lock."""
+    _left.append(file)
+
+
+@alone
+def close_left() -> None:
+    """Close the files that finalisers left."""
+    while _left:
+        with suppress(RuntimeError):
+            _left.pop().close()
+
+
+@alone
+def file_at(path: Path, mode: Literal["r", "w"] = "r") -> netCDF4.Dataset:
+    """Open a file with the library.
+
+    The library takes texts, and a file's name is bytes: Latin-1 makes every name a text, and back without loss.
+    The library also skips blanks at the beginning of a name, which an absolute one has not.
+
+    Raises
+    ------
+    ArchiveError
+        If the library still has the file open as it was before it was overwritten.
+    """
+    close_left()
+    name = os.fsencode(path.absolute()).decode("latin-1")
+    opening = openings.of(path) if mode == "r" else None
+    try:
+        file = _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
+    except BaseException:
+        gc.collect()  # a file that was opened half is closed now, under the lock, not by whatever thread collects later
+        raise
+    if opening:
+        opening.files.add(file)
+    return file
+
+
+@lru_cache
+def _kind_of_file() -> type[netCDF4.Dataset]:
+    import netCDF4
+
+    class File(netCDF4.Dataset):
+        """A file that reports its own name, whatever its bytes, and is closed once."""
+
+        def filepath(self, encoding: str | None = None) -> str:
+            name = super().filepath(encoding="latin-1").encode("latin-1")
+            return name.decode(encoding) if encoding else os.fsdecode(name)
+
+        def close(self) -> memoryview:
+            if not self.isopen():
+                return memoryview(b"")
+            try:
+                closed = super().close()
+            except Exception:
+                # netCDF-C may have freed half of it: the finaliser, which closes what says that it is open, would use
+                # what is free. A plain assignment would write an attribute into the file.
+                netCDF4.Dataset.__dict__["_isopen"].__set__(self, 0)
+                raise
+            openings.closed(self)
+            return closed
+
+    return File
+
+
+@alone
+def close(file: netCDF4.Dataset) -> None:
+    """Close a file."""
+    file.close()
+
+
+@contextmanager
+def opened(path: Path, mode: Literal["r", "w"] = "r") -> Iterator[netCDF4.Dataset]:
+    """Open a file, and close it. Other threads may use the library in between: read and write under `alone`."""
+    file = file_at(path, mode)
+    try:
+        alone(file.set_auto_maskandscale)(mode == "w")
+        yield file
+    finally:
+        close(file)
+
+
+@alone
+def read(variable: Any, key: Any) -> Any:
+    """Return values of a variable as they are stored."""
+    return variable[key]
+
+
+@alone
+def attributes(of: Any) -> dict[str, Any]:
+    """Return the attributes of a file or a variable."""
+    return {key: of.getncattr(key) for key in of.ncattrs()}

@@ -1,0 +1,90 @@
+"""The process that reads untrusted files: what ends or hangs it is noticed from outside.
+
+HDF5 follows what a file says; a file can be made to keep it busy for ever, take all memory or crash. The
+process takes one request a line, JSON, and answers in one line. It forks a reader, so that it starts fast, and ends with
+the first file that has a fault: nothing that such a file leaves in the library affects another.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import select
+import signal
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from xdynamics.archive.integrity_checks import Examination, examine
+from xdynamics.archive.seals import Tail
+
+PATIENCE = 60.0  # s without a request, after which the process ends
+READY = "ready"
+UNASKED = 64  # the exit code of a reader without further requests
+# bytes of chunks kept of each variable, which is read once and in order: the library's own 64 MiB, kept until the file
+# is closed, would make the memory needed that of the file
+CACHE = 1_000_000
+
+
+def main() -> None:
+    """Have requests answered until there are no more."""
+    import netCDF4  # once, for every process that is forked
+
+    netCDF4.set_chunk_cache(size=CACHE)
+    _answer(READY)
+    while True:
+        child = os.fork()
+        if not child:
+            _read()
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        if code == UNASKED:
+            return
+        if code:
+            _answer({"code": code})
+
+
+def _read() -> None:
+    """Answer requests until a file has a fault or there are no more, then end this process."""
+    while select.select([sys.stdin], [], [], PATIENCE)[0] and (line := sys.stdin.readline()):
+        examination = _examined(json.loads(line))
+        _answer(vars(examination))
+        if examination.faults:
+            os._exit(0)
+    os._exit(UNASKED)
+
+
+def _examined(request: dict[str, Any]) -> Examination:
+    """Examine one file within its bounds."""
+    _bound_memory(request["memory"])
+    # processor time: what waits for a disk or for other processes is no fault of the file
+    signal.setitimer(signal.ITIMER_PROF, request["seconds"])
+    try:
+        examination = examine(
+            Path(request["path"]), Tail(**request["tail"]), partial(_grant, request["bytes_per_second"])
+        )
+    except BaseException:  # noqa: BLE001 - it must not reach the loop that this process was forked from
+        os._exit(1)
+    signal.setitimer(signal.ITIMER_PROF, 0.0)
+    return examination
+
+
+def _grant(speed: float, size: int) -> None:
+    """Allow the time that it takes to unpack so many bytes of a file that may have them."""
+    left = signal.getitimer(signal.ITIMER_PROF)[0]
+    signal.setitimer(signal.ITIMER_PROF, left + size / speed)
+
+
+def _answer(what: object) -> None:
+    print(json.dumps(what), flush=True)  # noqa: T201 - to the process that asked
+
+
+def _bound_memory(more: int) -> None:
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except OSError:
+        return  # a system that does not report the memory in use
+    limit = pages * resource.getpagesize() + more
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))

@@ -1,0 +1,206 @@
+"""Archives that stay open: how xarray reaches a file long after it was opened, from any thread or process."""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import os
+from collections import OrderedDict
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from weakref import WeakSet, ref
+
+from xdynamics.archive.bounds import oversize
+from xdynamics.archive.netcdf_library import alone, close_left, file_at, leave
+from xdynamics.faults import ArchiveError, numbered
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import netCDF4
+    import xarray as xr
+
+MOST_REPLACED = 20  # times that a file's name may go to another while it is read
+MOST_OPEN = 128  # files at a time; what was used longest ago is closed, and opened again when it is read
+
+Identity = tuple[int, int, int, int]  # device, inode, size, time of the last change
+
+_open: OrderedDict[int, netCDF4.Dataset] = OrderedDict()
+_lent: WeakSet[Lent] = WeakSet()
+
+
+class Lent:
+    """One archive for xarray's backend, opened whenever it is needed.
+
+    It is the same file each time: if another has taken its name, or it was written to, that is an error and never a
+    number of another run.
+    """
+
+    def __init__(self, path: Path, identity: Identity | None = None) -> None:
+        self.path = path.absolute()
+        self.identity = identity or identity_of(path)
+        self.in_use = True
+        _enter(self)
+
+    @alone
+    def acquire(self, needs_lock: bool = True) -> netCDF4.Dataset:  # noqa: ARG002, FBT001, FBT002 - xarray's signature
+        """Return the open file."""
+        file = _open.get(id(self))
+        if file is None or not file.isopen():  # closed where the file was overwritten and opened anew
+            file = _open[id(self)] = self._reopened()
+            while len(_open) > MOST_OPEN:
+                _open.popitem(last=False)[1].close()
+        _open.move_to_end(id(self))
+        return file
+
+    def acquire_context(self, needs_lock: bool = True) -> Any:  # noqa: FBT001, FBT002 - xarray's signature
+        """Return the open file for a `with` statement, which does not close it."""
+        return nullcontext(self.acquire(needs_lock))
+
+    @alone
+    def close(self, needs_lock: bool = True) -> None:  # noqa: ARG002, FBT001, FBT002 - xarray's signature
+        """Close the file; its name may go to another from now on, though this one may still be read again."""
+        self.in_use = False
+        file = _open.pop(id(self), None)
+        if file is not None:
+            file.close()
+
+    def check_unchanged(self) -> None:
+        """Check that the file was not overwritten while it was open.
+
+        Raises
+        ------
+        ArchiveError
+            If it was. Another file under its name does no harm: the open one is unchanged.
+        """
+        try:
+            _, inode, *now = identity_of(self.path)
+        except OSError:  # removed, and readable as long as it is open
+            return
+        _, own, *then = self.identity
+        if inode == own and now != then:
+            raise ArchiveError(f"'{self.path}' was overwritten while it was open; open it again")
+
+    def _reopened(self) -> netCDF4.Dataset:
+        self._check_identity()  # before, too: the library follows links, and another file has not been examined
+        file = file_at(self.path)
+        try:
+            self._check_identity()
+        except ArchiveError:
+            file.close()
+            raise
+        return file
+
+    def _check_identity(self) -> None:
+        if identity_of(self.path)[1:] != self.identity[1:]:  # a device has another number on another machine
+            raise ArchiveError(f"'{self.path}' is another file than the one that was opened; open it again")
+
+    def __del__(self) -> None:
+        # this may run in any thread at any point: it must not wait
+        if _open is None:  # the interpreter is shutting down
+            return
+        file = _open.pop(id(self), None)
+        if file is not None:
+            leave(file)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Lent, (self.path, self.identity)
+
+
+@alone
+def lent(path: Path, identity: Identity | None = None) -> xr.Dataset:
+    """Open an archive as a Dataset whose variables are read when they are used, by any thread.
+
+    Parameters
+    ----------
+    path : Path
+    identity : optional
+        Of the expected file, if it was examined before.
+
+    Raises
+    ------
+    ArchiveError
+        If it is another file, or larger than it can be.
+    """
+    import xarray as xr
+
+    from xdynamics.archive.values import Store
+
+    archive = _settled(path) if identity is None else Lent(path, identity)
+    if faults := oversize(path, archive.acquire()):
+        raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(faults)}", tuple(faults))
+    store = Store(archive, mode="r")  # type: ignore[no-untyped-call]
+    run = xr.open_dataset(store, decode_times=False, mask_and_scale=False)
+    run.encoding["source"] = os.fspath(path)
+    run.set_close(_Closing(archive))
+    return run
+
+
+def _settled(path: Path) -> Lent:
+    """Open a file, again if another took its name at that moment."""
+    for _ in range(MOST_REPLACED):
+        archive = Lent(path)
+        try:
+            archive.acquire()
+        except ArchiveError as error:
+            last = error
+        else:
+            return archive
+    raise last
+
+
+class _Closing:
+    """Closes an archive without keeping it open: once every variable is in memory, the file is not needed any more."""
+
+    def __init__(self, archive: Lent | None) -> None:
+        self._one = ref(archive) if archive is not None else lambda: None
+
+    def __call__(self) -> None:
+        archive = self._one()
+        if archive is not None:
+            archive.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Closing, (self._one(),)
+
+
+def is_lent(path: Path) -> bool:
+    """Whether variables of a run in this process still have to be read from a file."""
+    if not any(_readers(path)):
+        return False
+    gc.collect()  # unreachable runs that wait to be collected
+    return any(_readers(path))
+
+
+def _readers(path: Path) -> Iterator[Lent]:
+    try:
+        device, inode, *_ = identity_of(path)
+    except OSError:
+        return
+    yield from (archive for archive in _all() if archive.in_use and archive.identity[:2] == (device, inode))
+
+
+@alone
+def _enter(archive: Lent) -> None:
+    _lent.add(archive)
+
+
+@alone
+def _all() -> list[Lent]:
+    return list(_lent)
+
+
+def identity_of(path: Path) -> Identity:
+    """Return what distinguishes a file from another under its name."""
+    status = path.stat()
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
+
+
+@atexit.register
+@alone
+def _end() -> None:
+    """Close what is still open: a file that is collected while the interpreter shuts down prints errors."""
+    while _open:
+        leave(_open.popitem()[1])
+    close_left()

@@ -1,0 +1,101 @@
+"""What a person wants to know first of a budget, in lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import floor, isfinite, log10
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xdynamics.evidence.diagnosing.extremes import RULES, SAID
+from xdynamics.record.flag_words import words_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SMALL = 1e-3  # numbers under this have a power of ten
+
+
+def lines_of(budget: xr.Dataset) -> Iterator[str]:
+    """Say the number with its uncertainty, every term from the largest share on, the totals, and what draws tell."""
+    units = str(budget["value"].attrs["units"])
+    unit = _unit(units)
+    yield f"result    {budget.attrs['of']} = {budget.attrs['result']}"
+    yield from place_of(budget)
+    kinds, shares = words_of(budget["term_kind"]), budget["share"].values
+    width = max(len(str(one)) for one in budget["term_name"].values)
+    for i in np.argsort(-np.abs(shares), kind="stable").tolist():
+        name, standard = str(budget["term_name"].values[i]), float(budget["standard_uncertainty"][i])
+        slope, by = float(budget["sensitivity"][i]), str(budget["sensitivity_units"].values[i])
+        size = f"{float(budget['input_uncertainty'][i]):.3g}{_unit(budget['input_units'].values[i])}"
+        product = f", {slope:.4g}{_unit(by)} times {size}" if np.isfinite(slope) else ""
+        yield f"{kinds[i]:<10}{name:<{width}}  {with_doubt(standard, doubt_of(budget, i))}{unit}, {shares[i]:.1%} of the variance{product}"
+    yield (
+        f"totals    numerical {float(budget['numerical_rss']):.3g}{unit}, at most {float(budget['numerical_bound']):.3g}{unit};"
+        f" physical {float(budget['physical_rss']):.3g}{unit}; together {float(budget['total_rss']):.3g}{unit}"
+    )
+    if "monte_carlo_standard_uncertainty" not in budget:
+        yield "linear    not checked: draw, with --draws 10000"
+        return
+    part, draws = float(budget.attrs["coverage"]), int(budget.attrs["draws"])
+    for name in ("shortest", "symmetric"):
+        low, high = budget[f"monte_carlo_{name}"].values
+        ends = float(budget["monte_carlo_end_doubt"])
+        yield f"drawn     {name} {part:.0%} interval {known_to(low, ends)} to {known_to(high, ends)}{unit}, its ends ± {ends:.1g}{unit}"
+    standard, doubt = (float(budget[f"monte_carlo_standard_uncertainty{one}"]) for one in ("", "_doubt"))
+    yield f"drawn     standard uncertainty {with_doubt(standard, doubt)}{unit}, of {draws} draws"
+    verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
+    more = f"; {settled_by(budget)}" if "draws_needed" in budget.attrs else ""
+    yield f"linear    {verdict}: its interval ends {float(budget.attrs['linear_apart']):.2g}{unit} from that of the draws{more}"
+
+
+def settled_by(budget: xr.Dataset) -> str:
+    """Say how many draws tell whether the linear budget is adequate, where those that were made leave it open."""
+    needed = float(budget.attrs["draws_needed"])
+    return f"{budget.attrs['draws']} draws leave it open, about {needed:.0f} settle it"
+
+
+def place_of(budget: xr.Dataset) -> Iterator[str]:
+    """Say of an extreme where it is in the run, and how it was found."""
+    if "extreme_rule" in budget.attrs:
+        second = _unit(budget.attrs.get("time_units", "s"))
+        rule = SAID[RULES.index(str(budget.attrs["extreme_rule"]))]
+        yield f"found     {rule}, at t = {float(budget.attrs['extreme_time']):.9g}{second}"
+
+
+def doubt_of(budget: xr.Dataset, i: int) -> float:
+    """Return how far a term's standard uncertainty may be off, being drawn; 0 in budgets of versions that did not say."""
+    name = "standard_uncertainty_doubt"
+    return float(budget[name][i]) if name in budget else 0.0
+
+
+def with_doubt(size: float, doubt: float) -> str:
+    """Write a standard uncertainty, of one that was drawn with how well it is known.
+
+    Examples
+    --------
+    >>> with_doubt(0.0023642, 0.0), with_doubt(0.0023642, 3.1e-4)
+    ('0.00236', '0.00236 (± 0.0003)')
+    """
+    return f"{size:.3g} (± {doubt:.1g})" if doubt > 0.0 else f"{size:.3g}"
+
+
+def known_to(value: float, doubt: float) -> str:
+    """Write a value with the digits that what is known of it bears, one of them uncertain.
+
+    Examples
+    --------
+    >>> known_to(0.879488222, 0.0031), known_to(-1234.5, 20.0), known_to(1.5, 0.0), known_to(1.0843e-6, 2e-9)
+    ('0.879', '-1230', '1.5', '1.084e-06')
+    """
+    if not (isfinite(value) and isfinite(doubt) and doubt > 0.0):
+        return f"{value:.9g}"
+    places = -floor(log10(doubt))
+    if value and abs(value) < SMALL:
+        return f"{value:.{max(places + floor(log10(abs(value))), 0)}e}"
+    return f"{round(value, places):.{max(places, 0)}f}"
+
+
+def _unit(units: object) -> str:
+    return "" if str(units) == "1" else f" {units}"

@@ -1,0 +1,124 @@
+"""Terms, levels and draws of a budget as variables of its Dataset."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from xdynamics.budgeting import physical
+from xdynamics.budgeting.measurand import Target
+from xdynamics.budgeting.montecarlo import Drawn
+from xdynamics.budgeting.numerical import Marched
+from xdynamics.budgeting.term import KINDS, NUMERICAL, PHYSICAL, Term
+from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.refining.convergence import VERDICTS, observed_orders
+from xdynamics.evidence.refining.levels import STEPS
+from xdynamics.model import Model
+from xdynamics.schema import BOUNDS, LEVEL, flags
+from xdynamics.sweeping.ensemble_analysis import quotient
+from xdynamics.units import BASE, Unit
+
+TERM = "term"
+ROLE = "budget"
+CANCELLED = 1e-12  # of the variances, of which there is nothing left where terms cancel
+
+
+def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list[Term]) -> dict[str, Any]:
+    """Return the terms as variables, and the totals."""
+    parts = {kind: [one for one in terms if one.kind == kind] for kind in KINDS}
+    covariance = physical.covariance(model, terms)
+    variance = {NUMERICAL: sum(one.standard**2 for one in parts[NUMERICAL]), PHYSICAL: physical.variance(model, parts[PHYSICAL])}  # fmt: skip
+    total = variance[NUMERICAL] + variance[PHYSICAL]
+    cancelled = total <= CANCELLED * float(np.trace(covariance))
+    shares = np.zeros(len(terms)) if cancelled else covariance.sum(axis=1) / total
+    said, text = target.said, unit.text
+    units = [_per(unit, one.input_unit) if one.input_unit else "" for one in terms]
+    bounds = {kind: sum(one.bound for one in parts[kind]) for kind in KINDS}
+    scalars = {
+        "value": (value, f"{said}, the run's own"),
+        "numerical_bound": (bounds[NUMERICAL], "sum of the numerical terms' bounds"),
+        "physical_bound": (bounds[PHYSICAL], "sum of the physical terms' bounds"),
+        "numerical_rss": (np.sqrt(variance[NUMERICAL]), "root of the sum of squares of the numerical terms"),
+        "physical_rss": (np.sqrt(variance[PHYSICAL]), "standard uncertainty by the physical terms, with their correlations"),
+        "physical_rss_doubt": (_doubt_of(parts[PHYSICAL], variance[PHYSICAL]), "how far physical_rss may be off, where terms of it are drawn"),
+        "total_rss": (np.sqrt(total), "standard uncertainty by all terms"),
+    }  # fmt: skip
+    along: dict[str, Any] = {
+        "term_name": (np.array([one.name for one in terms]), "1", "what the number may be off by", "name"),
+        "term_rule": (np.array([one.rule for one in terms]), "1", "how that was found", "rule"),
+        "sensitivity": (np.array([one.sensitivity for one in terms]), "1", "change of the number with the input, in sensitivity_units; nan where there is no input", ROLE),
+        "sensitivity_doubt": (np.array([one.sensitivity_doubt for one in terms]), "1", "how far the sensitivity may be off, by another spacing of the differences", ROLE),
+        "sensitivity_units": (np.array(units), "1", "unit of the sensitivity: the number's, per SI unit of the input", "units"),
+        "input_uncertainty": (np.array([one.input_uncertainty for one in terms]), "1", "standard uncertainty of the input, in input_units", ROLE),
+        "input_units": (np.array([one.input_unit.text if one.input_unit else "" for one in terms]), "1", "SI unit of the input", "units"),
+        "standard_uncertainty": (np.array([one.standard for one in terms]), text, "standard uncertainty that the term contributes", ROLE),
+        "standard_uncertainty_doubt": (np.array([one.standard_doubt for one in terms]), text, "how far the standard uncertainty may be off, being of few draws, or of slopes that draws do not quite bear out", ROLE),
+        "bound": (np.array([one.bound for one in terms]), text, "what the term contributes at most; without bounds two standard uncertainties", ROLE),
+        "share": (shares, "1", "share of the variance; correlated terms share what they have together", ROLE),
+    }  # fmt: skip
+    found = {name: ((TERM,), values, about(units, words, role)) for name, (values, units, words, role) in along.items()}
+    for name, other in (
+        ("sensitivity", "sensitivity_units"),
+        ("sensitivity_doubt", "sensitivity_units"),
+        ("input_uncertainty", "input_units"),
+    ):
+        found[name][2]["comment"] = f"in the unit that {other} names"
+    kinds = np.array([KINDS.index(one.kind) for one in terms], np.int8)
+    found["term_kind"] = ((TERM,), kinds, about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS))))  # fmt: skip
+    return found | {name: ((), np.float64(one), about(text, words, ROLE)) for name, (one, words) in scalars.items()}
+
+
+def _doubt_of(terms: list[Term], variance: float) -> float:
+    """Return how far a root of a sum of squares may be off, of which some terms are known no better than by draws."""
+    moved = sum((one.standard * one.standard_doubt) ** 2 for one in terms)
+    return float(np.sqrt(moved / variance)) if variance > 0.0 else 0.0
+
+
+def levels_as(found: Marched, unit: Unit) -> dict[str, Any]:
+    """Return the run's own level and the finer ones, and what they tell."""
+    levels, text = found.levels, unit.text
+    orders = observed_orders(found.values, levels.values)
+    return {
+        levels.varied.name: ((LEVEL,), levels.values, about(_level_units(found), levels.varied.said, ROLE)),
+        "level_value": ((LEVEL,), found.values, about(text, "the number in each level; the first is the run's own", ROLE)),
+        "observed_order": ((LEVEL,), orders, about("1", "order by a level and its neighbours", ROLE) | {"formal_order": levels.formal}),
+        "level_verdict": ((), np.int8(found.told.verdict), about("1", "what the levels tell", "flag") | flags(dict(enumerate(VERDICTS)))),
+        "run_digest": ((LEVEL,), np.array(found.digests), about("1", "content digest of the level's run", "digest")),
+        "run_outcome": ((), np.array(str(found.run.attrs["run_outcome"])), about("1", "outcome of the run", "outcome")),
+    }  # fmt: skip
+
+
+def _level_units(found: Marched) -> str:
+    """Return the unit of what is varied: of steps that of the run's, which are pure numbers where its time is."""
+    return str(found.run["step_size"].attrs["units"]) if found.levels.varied is STEPS else found.levels.varied.units
+
+
+def _per(unit: Unit, by: Unit) -> str:
+    """Spell the number's unit over that of an input, both with the names that they were declared with.
+
+    Base units stand in their own order: of a time and a speed it is ``m-1 s2``.
+    """
+    names = {one.rstrip("-0123456789") for text in (unit.text, by.text) for one in text.split()}
+    if names <= {*BASE}:
+        return str(unit.dimension / by.dimension).split(" (")[0]
+    return quotient(unit.text, by.text)
+
+
+def draws_as(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
+    """Return what draws tell, as variables."""
+    scalars = {
+        "monte_carlo_mean": (found.mean, "mean of the draws"),
+        "monte_carlo_standard_uncertainty": (found.standard, "standard deviation of the draws of inputs; tables, discrepancies and declared terms are added to each as normal"),
+        "monte_carlo_standard_uncertainty_doubt": (found.standard_doubt, "how well that is known from so many draws: a standard uncertainty, by parts of them"),
+        "monte_carlo_end_doubt": (found.ends_doubt, "how well the symmetric interval's ends are known from so many draws: a standard uncertainty, by order statistics"),
+    }  # fmt: skip
+    intervals = {
+        "monte_carlo_shortest": (found.shortest, "shortest interval that holds the part `coverage` of the draws"),
+        "monte_carlo_symmetric": (
+            found.symmetric,
+            "interval that holds the part `coverage` of the draws, with as many below as above it",
+        ),
+    }
+    told = {name: ((), np.float64(one), about(unit.text, said, ROLE)) for name, (one, said) in scalars.items()}
+    return told | {name: ((BOUNDS,), np.array(one), about(unit.text, said, ROLE) | {"coverage": coverage}) for name, (one, said) in intervals.items()}  # fmt: skip

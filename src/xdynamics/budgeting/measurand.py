@@ -1,0 +1,204 @@
+"""The one number that a budget is about: a quantity at a time, at an occurrence of an event, or its extreme of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.diagnosing.extremes import LOCATED, Extreme, between, extreme
+from xdynamics.evidence.observables import comparable, observables_of, observe
+from xdynamics.faults import InputError
+from xdynamics.kernels.layout import layout_of
+from xdynamics.model import Model
+from xdynamics.record.flag_words import words_of
+from xdynamics.schema import EVENT_AFTER, OCCURRENCE
+from xdynamics.sweeping.sweep import sweep
+from xdynamics.units import Unit, parse_unit, time_in
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+LARGEST, LEAST = "maximum", "minimum"  # of a whole run
+TIME = "t"  # the quantity that is the time of the event itself
+SIDES = ("before", "after")
+ROUNDED = 8.0 * float(np.finfo(float).eps)  # of a time, relative
+NEAR = 1e-3  # of a step, over which a quantity's rate at an event is taken
+
+
+@dataclass(frozen=True)
+class Target:
+    """A quantity where it is asked for.
+
+    Attributes
+    ----------
+    quantity : str
+        A coordinate, velocity, state, energy or observable, or at an event ``t``, its time; of a whole run the largest or
+        the least of one of these or of a force: ``maximum_force_drag_y``, ``minimum_contact_force_floor``.
+    at : float, s, optional
+    event : str, optional
+    occurrence : int
+        Of the event, from 1.
+    side : {"before", "after"}
+        Of the event.
+    second : str
+        Unit of the model's time: ``1`` where that is a pure number.
+    """
+
+    quantity: str
+    at: float | None = None
+    event: str = ""
+    occurrence: int = 1
+    side: str = "before"
+    second: str = "s"
+
+    @classmethod
+    def of(cls, model: Model, quantity: Any, at: Any, event: Any, occurrence: Any, side: Any) -> Target:
+        """Read what is asked for.
+
+        Raises
+        ------
+        InputError
+            If the model has no such quantity or event, or there is not one place.
+        """
+        known, extremes = comparable(model), _extremes_of(model)
+        if at is None and event is None and quantity in extremes:
+            return cls(quantity, second=model.statement.time_unit.text)
+        if (at is None) == (event is None):
+            raise InputError(
+                "a budget is of one number: give at='1 s' or event='ground', one of them, or neither of an extreme like "
+                f"'{extremes[0]}'"
+            )
+        if event is not None and event not in (*model.events, *model.contacts, *model.frictions):
+            names = ", ".join((*model.events, *model.contacts, *model.frictions)) or "none"
+            raise InputError(f"event is {event!r}; there are {names}")
+        if quantity not in (known if event is None else (*known, TIME)):
+            raise InputError(f"quantity is {quantity!r}; there are {', '.join(known)}, and at an event {TIME}")
+        if isinstance(occurrence, bool) or not isinstance(occurrence, int) or occurrence < 1:
+            raise InputError(f"occurrence is {occurrence!r}, needs a whole number from 1 on")
+        if side not in SIDES:
+            raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
+        unit = model.statement.time_unit
+        when = None if at is None else time_in(unit, at, "at")
+        return cls(quantity, when, event or "", occurrence, side, unit.text)
+
+    @property
+    def extreme(self) -> tuple[str, float] | None:
+        """Of an extreme what it is of, and its sign: 1 of the largest, -1 of the least."""
+        if self.at is not None or self.event:
+            return None
+        word, _, name = self.quantity.partition("_")
+        return name, 1.0 if word == LARGEST else -1.0
+
+    @property
+    def said(self) -> str:
+        """What it is, in words."""
+        if self.extreme is not None:
+            name, sign = self.extreme
+            return f"{LARGEST if sign > 0 else LEAST} of {name}"
+        if self.at is not None:
+            return f"{self.quantity} at t = {self.at:.9g}{'' if self.second == '1' else f' {self.second}'}"
+        nth = "" if self.occurrence == 1 else f" number {self.occurrence}"
+        return (
+            f"time of {self.event}{nth}" if self.quantity == TIME else f"{self.quantity} {self.side} {self.event}{nth}"
+        )
+
+    def units(self, run: xr.Dataset) -> Unit:
+        """Return the unit that the number has."""
+        if self.quantity == TIME:
+            return parse_unit(self.second)
+        return parse_unit(str(run[self.extreme[0] if self.extreme else self.quantity].attrs["units"]))
+
+    def found_in(self, run: xr.Dataset, model: Model) -> Extreme | None:
+        """Return where an extreme is in a run, and by which rule; None of what is no extreme."""
+        return None if self.extreme is None else extreme(run, *self.extreme, model.functions)
+
+    def in_run(self, run: xr.Dataset, model: Model) -> tuple[float, float, float]:
+        """Return the number in a run, what interpolation may have it off, and what the location of the event may.
+
+        Raises
+        ------
+        InputError
+            If the run does not come there.
+        """
+        if self.at is not None:
+            time = np.array([_held(self.at, run["time"].values)])
+            value, off = observe(run, model, [self.quantity], time)[self.quantity]
+            return float(value[0]), float(off[0]), 0.0
+        if (top := self.found_in(run, model)) is not None:
+            return top.value, top.uncertainty, self._of_event(run, model, top)
+        place = self._place(run)
+        located = float(run["event_time_uncertainty"].values[place])
+        if self.quantity == TIME:
+            return float(run["event_time"].values[place]), 0.0, located
+        row = int(run[f"event_row_{self.side}"].values[place])
+        return float(run[self.quantity].values[row]), 0.0, abs(self._rate(run, model, place)) * located
+
+    def in_many(self, model: Model, axes: dict[str, Any], settings: dict[str, Any]) -> xr.Dataset:
+        """Return a sweep in which it is kept of every member."""
+        if self.at is not None:
+            return sweep(model, axes, keep=[self.quantity], times=[self.at], **settings)
+        if self.extreme is not None:
+            return sweep(model, axes, keep=[self.quantity], **settings)
+        word = f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"
+        return sweep(model, axes, keep=[word], occurrences=(self.occurrence - 1, self.occurrence), **settings)
+
+    def values(self, found: xr.Dataset) -> Floats:
+        """Return the numbers of a sweep's members, nan of those that do not come there."""
+        name = self.quantity if not self.event else f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"  # fmt: skip
+        one = found[name]
+        values: Floats = (one.isel({OCCURRENCE: 0}) if OCCURRENCE in one.dims else one).values.astype(float)
+        return values[..., 0] if self.at is not None else values
+
+    def _of_event(self, run: xr.Dataset, model: Model, top: Extreme) -> float:
+        """Return what the location of the event that an extreme is at may have it off: nothing where it is level there."""
+        if top.rule != LOCATED or self.extreme is None:
+            return 0.0
+        if model.python_functions and self.extreme[0] not in model.units:
+            return 0.0
+        name, time = self.extreme[0], run["time"].values
+        row = int(np.flatnonzero((time == top.time) & (run[name].values == top.value))[0])
+        doubts = run["event_time_uncertainty"].values[run["event_time"].values == top.time]
+        other = row + 1 if int(run["row_kind"][row]) == EVENT_AFTER else row - 1
+        if not doubts.size or not 0 <= other < len(time) or time[other] == time[row]:
+            return 0.0
+        near = time[row] + NEAR * (time[other] - time[row])
+        beside = float(between(run, model, name, np.array([near]), model.functions)[0][0])
+        return abs(beside - top.value) / abs(float(near - time[row])) * float(doubts.max())
+
+    def _place(self, run: xr.Dataset) -> int:
+        """Find the event in a run."""
+        names = np.array(words_of(run["event_detector"])) if run.sizes.get("event", 0) else np.zeros(0, str)
+        places = np.flatnonzero(names == self.event)
+        if len(places) < self.occurrence:
+            raise InputError(f"'{self.event}' is met {len(places)} times in the run, and number {self.occurrence} is asked for")  # fmt: skip
+        return int(places[self.occurrence - 1])
+
+    def _rate(self, run: xr.Dataset, model: Model, place: int) -> float:
+        """Return how fast the quantity changes on that side of the event, by a difference over a small part of a step."""
+        time = run["time"].values
+        row = int(run[f"event_row_{self.side}"].values[place])
+        other = max(row - 1, 0) if self.side == "before" else min(row + 1, len(time) - 1)
+        near = float(time[row] + NEAR * (time[other] - time[row]))
+        if near == time[row]:
+            return 0.0
+        beside = float(observe(run, model, [self.quantity], np.array([near]))[self.quantity][0][0])
+        return (beside - float(run[self.quantity].values[row])) / (near - float(time[row]))
+
+
+def _extremes_of(model: Model) -> tuple[str, ...]:
+    """Name every extreme that a run has, as `diagnose` does."""
+    layout = layout_of(model)
+    names = (*observables_of(model), *layout.forces, *layout.reactions)
+    return tuple(f"{word}_{name}" for name in names for word in (LARGEST, LEAST))
+
+
+def _held(at: float, time: Floats) -> float:
+    """Return a time that rounding has just outside a run, marched in other units, on its end."""
+    near = ROUNDED * max(abs(float(time[0])), abs(float(time[-1])))
+    held = min(max(at, float(time[0])), float(time[-1]))
+    return held if abs(held - at) <= near else at

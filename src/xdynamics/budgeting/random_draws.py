@@ -1,0 +1,112 @@
+"""Runs with inputs drawn from what the model declares, as many as are asked for or as it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, nan
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.budgeting.measurand import Target
+from xdynamics.budgeting.montecarlo import Drawn, drawn
+from xdynamics.budgeting.physical import named
+from xdynamics.faults import InputError
+from xdynamics.model import Model
+from xdynamics.model.uncertainty import normal_quantile
+from xdynamics.sweeping.designs import DECLARED, LEAST, Draws
+from xdynamics.units import Unit, parse_quantity
+
+Floats = NDArray[np.float64]
+
+MOST_DRAWS = 1 << 22
+STREAM = 1  # of random numbers, beside that of the inputs
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is drawn.
+
+    Attributes
+    ----------
+    model : Model
+    target : Target
+    settings : dict
+        Of `simulate`.
+    value : float
+        Of the run itself, where nothing but what is added is uncertain.
+    added : sequence of float
+        Standard uncertainties of what is no input of the model, added to each draw as normal.
+    """
+
+    model: Model
+    target: Target
+    settings: dict[str, Any]
+    value: float
+    added: Sequence[float]
+
+    def values(self, draws: int, seed: int) -> Floats:
+        """March as many runs.
+
+        Raises
+        ------
+        InputError
+            If nothing is uncertain, or a run does not come to the number.
+        """
+        names = [named(self.model, name) for name in self.model.uncertain]
+        if not names and not self.added:
+            raise InputError(
+                "nothing in the model has an uncertainty to draw from; give parameters or initial values one"
+            )
+        values = np.full(draws, self.value)
+        if names:
+            axes = {"draw": Draws(draws, names, design=DECLARED, seed=seed)}
+            values = self.target.values(self.target.in_many(self.model, axes, self.settings).compute())
+        if missing := int(np.count_nonzero(~np.isfinite(values))):
+            raise InputError(f"{self.target.said} is not there in {missing} of {draws} draws: the inputs are too uncertain for it to be one number")  # fmt: skip
+        points = np.random.default_rng([seed, STREAM]).random((draws, len(self.added)))
+        for k, standard in enumerate(self.added):
+            values = values + standard * normal_quantile(np.maximum(points[:, k], LEAST))
+        return values
+
+
+def drawn_until(asked: Asked, draws: int, seed: int, coverage: float, wanted: float) -> tuple[Drawn, int]:
+    """Draw until the intervals' ends are known as well as is wanted; return what came, and how many it took.
+
+    Raises
+    ------
+    InputError
+        If the most that can be drawn do not do.
+    """
+    while True:
+        found = drawn(asked.values(draws, seed), coverage)
+        if found.ends_doubt <= wanted:
+            return found, draws
+        if draws >= MOST_DRAWS:
+            raise InputError(f"{draws} draws leave the ends of the interval uncertain by {found.ends_doubt:.3g}, and {wanted:.3g} is wanted; ask for less")  # fmt: skip
+        draws *= 2
+
+
+def wanted_of(told: str | None, unit: Unit, target: Target, usual: float) -> float:
+    """Return which standard uncertainty the intervals' ends are to have; infinite where nothing is said.
+
+    Raises
+    ------
+    InputError
+        If it is no size of the number with a part of a hundred.
+    """
+    if told is None:
+        return inf
+    size, at, part = str(told).partition(" at ")
+    quantity = parse_quantity(size)
+    try:
+        level = float(part.strip().removesuffix("%")) / 100.0 if at else usual
+    except ValueError:
+        level = nan
+    if quantity.unit.dimension != unit.dimension or not quantity.value > 0 or not 0.0 < level < 1.0:
+        raise InputError(
+            f"until_uncertainty is {told!r}, needs a positive size of {target.said}, like '1 {unit.text} at 95 %'"
+        )
+    return quantity.si / float(unit.factor) / float(normal_quantile(np.array([(1.0 + level) / 2.0]))[0])

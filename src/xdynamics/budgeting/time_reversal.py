@@ -1,0 +1,52 @@
+"""Rounding by time reversal: a symmetric method undoes its own steps, but for what rounding has done to them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.budgeting.measurand import Target
+from xdynamics.evidence.runs import march
+from xdynamics.methods import METHODS
+from xdynamics.model import Model, Trait, traits_of
+from xdynamics.model.parts import Function
+from xdynamics.schema import velocity
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def returned(run: xr.Dataset, model: Model, target: Target, asked: dict[str, Any]) -> float | None:
+    """March a run back to its start; return how far from it a coordinate or velocity comes, in its unit.
+
+    Nothing where the run is not reversible: another method, chosen or given steps, forces that know velocities or time,
+    first-order states, events, contacts, friction; nor for another quantity (Hairer, Lubich, Wanner, section V.1).
+    """
+    velocities = {velocity(name) for name in model.coordinates}
+    if target.at is None or target.quantity not in {*model.coordinates, *velocities} or not _is_reversible(run, model):
+        return None
+    time, step = run["time"].values, float(run["step_size"][1]) if run.sizes["step"] > 1 else 0.0
+    whole = np.flatnonzero((time <= target.at) & np.isin(run["step_size"].values, [0.0, step]))
+    if len(whole) < 2:
+        return None
+    turned = {name: _turned(run, name, int(whole[-1]), velocities) for name in (*model.coordinates, *velocities)}
+    back = march(model.replace(initial=turned), **asked | {"until": float(time[whole[-1]]), "force_samples": "none"})
+    return abs(_turned(back, target.quantity, -1, velocities) - float(run[target.quantity][0]))
+
+
+def _turned(run: xr.Dataset, name: str, row: int, velocities: set[str]) -> float:
+    value = float(run[name][row])
+    return -value if name in velocities else value
+
+
+def _is_reversible(run: xr.Dataset, model: Model) -> bool:
+    """Tell whether a run, in whole steps of one size, is undone by the same steps with the velocities turned."""
+    parts = (model.states, model.events, model.contacts, model.frictions, model.regimes)
+    if any(parts) or not METHODS[run.attrs["solver_method"]].symmetric or run.sizes.get("event", 0):
+        return False
+    terms = [one for each in model.force_components.values() for one in each.values()]
+    trees = [*terms, *model.statement.mass_entries.values()]
+    known = any("t" in model.reads(one) or isinstance(one, Function) for one in trees)
+    fixed = run.attrs["solver_step_control"] == "fixed"
+    return fixed and not known and Trait.VELOCITY_DEPENDENT not in traits_of(model)

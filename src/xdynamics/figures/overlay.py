@@ -1,0 +1,98 @@
+"""Figures of several pieces of evidence of one kind: a line each, in the panels that all have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.faults import InputError
+from xdynamics.figures import diagnosis, refinement
+from xdynamics.figures.marks import COLOURS, timed, words
+from xdynamics.figures.sheet import Panel
+from xdynamics.record.flag_words import words_of
+from xdynamics.schema import CYCLE, EVIDENCE, LEVEL
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Several = Mapping[str, xr.Dataset]
+
+MARKERS, MOST_PANELS = "os^Dv<>P", refinement.MOST_PANELS
+
+
+def panels_of(found: Several) -> list[Panel]:
+    """Return a panel for each number that all have: its differences in refinements, its values per cycle in diagnoses.
+
+    Raises
+    ------
+    InputError
+        If they are not all refinements of one thing, or all diagnoses, or share no number.
+    """
+    kinds = {str(record.attrs.get(EVIDENCE, "run")) for record in found.values()}
+    varied = {str(record.attrs.get("varied", "")) for record in found.values()}
+    if kinds not in ({"refinement"}, {"diagnosis"}) or len(varied) > 1:
+        raise InputError(f"several records are drawn together if all are refinements of one thing or all diagnoses; these are {', '.join(sorted(kinds))}")  # fmt: skip
+    first = next(iter(found.values()))
+    if kinds == {"diagnosis"}:
+        names = [name for name in diagnosis.SHOWN if all(name in record and record[name].notnull().any() for record in found.values())]  # fmt: skip
+        panels: list[Panel] = [partial(_along_cycles, found, name) for name in names]
+    else:
+        names = [
+            str(name) for name in first.data_vars if all(f"difference_{name}" in record for record in found.values())
+        ]
+        names = [name for name in names if any(refinement.telling(record, name) for record in found.values())] or names
+        panels = [partial(_differences, found, name) for name in names]
+    if not panels:
+        raise InputError("there is nothing to draw together: no number is in all of the records")
+    return panels
+
+
+def foot_of(found: Several) -> str:
+    """Describe what is drawn."""
+    if all("varied" in record.attrs for record in found.values()):
+        return "difference of each level to the next finer one, at the first place; in brackets the last observed order"
+    if not all("energy_band" in record for record in found.values()):
+        return ""
+    energies = [f"{name} {float(record['energy_band']):.3g} {record['energy_band'].attrs['units']}" for name, record in found.items()]  # fmt: skip
+    return f"energy bands: {', '.join(energies)}"
+
+
+def _differences(records: Several, name: str, axes: Axes) -> None:
+    units = varied = ""
+    for k, (label, study) in enumerate(records.items()):
+        varied = str(study.attrs["varied"])
+        place = next((dim for dim in study[name].dims if dim != LEVEL), None)
+        selection = {place: 0} if place else {}
+        change, units = np.abs(study[f"difference_{name}"].isel(selection).values), str(study[name].attrs["units"])
+        shown = change > 0.0
+        if f"order_{name}" in study and study.sizes[LEVEL] > 2:
+            order = float(study[f"order_{name}"].isel(selection)[-2])
+            verdict = words_of(study[f"verdict_{name}"].isel(selection))[0].replace("_", " ")
+            label = f"{label} ({order:.2f}, {verdict})" if np.isfinite(order) else f"{label} ({verdict})"  # noqa: PLW2901
+        axes.plot(study[varied].values[shown], change[shown], f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=4, linewidth=1.0, label=words(label))  # fmt: skip
+        axes.set(xlabel=words(timed(study[varied], varied)))
+    axes.set_yscale("log")
+    refinement.log_steps(axes, np.unique(np.concatenate([record[varied].values for record in records.values()])))
+    axes.set(ylabel=words(f"|difference| ({units})"))
+    axes.set_title(words(name), loc="left", fontsize=10)
+    axes.legend(fontsize=7, framealpha=0.8, edgecolor="none")
+
+
+def _along_cycles(records: Several, name: str, axes: Axes) -> None:
+    units = ""
+    for k, (label, record) in enumerate(records.items()):
+        units = str(record[name].attrs["units"])
+        axes.plot(record["cycle_time"].values, record[name].values, f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=3.5, linewidth=1.0, label=words(label))  # fmt: skip
+    low, high = axes.get_ylim()
+    size = max(abs(low), abs(high))
+    if high - low < diagnosis.STEADY * size:  # keeps values that are nearly equal from being drawn far apart
+        axes.set_ylim(low - diagnosis.STEADY * size, high + diagnosis.STEADY * size)
+        axes.ticklabel_format(axis="y", useOffset=False)
+    first = next(iter(records.values()))
+    axes.set(xlabel=timed(first["cycle_time"], f"time at the end of the {CYCLE}"), ylabel=words(f"{name} ({units})"))
+    axes.set_title(words(name.replace("_", " ")), loc="left", fontsize=10)
+    axes.legend(fontsize=8, frameon=False)

@@ -1,0 +1,94 @@
+"""What was printed of a law, kept with its machine code by what it is printed from: a later process prints nothing again.
+
+What a program exchanges in the modules that print, while it runs, is no part of the key: it has to keep nothing either.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import astuple, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from xdynamics.kernels import cache, machine
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.step_programs import Equations
+
+_ROOMS = (
+    "kernels",
+    "methods",
+    "expressions",
+    "elementary",
+    "model",
+)  # where laws are printed, and what they are read from
+_MODULES = ("schema.py", "units.py")
+
+
+@dataclass(frozen=True)
+class Printed:
+    """What a march has of a law beside its machine code.
+
+    Attributes
+    ----------
+    source : str
+        The law as Python.
+    names : tuple of str
+        Of the programs that are called from outside, in the order of their addresses.
+    memory : int
+        Numbers of the working memory of a step.
+    equations : tuple of Equations
+        What the step solves by Newton's method.
+    """
+
+    source: str
+    names: tuple[str, ...]
+    memory: int
+    equations: tuple[Equations, ...]
+
+
+def key_of(layout: Layout, *, sampled: bool) -> str:
+    """Digest of all that a law and its machine code follow from: the model's form, the method, who prints, the processor."""
+    model = layout.model
+    about = (type(model).__qualname__, model.form, repr(layout.scheme), str(sampled))
+    return cache.digest("printed", *about, _printers(), *machine.processor())
+
+
+def read(key: str) -> tuple[Printed, bytes] | None:
+    """Return what was printed and its machine code; None where they are not kept."""
+    content = cache.read(_name(key))
+    if content is None:
+        return None
+    head, _, code = content.partition(b"\n")
+    said: dict[str, Any] = json.loads(head)
+    return Printed(
+        said["source"], tuple(said["names"]), said["memory"], tuple(map(_equations, said["equations"]))
+    ), code
+
+
+def write(key: str, printed: Printed, code: bytes) -> None:
+    """Keep both."""
+    cache.write(_name(key), json.dumps(dict(zip(_FIELDS, astuple(printed), strict=True))).encode() + b"\n" + code)
+
+
+_FIELDS = tuple(Printed.__dataclass_fields__)
+
+
+def _name(key: str) -> str:
+    return f"form-{key}.o"
+
+
+def _equations(said: list[Any]) -> Equations:
+    evaluations, residuals, unknowns, entries = said
+    return Equations(evaluations, residuals, tuple(map(tuple, unknowns)), tuple(map(tuple, entries)))
+
+
+@lru_cache(maxsize=1)
+def _printers() -> str:
+    """Digest of the modules that print laws."""
+    package = Path(__file__).parents[1]
+    files = [
+        *(path for room in _ROOMS for path in (package / room).rglob("*.py")),
+        *(package / one for one in _MODULES),
+    ]
+    return cache.digest(*(path.read_text(encoding="utf-8") for path in sorted(files)))

@@ -1,0 +1,401 @@
+"""A method's vector lines as programs: the step, the iterations of what it solves, the state inside the step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from xdynamics.expressions import Name, Node, Number, derivative, expand, parse
+from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.program import AT, Call, Each, Instruction, Load, Operand, Place, Program, Store
+from xdynamics.methods.line_walk import Walker
+from xdynamics.methods.method import HERMITE, SCALARS, Evaluation, Solve, Statement, read_lines
+from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.summation import Update
+from xdynamics.schema import rate
+
+DIRECT = -1  # in the place of a derivative: a coefficient that stands by itself
+
+
+@dataclass(frozen=True)
+class Equations:
+    """What Newton's method needs to know of one `solve`, as places in the working memory `w` and in the state `y`.
+
+    Attributes
+    ----------
+    evaluations : int
+        Force evaluations of one iteration.
+    residuals : int
+        Where the first residual stands; the others follow.
+    unknowns : tuple of (int, int, int)
+        For each: its place in `w`, and in `y` the value and the slope at the start of the step, which give its size.
+    entries : tuple of (int, int, int, int)
+        What is taken from the unit matrix: row, column, place of a coefficient, place of a derivative or `DIRECT`.
+    """
+
+    evaluations: int
+    residuals: int
+    unknowns: tuple[tuple[int, int, int], ...]
+    entries: tuple[tuple[int, int, int, int], ...]
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The programs of one step.
+
+    Attributes
+    ----------
+    programs : tuple of Program
+        One of an explicit method. Where equations are solved: what comes before, one iteration, what comes behind, and
+        so on.
+    equations : tuple of Equations
+    memory : int
+        Numbers of the working memory.
+    """
+
+    programs: tuple[Program, ...]
+    equations: tuple[Equations, ...]
+    memory: int
+
+
+def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
+    """Write one step of a method, with the estimate of its error where an embedded formula gives it."""
+    write = _Stepping(layout, sampled=sampled, working=scheme.method.implicit)
+    write.walk(scheme.method.statements)
+    write.end()
+    write.walk(scheme.error_lines)
+    if scheme.error_lines:
+        write.out("e", [f"{letter}e" for letter in "qvx"], layout.used)
+    return write.finished("propose", f"One step by {scheme.method.name}.", (0, len(layout.state)))
+
+
+def inside(layout: Layout, scheme: Scheme) -> Program:
+    """Write the state at t + s*h, to `e`: from the states at both ends of the step, or with the step's own stages."""
+    write = _Stepping(layout, sampled=False, working=False)
+    if scheme.extension == HERMITE or scheme.method.simplified:
+        write.ends_given()
+        write.stages_given()
+    else:
+        write.walk(scheme.method.statements)
+        write.end()
+    write.walk(read_lines(scheme.extension))
+    write.out("e", [f"{letter}s" for letter in "qvx"], layout.used)
+    return write.finished("inside", f"The state inside a step by {scheme.method.name}.").programs[0]
+
+
+class _Stepping(Walker):
+    """Writes lines as they come; vectors are arrays, and a line of vectors is one line for each of their components."""
+
+    def __init__(self, layout: Layout, *, sampled: bool, working: bool) -> None:
+        self.layout = layout
+        self.sampled = sampled
+        self.working = working  # whether vectors live in `w`, to be there in the next program too
+        self.stage = 0
+        self._memory = 0
+        self._views: dict[str, tuple[str, int, int]] = {}
+        self._local: dict[str, int] = {}
+        self._bodies: list[list[Instruction]] = []
+        self._equations: list[Equations] = []
+        self._last = ""
+        self._begin()
+        first = 0
+        for name, count in zip("qvxar", self._counts("qvxar"), strict=True):
+            self._views[name] = ("y", first, count)
+            first += count
+        assert layout.scheme is not None  # noqa: S101 - who steps has one
+        self._updates = layout.scheme.compensated
+        self._carry: dict[str, str] = {}
+        first = len(layout.used) + len(layout.evaluation)
+        for name in "qvx" if self._updates else "":
+            self._carry[name] = f"{name}_carried"
+            self._views[self._carry[name]] = ("y", first, self._count(name))
+            first += self._count(name)
+
+    # ------------------------------------------------------------------------------------------------ kinds of line
+
+    def assign(self, line: Statement) -> None:
+        """Write one vector from others."""
+        self._vector(line.target)
+        if line.target in self._updates:
+            self._update(line.target, self._updates[line.target])
+        else:
+            self._each(line.target, line.expression)
+
+    def evaluate(self, line: Evaluation) -> None:
+        """Evaluate the forces at a state that is put together for it."""
+        self._evaluation(line, "forces")
+
+    def solve(self, line: Solve) -> None:
+        """Write one iteration of Newton's method as a program of its own, and go on behind it."""
+        unknowns = [(name, i) for name in line.unknowns for i in range(self._count(name))]
+        self._begin()
+        self.walk(line.definitions)
+        slopes = [self._evaluation(one, "linearised") for one in line.evaluations]
+        residuals = self._memory
+        for one in line.equations:
+            target = f"b_{one.target}"
+            self._vector(target, self._count(one.target))
+            self._each(target, one.expression, taken_from=one.target)
+        coupling = _Coupling(self, line, slopes)
+        entries = [
+            entry
+            for row, target in enumerate(
+                (one.target, i) for one in line.equations for i in range(self._count(one.target))
+            )
+            for column, unknown in enumerate(unknowns)
+            for entry in coupling.entries(row, column, target, unknown)
+        ]
+        places = tuple((self._views[name][1] + i, *self._start(name, i)) for name, i in unknowns)
+        self._equations.append(Equations(len(line.evaluations), residuals, places, tuple(entries)))
+        self._begin()
+        self.walk(line.definitions)
+
+    # ------------------------------------------------------------------------------------------------------- ends
+
+    def end(self) -> None:
+        """Put the new state into `z`: what the step led to, and what its last force evaluation gave."""
+        self.out(
+            "z", ["q1", "v1", "x1", "a1", "r1"], (*self.layout.used, *self.layout.accelerations, *self.layout.rates)
+        )
+        first = len(self.layout.used) + len(self.layout.accelerations) + len(self.layout.rates)
+        last = len(self.layout.used) + len(self.layout.evaluation)
+        self._copy(Place("z", first), Place(self._last, first), last - first)
+        for name in "qvx" if self._updates else "":
+            self._copy(Place("z", last), Place(self._carry[name]), self._count(name))
+            last += self._count(name)
+
+    def ends_given(self) -> None:
+        """Take the state at the end of the step as given in `z`."""
+        for name in "qvxar":
+            self._views[f"{name}1"] = ("z", *self._views[name][1:])
+
+    def stages_given(self) -> None:
+        """Take the states of two stages as given at the beginning of `w`."""
+        for k, stage in enumerate("23"):
+            for name in "qvx":
+                _, first, count = self._views[name]
+                self._views[f"{name}{stage}"] = ("w", k * len(self.layout.used) + first, count)
+
+    def out(self, array: str, vectors: Iterable[str], names: tuple[str, ...]) -> None:
+        """Copy vectors, one behind the other, into an array that was given."""
+        first = 0
+        for name in vectors:
+            self._copy(Place(array, first), Place(name), self._count(name))
+            first += self._count(name)
+        assert first == len(names)  # noqa: S101 - vectors and names are two spellings of one order
+
+    def finished(self, name: str, about: str, answered: tuple[int, int] | None = None) -> Steps:
+        """Return what was written; it answers for that part of `z`."""
+        self._flush()
+        programs = []
+        for i, body in enumerate(self._bodies):
+            own = name if not i else f"{name}{i // 2}" if i % 2 == 0 else f"iterate{i // 2}"
+            said = about if i % 2 == 0 else "One iteration: residuals, coefficients and derivatives of the equations."
+            used = {place for line in body for place in _arrays(line)}
+            views = {one: view for one, view in self._views.items() if one in used}
+            used |= {array for array, _, _ in views.values()}
+            local = {one: count for one, count in self._local.items() if one in used}
+            # what a step comes to is behind the last equations
+            sound = answered if i == len(self._bodies) - 1 else None
+            programs.append(Program(own, said, tuple(body), views, local, sound))
+        return Steps(tuple(programs), tuple(self._equations), self._memory)
+
+    # ---------------------------------------------------------------------------------------------------- in parts
+
+    def coefficient(self, weight: Node, inside: Node | None = None) -> int:
+        """Compute a number of the matrix that all components share, and return its place in `w`."""
+        value = self._scalars.value(weight)
+        if inside is not None:
+            value = self._scalars.compute("multiply", value, self._scalars.value(inside))
+        place = self._memory
+        self._memory += 1
+        self._scalars.store(Place("w", place), value)
+        return place
+
+    def _begin(self) -> None:
+        """Begin a program."""
+        if self._bodies:
+            self._flush()
+        self._bodies.append([])
+        self._scalars = Assignments(lambda lines, name: lines.load(Place("at", AT.index(name)), name), "_")
+
+    def _flush(self) -> None:
+        self._bodies[-1] += self._scalars.lines
+        self._scalars.lines.clear()
+
+    def _update(self, target: str, update: Update) -> None:
+        """Add to every component of a vector, and keep what rounding takes from the sum.
+
+        It is put back by the last update of the step; before, forces may be evaluated a rounding error beside the sum, so
+        that no evaluation waits for it.
+        """
+        letter, lines = target[0], self._component()
+        last = target == f"{letter}1"
+        before, added = lines.load(Place(update.before)), lines.value(update.added)
+        carried = lines.load(Place(self._carry[letter]))
+        if last:
+            added = lines.compute("add", added, carried)
+        total = lines.compute("add", before, added)
+        lost = lines.compute("subtract", added, lines.compute("subtract", total, before))
+        self._carry[letter] = self._array(f"{target}_carried", self._count(target))
+        lines.store(Place(target), total)
+        lines.store(Place(self._carry[letter]), lost if last else lines.compute("add", carried, lost))
+        self._flush()
+        self._bodies[-1].append(Each(self._count(target), tuple(lines.lines)))
+
+    def _component(self) -> Assignments:
+        """Begin the lines of one component of vectors."""
+
+        def find(lines: Assignments, name: str) -> Operand:
+            return self._scalars.named(name) if name in SCALARS else lines.load(Place(name))
+
+        return Assignments(find, f"_{len(self._bodies[-1])}_")
+
+    def _each(self, target: str, expression: Node, taken_from: str = "") -> None:
+        """Compute an expression for every component of a vector; or how far another vector is from it."""
+        lines = self._component()
+        value = lines.value(expression)
+        if taken_from:
+            value = lines.compute("subtract", lines.load(Place(taken_from)), value)
+        lines.store(Place(target), value)
+        self._flush()
+        self._bodies[-1].append(Each(self._count(target), tuple(lines.lines)))
+
+    def _copy(self, target: Place, source: Place, count: int) -> None:
+        self._flush()
+        name = f"_{len(self._bodies[-1])}_"
+        self._bodies[-1].append(Each(count, (Load(name, source), Store(target, name))))
+
+    def _evaluation(self, line: Evaluation, program: str) -> int:
+        """Call the forces at a state; return the place of the derivatives that `linearised` gives."""
+        self.stage += 1
+        record, at = (
+            self._array(f"f{self.stage}", len(self.layout.record)),
+            self._array(f"at{self.stage}", len(AT), own=True),
+        )
+        first = 0
+        for name in (line.position, line.velocity, line.state):
+            self._copy(Place(record, first), Place(name), self._count(name))
+            first += self._count(name)
+        time = self._scalars.value(parse(line.time))
+        self._scalars.store(Place(at, AT.index("t")), time)
+        self._scalars.store(
+            Place(at, AT.index("regime")), self._scalars.load(Place("at", AT.index("regime")), "regime")
+        )
+        self._flush()
+        slopes = self._memory
+        if program == "linearised":
+            self._array(f"j{self.stage}", len(self.layout.jacobian))
+        self._bodies[-1].append(Call(program, at, record, record, f"j{self.stage}" if program == "linearised" else "e"))
+        for name, count in zip((line.acceleration, line.rate), self._counts("ar"), strict=True):
+            self._part(name, record, first, count)
+            first += count
+        self._last = record
+        if self.sampled:
+            self._sample(time, record)
+        return slopes
+
+    def _sample(self, time: Operand, record: str) -> None:
+        """Keep time, state, force components and drives of an evaluation."""
+        layout = self.layout
+        n, sample, width = len(layout.used), f"sample{self.stage}", layout.sample_width
+        forces = width - 1 - n
+        self._views[sample] = ("samples", (self.stage - 1) * width, width)
+        self._bodies[-1].append(Store(Place(sample), time))
+        self._copy(Place(sample, 1), Place(record), n)
+        self._copy(Place(sample, 1 + n), Place(record, n + len(layout.evaluation) - forces), forces)
+
+    def _vector(self, name: str, count: int | None = None) -> None:
+        if name not in self._views and name not in self._local:
+            self._array(name, self._count(name) if count is None else count)
+
+    def _array(self, name: str, count: int, *, own: bool = False) -> str:
+        """Make room for an array: of the program itself, or in the working memory."""
+        if self.working and not own:
+            self._views[name] = ("w", self._memory, count)
+            self._memory += count
+        else:
+            self._local[name] = count
+        return name
+
+    def _part(self, name: str, array: str, first: int, count: int) -> None:
+        outer, start, _ = self._views.get(array, (array, 0, 0))
+        self._views[name] = (outer, start + first, count)
+
+    def _start(self, name: str, i: int) -> tuple[int, int]:
+        """Where the value and the slope of an unknown's component stand at the start of the step."""
+        value, slope = ("x", "r") if name[0] == "x" else ("v", "a")
+        return self._views[value][1] + i, self._views[slope][1] + i
+
+    def _count(self, name: str) -> int:
+        letter = name.removeprefix("b_")[0]
+        return len(self.layout.states) if letter in "xr" else len(self.layout.coordinates)
+
+    def _counts(self, letters: str) -> list[int]:
+        return [self._count(one) for one in letters]
+
+
+class _Coupling:
+    """The matrix of Newton's method: what is linear in the lines directly, the rest through the forces."""
+
+    def __init__(self, write: _Stepping, line: Solve, slopes: list[int]) -> None:
+        self._write, self._line, self._slopes = write, line, slopes
+        self._inner: Mapping[str, Node] = {one.target: one.expression for one in line.definitions}
+        self._outer = {one.target: expand(one.expression, self._inner) for one in line.equations}
+        self._jacobian = {pair: i for i, pair in enumerate(write.layout.jacobian)}
+        self._places: dict[tuple[str, ...], int | None] = {}
+
+    def entries(
+        self, row: int, column: int, target: tuple[str, int], unknown: tuple[str, int]
+    ) -> list[tuple[int, int, int, int]]:
+        """Return what is taken from one entry of the unit matrix, in the order written."""
+        (name, i), (other, k) = target, unknown
+        of_state, by_state = name[0] == "x", other[0] == "x"
+        found = []
+        if i == k and of_state == by_state and (place := self._direct(name, other)) is not None:
+            found.append((row, column, place, DIRECT))
+        layout = self._write.layout
+        given = rate(layout.states[i]) if of_state else layout.coordinates[i]
+        for number, one in enumerate(self._line.evaluations):
+            for vector in (one.state,) if by_state else (one.position, one.velocity):
+                owner = layout.states[k] if by_state else layout.coordinates[k]
+                slope = self._jacobian.get((given, layout.argument(vector[0], owner)))
+                place = (
+                    None
+                    if slope is None
+                    else self._through(name, one.rate if of_state else one.acceleration, vector, other)
+                )
+                if slope is not None and place is not None:
+                    found.append((row, column, place, self._slopes[number] + slope))
+        return found
+
+    def _direct(self, name: str, unknown: str) -> int | None:
+        return self._placed((name, unknown), derivative(self._outer[name], {unknown: Number(1.0)}))
+
+    def _through(self, name: str, slope: str, vector: str, unknown: str) -> int | None:
+        weight = derivative(self._outer[name], {slope: Number(1.0)})
+        inside = derivative(expand(Name(vector), self._inner), {unknown: Number(1.0)})
+        return None if inside == Number(0.0) else self._placed((name, slope, vector, unknown), weight, inside)
+
+    def _placed(self, key: tuple[str, ...], weight: Node, inside: Node | None = None) -> int | None:
+        """Return where a coefficient stands; None where it is zero."""
+        if key not in self._places:
+            zero = weight == Number(0.0)
+            self._places[key] = None if zero else self._write.coefficient(weight, inside)
+        return self._places[key]
+
+
+def _arrays(line: Instruction) -> set[str]:
+    match line:
+        case Load() | Store():
+            return {line.place.array}
+        case Call():
+            return {line.at, line.y, line.z, line.e}
+        case Each() if line.count:
+            return {array for one in line.body for array in _arrays(one)}
+        case _:
+            return set()
+
+
+__all__ = ["DIRECT", "Equations", "Steps", "inside", "step"]

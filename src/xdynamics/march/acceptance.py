@@ -1,0 +1,81 @@
+"""A trial is judged, and the march lands on its end."""
+
+from __future__ import annotations
+
+from math import nan
+
+import numpy as np
+
+from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.march.control import accepts, error_norm
+from xdynamics.march.outcomes import COMPLETED, EVENT_AT_ZERO, SOUND
+from xdynamics.march.run import BEGUN, MOVED, Run
+from xdynamics.march.tolerance_sizes import settle_tolerances
+from xdynamics.schema import REASON_DOMAIN, REASON_ERROR, REASON_EVENT_FUNCTION, REASON_NEWTON, REASON_NONFINITE
+
+AT_GRID, AT_NODE, AT_BOTH, AT_BORDER = 1, 2, 3, 4  # the last: of what the model is defined for
+
+
+@compiled
+def judge(run: Run) -> int:
+    """Return SOUND for a trial that may be accepted, else the reason why not; keep the norm of its error."""
+    now, trial = run.now[0], run.trial[0]
+    now.norm = nan
+    if trial.iterations < 0:
+        return REASON_NEWTON
+    if trial.unsound != 0.0:
+        return nonfinite(run)
+    if trial.unsound_events != 0.0:
+        return REASON_EVENT_FUNCTION
+    now.norm = error_norm(run) if run.plan[0].estimates else 0.0
+    return REASON_ERROR if run.plan[0].adaptive and not accepts(now.norm) else SOUND
+
+
+@shared
+def nonfinite(run: Run) -> int:
+    """Tell why a state is not finite: a number that is none comes from outside the domain of a function or table."""
+    undefined = False
+    for i in range(run.plan[0].state):
+        undefined = undefined or np.isnan(run.z[i])
+    return REASON_DOMAIN if undefined and run.plan[0].limited else REASON_NONFINITE
+
+
+@compiled
+def land(run: Run) -> None:
+    """Count the grid time or node that the trial ends at; behind the last one the run is complete."""
+    now, trial = run.now[0], run.trial[0]
+    if trial.landing in (AT_GRID, AT_BOTH):
+        now.grid += 1
+    if trial.landing in (AT_NODE, AT_BOTH):
+        now.node += 1
+        if now.node > run.nodes.shape[0]:
+            now.status = COMPLETED
+            for i in range(run.detectors.shape[0]):
+                if run.watches[i].ever == 0:
+                    now.status = EVENT_AT_ZERO
+    now.on_grid = trial.landing in (AT_GRID, AT_BOTH)
+
+
+@compiled
+def move(run: Run) -> None:
+    """Take the trial's end for the place where the march stands."""
+    now, trial = run.now[0], run.trial[0]
+    now.t, now.h = trial.t, trial.h
+    run.kept[0].since = BEGUN if run.piece[0].cut else MOVED  # what substeps left behind is not the step's
+    run.piece[0].cut = 0
+    if run.plan[0].adaptive or run.plan[0].follows:
+        for i in range(run.largest.shape[0]):
+            run.largest[i] = max(run.largest[i], abs(run.z[i]))
+    if run.plan[0].follows:
+        settle_tolerances(run)
+    for i in range(run.y.shape[0]):  # a loop: a slice assignment takes numba seconds to compile
+        run.y[i] = run.z[i]
+
+
+@compiled
+def end(run: Run, why: int) -> None:
+    """Stop where the march stands; `h` is the step that failed."""
+    run.now[0].status, run.now[0].h = why, run.trial[0].h
+
+
+judge_apart, land_apart, move_apart = apart(judge), apart(land), apart(move)

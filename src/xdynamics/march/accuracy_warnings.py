@@ -1,0 +1,211 @@
+"""What speaks against a run that came to its end: said in its outcome, so that nobody takes its digits on trust."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import free_names
+from xdynamics.expressions.calculus import ZERO
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.march.energy_gains import energy_dimension
+from xdynamics.march.runner import March
+from xdynamics.march.settings import EPS
+from xdynamics.march.timescales import jacobian_at
+from xdynamics.march.uncontrolled_errors import LOSS, effect_of
+from xdynamics.model import Model
+from xdynamics.model.linearisation import initial_state, mass_matrices
+from xdynamics.model.motion import constants
+from xdynamics.model.parts import ENERGETIC, POISSON
+from xdynamics.model.reactions import TANGENT, reactions
+from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, switches
+from xdynamics.stability import decay_limit, fastest_rate, stiffness
+from xdynamics.units import TIME, behind, parse_unit, spell
+
+MOST_NAMED = 3
+FEW_ROWS = 100  # of a run, from which on stiffness is looked for
+ALIKE = 1e-6  # of a length: what is left to numbers that were written down
+FEW_LOOKS = 12  # at a mass matrix, 50 microseconds each
+NOT_STIFF = 0.45  # of the limit of decays, from half of which on steps count as held by it: what differences leave
+WELL_CONDITIONED = 1e10  # leaves six digits of the accelerations
+
+
+def doubts(march: March) -> list[str]:
+    """Return, each in a sentence, why the numbers of a march that is over may be worth less than they look."""
+    return [
+        *_of_tolerances(march),
+        *_of_mass(march),
+        *_of_switches(march),
+        *_of_contacts(march.model),
+        *_of_gains(march),
+        *_of_places(march),
+    ]
+
+
+def _of_tolerances(march: March) -> Iterator[str]:
+    """Name the variables of which given absolute tolerances let pass errors that matter to the state at the end."""
+    effect, asked, model = effect_of(march), march.settings.tolerances, march.model
+    march.atol_effect = effect.words
+    if asked is None or not effect.loose.any():
+        return
+    loose, scales = [], march.settings.scales
+    for name, largest in itertools.compress(
+        zip(march.layout.used, march.run.largest.tolist(), strict=True), effect.loose.tolist()
+    ):
+        atol, unit, factor = asked.of(name) or 0.0, model.units[name].text, float(model.units[name].factor)
+        unit = "" if unit == "1" else f" {unit}"
+        size = largest * scales.of(model.dimensions[name])
+        loose.append(f"{name} (largest value {size / factor:.3g}{unit}, atol {atol / factor:.3g}{unit})")
+    rest = f" and {len(loose) - MOST_NAMED} more" if len(loose) > MOST_NAMED else ""
+    yield (
+        f"the tolerances did not control {', '.join(loose[:MOST_NAMED])}{rest}: errors of atol in each of"
+        f" {march.accepted} steps may come to more than {LOSS:.0%} of the motion; give smaller ones by atol, or none:"
+        " it follows the sizes then"
+    )
+
+
+def _of_mass(march: March) -> Iterator[str]:
+    """Say how near to a singular mass matrix a run came, at some of its rows."""
+    model = march.model
+    if not model.mass_is_full:
+        return
+    moving = {"t", *march.layout.used, *model.drives}
+    varies = any(model.reads(entry) & moving for entry in model.statement.mass_entries.values())
+    every = max(1, march.witnesses.shape[1] // FEW_LOOKS) if varies else march.witnesses.shape[1]
+    states = _states(march, march.witnesses[1:, ::every])
+    conditions = [_condition(one) for one in mass_matrices(model, states)]
+    worst = int(np.argmax(conditions))
+    if conditions[worst] > WELL_CONDITIONED:
+        left = max(0.0, -math.log10(conditions[worst] * EPS))
+        yield (
+            f"the mass matrix is nearly singular, of condition {conditions[worst]:.2g} at t = {states[worst]['t']:.6g}{behind(model.time_unit)}:"
+            f" of the 16 digits of accelerations about {left:.0f} are right; choose other coordinates"
+        )
+
+
+def _of_switches(march: March) -> Iterator[str]:
+    """Say so where a model hides more switches than are located."""
+    found = switches(march.model)
+    if len(found) > MOST_SWITCHES and march.settings.switches == STEPPED_OVER:
+        owners = ", ".join(f"'{one}'" for one in dict.fromkeys(one.owner for one in found))
+        yield (
+            f"{len(found)} switches are hidden in {owners} (abs, sign, min, max, where, tables), and {MOST_SWITCHES} at most"
+            " are located: all were stepped over, which costs the order; declare those smooth that need not be located"
+        )
+
+
+def of_smooth_switches(march: March) -> str:
+    """Say which switches that were declared smooth were stepped over, and what that costs."""
+    counts, times = march.passed
+    if not counts.any():
+        return ""
+    unit = march.model.time_unit.text
+    passings = sorted((time, one, count) for time, one, count in zip(times.tolist(), (each.name for each in march.layout.smooth), counts.tolist(), strict=True) if count)  # fmt: skip
+    said = [
+        f"{name} {'once' if count == 1 else f'{count} times'}, first before t = {time * march.settings.scales.of(TIME):.6g}{'' if unit == '1' else f' {unit}'}"
+        for time, name, count in passings[:MOST_NAMED]
+    ]
+    rest = f" and {len(passings) - MOST_NAMED} more" if len(passings) > MOST_NAMED else ""
+    return f"switches in forces that are declared smooth were passed by a step: {', '.join(said)}{rest}; without smooth = true they are located"
+
+
+def _of_contacts(model: Model) -> Iterator[str]:
+    """Say so where friction goes by a gap that is no distance, or slips into the surface, by its directions at the start."""
+    if not model.contacts:
+        return
+    values = dict(constants(model)) | initial_state(model)
+    metre = parse_unit("m").dimension
+    lengths = [name for name, one in model.coordinates.items() if one.unit.dimension == metre]
+    found = reactions(model)
+    for one in found:
+        rows = [each.row.get(name, ZERO) for each in (found[one.normal], one) for name in lengths]
+        if one.sort != TANGENT or any(free_names(tree) - set(values) for tree in rows):
+            continue
+        normal, along = np.array([evaluate(tree, values) for tree in rows]).reshape(2, -1)
+        size, slip = float(np.linalg.norm(normal)), float(np.linalg.norm(along))
+        if size == 0.0 or slip == 0.0:
+            continue
+        if abs(float(normal @ along)) > ALIKE * size * slip:
+            yield f"the slip of contact '{one.owner}' is not along its surface: its direction at the start is not at right angles to the gap's gradient"
+        elif abs(size / slip - 1.0) > ALIKE:
+            yield (
+                f"the gap of contact '{one.owner}' grows {size / slip:.6g} times as fast as a distance, going by its slip:"
+                " contact_force and friction are in that measure; divide the gap by it"
+            )
+
+
+def _of_gains(march: March) -> Iterator[str]:
+    """Say so where impacts created energy."""
+    gains, model = march.gains, march.model
+    if not gains.groups:
+        return
+    law, unit = next(iter(model.contacts.values())).law, spell(energy_dimension(model)).text
+    name = march.layout.watched[int(gains.detector)].name
+    where = f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g}{behind(model.time_unit)}, event_energy_lost = {-gains.energy:.3g} {unit})"
+    times = "an impact" if gains.groups == 1.0 else f"{gains.groups:.0f} impacts, most of it"
+    rubbing = any(one.slip is not None for one in model.contacts.values())
+    causes = ["there is friction (Kane's paradox)"] * rubbing + ["several are struck at once"] * (
+        len(model.contacts) > 1
+    )
+    others = f"law = '{ENERGETIC}' does not" if law == POISSON else f"law = '{POISSON}' and law = '{ENERGETIC}' do not"
+    yield (
+        f"energy was created in {times} {where}: restitution by law = '{law}' may do so where {' or '.join(causes)}; {others}"
+    )
+
+
+def _of_places(march: March) -> Iterator[str]:
+    """Say so where an event could not be located as near to its zero as was asked for."""
+    names = dict.fromkeys(
+        f"'{one.name}'" for one, far in zip(march.layout.watched, march.misplaced, strict=True) if far
+    )
+    if names:
+        yield (
+            f"the position tolerance of {', '.join(names)} was not met by every event: rounding of the function, or of t,"
+            " leaves more; event_position says where"
+        )
+
+
+def _condition(mass: NDArray[np.float64]) -> float:
+    """Return the condition number of a mass matrix with ones on its diagonal, so that it does not depend on units."""
+    size = np.sqrt(np.abs(np.diagonal(mass)))
+    if not (np.isfinite(mass).all() and size.all()):
+        return math.inf
+    return float(np.linalg.cond(mass / np.outer(size, size)))
+
+
+def _states(march: March, rows: NDArray[np.float64]) -> list[dict[str, float]]:
+    """Return rows of time, step, state as SI numbers by name."""
+    scales, names = march.settings.scales, march.layout.used
+    time, factors = scales.of(TIME), [scales.of(march.model.dimensions[name]) for name in names]
+    return [
+        {"t": t * time} | {name: x * f for name, x, f in zip(names, state, factors, strict=True)}
+        for t, _, *state in rows.T.tolist()
+    ]
+
+
+def advice_on_stiffness(march: March) -> str:
+    """Say so where an explicit method's chosen steps stand at the edge of its region of stability for most of a run."""
+    method, model, rows = march.settings.method, march.model, march.witnesses[1:]
+    if not march.settings.adaptive or method.implicit or model.python_forces or march.now.rows < FEW_ROWS:
+        return ""
+    time = march.settings.scales.of(TIME)
+
+    def limited(first: int, last: int) -> float:
+        chosen = rows[:, first:last]
+        return stiffness(model, method, _states(march, chosen), (chosen[1] * time).tolist())
+
+    # one row first, by a bound from its compiled forces before its exact derivatives: most runs are not stiff
+    middle = rows.shape[1] // 2
+    turned = fastest_rate(jacobian_at(march, middle)) * float(rows[1, middle])
+    if turned < NOT_STIFF * decay_limit(method):
+        return ""
+    if limited(middle, middle + 1) and limited(0, rows.shape[1]) > 0.5:
+        return (
+            f"stiffness suspected: stability, not accuracy, limits the steps of '{method.name}' for most of the run;"
+            " radau_iia takes longer ones"
+        )
+    return ""

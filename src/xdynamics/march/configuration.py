@@ -1,0 +1,214 @@
+"""From what is asked of a march, in words and units, to its settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from fractions import Fraction
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from xdynamics.elementary import NAME
+from xdynamics.faults import InputError
+from xdynamics.keywords import FULL, KEYWORDS, columns_of, number
+from xdynamics.march.settings import EARLIEST_FIRST, TIME_TOLERANCE, Pacing, Settings, Tolerances
+from xdynamics.methods import METHODS, Method, method_named
+from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, STEP_DOUBLING
+from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
+from xdynamics.model import Model
+from xdynamics.model.motion import variables
+from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
+from xdynamics.model.table_keys import near
+from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
+
+FORCE_SAMPLES = ("all", "none")
+DEFAULT_RTOL = 1e-6
+THINNING = ("keep_every", "log")  # settings that leave something out of a record
+RECORDING: dict[str, Any] = {
+    "keep_every": 1,
+    "log": FULL,
+    "compress": False,
+}  # settings of a record alone, and what they are of a whole one
+PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
+
+
+def settings_for(model: Model, **asked: Any) -> Settings:
+    """Join what is asked with the model's `[run]` defaults, and check it.
+
+    Raises
+    ------
+    InputError
+        Naming what is missing or wrong.
+    """
+    if not isinstance(model, Model):
+        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    if unknown := [name for name in asked if name not in KEYWORDS]:
+        raise InputError(f"there is no setting '{unknown[0]}'{near(unknown[0], tuple(KEYWORDS))}")
+    chosen = _joined(model.run, {k: v for k, v in asked.items() if v is not None})
+    for key in ("method", "until"):
+        if chosen.get(key) is None:
+            raise InputError(f"model '{model.name}' has no {key} in its [run]; give {key}=…")
+    if chosen["force_samples"] not in FORCE_SAMPLES:
+        raise InputError(f"force_samples is {chosen['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
+    jacobian = str(chosen.get("jacobian", EXACT))
+    method = method_named(str(chosen["method"]), model, METHODS, by_differences=jacobian == DIFFERENCES)
+    step, scales = _step(model, chosen.get("step")), Scales.parse(chosen["scales"])
+    tolerances = _tolerances(model, chosen, scales)
+    if step is None and tolerances is None:
+        if not method.estimate:
+            raise InputError(f"model '{model.name}' has no step in its [run]; give step=…, or rtol=… for chosen steps")
+        tolerances = Tolerances(DEFAULT_RTOL, {}, _own_units(model, scales))
+    paced = [key for key in PACING if key in chosen]
+    if paced and tolerances is None:
+        raise InputError(f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give rtol or atol too")  # fmt: skip
+    read = {name: KEYWORDS[name].read(one, model.time_unit) for name, one in chosen.items() if one is not None}
+    settings = Settings(
+        method,
+        read["until"],
+        step,
+        tolerances,
+        _pacing(read),
+        read.get("estimator") or _estimator(method, tolerances),
+        read["force_samples"] == "all",
+        scales,
+        jacobian,
+        read.get("summation") or _summation(method),
+        _nodes(model, read.get("nodes")),
+        _switches(model, read.get("switches") or LOCATED),
+        _time_tolerance(model, read),
+        read.get("math_functions", NAME),
+        read.get("keep_every", 1),
+        columns_of(read.get("log", FULL)),
+        read.get("compress", False),
+        read.get("event_root_method", EARLIEST_FIRST),
+    )
+    settings.check(model)
+    return settings
+
+
+def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
+    """Return the settings of a march of which everything is looked at; what a model file leaves out of records is kept.
+
+    Raises
+    ------
+    InputError
+        If something is asked to be left out, or something else is wrong.
+    """
+    if left := [name for name in THINNING if asked.get(name) is not None]:
+        raise InputError(f"{' and '.join(left)} {'is' if len(left) == 1 else 'are'} of `simulate` and `xdynamics run`: here all rows and columns of a march are needed")  # fmt: skip
+    return replace(settings_for(model, **asked), **RECORDING)
+
+
+def _joined(defaults: Mapping[str, Any], asked: dict[str, Any]) -> dict[str, Any]:
+    """Join; a step that is asked for sets the defaults' tolerances aside, and tolerances their step."""
+    kept = dict(defaults)
+    tolerant = "rtol" in asked or "atol" in asked
+    if tolerant or "step" in asked:
+        for key in ("step",) if tolerant else ("step", "rtol", "atol", *PACING):
+            kept.pop(key, None)
+    return {"force_samples": "all", "scales": None} | kept | asked
+
+
+def _step(model: Model, given: Any) -> float | tuple[float, ...] | None:
+    if given is None or isinstance(given, str | int | float):
+        return None if given is None else time_in(model.time_unit, given, "step")
+    try:
+        steps = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"step is {str(given)[:60]!r}, needs a time like '1 ms', seconds, or a row of seconds"
+        ) from None
+    if steps.ndim == 0:
+        return float(steps)
+    if steps.ndim > 1:
+        raise InputError(f"step has the shape {steps.shape}, needs one row of seconds")
+    return tuple(steps[steps != 0.0].tolist())  # the row behind an event has no step
+
+
+def _nodes(model: Model, given: Any) -> tuple[float, ...]:
+    """Return the times to land on, ascending."""
+    if given is None:
+        return ()
+    if isinstance(given, str | int | float) or np.ndim(given) != 1:
+        raise InputError(f"nodes are {str(given)[:60]!r}, need a row of times, like ['1 s', '2.5 s']")
+    return tuple(sorted({time_in(model.time_unit, one, "nodes") for one in given}))
+
+
+def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tolerances | None:
+    rtol, atol = chosen.get("rtol"), chosen.get("atol")
+    if rtol is None and atol is None:
+        return None
+    relative = DEFAULT_RTOL if rtol is None else number(rtol, "rtol")
+    units = _own_units(model, scales)
+    if atol is None:
+        return Tolerances(relative, {}, units)
+    if isinstance(atol, Mapping) and not atol:
+        raise InputError("atol is an empty mapping, needs a number or at least one name")
+    if not isinstance(atol, Mapping):
+        return Tolerances(relative, {}, units, number(atol, "atol"))
+    for name in atol:
+        if name not in ("", *units):
+            raise InputError(f"atol names {name!r}; there are {', '.join(units)}")
+    named = {name: _absolute(units[name], name, value) for name, value in atol.items() if name}
+    return Tolerances(relative, named, units, number(atol[""], "atol") if "" in atol else None)
+
+
+def _own_units(model: Model, scales: Scales) -> dict[str, Unit]:
+    """Return the unit that a tolerance without one is in: the variable's own, or where the march has scales theirs."""
+    if scales == UNSCALED:
+        return model.units
+    sizes = {name: model.dimensions[name] for name in variables(model)}
+    return {name: Unit("", one, Fraction(scales.of(one))) for name, one in sizes.items()}
+
+
+def _absolute(unit: Unit, name: str, value: Any) -> float:
+    """Read an absolute tolerance, SI; a number without a unit has the variable's own."""
+    if not isinstance(value, str | Quantity):
+        return _in_unit(unit, number(value, f"atol of '{name}'"))
+    try:
+        quantity = value if isinstance(value, Quantity) else parse_quantity(value)
+    except InputError as error:
+        raise InputError(f"atol of '{name}': {error}") from None
+    if quantity.unit.text == "1":
+        return _in_unit(unit, quantity.value)
+    if quantity.unit.dimension != unit.dimension:
+        raise InputError(f"atol of '{name}' is {value!r}, needs the unit '{unit.dimension}'")
+    return quantity.si
+
+
+def _in_unit(unit: Unit, value: float) -> float:
+    return unit.to_si(value) if isfinite(value) else value  # what is not finite is refused with the other faults
+
+
+def _pacing(read: Mapping[str, Any]) -> Pacing:
+    return Pacing(**{key: read[key] for key in PACING if key in read})
+
+
+def _estimator(method: Method, tolerances: Tolerances | None) -> str:
+    """Return the estimator where none is asked for."""
+    if method.estimate:
+        return EMBEDDED
+    return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
+
+
+def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
+    """Return how well events are located that do not say so: to a picosecond, or of a run below a second to 1e-12 of it."""
+    if "time_tolerance" in read:
+        return float(read["time_tolerance"])
+    span = read["until"] - model.initial["t"].si
+    return TIME_TOLERANCE * (min(1.0, span) if span > 0.0 else 1.0)
+
+
+def _switches(model: Model, asked: str) -> str:
+    """Return what is done about hidden switches; where there are none, nothing is said of them."""
+    watched = watched_switches(model)
+    if asked == LOCATED_EVERYWHERE and not any(one.nested for one in watched):
+        asked = LOCATED
+    return STEPPED_OVER if asked == LOCATED and not watched else asked
+
+
+def _summation(method: Method) -> str:
+    """Return the summation where none is asked for: symplectic methods are for long runs, where rounding adds up."""
+    return COMPENSATED if method.symplectic and updates(method) else PLAIN

@@ -1,0 +1,143 @@
+"""Why contacts had no answer, in words."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+from xdynamics.expressions import free_names
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.march.contacts.active_set import FLAT
+from xdynamics.march.contacts.delassus import GAP_OF, MOST, NUMBERS, RATE, SIZE, SLIDING
+from xdynamics.march.energy_gains import energy_dimension
+from xdynamics.march.outcomes import CONTACT_PENETRATED
+from xdynamics.march.run import APART, BOUND, FIGURE, GUARD, OWNER, SHIFTED, SLOWED, WORK
+from xdynamics.model.motion import constants
+from xdynamics.model.parts import ENERGETIC
+from xdynamics.model.reactions import NORMAL, Reaction, rate_dimension, reactions
+from xdynamics.units import NONE
+
+if TYPE_CHECKING:
+    from xdynamics.march.runner import March
+
+PAINLEVE = (
+    "pressing harder would pull it in, so that no acceleration goes with it, or more than one (Painleve's paradox)"
+)
+_REMEDY = "; a smaller coefficient of friction, or a compliant contact force, has an answer"
+
+
+def dispute(march: March) -> str:
+    """Name the contact that has no answer, from what the march knew of its last state."""
+    found, run = reactions(march.model), march.run
+    numbers = run.links[: NUMBERS * len(found)].reshape(-1, NUMBERS)
+    if int(march.now.status) == CONTACT_PENETRATED:
+        return _penetrated(march, numbers[:, GAP_OF].tolist())
+    if why := undefined(march):
+        return why
+    for k, one in enumerate(found):
+        touch = run.touches[k]
+        if touch.near and not _grams(march)[k, k] > FLAT * touch.steepest:
+            return f"the gap of contact '{one.owner}' closes where its gradient vanishes, which is its normal; write a gap that passes zero with a slope"
+    for one, size in zip(found, numbers[:, SIZE].tolist(), strict=True):
+        if one.sort == NORMAL and not 0.0 <= size <= 1.0:
+            return f"the restitution of contact '{one.owner}' is {size:.6g}, and needs to be from 0 to 1"
+    for one, size, most in zip(found, numbers[:, SIZE].tolist(), numbers[:, MOST].tolist(), strict=True):
+        if one.sort != NORMAL and not size >= 0.0:
+            return f"the friction of '{one.owner}' is {size:.6g} while it slips, and needs to be non-negative"
+        if one.sort != NORMAL and not most >= size:
+            return f"the friction of '{one.owner}' sticks with {most:.6g} and slips with {size:.6g}: static is at least kinetic"
+    if why := _struck_together(march, numbers[:, RATE].tolist()):
+        return why
+    for k, one in enumerate(found):
+        if run.touches[k].part == SLIDING and not _pressed_apart(march, k):
+            return painleve(one, float(run.touches[k].coefficient))
+    held = ", ".join(f"'{one.owner}'" for one, touch in zip(found, run.touches, strict=True) if touch.part)
+    return f"the forces of {held} together are not determined: they hold the same motion twice, or cannot hold it"
+
+
+def _struck_together(march: March, rates: list[float]) -> str:
+    """Say that the energetic coefficient leaves open what several contacts do that touch at once, or nothing."""
+    touches, found = march.run.touches, reactions(march.model)
+    near = [k for k, one in enumerate(found) if one.sort == NORMAL and touches[k].near]
+    approach = any(rates[k] < -touches[k].slack for k in near)
+    if not approach or any(march.model.contacts[found[k].owner].law != ENERGETIC for k in near):
+        return ""
+    named = ", ".join(f"'{found[k].owner}'" for k in near)
+    if len(near) == 1:
+        return f"the impact of contact {named} does not end: friction holds it as fast as it is pressed"
+    return (
+        f"contacts {named} touch at once and act on each other, and law = '{ENERGETIC}' is for one contact at a time: how"
+        " several share an impulse depends on their stiffnesses; choose law = 'poisson' or 'sequential'"
+    )
+
+
+def undefined(march: March) -> str:
+    """Name the contact or friction element of which something is not finite in the state that was proposed, or nothing."""
+    layout, values = march.layout, dict(constants(march.model, march.settings.scales))
+    values |= dict(zip(layout.record, march.run.z.tolist(), strict=True)) | {"t": float(march.now.t)}
+    for one in reactions(march.model):
+        trees = [one.gap, one.rate, one.bias, one.size, one.most, *one.row.values()]
+        known = [tree for tree in trees if not free_names(tree) - set(values)]
+        if not all(isfinite(evaluate(tree, values)) for tree in known):
+            what = "gap of contact" if one.sort == NORMAL else "slip or friction of"
+            return f"the {what} '{one.owner}', or a derivative of it, is not finite there"
+    return ""
+
+
+def _grams(march: March) -> NDArray[Any]:
+    m = len(march.run.touches)
+    found: NDArray[Any] = march.run.links[NUMBERS * m : NUMBERS * m + m * m].reshape(m, m)
+    return found
+
+
+def painleve(one: Reaction, coefficient: float) -> str:
+    """Say that friction is too large for one answer."""
+    return f"friction of contact '{one.owner}', with the coefficient {coefficient:.6g}: {PAINLEVE}{_REMEDY}"
+
+
+def _pressed_apart(march: March, k: int) -> bool:
+    """Whether the normal force of a sliding contact pushes apart, its friction included."""
+    touch, grams = march.run.touches[k], _grams(march)
+    normal = int(march.run.reactions[k].normal)
+    return bool(grams[normal, normal] - touch.way * touch.coefficient * grams[normal, k] > 0.0)
+
+
+def inconsistency(march: March) -> str:
+    """Name the group of events whose record does not agree with what it did, and the figures."""
+    run, model, found = march.run, march.model, reactions(march.model)
+    guard, owner = int(run.balance[GUARD]), int(run.balance[OWNER])
+    met = [one.owner for one, touch in zip(found, run.touches, strict=True) if touch.total != 0.0 or touch.hit]
+    group = " and ".join(f"'{one}'" for one in dict.fromkeys(met))
+    if guard == SHIFTED:
+        name = march.layout.coordinates[owner]
+        dimension, what = model.dimensions[name], f"contacts that come to rest move '{name}' by"
+    elif guard in (APART, SLOWED):
+        dimension = rate_dimension(model, found[owner]) * (model.time_unit.dimension if guard == APART else NONE)
+        told = "acts where its gap is" if guard == APART else "loses, without an impulse, a rate of"
+        what = f"'{found[owner].owner}' {told}"
+    else:
+        dimension = energy_dimension(model)
+        what = (
+            "kinetic energy changes by more than the work of the recorded impulses, by"
+            if guard == WORK
+            else "the recorded losses differ from what the impulses took, by"
+        )
+    scale = march.settings.scales.of(dimension)
+    figure, bound = run.balance[FIGURE] * scale, run.balance[BOUND] * scale
+    return (
+        f"in the group of events of {group or 'contacts'} {what} {figure:.6g} {dimension}, and tolerances and rounding allow"
+        f" {bound:.3g}: the march contradicts itself, which is no fault of the model; please report it"
+    )
+
+
+def _penetrated(march: March, gaps: list[float]) -> str:
+    named = []
+    for one, gap in zip(reactions(march.model), gaps, strict=True):
+        dimension = rate_dimension(march.model, one) * march.model.time_unit.dimension
+        if one.sort == NORMAL and gap < 0.0:
+            named.append(
+                f"the gap of contact '{one.owner}' is {gap * march.settings.scales.of(dimension):.6g} {dimension}"
+            )
+    return f"{', '.join(named)}: one body is inside the other; begin, or set the state, where gaps are not negative"

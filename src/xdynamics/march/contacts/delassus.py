@@ -1,0 +1,192 @@
+"""What contacts and friction elements are at a state, and the forces or impulses that they have together.
+
+Each reaction has a part in a problem: it presses (not negative, and what it holds apart does not approach), it grips
+(within its bound, and what it holds does not slip), it slides, or what it is is known. The same problem is posed of
+rates for impulses, and of accelerations for forces (Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical
+Systems, 2008, chapter 10).
+"""
+
+from __future__ import annotations
+
+from math import frexp, ldexp
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.law import TOUCHING
+from xdynamics.kernels.program import T
+from xdynamics.kernels.rounding_margins import EPS
+from xdynamics.march.contacts.complementarity import SMALL, prepare, solve_complementarity
+from xdynamics.march.handle import called
+from xdynamics.march.run import Run
+from xdynamics.model.reactions import TANGENT
+
+ABSENT, PRESSING, SLIDING, GRIPPING, KNOWN = range(5)
+GAP_OF, RATE, FREE, SIZE, MOST = range(5)  # the numbers of a reaction; `table` of `model.reactions`
+NUMBERS = 5
+NOISE = 64.0 * EPS  # of a sum's terms: what rounding may have left of it
+
+
+@shared
+def look_at_links(run: Run, t: float) -> None:
+    """Compute gaps, rates, coefficients and matrices at the trial's state."""
+    run.at[T] = t
+    called(run.law[TOUCHING], run, run.z, run.links, 0)
+
+
+@shared
+def number(run: Run, k: int, which: int) -> float:
+    """A number of a reaction."""
+    return run.links[NUMBERS * k + which]
+
+
+@shared
+def gram(run: Run, k: int, j: int) -> float:
+    """What a unit of reaction j does to the rate, or acceleration, of k."""
+    m = run.touches.shape[0]
+    return run.links[NUMBERS * m + k * m + j]
+
+
+@shared
+def row(run: Run, k: int, i: int) -> float:
+    """The derivative of a reaction's rate by the velocity of coordinate i."""
+    m, n = run.touches.shape[0], run.plan[0].coordinates
+    return run.links[NUMBERS * m + m * m + k * n + i]
+
+
+@shared
+def reach(run: Run, k: int, i: int) -> float:
+    """What a unit of a reaction does to the acceleration of coordinate i, or of an impulse to its velocity."""
+    m, n = run.touches.shape[0], run.plan[0].coordinates
+    return run.links[NUMBERS * m + m * m + m * n + k * n + i]
+
+
+@shared
+def solve_reactions(run: Run) -> bool:
+    """Find the forces or impulses from the part of each reaction; whether there are some."""
+    n = place_unknowns(run)
+    prepare(run, n)
+    for k in range(run.touches.shape[0]):
+        if run.touches[k].part == PRESSING:
+            pose_pressing(run, k, n)
+        elif run.touches[k].part == GRIPPING:
+            pose_gripping(run, k, n)
+    if not solve_complementarity(run, n):
+        return False
+    for k in range(run.touches.shape[0]):
+        touch = run.touches[k]
+        total = 0.0
+        for j in range(n):
+            total += run.effects[k, j] * run.solution[j]
+        touch.found = touch.scale * total + touch.known
+    for k in range(run.touches.shape[0]):
+        run.touches[k].after = run.touches[k].origin + gained(run, k)
+    return True
+
+
+@shared
+def gained(run: Run, k: int) -> float:
+    """What all that was found does to the rate, or acceleration, of one reaction."""
+    total = 0.0
+    for j in range(run.touches.shape[0]):
+        total += gram(run, k, j) * run.touches[j].found
+    return total
+
+
+@shared
+def add_impulses(run: Run) -> bool:
+    """Add the impulses that were found to those of the whole impact, and change the rates by them."""
+    for j in range(run.touches.shape[0]):
+        touch = run.touches[j]
+        before = touch.rate
+        touch.rate += gained(run, j)
+        touch.total += touch.found
+        touch.lost -= touch.found * (before + touch.rate) / 2.0  # as seen from what is struck
+    return True
+
+
+@shared
+def place_unknowns(run: Run) -> int:
+    """Number the unknowns, and say what a unit of each adds to the reactions; return how many there are."""
+    n, m = 0, run.touches.shape[0]
+    for k in range(m):
+        touch = run.touches[k]
+        # a power of two, which takes nothing from a number
+        touch.scale = ldexp(1.0, -(frexp(gram(run, k, k))[1] // 2))
+        touch.place = n
+        n += 1 if touch.part == PRESSING else (3 if touch.part == GRIPPING else 0)
+    for k in range(m):
+        for j in range(n):
+            run.effects[k, j] = 0.0
+    for k in range(m):
+        touch = run.touches[k]
+        if touch.part == PRESSING:
+            run.effects[k, touch.place] = 1.0
+        elif touch.part == GRIPPING:
+            run.effects[k, touch.place], run.effects[k, touch.place + 1] = 1.0, -1.0
+        elif touch.part == SLIDING:
+            normal = run.touches[run.reactions[k].normal]
+            run.effects[k, normal.place] = -touch.way * touch.coefficient * normal.scale / touch.scale
+    return n
+
+
+@shared
+def pose_pressing(run: Run, k: int, n: int) -> None:
+    """Write: what is pressed together does not approach."""
+    place = run.touches[k].place
+    for j in range(n):
+        run.problem[place, n + j] = -answer(run, k, j)
+    run.problem[place, 2 * n + 1] = start(run, k)
+
+
+@shared
+def pose_gripping(run: Run, k: int, n: int) -> None:
+    """Write: what is gripped does not slip, or the grip is at its bound, against the slip."""
+    touch = run.touches[k]
+    place, slip = touch.place, touch.place + 2
+    bound = touch.bound
+    for j in range(n):
+        value = answer(run, k, j)
+        run.problem[place, n + j], run.problem[place + 1, n + j] = -value, value
+    for i in (place, place + 1):
+        run.problem[i, n + slip] = -1.0
+        run.problem[slip, n + i] = 1.0
+    if run.reactions[k].role == TANGENT:
+        normal = run.touches[run.reactions[k].normal]
+        run.problem[slip, n + normal.place] = -touch.coefficient * normal.scale / touch.scale
+        bound += touch.coefficient * normal.known
+    run.problem[place, 2 * n + 1] = start(run, k)
+    run.problem[place + 1, 2 * n + 1] = -start(run, k)
+    run.problem[slip, 2 * n + 1] = bound / touch.scale
+
+
+@shared
+def answer(run: Run, k: int, j: int) -> float:
+    """What a unit of unknown j does to the rate, or acceleration, of a reaction, both scaled."""
+    total = 0.0
+    for i in range(run.touches.shape[0]):
+        total += gram(run, k, i) * (run.touches[i].scale * run.effects[i, j])
+    return run.touches[k].scale * total
+
+
+@shared
+def start(run: Run, k: int) -> float:
+    """What the rate, or acceleration, of a reaction is without the unknowns, scaled."""
+    total = run.touches[k].origin
+    for i in range(run.touches.shape[0]):
+        total += gram(run, k, i) * run.touches[i].known
+    return run.touches[k].scale * total
+
+
+@shared
+def slips(run: Run, k: int) -> bool:
+    """Whether a grip was not enough."""
+    touch = run.touches[k]
+    return run.solution[touch.place + 2] > SMALL * touch.scale * terms(run, k)
+
+
+@shared
+def terms(run: Run, k: int) -> float:
+    """How large the terms are of the rate, or acceleration, that a reaction has with all that was found."""
+    size = abs(run.touches[k].origin)
+    for j in range(run.touches.shape[0]):
+        size += abs(gram(run, k, j) * run.touches[j].found)
+    return size

@@ -1,0 +1,149 @@
+"""What contacts ask of a march: at its start, behind every step, at every event.
+
+Behind an event all that they do is derived again from the state; see `march.contacts.active_set`.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.program import UNSOUND
+from xdynamics.march.acceptance import end
+from xdynamics.march.contacts.active_set import derive, inform
+from xdynamics.march.contacts.balance import (  # fmt: skip
+    is_broken,
+    open_balance,
+    weigh_energies,
+    weigh_impulses,
+    weigh_positions,
+    weigh_rates,
+)
+from xdynamics.march.contacts.delassus import GAP_OF, gram, look_at_links, number
+from xdynamics.march.contacts.event_rows import note_changes, note_impacts
+from xdynamics.march.contacts.gaps import approaching, hear, measure, spread, width
+from xdynamics.march.contacts.impact import collide, noise
+from xdynamics.march.contacts.projection import choose, hold
+from xdynamics.march.contacts.time_stepping import step_in_time
+from xdynamics.march.contacts.zeno import bounce
+from xdynamics.march.events.zero_tests import NONE
+from xdynamics.march.handle import run_at
+from xdynamics.march.log import first_of_group
+from xdynamics.march.outcomes import CONTACT_PENETRATED, RUNNING
+from xdynamics.march.run import HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, WEIGH, Run
+from xdynamics.march.trial_step import copy
+from xdynamics.model.reactions import NORMAL
+from xdynamics.schema import OPEN, REASON_CONTACT, SETTLING
+
+
+def touch(address: Any, t: float, what: int) -> None:
+    """Do what contacts ask for; an entry of the engine.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run`.
+    t : float
+        The time of the trial's state; the start's where the march begins.
+    what : int
+        `BEGIN`: find what touches at the start. `HOLD`: put the trial's state back on what is closed. `SETTLE`: do so
+        with the state that the march stands at, behind an event after which bounces are skipped. `RESOLVE`: change the
+        trial's state by impacts, and say what contacts do behind the events that it ends at. `INFORM`: tell the forces
+        what contacts do, which was put there. `STEP_IN_TIME`: add what contacts do over a step, for Moreau's method.
+        `WEIGH`: hold the energies behind the events against their rows.
+    """
+    run = run_at(address)
+    if what == STEP_IN_TIME:
+        step_in_time(run, t)
+    elif what == HOLD:
+        hold(run, t, True)
+    elif what == SETTLE:
+        settle(run, t)
+    elif what == RESOLVE:
+        resolve(run, t)
+    elif what == WEIGH:
+        weigh_energies(run, first_of_group(run, run.now[0].rows - 1))
+        is_broken(run)
+    elif what == INFORM:
+        copy(run.y, run.z)
+        look_at_links(run, t)
+        inform(run)
+    else:
+        begin(run, t)
+
+
+@shared
+def begin(run: Run, t: float) -> None:
+    """Say what contacts and friction do at the start."""
+    copy(run.y, run.z)
+    look_at_links(run, t)
+    for k in range(run.touches.shape[0]):
+        one = run.touches[k]
+        one.state, one.limit, one.lost, one.hit, one.known = OPEN, -inf, 0.0, NONE, 0.0
+        one.speed, one.since, one.doubt, one.total, one.fastest = 0.0, t, 0.0, 0.0, 0.0
+        one.steepest = gram(run, k, k)
+        one.largest = max(0.0, number(run, k, GAP_OF))
+        run.swiftest[k], run.lingering[k] = 0.0, 0.0
+        if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -width(run, k):
+            run.now[0].status = CONTACT_PENETRATED
+        one.held = OPEN
+    if run.plan[0].stepping:
+        inform(run)
+        return
+    measure(run)
+    if not derive(run) and run.now[0].status == RUNNING:
+        run.now[0].status = REASON_CONTACT
+    for k in range(run.touches.shape[0]):
+        run.touches[k].held = run.touches[k].state
+
+
+@shared
+def settle(run: Run, t: float) -> None:
+    """Go on as if the bounces that are left were none."""
+    waiting = False
+    for k in range(run.touches.shape[0]):
+        waiting = waiting or (run.reactions[k].role == NORMAL and run.touches[k].state == SETTLING)
+    if waiting:
+        copy(run.y, run.z)
+        look_at_links(run, t)
+        open_balance(run)
+        hold(run, t, True)
+        weigh_positions(run, True)
+        copy(run.z, run.y)
+
+
+@shared
+def resolve(run: Run, t: float) -> None:
+    """Change the trial's state by what happens to contacts at its end."""
+    look_at_links(run, t)
+    open_balance(run)
+    hear(run)
+    measure(run)
+    first = first_of_group(run, run.now[0].rows - 1)
+    for k in range(run.touches.shape[0]):
+        gap, watched = number(run, k, GAP_OF), run.reactions[k].role == NORMAL and run.touches[k].hit == NONE
+        if watched and gap < 0.0 and gap < -max(width(run, k), spread(run, k)):
+            end(run, CONTACT_PENETRATED)
+            return
+    if approaching(run):
+        if not collide(run):
+            end(run, REASON_CONTACT)
+            return
+        note_impacts(run, first)
+        for k in range(run.touches.shape[0]):
+            run.touches[k].slack, run.touches[k].lost = noise(run, k), 0.0
+        look_at_links(run, t)
+        weigh_impulses(run)
+    if not (derive(run) and bounce(run, t)):
+        end(run, REASON_CONTACT)
+        return
+    note_changes(run, first)
+    if choose(run, False) > 0:
+        hold(run, t, False)
+        if run.at[UNSOUND] != 0.0:
+            end(run, REASON_CONTACT)
+        else:
+            weigh_positions(run, False)
+            weigh_rates(run)
+    is_broken(run)

@@ -1,0 +1,106 @@
+"""What the record says of contacts and friction at an event: impulses, rest, take-off, stick and slip."""
+
+from __future__ import annotations
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.contacts.delassus import row
+from xdynamics.march.events.zero_tests import NONE
+from xdynamics.march.run import SKIPPED, Run
+from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
+from xdynamics.model.reactions import NORMAL, TANGENT
+from xdynamics.schema import CLOSED, IMPACT, LOOSE, OPEN, REST, STICKING, TAKEOFF, TOUCH
+from xdynamics.schema import SLIP as SLIPPED
+from xdynamics.schema import STICK as STUCK
+
+
+@shared
+def note_impacts(run: Run, first: int) -> None:
+    """Note the impulse of each contact, and the energy that it took."""
+    n = run.plan[0].coordinates
+    for k in range(run.touches.shape[0]):
+        if run.reactions[k].role != NORMAL or run.touches[k].total == 0.0:
+            continue
+        e = row_of(run, k, first)
+        run.log_events[e].kind = IMPACT
+        for j in range(run.touches.shape[0]):
+            if j == k or (run.reactions[j].role == TANGENT and run.reactions[j].normal == k):
+                for i in range(n):
+                    run.log_impulses[i, e] += row(run, j, i) * run.touches[j].total
+                run.log_impulses[n, e] += run.touches[j].lost
+
+
+@shared
+def note_changes(run: Run, first: int) -> None:
+    """Note what has become of contacts and friction behind the events."""
+    for k in range(run.touches.shape[0]):
+        one, held = run.touches[k], run.touches[k].held
+        if run.reactions[k].role == NORMAL:
+            note_contact(run, k, first)
+        elif one.hit in (SLIP, GRIP):
+            run.log_events[row_of(run, k, first)].kind = STUCK if one.state == STICKING else SLIPPED
+        elif STICKING in (one.state, held) and one.state != held and LOOSE not in (one.state, held):
+            run.log_events[another_row(run, k, first)].kind = STUCK if one.state == STICKING else SLIPPED
+        one.held = one.state
+
+
+@shared
+def note_contact(run: Run, k: int, first: int) -> None:
+    """Note that a contact came to rest, or opened."""
+    one, struck = run.touches[k], run.touches[k].total != 0.0
+    if one.hit == LIMIT and one.state == CLOSED:
+        rest(run, k, row_of(run, k, first))
+    elif one.hit == PULL:
+        run.log_events[row_of(run, k, first)].kind = TAKEOFF
+    elif one.state == CLOSED and one.held == OPEN:
+        rest(run, k, another_row(run, k, first) if struck or one.hit == NONE else row_of(run, k, first))
+    elif one.hit == GAP and not struck:
+        run.log_events[row_of(run, k, first)].kind = TOUCH
+    elif one.state == OPEN and one.held != OPEN and not struck:
+        run.log_events[another_row(run, k, first)].kind = TAKEOFF
+
+
+@shared
+def rest(run: Run, k: int, e: int) -> None:
+    """Note that a contact came to rest, with the energy of the bounces that were skipped."""
+    run.log_events[e].kind, run.log_events[e].murk = REST, 2.0 * run.touches[k].doubt
+    run.balance[SKIPPED] += run.touches[k].lost
+    run.log_impulses[run.plan[0].coordinates, e] += run.touches[k].lost
+
+
+@shared
+def row_of(run: Run, k: int, first: int) -> int:
+    """The row of the event that a reaction was met by; a new one where there is none."""
+    for e in range(first, run.now[0].events - run.base[0].events):
+        detector = run.detectors[run.log_events[e].detector]
+        if detector.role == run.touches[k].hit and detector.reaction == k:
+            return e
+    return another_row(run, k, first)
+
+
+@shared
+def another_row(run: Run, k: int, first: int) -> int:
+    """Write one more row of the group, of a reaction that no detector has met."""
+    e = run.now[0].events - run.base[0].events
+    one = run.log_events[e]
+    one.time, one.left = run.trial[0].t, run.trial[0].t
+    if e > first:
+        one.left = run.log_events[first].left
+    one.residual, one.slope, one.uncertainty, one.murk, one.substeps = 0.0, 0.0, 0.0, 0.0, 0
+    one.interpolation = 0.0
+    one.row_before, one.row_after, one.direction = run.now[0].rows - 1, run.now[0].rows, -1
+    for i in range(run.detectors.shape[0]):
+        if run.detectors[i].reaction == k:
+            one.detector = i
+            break
+    for i in range(run.log_rates.shape[0]):
+        run.log_rates[i, e] = run.slopes[run.detectors.shape[0] + i]
+    clear_impulses(run, e)
+    run.now[0].events += 1
+    return e
+
+
+@shared
+def clear_impulses(run: Run, e: int) -> None:
+    """Say that an event had no impulse."""
+    for i in range(run.log_impulses.shape[0]):
+        run.log_impulses[i, e] = 0.0

@@ -1,0 +1,84 @@
+"""Contacts that are closed and friction that sticks hold a state: what a step has drifted off is taken back.
+
+The state is projected along the directions in which the reactions act, positions first, then velocities (Hairer, Lubich,
+Wanner, Geometric Numerical Integration, 2006, section VII.1.4): no energy is gained, and no drift grows.
+"""
+
+from __future__ import annotations
+
+from math import inf, nan
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.linear import solve_linear
+from xdynamics.kernels.program import UNSOUND
+from xdynamics.march.contacts.delassus import GAP_OF, RATE, gram, look_at_links, number, reach
+from xdynamics.march.force_evaluation import evaluate, finite_state
+from xdynamics.march.run import Run
+from xdynamics.model.reactions import MODES, NORMAL
+from xdynamics.schema import SETTLING
+
+MOST_TURNS = 10  # Newton steps to a gap of zero
+
+
+@shared
+def hold(run: Run, t: float, settling: bool) -> None:
+    """Put the trial's state on what holds it, where that is, and evaluate the forces there."""
+    run.at[UNSOUND] = 0.0
+    if choose(run, settling) == 0 or not finite_state(run):
+        return
+    held = hold_positions(run, t, settling) and hold_rates(run, t, settling)
+    evaluate(run, t, run.z)
+    run.at[UNSOUND] = 0.0 if held and finite_state(run) else nan
+
+
+@shared
+def choose(run: Run, settling: bool) -> int:
+    """List the reactions that hold; contacts that are settling only where that is asked for."""
+    count = 0
+    for k in range(run.touches.shape[0]):
+        waits = run.reactions[k].role == NORMAL and run.touches[k].state == SETTLING and not settling
+        if run.modes[MODES * k] == 1.0 and not waits:
+            run.chosen[count] = k
+            count += 1
+    return count
+
+
+@shared
+def hold_positions(run: Run, t: float, settling: bool) -> bool:
+    """Close the gaps of closed contacts, as far as rounding goes."""
+    count, before = choose(run, settling), inf
+    for _ in range(MOST_TURNS):
+        look_at_links(run, t)
+        worst = 0.0
+        for i in range(count):
+            worst = max(worst, abs(number(run, run.chosen[i], GAP_OF)))
+        if worst == 0.0 or not worst < before / 2.0:
+            return True
+        before = worst
+        if not shift(run, count, GAP_OF, 0):
+            return False
+    return True
+
+
+@shared
+def hold_rates(run: Run, t: float, settling: bool) -> bool:
+    """Take the rates away that closed contacts and sticking friction do not have."""
+    look_at_links(run, t)
+    return shift(run, choose(run, settling), RATE, run.plan[0].coordinates)
+
+
+@shared
+def shift(run: Run, count: int, which: int, first: int) -> bool:
+    """Move positions, or from place `first` on velocities, along the reactions until a number of each is zero."""
+    for i in range(count):
+        run.column[i] = -number(run, run.chosen[i], which)
+        for j in range(count):
+            run.square[i * count + j] = gram(run, run.chosen[i], run.chosen[j])
+    if not solve_linear(run.square, run.column, count):
+        return False
+    for i in range(count):
+        if which == RATE:  # with what impulse, for who keeps the balance
+            run.slowed[run.chosen[i]], run.pulled[run.chosen[i]] = number(run, run.chosen[i], RATE), run.column[i]
+        for k in range(run.plan[0].coordinates):
+            run.z[first + k] += reach(run, run.chosen[i], k) * run.column[i]
+    return True

@@ -1,0 +1,97 @@
+"""Moreau's time-stepping: what contacts do over a whole step, as impulses at its middle.
+
+The law is that of impacts, for a contact that stays as for one that is hit: after the step its rate is not less than
+-e times the rate before. No event is located, and many contacts may close and open in one step.
+"""
+
+from __future__ import annotations
+
+from math import nan
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.program import UNSOUND
+from xdynamics.march.contacts.delassus import (  # fmt: skip
+    ABSENT,
+    GAP_OF,
+    GRIPPING,
+    PRESSING,
+    RATE,
+    SIZE,
+    look_at_links,
+    number,
+    reach,
+    slips,
+    solve_reactions,
+)
+from xdynamics.march.force_evaluation import evaluate, finite_state
+from xdynamics.march.run import Run
+from xdynamics.model.reactions import NORMAL, TANGENT
+from xdynamics.schema import BACKWARD, CLOSED, FORWARD, LOOSE, OPEN, STICKING
+
+
+@shared
+def step_in_time(run: Run, t1: float) -> None:
+    """Add the impulses of a step to the trial, which was made without them."""
+    n, h = run.plan[0].coordinates, run.trial[0].h
+    middle = run.now[0].t + h / 2.0
+    for i in range(2 * n):
+        run.half[i] = run.z[i]
+    for i in range(n):
+        run.z[i], run.z[n + i] = run.y[i] + h / 2.0 * run.y[n + i], run.y[n + i]
+    look_at_links(run, middle)
+    close(run)
+    for i in range(n):
+        run.z[n + i] = run.half[n + i]
+    look_at_links(run, middle)
+    solved = push(run, h)
+    for i in range(n):
+        change = 0.0
+        for k in range(run.touches.shape[0]):
+            change += reach(run, k, i) * run.touches[k].found
+        run.z[i], run.z[n + i] = run.half[i] + h / 2.0 * change, run.half[n + i] + change
+    evaluate(run, t1, run.z)
+    for k in range(run.touches.shape[0]):
+        run.z[run.plan[0].pressed + k] = run.touches[k].found / h
+        conclude_step(run, k)
+    run.at[UNSOUND] = 0.0 if solved and finite_state(run) else nan
+
+
+@shared
+def close(run: Run) -> None:
+    """Find which contacts are closed in the middle of the step, and what they give back."""
+    for k in range(run.touches.shape[0]):
+        touch = run.touches[k]
+        touch.near = int(run.reactions[k].role == NORMAL and number(run, k, GAP_OF) <= 0.0)
+        touch.rate, touch.bounce, touch.found, touch.known = number(run, k, RATE), number(run, k, SIZE), 0.0, 0.0
+
+
+@shared
+def push(run: Run, h: float) -> bool:
+    """Find the impulses of the step; whether there are some."""
+    for k in range(run.touches.shape[0]):
+        touch, reaction = run.touches[k], run.reactions[k]
+        touch.part, touch.origin, touch.bound = ABSENT, number(run, k, RATE), 0.0
+        if reaction.role == NORMAL:
+            if touch.near:
+                touch.part = PRESSING
+                touch.origin += touch.bounce * min(touch.rate, 0.0)
+        elif reaction.role == TANGENT:
+            if run.touches[reaction.normal].near:
+                touch.part, touch.coefficient = GRIPPING, number(run, k, SIZE)
+        else:
+            touch.part, touch.bound = GRIPPING, h * number(run, k, SIZE)
+    return solve_reactions(run)
+
+
+@shared
+def conclude_step(run: Run, k: int) -> None:
+    """Say what a contact, or friction, did over the step."""
+    touch = run.touches[k]
+    if run.reactions[k].role == NORMAL:
+        touch.state = CLOSED if touch.found > 0.0 else OPEN
+    elif touch.part != GRIPPING:
+        touch.state = LOOSE
+    elif slips(run, k):
+        touch.state = FORWARD if touch.after > 0.0 else BACKWARD
+    else:
+        touch.state = STICKING

@@ -1,0 +1,137 @@
+"""States between the rows of a log: steps of one run or of many made again, shortened to end where they are asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.kernels import Law
+from xdynamics.march.engine import engine
+from xdynamics.march.engine import lanes as side_by_side
+from xdynamics.march.ensemble import Runs
+from xdynamics.march.initial_run import posed
+from xdynamics.march.log import allocate
+from xdynamics.march.settings import Settings
+from xdynamics.march.simd_ensemble import table_of
+from xdynamics.model import Model
+from xdynamics.model.reactions import reactions
+from xdynamics.units import TIME
+
+Floats = NDArray[np.float64]
+
+
+def states_within(
+    model: Model,
+    settings: Settings,
+    law: Law,
+    where: Floats,
+    columns: Floats,
+    factors: Floats,
+    *,
+    reintegrated: bool,
+    judged: bool = True,
+    parameters: Floats | None = None,
+    runs: NDArray[np.int64] | None = None,
+) -> Floats:
+    """Evaluate states inside steps, and how far each is from a more accurate one.
+
+    Parameters
+    ----------
+    model : Model
+    settings : Settings
+    law : Law
+    where : ndarray, shape (3, k), s
+        Wanted time, start and end of its step.
+    columns : ndarray, shape (3 + r + n or 3 + r + 2*n, k)
+        Step size, regime, kind of the row at the start, what each reaction does there, the state there, and of a method
+        whose iterations go on from those of the step before the state that the step led to; in units of the record.
+    factors : ndarray, shape (n, 1)
+        From internal numbers to those.
+    reintegrated : bool
+        Whether by a shorter step, or by the interpolant of the whole one.
+    judged : bool
+        Whether to find out the distances too; else they are nan.
+    parameters : ndarray, shape (m, …), optional
+        Of each of many runs, in internal units.
+    runs : ndarray of int, shape (k,), optional
+        Which of them each time is of.
+
+    Returns
+    -------
+    ndarray, shape (2*n, k)
+        The states, and their distances. At an accepted time the accepted state, to the bit.
+    """
+    scale, n, touching = settings.scales.of(TIME), len(law.layout.used), len(reactions(model))
+    times, starts, ends = where / scale
+    moving = np.flatnonzero(times > starts)
+    size, regime, behind = columns[0], columns[1], columns[2] == schema.EVENT_AFTER
+    states, columns = columns[3 : 3 + touching], columns[3 + touching :]
+    found = np.vstack([columns[:n], np.zeros((n, times.size))])
+    if not moving.size:
+        return found
+    which = np.zeros(times.size) if runs is None else runs
+    steps = np.stack([starts, ends, size / scale, times, which, regime, behind, *states])
+    given = [steps, columns[:n] / factors, columns[n:] / factors[: len(columns) - n]]
+    inner = np.empty((2 * n, moving.size))
+    # a run of its own: this is called in several threads
+    addresses = law.addresses if reintegrated else law.addresses_inside
+    run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), addresses)
+    given = [np.ascontiguousarray(one[:, moving]) for one in given]
+    told = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
+    engine().states_inside(run, told, *given, inner, reintegrated, judged)
+    found[:, moving] = inner * np.vstack([factors, factors])
+    return found
+
+
+class PartsAbreast:
+    """States inside steps of many runs, evaluated side by side: the bits of `states_within`, without distances.
+
+    Parameters
+    ----------
+    model : Model
+        Without contacts.
+    settings : Settings
+        Of one step.
+    law : Law
+    factors : ndarray, shape (n,)
+        From internal numbers to those of the record.
+    lanes : int
+    """
+
+    def __init__(self, model: Model, settings: Settings, law: Law, factors: Floats, lanes: int) -> None:
+        self._law = law  # whose code is behind addresses
+        self._run = run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
+        self._factors = np.array([settings.scales.of(TIME), *factors])
+        self._blocks = {name: np.zeros((len(getattr(run, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
+        self._blocks["pieces"] = np.zeros((len(run.places), lanes), np.int64)
+        self._blocks["w"] = np.zeros((max(1, law.memory), lanes))
+        self._table, self._addresses = table_of(self._blocks | {"tables": run.tables}), law.parting(lanes)
+
+    def states(self, runs: Runs, jobs: NDArray[np.int64], times: Floats) -> Floats:
+        """Evaluate them.
+
+        Parameters
+        ----------
+        runs : Runs
+            With times, step sizes and states of their logs.
+        jobs : ndarray of int, shape (3, k)
+            Row of the logs from which each step goes, row to which, and the run.
+        times : ndarray, shape (k,), s
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+        """
+        found, log = np.empty((len(self._factors) - 1, times.size)), runs.kept.log
+        blocks = (self._blocks[name] for name in ("at", "y", "p", "pieces", "z"))
+        given = (log.rows, log.flags, np.ascontiguousarray(runs.parameters), self._factors)
+        side_by_side().parts(self._run, *self._addresses, self._table, *blocks, *given, np.ascontiguousarray(jobs), np.ascontiguousarray(times), found)  # fmt: skip
+        return found
+
+
+def rows_of_times(time: Floats, low: NDArray[np.int64], high: NDArray[np.int64], wanted: Floats, *, after: bool) -> NDArray[np.int64]:  # fmt: skip
+    """Find the row from which the step to each time goes, between two rows; see `entries.rows_of_times`."""
+    found = np.empty(wanted.size, np.int64)
+    engine().rows_of_times(np.ascontiguousarray(time), low, high, np.ascontiguousarray(wanted), after, found)
+    return found

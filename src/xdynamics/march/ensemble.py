@@ -1,0 +1,322 @@
+"""Many runs of one model and method in one call of the engine: no Python for each run, no lock held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError, Ledger
+from xdynamics.kernels import Law, Layout, law_of
+from xdynamics.march.engine import engine
+from xdynamics.march.ensemble_part import Part, inputs_of
+from xdynamics.march.initial_run import addresses_of, posed
+from xdynamics.march.log import Block, Log, Room, allocate
+from xdynamics.march.outcomes import OUTCOMES
+from xdynamics.march.run import Run
+from xdynamics.march.settings import LEAST_RTOL, Settings
+from xdynamics.march.simd_ensemble import lanes_for, march_abreast
+from xdynamics.model import Model
+from xdynamics.units import TIME, Scales
+
+Floats = NDArray[np.float64]
+LOG_ROWS = 1 << 14  # of the log that is filled again and again
+
+
+@dataclass(frozen=True)
+class Runs:
+    """What became of many runs, in their order.
+
+    Attributes
+    ----------
+    layout : Layout
+        Its `row` names the columns of the log.
+    scales : Scales
+        From internal units to SI.
+    ends : ndarray of NOW, shape (n,)
+        Where each march stands at its end, in internal units.
+    largest : ndarray, shape (n, m)
+        The largest absolute value of each coordinate, velocity and state, in internal units, where steps are chosen.
+    passed : ndarray of int, shape (n, k)
+        How often each switch that was declared smooth was passed: `layout.smooth`.
+    kept : Block
+        Rows of the logs of all runs, one run behind the other: all, or the last of each alone. And every event.
+    parameters : ndarray, shape (n, …)
+        Of each run, in internal units, in the order of `motion.constants`.
+    first_event, first_row : ndarray of int, shape (n + 1,)
+        Where each run's events begin, and its rows; the last is their number.
+    columns : tuple of str
+        Which columns of the log have a meaning.
+    """
+
+    layout: Layout
+    scales: Scales
+    ends: NDArray[Any]
+    largest: Floats
+    passed: NDArray[np.int64]
+    kept: Block
+    parameters: Floats
+    first_event: NDArray[np.int64]
+    first_row: NDArray[np.int64]
+    columns: tuple[str, ...]
+
+    @property
+    def time(self) -> Floats:
+        """Where each run ended, s."""
+        return np.array(self.ends["t"] * self.scales.of(TIME))
+
+    @property
+    def state(self) -> Floats:
+        """Coordinates, velocities and first-order states there, SI, shape (n, m), in the order of `layout.used`."""
+        used = self.layout.used
+        factors = np.array([self.scales.of(self.layout.model.dimensions[name]) for name in used])
+        return np.ascontiguousarray(self.kept.log.rows[2 : 2 + len(used), self.last_rows].T) * factors
+
+    @property
+    def status(self) -> NDArray[np.int64]:
+        """Key of `march.OUTCOMES` of each run."""
+        return np.array(self.ends["status"])
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """Accepted states of each run."""
+        return np.array(self.ends["rows"])
+
+    @property
+    def accepted(self) -> NDArray[np.int64]:
+        """Accepted steps of each run; the second row of an event is none."""
+        runs = np.repeat(np.arange(len(self.ends)), np.diff(self.first_event))
+        before, after = self.events["row_before"], self.events["row_after"]
+        again = np.zeros(len(runs), bool)
+        again[1:] = (after[1:] == after[:-1]) & (runs[1:] == runs[:-1])  # events of one time share their rows
+        pairs = np.bincount(runs[(after > before) & ~again], minlength=len(self.ends))
+        return self.rows - 1 - pairs
+
+    @property
+    def trials(self) -> NDArray[np.int64]:
+        """Rejected trials of each run."""
+        return np.array(self.ends["trials"])
+
+    @property
+    def evaluations(self) -> NDArray[np.int64]:
+        """Force evaluations of each run."""
+        return np.array(self.ends["evaluations"])
+
+    @property
+    def events(self) -> NDArray[Any]:
+        """Located events of all runs, one run behind the other; times in internal units."""
+        return self.kept.log.events
+
+    @property
+    def outcomes(self) -> list[str]:
+        """The word of each run's outcome."""
+        return [OUTCOMES[one].word for one in self.ends["status"].tolist()]
+
+    @property
+    def last_rows(self) -> NDArray[np.int64]:
+        """Which row of what is kept is each run's last."""
+        return self.first_row[1:] - 1
+
+    def events_of(self, run: int) -> NDArray[Any]:
+        """Return the events of one run."""
+        return self.events[self.first_event[run] : self.first_event[run + 1]]
+
+    def log_of(self, run: int) -> Floats:
+        """Return the log of one run; columns as `layout.row` names them, in internal units."""
+        if self.kept.rows != self.ends["rows"].sum():
+            raise InputError("no logs were kept; march with logs=True")
+        return self.kept.log.rows[:, self.first_row[run] : self.first_row[run + 1]]
+
+
+def march_many(
+    model: Model,
+    settings: Settings,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    initial: Mapping[str, Any] | None = None,
+    steps: Any = None,
+    rtols: Any = None,
+    logs: bool | Sequence[str] = False,
+    threads: int = 1,
+    lanes: int | None = None,
+    room: Room | None = None,
+) -> Runs:
+    """March a model many times, each with numbers of its own; each run has the bits that it has when it is marched alone.
+
+    Parameters
+    ----------
+    model : Model
+    settings : Settings
+        What all runs share: method, end, tolerances, scales.
+    parameters, initial : mapping of str to array_like of float, shape (n,), SI
+        Values that replace those of the model, one for each run; `initial` names coordinates, velocities, states.
+    steps : array_like of float, shape (n,), s
+        Step of each run's grid; with chosen steps, the first one.
+    rtols : array_like of float, shape (n,)
+        Relative tolerance of each run.
+    logs : bool or sequence of str
+        Whether to keep every row of every run, or the last states and the events alone; or of rows these columns of
+        `layout.row`, others having no meaning.
+    threads : int
+        Threads that share the runs; the result does not depend on it.
+    lanes : int, optional
+        Runs that go side by side in vector code, where the method, the model and what is kept allow it; as many as the
+        processor is good for, where it is not given. The result does not depend on it either.
+    room : Room, optional
+        Memory for the logs, of which the next call with the same one takes possession; for one thread.
+
+    Returns
+    -------
+    Runs
+
+    Raises
+    ------
+    InputError
+        If an array has another length, names nothing, or holds what no march can use; with every fault.
+    """
+    settings.check(model)
+    model.require_functions()
+    given = {("parameter", name): values for name, values in (parameters or {}).items()}
+    given |= {("initial value", name): values for name, values in (initial or {}).items()}
+    given |= {(kind, ""): values for kind, values in (("step", steps), ("rtol", rtols)) if values is not None}
+    arrays = _checked(model, settings, given)
+    n = len(next(iter(arrays.values())))
+    law = law_of(settings.layout(model), sampled=False)
+    addresses_of(law)
+    cuts = np.linspace(0, n, max(1, min(threads, n)) + 1).astype(int)
+    parts = [slice(a, b) for a, b in pairwise(cuts.tolist())]
+
+    side_by_side, kept = lanes_for(law, settings, n, lanes), bool(logs)
+    columns = (law.layout.row if logs else ()) if isinstance(logs, bool) else tuple(logs)
+    meant = columns if kept and side_by_side > 1 else law.layout.row
+
+    def marched(part: slice) -> Part:
+        mine = {key: one[part] for key, one in arrays.items()}
+        if side_by_side > 1:
+            return march_abreast(model, settings, law, mine, side_by_side, columns, room or Room())
+        return _march(model, settings, law, mine, logs=kept)
+
+    if len(parts) == 1:
+        return _joined(law, settings, [marched(parts[0])], meant, logs=kept)
+    with ThreadPoolExecutor(len(parts)) as pool:
+        return _joined(law, settings, list(pool.map(marched, parts)), meant, logs=kept)
+
+
+def _march(model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], *, logs: bool) -> Part:
+    n, log = len(next(iter(arrays.values()))), allocate(law.layout, LOG_ROWS, sampled=0, apart=settings.apart)
+    run = posed(model, settings, law, log, addresses_of(law))
+    inputs = inputs_of(model, settings, law, run, arrays)
+    part = Part.of(n, law, inputs[2])
+    first = 0
+    while True:
+        first = engine().march_many(run, *inputs, part.ends, part.lasts, part.largest, part.passed, first, logs)
+        part.logs.append(_emptied(run, log, logs=logs))
+        if first == n:
+            return part
+
+
+def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
+    """Take out of the log what is kept, and let it be filled from its beginning."""
+    now, base = run.now[0], log.base[0]
+    rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
+    base.rows, base.trials, base.events, base.samples = now.rows, now.trials, now.events, now.samples
+    return Log(
+        log.base, log.rows[:, :rows].copy(), log.flags[:, :rows].copy(), log.samples[:, :0], log.trials[:0],
+        log.events[:events].copy(), log.rates[:, :events].copy(), log.impulses[:, :events].copy(),
+    )  # fmt: skip
+
+
+def _joined(law: Law, settings: Settings, parts: list[Part], columns: tuple[str, ...], *, logs: bool) -> Runs:
+    """Put the pieces of the logs, or the last rows alone, behind each other."""
+    ends, pieces = np.concatenate([one.ends for one in parts]), [one for part in parts for one in part.logs]
+    rows, flags, counts = [one.rows for one in pieces], [one.flags for one in pieces], ends["rows"]
+    if not logs:
+        rows, counts = [np.ascontiguousarray(one.lasts.T) for one in parts], np.ones(len(ends), np.int64)
+        flags = [np.zeros((len(pieces[0].flags), len(ends)), np.int8)]
+    log = Log(
+        pieces[0].base, _beside(rows), _beside(flags), pieces[0].samples, pieces[0].trials,
+        np.concatenate([one.events for one in pieces]), np.hstack([one.rates for one in pieces]),
+        np.hstack([one.impulses for one in pieces]),
+    )  # fmt: skip
+    return Runs(
+        law.layout,
+        settings.scales,
+        ends,
+        np.concatenate([one.largest for one in parts]),
+        np.concatenate([one.passed for one in parts])[:, 1::3].astype(np.int64),
+        Block(log, log.rows.shape[1], 0, len(log.events), 0),
+        np.concatenate([one.parameters for one in parts]),
+        np.concatenate([[0], np.cumsum(ends["events"])]),
+        np.concatenate([[0], np.cumsum(counts)]),
+        columns,
+    )
+
+
+def _beside(blocks: list[NDArray[Any]]) -> NDArray[Any]:
+    return blocks[0] if len(blocks) == 1 else np.hstack(blocks)
+
+
+def _checked(model: Model, settings: Settings, given: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Floats]:
+    """Read the arrays, gathering every fault."""
+    ledger = Ledger(f"many runs of '{model.name}'")
+    arrays: dict[tuple[str, str], Floats] = {}
+    known = {"parameter": tuple(model.parameters), "initial value": settings.layout(model).used}
+    for (kind, name), values in given.items():
+        what = f"{kind} '{name}'" if name else kind
+        if kind in known and name not in known[kind]:
+            ledger.note(f"{what} is none of {', '.join(known[kind])}")
+            continue
+        try:
+            one = np.array(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            ledger.note(f"{what} is {str(values)[:40]}, needs one number for each run")
+            continue
+        if one.ndim != 1 or not one.size:
+            ledger.note(f"{what} has the shape {one.shape}, needs one number for each run")
+            continue
+        bad = ~np.isfinite(one) | (
+            (one <= 0.0) if kind == "step" else ((one < LEAST_RTOL) | (one >= 1.0)) if kind == "rtol" else False
+        )
+        if bad.any():
+            at = int(np.flatnonzero(bad)[0])
+            needed = {"step": "a positive time", "rtol": f"a number from {LEAST_RTOL:.3g} to 1"}.get(
+                kind, "a finite number"
+            )
+            ledger.note(f"{what} of run {at} is {float(one[at])!r}, needs {needed}")
+        arrays[kind, name] = one
+    sizes = {len(one) for one in arrays.values()}
+    if len(sizes) > 1:
+        ledger.note(f"arrays have {', '.join(map(str, sorted(sizes)))} numbers; all need the same, one for each run")
+    if ("rtol", "") in given and settings.tolerances is None:
+        ledger.note("rtols are for chosen or judged steps; give the settings tolerances")
+    if ("step", "") in given and isinstance(settings.step, tuple):
+        ledger.note("steps are for a grid or a first step, and the settings give every step")
+    if not ledger.faults:
+        _check_settings(model, settings, arrays, ledger)
+    if not given:
+        ledger.note("nothing varies; give parameters, initial, steps or rtols")
+    ledger.settle()
+    return arrays
+
+
+def _check_settings(model: Model, settings: Settings, arrays: Mapping[tuple[str, str], Floats], ledger: Ledger) -> None:
+    """Hold the least and the greatest step and tolerance, and starts at zero, to what one run is held to."""
+    for (kind, name), values in arrays.items():
+        for value in (float(values.min()), float(values.max())):
+            varied = settings
+            if kind == "step":
+                varied = replace(settings, step=value)
+            elif kind == "rtol" and settings.tolerances is not None:
+                varied = replace(settings, tolerances=replace(settings.tolerances, rtol=value))
+            with ledger.entry(f"a run with {kind} {value!r}"):
+                varied.check(model)
+        asked = settings.tolerances
+        if kind == "initial value" and asked is not None and asked.of(name) == 0.0 and (values == 0.0).any():
+            ledger.note(
+                f"atol of '{name}' is 0 and a run starts at {name} = 0: its error would have no scale; give it a positive one"
+            )

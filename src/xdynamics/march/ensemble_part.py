@@ -1,0 +1,70 @@
+"""What a thread marches of many runs: its numbers in, what became of them out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels import Law
+from xdynamics.march.initial_run import floor_of, widened
+from xdynamics.march.log import Log
+from xdynamics.march.run import NOW, Run
+from xdynamics.march.settings import Settings
+from xdynamics.model import Model
+from xdynamics.model.motion import constants
+from xdynamics.units import TIME
+
+Floats = NDArray[np.float64]
+Arrays = Mapping[tuple[str, str], Floats]  # kind and name, and a number for each run
+
+
+@dataclass
+class Part:
+    """What one thread marched, in internal units; of the log the pieces."""
+
+    ends: NDArray[Any]
+    lasts: Floats
+    largest: Floats
+    passed: (
+        Floats  # of each switch that was declared smooth its side at the end, how often it was passed, and when first
+    )
+    parameters: Floats
+    logs: list[Log]
+
+    @classmethod
+    def of(cls, runs: int, law: Law, parameters: Floats) -> Part:
+        """Return room for so many runs."""
+        used, row, smooth = len(law.layout.used), len(law.layout.row), len(law.layout.smooth)
+        lasts, largest, passed = (np.zeros((runs, width)) for width in (row, used, 3 * smooth))
+        return cls(np.zeros(runs, NOW), lasts, largest, passed, parameters, [])
+
+
+def inputs_of(
+    model: Model, settings: Settings, law: Law, run: Run, arrays: Arrays
+) -> tuple[NDArray[Any], Floats, Floats, Floats]:
+    """Return plan, start, parameters and absolute tolerances of every run, in internal units."""
+    n, scales, layout = len(next(iter(arrays.values()))), settings.scales, law.layout
+    plans = np.repeat(run.plan, n)
+    starts = np.tile(run.y[: len(layout.used)], (n, 1))
+    parameters, atols = np.tile(run.p, (n, 1)), np.tile(run.atol, (n, 1))
+    places = {name: i for i, name in enumerate(constants(model))}
+    for (kind, name), values in arrays.items():
+        if kind == "parameter":
+            parameters[:, places[name]] = values / scales.of(model.dimensions[name])
+        elif kind == "initial value":
+            starts[:, layout.used.index(name)] = values / scales.of(model.dimensions[name])
+        elif kind == "step":
+            plans["first_step" if settings.adaptive else "step_size"] = values / scales.of(TIME)
+        elif settings.tolerances is not None:
+            plans["rtol"] = [law.scheme.inner(one) for one in values.tolist()]
+            factors = np.array([widened(law, one) for one in values.tolist()])
+            plans["floor"] = [floor_of(one) for one in plans["rtol"].tolist()]
+            for i, one in enumerate(layout.used):
+                given = settings.tolerances.of(one)
+                if given is not None:
+                    atols[:, i] = given / scales.of(model.dimensions[one]) * factors
+    return plans, starts, parameters, atols

@@ -1,0 +1,383 @@
+"""Locating the first event of a trial: its bracket is narrowed to the time tolerance by substeps of the method itself."""
+
+from __future__ import annotations
+
+from math import inf, isnan, nan
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.law import INSIDE, SLOPES
+from xdynamics.kernels.program import T1, H, S, T
+from xdynamics.kernels.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
+from xdynamics.march.events.zero_tests import CROSSED, ENDED, FORCED, LOOKS, NONE, STEEP, TOUCHED, resolution, sign
+from xdynamics.march.force_evaluation import evaluate, finite_state
+from xdynamics.march.handle import called
+from xdynamics.march.log import MOST_SUBSTEPS
+from xdynamics.march.run import Run
+from xdynamics.march.trial_step import copy, keep, look, substep, take
+from xdynamics.model.detectors import GAP
+from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
+
+State = NDArray[Any]
+
+WAITING = -1.0  # in the place of the drift of an event whose bracket is not narrowed yet
+FAIR = 1e-3  # of what a sampled function changes by from look to look: less is no jump
+TURNS = 3  # in which a bracket that is narrowed by rates, or the value at one end, is to become an eighth
+
+
+@shared
+def locate(run: Run) -> None:
+    """Shrink the trial by substeps until it ends just behind its first event, ties with it."""
+    first = inf
+    for i in range(run.detectors.shape[0]):
+        run.watches[i].drift = 0.0 if run.watches[i].hit in (NONE, ENDED) else WAITING
+    for i in range(run.detectors.shape[0]):
+        if run.watches[i].hit != NONE:
+            first = min(first, run.watches[i].right)
+    if first != run.located[0].h:
+        substep(run, first)
+        keep(run)
+    for k in range(run.detectors.shape[0]):
+        i = k if run.plan[0].apart else earliest(run)
+        if i < 0:
+            break
+        if run.watches[i].drift == WAITING:
+            run.watches[i].drift = 0.0
+            if happened(run, i, run.located[0].h):
+                bracket(run, i, run.watches[i].left)
+    for i in range(run.detectors.shape[0]):
+        if run.watches[i].hit != NONE and not happened(run, i, run.located[0].h):
+            join(run, i)
+    settle(run, first)
+    take(run)
+
+
+@shared
+def earliest(run: Run) -> int:
+    """Return which of the events whose brackets wait for it seems to be first, of those that have happened; -1 if there is none.
+
+    Where it is not first, those before it wait still: their brackets were narrowed along with it.
+    """
+    found, least = -1, inf
+    for i in range(run.detectors.shape[0]):
+        watch, high = run.watches[i], run.located[0].h
+        if watch.drift == WAITING:
+            if not happened(run, i, high):
+                watch.drift = 0.0
+            else:
+                after, share = run.located_g[i], 0.0
+                if watch.armed * watch.before > 0.0:
+                    share = abs(watch.before) / (abs(watch.before) + abs(after))
+                root = watch.left + share * (high - watch.left)
+                if root < least:
+                    found, least = i, root
+    return found
+
+
+@shared
+def lift(run: Run, i: int, s: float) -> None:
+    """Raise the left ends of the brackets that wait, where a substep for another event tells that theirs has not happened."""
+    if run.plan[0].apart or run.detectors[i].interpolant:
+        return
+    for k in range(run.detectors.shape[0]):
+        watch = run.watches[k]
+        waits = k != i and watch.drift == WAITING and watch.hit == CROSSED and not run.detectors[k].interpolant
+        if waits and watch.left < s and not passed(run, k, run.g1[k]):
+            watch.left, watch.before = s, run.g1[k]
+
+
+@shared
+def settle(run: Run, first: float) -> None:
+    """Leave events for a later step that the located trial does not reach; one is in it, whatever rounding says."""
+    left = False
+    for i in range(run.detectors.shape[0]):
+        left = left or (run.watches[i].hit != NONE and happened(run, i, run.located[0].h))
+    for i in range(run.detectors.shape[0]):
+        watch = run.watches[i]
+        if watch.hit != NONE and not (happened(run, i, run.located[0].h) if left else watch.right == first):
+            watch.hit = NONE
+
+
+@shared
+def join(run: Run, i: int) -> None:
+    """Have the trial end behind an event too that follows the first within its time tolerance."""
+    before, t = run.located[0].h, run.now[0].t
+    if not run.plan[0].apart and run.watches[i].hit == CROSSED and is_far(run, i, before):
+        return
+    beside = 8.0 * EPS * max(abs(t), abs(t + before))  # of two at one time rounding may have one later
+    for far in (beside, resolution(run, i, before)):
+        s = min(before + far, run.watches[i].right)
+        if (run.plan[0].apart and far == beside) or not max(before, run.watches[i].left) < s:
+            continue
+        substep(run, s)
+        if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)) and placed(run):
+            keep(run)
+            run.watches[i].left, run.watches[i].before = before, nan
+            return
+
+
+@shared
+def is_far(run: Run, i: int, s: float) -> bool:
+    """Whether an event function is so far from zero behind the first event that its own is none of the same time."""
+    if run.watches[i].broken != SMOOTH or run.detectors[i].sampled:
+        return False
+    run.at[T] = run.now[0].t + s
+    called(run.law[SLOPES], run, run.located_z, run.slopes, 0)
+    return bool(abs(run.located_g[i]) > STEEP * resolution(run, i, s) * abs(run.slopes[i]))
+
+
+@shared
+def placed(run: Run) -> bool:
+    """Whether every event that the trial ends behind is as near to its zero as is asked for."""
+    near = True
+    for i in range(run.detectors.shape[0]):
+        asked = run.detectors[i].position
+        if asked < inf and run.watches[i].hit not in (NONE, TOUCHED, ENDED) and passed(run, i, run.g1[i]):
+            near = near and abs(run.g1[i]) <= asked
+    return near
+
+
+@shared
+def happened(run: Run, i: int, s: float) -> bool:
+    """Whether the located trial ends behind an event."""
+    if run.watches[i].hit == ENDED:
+        return True
+    copy(run.located_z, run.z)
+    copy(run.located_g, run.g1)
+    run.at[T] = run.now[0].t + s
+    return passed(run, i, measured(run, i))
+
+
+@compiled
+def passed(run: Run, i: int, value: float) -> bool:
+    """Whether what changes its sign at an event has done so; zero is the other side."""
+    return value >= 0.0 if run.watches[i].armed < 0 else value <= 0.0
+
+
+@shared
+def measured(run: Run, i: int) -> float:
+    """What changes its sign at an event, at the trial's end: its function, or where that only touches its slope."""
+    if run.watches[i].hit != TOUCHED:
+        return run.g1[i]
+    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    return -run.slopes[i]
+
+
+@shared
+def bracket(run: Run, i: int, left: float) -> None:
+    """Narrow one event's bracket [low, high] of steps to its time tolerance, by the ITP method.
+
+    Event i has not happened at `low` and has at `high`, where the located trial ends; where another event is earlier, a
+    later call narrows further.
+    """
+    t, watch, at_high = run.now[0].t, run.watches[i], measured(run, i)
+    low, high, at_low = left, run.located[0].h, watch.before
+    if run.detectors[i].interpolant:
+        substep(run, run.piece[0].full)  # the interpolant is that of the whole step's stages
+    if run.plan[0].apart or not is_plain(run, i) or isnan(at_low):
+        at_low = start_of(run, i, low)
+    if run.detectors[i].interpolant and low > 0.0 and sign(at_low) != watch.armed:
+        low = 0.0  # by the interpolant it is earlier than by the shortened step
+        at_low = start_of(run, i, low)
+    spacing, place = 2.0 * EPS * max(abs(t), abs(t + high)), inf if watch.hit == TOUCHED else run.detectors[i].position
+    asked = max(run.detectors[i].tolerance, spacing)
+    # where a place is asked for too, the time may have to be known as well as numbers tell it
+    tolerance = asked if place == inf else spacing
+    believed = sign(at_low) == watch.armed
+    if not run.plan[0].apart and believed and is_plain(run, i):
+        by_rates(run, i, low, at_low, asked, place)
+        low, at_low, high, at_high = watch.left, watch.before, run.located[0].h, run.located_g[i]
+    slack, scale = reach(high - low, tolerance), 0.2 / (high - low)
+    for _ in range(MOST_SUBSTEPS - 1):
+        if high - low <= tolerance or (high - low <= asked and abs(at_high) <= place):
+            break
+        if sign(at_low) != watch.armed:  # too small to be believed: only the side is
+            at_low = -at_high if at_high != 0.0 else float(watch.armed)
+        s = inside(itp(low, high, at_low, at_high, scale, slack - (high - low) / 2.0), low, high, tolerance)
+        slack = slack / 2.0
+        if not low < s < high:
+            break
+        probe(run, i, s)
+        # equations that were not solved tell nothing: the bracket stays as wide as it is
+        if run.trial[0].iterations < 0:
+            break
+        value = measured(run, i)
+        if passed(run, i, value):
+            high, at_high = s, value
+            keep(run)
+        else:
+            low, at_low, believed = s, value, True
+            lift(run, i, s)
+    watch.left, watch.right, watch.before = low, high, at_low
+    if run.detectors[i].interpolant:
+        note_drift(run, i)
+    if run.detectors[i].role == GAP:
+        polish(run, i, at_high if believed else 0.0)
+
+
+@shared
+def is_plain(run: Run, i: int) -> bool:
+    """Whether an event function is smooth where it crosses zero, and its rate is known."""
+    one, watch = run.detectors[i], run.watches[i]
+    return watch.hit == CROSSED and watch.broken == SMOOTH and not one.sampled and not one.interpolant
+
+
+@shared
+def by_rates(run: Run, i: int, left: float, at_left: float, asked: float, place: float) -> None:
+    """Narrow the bracket of a smooth event by values and rates, as long as an eighth is left of it, or of the value, in a few turns."""
+    watch, low, high, at_low, at_high = run.watches[i], left, run.located[0].h, at_left, run.located_g[i]
+    slope_high = rate_of(run, i, run.located_z, high)
+    lifted = at_low != run.near_g[i]  # by a substep whose state is not kept
+    slope_low = (at_high - at_low) / (high - low) if lifted else rate_of(run, i, run.near, low)
+    width, turns, t = high - low, 0, run.now[0].t
+    spacing = 2.0 * EPS * max(abs(t), abs(t + high))
+    beyond, least = spacing / 16.0, min(abs(at_low), abs(at_high))
+    while not (high - low <= spacing or (high - low <= asked and abs(at_high) <= place)) and turns < TURNS:
+        point = hermite(low, high, at_low, at_high, slope_low, slope_high)
+        tolerance = asked if abs(at_high) <= place else spacing
+        near = point >= high - max(4.0 * spacing, tolerance / 64.0)  # what is left is the bracket's other end
+        s = max((low + high) / 2.0, high - 0.9 * tolerance) if near else point + beyond
+        if not low < s < high:
+            break
+        substep(run, s)
+        if run.trial[0].iterations < 0:
+            break
+        value, slope, turns = run.g1[i], rate_of(run, i, run.z, s), turns + 1
+        if passed(run, i, value):
+            high, at_high, slope_high = s, value, slope
+            keep(run)
+        else:
+            low, at_low, slope_low = s, value, slope
+            beyond = min(16.0 * beyond, tolerance / 2.0)  # rounding may keep a function on its side behind its root
+            lift(run, i, s)
+        nearest = min(abs(at_low), abs(at_high))
+        if 8.0 * (high - low) <= width or 8.0 * nearest <= least:
+            width, least, turns = high - low, nearest, 0
+    watch.left, watch.before = low, at_low
+
+
+@shared
+def rate_of(run: Run, i: int, state: State, s: float) -> float:
+    """The rate of an event function at a state that is part of the trial."""
+    run.at[T] = run.now[0].t + s
+    called(run.law[SLOPES], run, state, run.slopes, 0)
+    return run.slopes[i]
+
+
+@shared
+def inside(s: float, low: float, high: float, tolerance: float) -> float:
+    """A point inside a bracket: one that fell on an end of it is moved a tolerance inwards."""
+    if s >= high:
+        return max((low + high) / 2.0, high - tolerance)
+    return min((low + high) / 2.0, low + tolerance) if s <= low else s
+
+
+@shared
+def polish(run: Run, i: int, at_high: float) -> None:
+    """Move the right end next to the zero by one secant more: what is left of a gap goes into every bounce behind it.
+
+    Where it was zero from the left end on, with no value to go by, `at_high` is 0.
+    """
+    watch, t = run.watches[i], run.now[0].t
+    low, high, at_low = watch.left, watch.right, watch.before
+    root = low if at_high == 0.0 else (at_high * low - at_low * high) / (at_high - at_low)
+    s = root + 2.0 * EPS * max(abs(t), abs(t + high))
+    if not low < s < high:
+        return
+    probe(run, i, s)
+    if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)):
+        keep(run)
+        watch.right = s
+
+
+@shared
+def probe(run: Run, i: int, s: float) -> None:
+    """Have the state after part of the trial: of a shortened step, or where the event asks for it of the interpolant."""
+    now, piece, used = run.now[0], run.piece[0], run.plan[0].used
+    if not run.detectors[i].interpolant or s >= piece.full:
+        substep(run, s)
+        return
+    run.at[T], run.at[T1], run.at[H], run.at[S] = now.t, now.t + piece.full, piece.full, s / piece.full
+    called(run.law[INSIDE], run, run.y, run.full, 0)
+    for k in range(used):
+        run.z[k], run.e[k] = run.e[k], run.full_e[k]
+    evaluate(run, now.t + s, run.z)
+    run.trial[0].t, run.trial[0].h, run.trial[0].iterations = now.t + s, s, 0
+    run.trial[0].unsound = 0.0 if finite_state(run) else nan
+    look(run)
+
+
+@shared
+def note_drift(run: Run, i: int) -> None:
+    """Note how far the event function on the interpolant is from that of the shortened step."""
+    s, value = run.located[0].h, run.located_g[i]
+    substep(run, s)
+    run.watches[i].drift = abs(run.g1[i] - value) if run.trial[0].iterations >= 0 else inf
+
+
+@shared
+def start_of(run: Run, i: int, s: float) -> float:
+    """What changes its sign at an event, at the left end of its bracket."""
+    if s > 0.0:
+        probe(run, i, s)
+        return measured(run, i)
+    if run.watches[i].hit != TOUCHED:
+        return run.g[i]
+    run.at[T] = run.now[0].t
+    called(run.law[SLOPES], run, run.y, run.slopes, 0)
+    return -run.slopes[i]
+
+
+@shared
+def kind_of(run: Run, i: int) -> int:
+    """Tell a crossing from a touch, a jump, a pole, and from what could not be told apart; slopes are those at the end."""
+    watch, after = run.watches[i], run.g1[i]
+    if watch.hit in (TOUCHED, ENDED):
+        return TOUCH
+    if run.detectors[i].sampled:
+        explained = STEEP * (watch.up * (watch.right - watch.left) + EPS * watch.greatest)
+        over_a_look = watch.up * (run.piece[0].full / LOOKS)  # equations that are solved leave more than rounding does
+        return JUMP if abs(after - watch.before) > max(explained, FAIR * over_a_look) else CROSSING
+    if watch.broken >= BREAKS:
+        if watch.broken == UNBOUNDED and min(abs(watch.before), abs(after)) > STEEP * watch.greatest:
+            return POLE
+        width = watch.right - watch.left
+        if abs(after - watch.before) > STEEP * (abs(run.slopes[i]) * width + EPS * watch.greatest):
+            return JUMP
+    return CLUSTER if watch.hit == FORCED else CROSSING
+
+
+@compiled
+def reach(width: float, tolerance: float) -> float:
+    """(tolerance/2) * 2**(n + 1), with n the halvings that bisection needs: the slack of ITP's first step."""
+    slack = tolerance
+    while slack < width:
+        slack = 2.0 * slack
+    return slack
+
+
+@compiled
+def hermite(low: float, high: float, at_low: float, at_high: float, slope_low: float, slope_high: float) -> float:
+    """Where the cubic that has time by value, through both ends with their rates, says zero is; else the middle."""
+    change = at_high - at_low
+    if not (slope_low * change > 0.0 and slope_high * change > 0.0):
+        return (low + high) / 2.0
+    u = -at_low / change
+    v = 1.0 - u
+    point = low + u * u * (3.0 - 2.0 * u) * (high - low) + change * u * v * (v / slope_low - u / slope_high)
+    return point if low <= point <= high else (low + high) / 2.0
+
+
+@compiled
+def itp(low: float, high: float, at_low: float, at_high: float, scale: float, slack: float) -> float:
+    """Interpolate, truncate towards the middle, project: one step of ITP with kappa_2 = 2, n_0 = 1."""
+    middle = (low + high) / 2.0
+    secant = (at_high * low - at_low * high) / (at_high - at_low)
+    if not low <= secant <= high:  # of infinities
+        secant = middle
+    side = 1.0 if middle >= secant else -1.0
+    shift = scale * (high - low) * (high - low)
+    point = secant + side * shift if shift <= abs(middle - secant) else middle
+    return point if abs(point - middle) <= slack else middle - side * slack

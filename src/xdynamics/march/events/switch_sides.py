@@ -1,0 +1,217 @@
+"""On which side of each switch hidden in forces the march is: taken at the start, kept along steps, changed at events."""
+
+from __future__ import annotations
+
+from math import isnan
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.drive_tables import find_piece
+from xdynamics.kernels.law import DETECT, SLOPES
+from xdynamics.kernels.program import T
+from xdynamics.kernels.rounding_margins import EPS
+from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign
+from xdynamics.march.force_evaluation import evaluate
+from xdynamics.march.handle import called
+from xdynamics.march.run import Run
+from xdynamics.model.detectors import KINK, SWITCH
+
+State = NDArray[Any]
+
+
+@shared
+def take_sides(run: Run) -> None:
+    """Look on which side of each switch the march is; at one, on which it is going to be."""
+    zero = False
+    for i in range(run.detectors.shape[0]):
+        if run.detectors[i].drive >= 0:
+            enter_piece(run, i, find(run, i, run.y, 0.0))
+    run.at[T] = run.now[0].t
+    for _ in range(run.detectors.shape[0]):  # a side may decide what else is looked at: inside a `where`
+        called(run.law[DETECT], run, run.y, run.g, 0)
+        zero, changed = False, False
+        for i in range(run.detectors.shape[0]):
+            detector = run.detectors[i]
+            if detector.role in (SWITCH, KINK):
+                zero = zero or run.g[i] == 0.0
+                if detector.drive < 0:
+                    changed = take_side(run, i, sign(run.g[i]) if run.g[i] != 0.0 else detector.at_zero) or changed
+        if not changed:
+            break
+    if zero:
+        leave_zeros(run)
+
+
+@shared
+def leave_zeros(run: Run) -> None:
+    """Take the side that the motion goes to, where it starts on a switch; first the piece of a table, which others may read."""
+    evaluate(run, run.now[0].t, run.y)
+    called(run.law[SLOPES], run, run.y, run.slopes, 0)
+    for i in range(run.detectors.shape[0]):
+        if run.detectors[i].drive >= 0 and run.g[i] == 0.0:
+            enter_piece(run, i, find(run, i, run.y, moving(run, i, run.y)))
+    for _ in range(run.detectors.shape[0]):
+        called(run.law[DETECT], run, run.y, run.g, 0)
+        called(run.law[SLOPES], run, run.y, run.slopes, 0)
+        changed = False
+        for i in range(run.detectors.shape[0]):
+            detector = run.detectors[i]
+            if detector.role in (SWITCH, KINK) and detector.drive < 0:
+                now = sign(run.g[i]) if run.g[i] != 0.0 else sign(run.slopes[i])
+                changed = (now != 0 and take_side(run, i, now)) or changed
+        if not changed:
+            break
+
+
+@shared
+def take_side(run: Run, i: int, where: int) -> bool:
+    """Have forces be those of one side of a switch; whether they were those of another one."""
+    if run.modes[run.detectors[i].to] == float(where) and run.watches[i].guard == where:
+        return False
+    choose_side(run, i, where)
+    return True
+
+
+@shared
+def choose_side(run: Run, i: int, where: int) -> None:
+    """Have forces be those of one side of a switch, which is not left unseen."""
+    run.modes[run.detectors[i].to], run.watches[i].guard = float(where), where
+
+
+@shared
+def keep_sides(run: Run, moved: bool) -> bool:
+    """Have the trial's state, behind an event, on its sides of all switches; whether one is another than before.
+
+    `moved` says that the event may have set the state elsewhere, beyond several points of a table, say.
+    """
+    run.at[T] = run.trial[0].t
+    called(run.law[DETECT], run, run.z, run.slopes, 0)
+    changed = keep_pieces(run, moved)
+    if changed:  # what is decided by a table's value is looked at with the piece behind the point
+        called(run.law[DETECT], run, run.z, run.slopes, 0)
+    for _ in range(run.detectors.shape[0]):
+        other = False
+        for i in range(run.detectors.shape[0]):
+            detector, watch = run.detectors[i], run.watches[i]
+            if detector.drive < 0 and detector.role in (SWITCH, KINK):
+                now = sign(run.slopes[i])
+                known = np.int64(run.modes[detector.to])
+                if watch.hit in (CROSSED, FORCED):
+                    now = -watch.armed
+                if now != 0 and now != known:
+                    choose_side(run, i, now)
+                    other = True
+        if not other:
+            break
+        changed = True
+        called(run.law[DETECT], run, run.z, run.slopes, 0)  # what a `where` whose side holds now decides by
+    return changed
+
+
+@shared
+def keep_pieces(run: Run, moved: bool) -> bool:
+    """Enter the pieces of tables that the trial's state is in now; whether one is another than before."""
+    changed = False
+    for i in range(run.detectors.shape[0]):
+        detector, hit = run.detectors[i], run.watches[i].hit != NONE
+        if detector.drive < 0 or not (hit or (moved and not run.slopes[i] > 0.0)):
+            continue
+        piece, held = find(run, i, run.z, moving(run, i, run.z)), run.places[3 * detector.drive + 2]
+        if hit and (piece == held or not moved):
+            piece = passed_into(run, i)
+        enter_piece(run, i, piece)
+        changed = True
+    return changed
+
+
+@shared
+def slides(run: Run) -> bool:
+    """Whether the motion is driven back to a switch of a force that jumps there, as it was on the side before.
+
+    Of a table the side behind it is inside the next piece, where its function is positive again.
+    """
+    found = False
+    run.at[T] = run.trial[0].t
+    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    for i in range(run.detectors.shape[0]):
+        detector, watch = run.detectors[i], run.watches[i]
+        if detector.role == SWITCH and watch.hit in (CROSSED, FORCED):
+            found = found or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
+    return found
+
+
+@shared
+def find(run: Run, i: int, state: State, rate: float) -> int:
+    """Return the piece of a table that a state is in; at a point between two, that into which it moves.
+
+    The table's own ends are left by what moves, not by what is about to: there the force may be another one at once.
+    """
+    detector = run.detectors[i]
+    first, count = run.places[3 * detector.drive], run.places[3 * detector.drive + 1]
+    x, speed = state[detector.argument], state[detector.rate]
+    piece = find_piece(x, run.tables, first, count)
+    if x == run.tables[first + count - 1] and rate != 0.0 and speed > 0.0:
+        return count - 1
+    if (
+        piece == count - 2
+        and rate != 0.0
+        and speed > 0.0
+        and alone(run, i)
+        and not isnan(run.tables[first + 5 * count - 1])
+    ):
+        return count - 1
+    back = rate < 0.0 if piece > 1 else rate != 0.0 and speed < 0.0
+    return piece - 1 if back and piece > 0 and x == run.tables[first + piece] else piece
+
+
+@shared
+def alone(run: Run, i: int) -> bool:
+    """Whether the last piece of a table is as wide as rounding: a last value that holds at a point alone."""
+    first, count = run.places[3 * run.detectors[i].drive], run.places[3 * run.detectors[i].drive + 1]
+    last = run.tables[first + count - 1]
+    return bool(last - run.tables[first + count - 2] <= 4.0 * EPS * max(abs(last), last - run.tables[first]))
+
+
+@shared
+def moving(run: Run, i: int, state: State) -> float:
+    """Return how fast a table's argument moves, or is about to."""
+    detector = run.detectors[i]
+    return state[detector.rate] if state[detector.rate] != 0.0 else state[detector.turn]
+
+
+@shared
+def passed_into(run: Run, i: int) -> int:
+    """Return the piece behind the point that the trial has passed, or a later one."""
+    detector = run.detectors[i]
+    x, place = run.z[detector.argument], detector.to
+    before, now = run.places[3 * detector.drive + 2], find(run, i, run.z, moving(run, i, run.z))
+    upwards = run.modes[place + 3] - run.modes[place + 2] * x < run.modes[place] * x + run.modes[place + 1]
+    return max(now, before + 1) if upwards else min(now, before - 1)
+
+
+@shared
+def enter_piece(run: Run, i: int, piece: int) -> None:
+    """Have forces go by one piece of a table, whose ends are not passed unseen.
+
+    Where the model ends with its table there is no end to pass: what lies beyond is no number.
+    """
+    drive, place = run.detectors[i].drive, run.detectors[i].to
+    first, count = run.places[3 * drive], run.places[3 * drive + 1]
+    run.places[3 * drive + 2] = piece
+    run.watches[i].guard = 1
+    low, high = run.tables[first + piece], run.tables[first + min(piece + 1, count - 1)]
+    if piece == count - 1 and alone(run, i):  # from beyond, too, such a value is passed with the piece before it
+        low = high = run.tables[first + count - 2]
+    inverse = 1.0 / (high - low) if high > low else 1.0 / (run.tables[first + count - 1] - run.tables[first])
+    constant = first + 4 * count + piece  # where the value of a piece stands, at its beginning
+    left = piece > 0 and not isnan(run.tables[constant - 1])
+    right = piece < count - 1 and not isnan(run.tables[constant + 1])
+    if piece == count - 3 and isnan(run.tables[first + 5 * count - 1]):  # a last value that holds at a point alone
+        right = not alone(run, i)
+    run.modes[place] = inverse if left else 0.0
+    run.modes[place + 1] = -(inverse * low) if left else 1.0
+    run.modes[place + 2] = inverse if right else 0.0
+    run.modes[place + 3] = inverse * high if right else 1.0

@@ -1,0 +1,240 @@
+"""What enclosures, values and slopes tell of an event function on a piece of a trial: no zero, one, or that they do not tell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.law import SLOPES
+from xdynamics.kernels.program import T
+from xdynamics.kernels.rounding_margins import EPS, SMOOTH, UNBOUNDED
+from xdynamics.march.events.intervals import above, below
+from xdynamics.march.handle import called, enclosed_by
+from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
+from xdynamics.model.detectors import GAP
+
+State = NDArray[Any]
+
+CLEAR, MONOTONE, MURKY, OPEN = range(4)  # what is known of an event function on a piece
+# what was found there: `FORCED` where it could not be told apart further, `ENDED` where the model ends with it
+NONE, CROSSED, TOUCHED, FORCED, ENDED = range(5)
+NEAR = 1e-9  # of the largest value of an event function: near enough to zero to look twice
+STEEP = 100.0  # times what a slope explains: no more of the same function
+LOOKS = 8  # pieces of a step on which a function is looked at of which nothing is known between them
+ROUGHLY = 8.0 * EPS  # of such a function: what rounding may have made of it
+MURK = 4.0  # uncertainties of an event function that count as zero
+
+
+@shared
+def sign(x: float) -> int:
+    """1, 0 or -1."""
+    return 1 if x > 0.0 else (-1 if x < 0.0 else 0)
+
+
+@shared
+def enclose_constants(run: Run) -> None:
+    """Have enclosures know numbers and parameters, and what follows from those alone."""
+    enclosed_by(run.functions[ENCLOSE], run, run.y, run.y, 0, run.parts[0], ALL)
+
+
+@shared
+def uncertainty(run: Run, i: int, state: State) -> float:
+    """How far rounding, and the error of the step where it is estimated, may have an event function from its value.
+
+    What may not leave a side is held to it where the march is, so that of a gap there is rounding only.
+    """
+    piece, place = run.piece[0], run.detectors[i].value
+    start, end, width = piece.start, piece.end, piece.width
+    piece.start, piece.end, piece.width, piece.wide = (
+        run.at[T],
+        run.at[T],
+        0.0,
+        1.0 if run.watches[i].guard == 0 else 0.0,
+    )
+    enclosed_by(run.functions[ENCLOSE], run, state, state, run.parts[0], run.parts[1], i)
+    piece.start, piece.end, piece.width, piece.wide = start, end, width, 0.0
+    if run.detectors[i].sampled:
+        return ROUGHLY * run.watches[i].greatest
+    if run.flaws[place] != SMOOTH:  # where it jumps, both sides are in the interval
+        return 0.0
+    return (run.over[place] - run.under[place]) / 2.0
+
+
+@shared
+def murk(run: Run, i: int, state: State) -> float:
+    """How large an event function may be and count as zero."""
+    return max(MURK * uncertainty(run, i, state), least(run, i))
+
+
+@shared
+def least(run: Run, i: int) -> float:
+    """How large an event function may be and is never told from zero: what is left of a gap that closed."""
+    detector, floor = run.detectors[i], run.watches[i].floor
+    return max(floor, run.lingering[detector.reaction]) if detector.role == GAP else floor
+
+
+@shared
+def resolution(run: Run, i: int, s: float) -> float:
+    """The width of a piece under which it is not cut any further for the sake of an event."""
+    t = run.now[0].t
+    return max(run.detectors[i].tolerance, 2.0 * EPS * max(abs(t), abs(t + s)))
+
+
+@shared
+def tighten(run: Run) -> None:
+    """Bound the slopes of gaps by those at the piece's start and by how much they change.
+
+    A body that leaves what it stands on, or comes down on it, hardly moves against it, however fast both do.
+    """
+    piece, w = run.piece[0], run.piece[0].width
+    end = piece.end
+    piece.end, piece.width = piece.start, 0.0
+    enclosed_by(run.functions[ENCLOSE], run, run.near, run.near, run.parts[0], run.parts[2], ALIVE)
+    piece.end, piece.width = end, w
+    for i in range(run.detectors.shape[0]):
+        watch, detector = run.watches[i], run.detectors[i]
+        if watch.alive and detector.bend >= 0 and watch.flaw == SMOOTH:
+            at_start, to = run.under[detector.slope], run.over[detector.slope]
+            watch.down = max(watch.down, at_start + min(0.0, below(run, watch.least_bend * w)))
+            watch.up = min(watch.up, to + max(0.0, above(run, watch.most_bend * w)))
+
+
+@shared
+def known(run: Run, i: int) -> int:
+    """Say what the enclosures of an event function and its derivative on a piece tell."""
+    watch, w = run.watches[i], run.piece[0].width
+    if run.detectors[i].sampled:
+        return known_by_samples(run, i)
+    if watch.low > 0.0 or watch.high < 0.0:
+        return CLEAR
+    if watch.flaw == SMOOTH:
+        if watch.down > 0.0 or watch.up < 0.0:
+            nothing = max(abs(run.near_g[i]), abs(run.far_g[i])) <= least(run, i)
+            return OPEN if nothing or lingers(run, i) else MONOTONE
+        if clears(run.near_g[i], run.far_g[i], watch.down, watch.up, w):
+            return CLEAR
+    return OPEN
+
+
+@shared
+def known_by_samples(run: Run, i: int) -> int:
+    """Say what values at the ends of a piece tell of a function of which nothing else is known; `up` is its mean slope."""
+    watch, w, before, after = run.watches[i], run.piece[0].width, run.near_g[i], run.far_g[i]
+    watch.down = watch.up = abs(after - before) / w
+    if w * LOOKS > run.located[0].h * (1.0 + EPS):
+        return OPEN
+    if sign(before) != sign(after):
+        return MONOTONE
+    # a line through both would come to zero within as much again: it may turn in between
+    return OPEN if min(abs(before), abs(after)) < abs(after - before) else CLEAR
+
+
+@shared
+def lingers(run: Run, i: int) -> bool:
+    """Whether a monotone function ends so near to zero, and so slowly, that its side is not settled there."""
+    watch, value = run.watches[i], abs(run.far_g[i])
+    if value > NEAR * watch.greatest:
+        return False
+    run.at[T] = run.piece[0].end
+    doubt = uncertainty(run, i, run.far)
+    width = run.piece[0].width
+    slowest, near = min(abs(watch.down), abs(watch.up)), resolution(run, i, width)
+    bends = slowest * width < (watch.up - watch.down) * near  # within what cannot be told apart
+    return bends or (value <= MURK * doubt and doubt > near * slowest)
+
+
+@shared
+def clears(before: float, after: float, down: float, up: float, w: float) -> bool:
+    """Whether a function with such values at the ends of a piece and slopes on it cannot reach zero (Piyavskii's tent)."""
+    if before > 0.0 and after > 0.0:
+        low = before + down * ((before - after + up * w) / (up - down))
+        return low > 8.0 * EPS * max(before, after)
+    if before < 0.0 and after < 0.0:
+        high = before + up * ((after - before - down * w) / (up - down))
+        return high < 8.0 * EPS * min(before, after)
+    return False
+
+
+@shared
+def stays_within(run: Run, i: int, size: float, w: float) -> bool:
+    """Whether a function is no larger than a size on a piece: by its values, or by those at the ends and its slopes.
+
+    Where two large numbers move together, as a body and what it stands on, the values alone say far too much.
+    """
+    watch, before, after = run.watches[i], run.near_g[i], run.far_g[i]
+    low, high = watch.low, watch.high
+    if watch.flaw == SMOOTH and watch.down < 0.0 < watch.up:
+        low = max(low, before + watch.down * ((before - after + watch.up * w) / (watch.up - watch.down)))
+        high = min(high, before + watch.up * ((after - before - watch.down * w) / (watch.up - watch.down)))
+    return -size <= low and high <= size
+
+
+@shared
+def idles(run: Run, i: int, size: float) -> bool:
+    """Whether a force that presses nothing, say, is as good as zero at both ends of a piece, and may be between.
+
+    So is the gap of an open contact that lingers: there is nothing that would move it farther on the way.
+    """
+    watch, detector = run.watches[i], run.detectors[i]
+    quiet = detector.role != GAP or run.lingering[detector.reaction] > 0.0
+    largest = max(abs(run.near_g[i]), abs(run.far_g[i]))
+    return watch.guard != 0 and watch.armed == 0 and quiet and largest <= size
+
+
+@shared
+def turns(run: Run, i: int) -> bool:
+    """Whether a function that is on one side at both ends of a piece comes nearer to zero first, and leaves it then."""
+    watch, piece, side = run.watches[i], run.piece[0], sign(run.near_g[i])
+    if watch.flaw != SMOOTH or side == 0 or side != sign(run.far_g[i]):
+        return True  # or it may: nothing more is known of it
+    run.at[T] = piece.start
+    called(run.law[SLOPES], run, run.near, run.slopes, 0)
+    approaches = side * run.slopes[i] < 0.0
+    run.at[T] = piece.end
+    called(run.law[SLOPES], run, run.far, run.slopes, 0)
+    return approaches and side * run.slopes[i] > 0.0
+
+
+@shared
+def trespasses(run: Run, i: int, end: float) -> bool:
+    """Whether a function is beyond doubt where it may not be, behind a piece that was too costly to be told apart.
+
+    Left to the pieces that follow, it would be stepped over by an event of another function there.
+    """
+    watch = run.watches[i]
+    if watch.guard == 0 or watch.armed != watch.guard or sign(run.far_g[i]) != -watch.guard:
+        return False
+    run.at[T] = run.now[0].t + end
+    return abs(run.far_g[i]) > murk(run, i, run.far)
+
+
+@shared
+def leaves(run: Run, i: int, came: int) -> bool:
+    """Whether a function is on the side where it may not be, and goes on there: a gap that was zero and no more, say."""
+    watch = run.watches[i]
+    if watch.guard == 0 or came != -watch.guard or watch.armed == watch.guard:
+        return False
+    run.at[T] = run.piece[0].end
+    if not abs(run.far_g[i]) > murk(run, i, run.far) or sign(run.far_g[i]) != came:
+        return False
+    run.at[T] = run.piece[0].end
+    called(run.law[SLOPES], run, run.far, run.slopes, 0)
+    return bool(watch.guard * run.slopes[i] < 0.0)
+
+
+@shared
+def reaches(run: Run, i: int, width: float) -> bool:
+    """Whether a function that is on one side before and after where nothing is known of it comes to zero there.
+
+    One with a kink does if its slope explains its value beside it; one that is infinite there, or is left away, does not.
+    """
+    watch = run.watches[i]
+    if watch.broken == SMOOTH:
+        return True
+    if watch.broken == UNBOUNDED and abs(run.near_g[i]) >= watch.greatest:
+        return False
+    run.at[T] = run.piece[0].start
+    explained = STEEP * max(abs(watch.down), abs(watch.up)) * width
+    return abs(run.near_g[i]) <= explained + MURK * uncertainty(run, i, run.near)

@@ -1,0 +1,386 @@
+"""A model and its settings as the numbers of a run, in the march's internal units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import limits_domain
+from xdynamics.kernels import Law, Layout
+from xdynamics.kernels.drive_tables import flattened
+from xdynamics.kernels.interval_program import COORDINATE, STATE, UNKNOWN, Enclosing, enclosing
+from xdynamics.kernels.interval_program import TIME as INSTANTS
+from xdynamics.kernels.law import called_with_intervals
+from xdynamics.kernels.program import AT
+from xdynamics.kernels.rounding_margins import LEAST, LEAST_OF_0_2
+from xdynamics.march.contacts.delassus import NUMBERS
+from xdynamics.march.engine import contacts, solvers, watchers
+from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
+from xdynamics.march.log import Log
+from xdynamics.march.outcomes import RUNNING
+from xdynamics.march.run import (
+    BALANCE,
+    DETECTOR,
+    EQUATIONS,
+    KEPT,
+    NOW,
+    PIECE,
+    PLAN,
+    REACTION,
+    TOUCH,
+    TRIAL,
+    WATCH,
+    Run,
+)
+from xdynamics.march.settings import EPS, Settings, given_times
+from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
+from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
+from xdynamics.model import Function, Model
+from xdynamics.model.detectors import KINK, SWITCH
+from xdynamics.model.motion import constants, first_regime, tables_of
+from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
+from xdynamics.model.reactions import DRY, NORMAL, modes, reactions
+from xdynamics.model.switches import borders, told
+from xdynamics.schema import acceleration, velocity
+from xdynamics.units import TIME, Scales
+
+Floats = NDArray[np.float64]
+
+_NOTHING_TO_SOLVE: dict[str, NDArray[Any]] = {
+    "equations": np.zeros(0, EQUATIONS), "unknowns": np.zeros((0, 3), np.int64), "entries": np.zeros((0, 4), np.int64),
+    "pivots": np.zeros(0, np.int64),
+} | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))  # fmt: skip
+DEEPEST = 64  # halvings of a step in search of events
+_DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
+
+
+def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArray[np.int64]) -> Run:
+    """Return a run that has not begun."""
+    model = settings.layout(model).model  # the one that is told its sides
+    scales, plan = settings.scales, planned(model, settings, law)
+    start, end = float(plan["start"][0]), float(plan["end"][0])
+    tables, places = flattened(tables_of(model, scales))
+    asked = np.array(settings.nodes) / scales.of(TIME)
+    nodes = np.union1d(nodes_of(model, scales), asked) if asked.size else nodes_of(model, scales)
+    nodes = nodes[(nodes > start) & (nodes < end)]
+    plan["rest"] = BEGINNING * (
+        nodes[0] - start if len(nodes) else end - start
+    )  # what is behind a node changes nothing
+    given = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
+    grid, steps = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
+    now = np.zeros(1, NOW)
+    now["t"], now["on_grid"], now["status"], now["regime"] = start, 1, RUNNING, first_regime(model)
+    return Run(
+        plan=plan,
+        now=now,
+        trial=np.zeros(1, TRIAL),
+        located=np.zeros(1, TRIAL),
+        at=np.zeros(len(AT)),
+        **_states(model, settings, law, int(plan["samples"][0])),
+        **_following(settings, law.layout),
+        **_parameters(model, scales),
+        tables=tables,
+        places=places,
+        of_time=np.array([i for i, one in enumerate(model.drives.values()) if one.argument == "t"], np.int64),
+        nodes=nodes,
+        snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
+        grid=grid,
+        steps=steps,
+        **_watching(model, law, settings),
+        w=np.zeros(law.memory + 3 * len(law.layout.smooth)),
+        kept=np.zeros(1, KEPT),
+        **_solving(law),
+        law=np.append(addresses, _solver(law)) if law.scheme.method.implicit else addresses,
+        **{f"log_{name}" if name != "base" else name: array for name, array in log._asdict().items()},
+    )
+
+
+def addresses_of(law: Law) -> NDArray[np.int64]:
+    """Return where the programs of a march begin; of the interpolant too, where an event is located on it."""
+    inside = any(one.event.root_state == "interpolant" for one in law.layout.watched)
+    return law.addresses_inside if inside else law.addresses
+
+
+def _solver(law: Law) -> int:
+    """Return the address of what solves the equations of a step."""
+    return solvers().radau if law.scheme.method.simplified else solvers().newton
+
+
+def _solving(law: Law) -> dict[str, NDArray[Any]]:
+    """Return what equations are solved with; runs of explicit methods share empty arrays, which nothing writes to."""
+    layout, method = law.layout, law.scheme.method
+    if not method.implicit:
+        return _NOTHING_TO_SOLVE
+    if not method.simplified:
+        equations, unknowns, entries = _equations(law)
+        largest = max(one.unknowns for one in equations)
+        lists = {"equations": equations, "unknowns": unknowns, "entries": entries}
+        return _NOTHING_TO_SOLVE | lists | {"matrix": np.zeros(largest * largest), "right": np.zeros(largest)}
+    used, size = len(layout.used), len(layout.used) - len(layout.coordinates)
+    lengths = dict.fromkeys(("stages", "turned", "defects", "past"), 3 * used)
+    lengths |= dict.fromkeys(("stage", "shifted"), len(layout.record)) | {"matrix": 3 * size * size, "right": 2 * size}
+    own: dict[str, NDArray[Any]] = {name: np.zeros(length) for name, length in lengths.items()}
+    own |= {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "pivots": np.zeros(6 * size, np.int64)}
+    return _NOTHING_TO_SOLVE | own
+
+
+def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
+    """Return the initial state, its tolerances, and room for those that are tried."""
+    layout, asked = law.layout, settings.tolerances
+    sizes = {name: settings.scales.of(model.dimensions[name]) for name in layout.used}
+    n, events = len(layout.used), len(layout.watched)
+    lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
+    lengths |= dict.fromkeys(("e", "located_e", "full_e", "largest"), n)
+    lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g", "entered", "pending"), events)
+    lengths["slopes"] = events + len(layout.followed)
+    lengths |= dict.fromkeys(("near", "far", "full"), len(layout.record) if events else 0)
+    lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
+    arrays = {name: np.zeros(length) for name, length in lengths.items()}
+    arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
+    # without tolerances nothing is asked of an error
+    wider = widened(law, asked.rtol) if asked else 1.0
+    given = [None if asked is None else asked.of(name) for name in layout.used]
+    none = np.inf if asked is None else 0.0  # what follows its variable is not known yet
+    arrays["atol"] = np.array([none if one is None else one / sizes[name] * wider for name, one in zip(layout.used, given, strict=True)])  # fmt: skip
+    arrays["probe"], arrays["turning"] = np.zeros(len(layout.record)), np.zeros(4 * n)
+    arrays["tops"] = np.zeros(2 * (1 + max(layout.kinds)))
+    return arrays
+
+
+def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64]]:
+    """Return which absolute tolerances follow their variables, and what of is of one kind."""
+    asked = settings.tolerances
+    follow = [asked is not None and asked.of(name) is None for name in layout.used]
+    return {"followers": np.array(follow, np.int64), "kinds": np.array(layout.kinds, np.int64)}
+
+
+def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
+    """Return what the march does not change."""
+    scale, scheme, pacing, layout = settings.scales.of(TIME), law.scheme, settings.pacing, law.layout
+    start, end = model.initial["t"].si / scale, settings.until / scale
+    adaptive, asked = settings.adaptive, settings.tolerances
+    single = settings.step / scale if isinstance(settings.step, float | int) else 0.0
+    values = {
+        "start": start,
+        "end": end,
+        "snap": 4.0 * float(np.finfo(float).eps),
+        "step_size": 0.0 if adaptive else single,
+        "rtol": scheme.inner(asked.rtol) if asked else 0.0,
+        "floor": floor_of(scheme.inner(asked.rtol)) if asked else 0.0,
+        "rest": 0.0,  # known with the nodes
+        "order": scheme.error_order,
+        "safety": pacing.safety,
+        "least": pacing.growth_limits[0],
+        "greatest": pacing.growth_limits[1],
+        "min_step": pacing.min_step / scale,
+        "max_step": pacing.max_step / scale,
+        "first_step": single if adaptive else 0.0,
+        "most_steps": pacing.max_steps if adaptive else np.inf,
+        "divisor": 2.0**scheme.method.order - 1.0,
+        "adaptive": adaptive,
+        "implicit": scheme.method.implicit,
+        "simplified": scheme.method.simplified,
+        "differences": scheme.jacobian == DIFFERENCES,
+        "predictive": adaptive and scheme.predictive,
+        "estimates": scheme.estimates,
+        "halved": scheme.halved,
+        "extrapolated": scheme.estimator == EXTRAPOLATED,
+        "limited": _limits_domain(model),
+        "stages": scheme.stages,
+        "samples": scheme.samples if law.sampled else 0,
+        "coordinates": len(layout.coordinates),
+        "kinetic": layout.row.index("kinetic_energy") if "kinetic_energy" in layout.derived else -1,
+        "used": len(layout.used),
+        "follows": asked is not None and any(asked.of(name) is None for name in layout.used),
+        "state": len(layout.state),
+        "regime": first_regime(model),
+        "evaluated": len(layout.evaluation),
+        "reactions": len(layout.reactions),
+        "switches": sum(one.role in (SWITCH, KINK) for one in layout.watched),
+        "stepping": scheme.method.stepping,
+        "apart": settings.apart,
+        "margin": LEAST_OF_0_2 if settings.apart else LEAST,
+        "pressed": len(layout.state) - len(layout.reactions),
+    }
+    return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
+
+
+def floor_of(rtol: float) -> float:
+    """Return what an absolute tolerance that follows is at least, over the largest of its kind."""
+    return max(FLOOR * rtol, ROUNDED * EPS)
+
+
+def widened(law: Law, rtol: float) -> float:
+    """Return what absolute tolerances are multiplied by, so that they keep their ratio to the relative one."""
+    return law.scheme.inner(rtol) / rtol
+
+
+def nodes_of(model: Model, scales: Scales) -> Floats:
+    """Return the times at which a drive of time changes its piece, ascending."""
+    times = [drive.table.argument / scales.of(TIME) for drive in model.drives.values() if drive.argument == "t"]
+    return np.unique(np.concatenate(times)) if times else np.empty(0)
+
+
+def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -> tuple[Floats, Floats]:
+    """Return the times that given steps lead to, those close to a node being that node, and the steps."""
+    times, t, end = [], start, float(nodes[-1])
+    for aim, step in zip(given_times(start, steps, end), steps, strict=True):
+        t = end if aim == end else t + step
+        near = nodes[np.abs(nodes - t) <= snap * np.maximum(abs(start), np.abs(nodes))]
+        t = float(near[0]) if near.size else t
+        times.append(t)
+    return np.array(times, np.float64), np.array(steps, np.float64)
+
+
+def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
+    """Return what a law knows of the model; the modes of contacts are the end of it."""
+    values = np.array(list(constants(model, scales).values()))
+    changing = len(modes(model)) + len(told(model))
+    return {"p": values, "modes": values[len(values) - changing :]}
+
+
+def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[Any]]:
+    """Return how events are looked for, and what that takes."""
+    watched = law.layout.watched
+    said, deep, events = enclosing(law.layout), DEEPEST if watched else 0, len(watched)
+    places = {
+        "under": np.zeros(said.values),
+        "over": np.zeros(said.values),
+        "flaws": np.zeros(said.values, np.int64),
+        "wanted": np.zeros(said.values, np.int64),
+    }
+    functions = [*called_with_intervals(law.scheme.math_functions), *watchers()] if watched else []
+    return (
+        places
+        | _touching(model, settings)
+        | {
+            "detectors": _detectors(law.layout, said, settings),
+            "watches": np.zeros(events, WATCH),
+            **_region(law.layout, said, settings),
+            "resets": np.zeros(len(law.layout.resets)),
+            "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
+            "piece": np.zeros(1, PIECE),
+            "rows": said.rows,
+            "numbers": said.numbers,
+            "parts": np.array(said.parts, np.int64),
+            "branches": np.zeros((deep, 1 + len(law.layout.record) + events)),
+            "functions": np.array([*functions, contacts()] if law.layout.reactions else functions, np.int64),
+        }
+    )
+
+
+def _region(layout: Layout, said: Enclosing, settings: Settings) -> dict[str, NDArray[Any]]:
+    """Return what a region without events is of; nothing where contacts go by what gaps are in every step."""
+    rows = {k: said.rows[k].tolist() for k in range(said.parts[0], said.parts[1])}
+    none = layout.reactions or settings.apart or any(row[0] == UNKNOWN for row in rows.values())
+    leaves = []
+    for k, (row, target, i, order, _) in rows.items() if not none else ():
+        if row == COORDINATE and order == 0:
+            leaves.append((POSITION, i, target))
+        elif row in (COORDINATE, STATE, INSTANTS):
+            leaves.append((INSTANT if row == INSTANTS else OTHER, k, target))
+    return {"leaves": np.array(leaves, np.int64).reshape(-1, 3), "region": np.zeros(BOX + 4 * len(leaves))}
+
+
+def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
+    """Return what contacts and friction elements are, and room for the problems that they pose."""
+    found, scales = reactions(model), settings.scales
+    m, n = len(found), len(model.coordinates)
+    most = sum(1 if one.sort == NORMAL else 3 for one in found)
+    fixed = np.zeros(m, REACTION)
+    for to, one in zip(fixed, found, strict=True):
+        part: Any = model.frictions[one.owner] if one.sort == DRY else model.contacts[one.owner]
+        to.role, to.normal, to.tolerance, to.rest_height = (
+            one.sort,
+            one.normal,
+            settings.located_within(part.time_tolerance) / scales.of(TIME),
+            -1.0,
+        )
+        if one.sort == NORMAL:
+            to.law = IMPACT_LAWS.index(part.law)
+            if part.rest_height is not None:
+                to.rest_height = part.rest_height.si / scales.of(part.rest_height.unit.dimension)
+    return {
+        "reactions": fixed,
+        "touches": np.zeros(m, TOUCH),
+        "swiftest": np.zeros(m),
+        "lingering": np.zeros(m),
+        "entry": np.zeros(2 * n if m else 0),
+        "balance": np.zeros(BALANCE),
+        **{name: np.zeros(m) for name in ("approach", "slowed", "pulled")},
+        "links": np.zeros(NUMBERS * m + m * m + 2 * m * n),
+        "problem": np.zeros((most, 2 * most + 2)),
+        "basis": np.zeros(most, np.int64),
+        "solution": np.zeros(most),
+        "effects": np.zeros((m, most)),
+        "square": np.zeros(m * m),
+        "column": np.zeros(m),
+        "chosen": np.zeros(m, np.int64),
+    }
+
+
+def _targets(law: Law) -> list[tuple[int, int]]:
+    """Return, for everything that an event sets, the event and the place in the state."""
+    events, used = list(law.layout.model.events), law.layout.used
+    return [(events.index(name), used.index(target)) for name, target in law.layout.resets]
+
+
+def _followed_by(layout: Layout, drive: str) -> tuple[int, int, int, int]:
+    """Return the number of a drive, and where its argument, that one's rate and its acceleration stand in a state."""
+    argument, places = layout.model.drives[drive].argument, {name: i for i, name in enumerate(layout.record)}
+    owner = argument if argument in layout.coordinates else argument.removeprefix(velocity(""))
+    turn = places[acceleration(owner)]
+    return layout.drives.index(drive), places[argument], places[velocity(owner)] if owner == argument else turn, turn
+
+
+def _detectors(layout: Layout, said: Enclosing, settings: Settings) -> NDArray[np.void]:
+    model, watched = layout.model, layout.watched
+    found = np.zeros(len(watched), DETECTOR)
+    found["value"], found["slope"], found["of_time"] = said.functions, said.slopes, said.of_time
+    found["bend"] = said.bends
+    place = len(modes(model))  # of sides, behind the modes of contacts
+    for one, detector in zip(found, watched, strict=True):
+        event = detector.event
+        one.direction, one.action, one.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
+        one.to = list(model.regimes).index(event.to) if event.to else 0
+        one.tolerance = settings.located_within(detector.time_tolerance) / settings.scales.of(TIME)
+        near = detector.position_tolerance
+        one.position = np.inf if near is None else near.si / settings.scales.of(near.unit.dimension)
+        one.role, one.reaction = detector.role, detector.reaction
+        one.sampled = int(detector.sampled)
+        one.interpolant = int(event.root_state == "interpolant")
+        one.drive = -1
+        if detector.role in (SWITCH, KINK):
+            one.to, one.at_zero = place, detector.at_zero
+            place += len(borders(detector.drive)) if detector.drive else 1
+        if detector.drive:
+            one.drive, one.argument, one.rate, one.turn = _followed_by(layout, detector.drive)
+    return found
+
+
+def _equations(law: Law) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.int64]]:
+    """Lay what Newton's method has to know of a step's equations into flat lists."""
+    found = np.zeros(len(law.equations), EQUATIONS)
+    unknowns: list[tuple[int, int, int]] = []
+    entries: list[tuple[int, int, int, int]] = []
+    for row, one in zip(found, law.equations, strict=True):
+        row.evaluations, row.residuals = one.evaluations, one.residuals
+        row.first_unknown, row.unknowns = len(unknowns), len(one.unknowns)
+        row.first_entry, row.entries = len(entries), len(one.entries)
+        unknowns += one.unknowns
+        entries += one.entries
+    return found, np.array(unknowns, np.int64).reshape(-1, 3), np.array(entries, np.int64).reshape(-1, 4)
+
+
+@lru_cache(maxsize=64)
+def _limits_domain(model: Model) -> bool:
+    """Whether the model has functions or tables that are not defined everywhere."""
+    parts: Iterable[object] = (one for terms in model.force_components.values() for one in terms.values())
+    trees = [one for one in parts if not isinstance(one, Function)]
+    trees += [*model.statement.mass_entries.values(), *(one.rate for one in model.states.values())]
+    limited = any(limits_domain(model.expanded(tree)) for tree in trees)  # type: ignore[arg-type]
+    return limited or any(drive.outside == "error" for drive in model.drives.values())

@@ -1,0 +1,266 @@
+"""How a run ended, in words: its outcome, and of a step that failed the first thing that was not finite, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+
+from xdynamics.digits import MOST, digits, known_part
+from xdynamics.expressions import text_of
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
+from xdynamics.march.contact_failures import dispute, inconsistency, painleve, undefined
+from xdynamics.march.implicit.newton import MOST_ITERATIONS
+from xdynamics.march.implicit.radau import MOST_TURNS
+from xdynamics.march.outcomes import (
+    COMPLETED,
+    CONTACT_INCONSISTENT,
+    CONTACT_PENETRATED,
+    EVENT_AT_ZERO,
+    NONFINITE,
+    NONFINITE_FORCE,
+    NONFINITE_OBSERVABLE,
+    OUTCOMES,
+    OUTSIDE_TABLE,
+    RUNNING,
+    SLIDING_MODE,
+    STEP_LIMIT,
+    STEP_TOO_SMALL,
+    STOPPED,
+    Outcome,
+)
+from xdynamics.march.runner import March
+from xdynamics.march.step_replay import retraced, undefined_part
+from xdynamics.march.worst_component import of_error, of_newton
+from xdynamics.model import Function
+from xdynamics.model.detectors import SWITCH
+from xdynamics.model.reactions import TANGENT, reactions
+from xdynamics.schema import (
+    REASON_CONTACT,
+    REASON_DOMAIN,
+    REASON_ERROR,
+    REASON_EVENT_FUNCTION,
+    REASON_NEWTON,
+    REASON_NONFINITE,
+    force,
+    rate,
+    velocity,
+)
+from xdynamics.units import TIME, UNSCALED, behind
+
+FEWEST = 6  # digits of a time at which a run could not go on
+
+
+@dataclass(frozen=True)
+class Ending:
+    """The outcome of a run and its sentence, with t, h and the cause."""
+
+    outcome: Outcome
+    text: str
+
+
+def ending(march: March) -> Ending:
+    """Say how a march ended."""
+    now, scale = march.now, march.settings.scales.of(TIME)
+    failure = Failure(march.outcome, march.stopping_event)
+    if now.status != RUNNING and not march.outcome.good:
+        failure = diagnose(march)
+    t, h = float(now.t) * scale, float(now.h) * scale
+    second = behind(march.model.time_unit)
+    text = failure.outcome.sentence.format(t=f"{t:.{_digits(march, t, h)}g}{second}", h=f"{h:.6g}{second}", cause=failure.cause)  # fmt: skip
+    # a run that got on, or ran out of steps, has something to say about its steps
+    advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
+    march.doubts = doubts(march)
+    return Ending(failure.outcome, "; ".join(filter(None, (text, *march.doubts, of_smooth_switches(march), advice))))
+
+
+def _digits(march: March, t: float, h: float) -> int:
+    """Return how many digits of the last time bear what is known: of an asked end all, of an event's what its location and the run leave."""
+    status, events = march.now.status, march.model.events
+    if status == COMPLETED:
+        return MOST
+    if status != STOPPED:
+        return max(FEWEST, digits(t, apart=h))
+    asked = [one.time_tolerance for name, one in events.items() if f"'{name}'" in march.stopping_event]
+    located = max((march.settings.located_within(one) for one in asked), default=0.0)
+    tolerances = march.settings.tolerances
+    known = ((one.quantity.value, one.uncertainty) for one in march.model.uncertain.values())
+    return digits(t, uncertainty=located, relative=known_part(tolerances.rtol if tolerances else None, known))
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A bad outcome with its cause."""
+
+    outcome: Outcome
+    cause: str
+
+
+def diagnose(march: March) -> Failure:
+    """Name what ended a run.
+
+    The step that failed is made again in plain numbers, and the first thing in it that is not finite tells. Where that
+    is not possible, in equations that are solved, the state that was proposed has to do.
+    """
+    status = int(march.now.status)
+    if status == REASON_EVENT_FUNCTION:
+        named = zip(march.layout.watched, march.run.g1.tolist(), strict=True)
+        cause = ", ".join(
+            f"the function of event '{one.name}' is {value}" for one, value in named if not isfinite(value)
+        )
+        return Failure(OUTCOMES[status], cause)
+    if status == EVENT_AT_ZERO:
+        named = zip(march.layout.watched, march.run.watches["ever"].tolist(), strict=True)
+        cause = ", ".join(f"the function of event '{one.name}' is 0" for one, ever in named if not ever)
+        return Failure(OUTCOMES[status], cause)
+    if status == SLIDING_MODE:
+        return Failure(OUTCOMES[status], _sliding(march))
+    if status == NONFINITE_OBSERVABLE:
+        return _in_row(march)
+    if status in (REASON_CONTACT, CONTACT_PENETRATED, CONTACT_INCONSISTENT):
+        say = inconsistency if status == CONTACT_INCONSISTENT else dispute
+        return Failure(OUTCOMES[status], say(march))
+    if status not in (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON):
+        return Failure(OUTCOMES[status], _cause(march))
+    for values in retraced(march):
+        if failure := _in_evaluation(march, values):
+            return failure
+    if status == REASON_NEWTON:
+        return Failure(OUTCOMES[status], _cause(march))
+    return _in_state(march, dict(zip(march.layout.record, march.run.z.tolist(), strict=True)))
+
+
+def _sliding(march: March) -> str:
+    """Name the switch whose both sides drive the motion back to it."""
+    watched = zip(march.layout.watched, march.run.watches["hit"].tolist(), strict=True)
+    one = next(one for one, hit in watched if hit and one.role == SWITCH)
+    owner, function = one.name.split(".")
+    where = f"switches where {text_of(one.function)} = 0, the argument of its {function}"
+    if one.drive:
+        drive = march.model.drives[one.drive]
+        at = _asked(march, one.drive) * march.settings.scales.of(march.model.dimensions[drive.argument])
+        where = f"jumps at {drive.argument} = {at:.15g} (SI units), a point of the table '{drive.table.name}'"
+    return (
+        f"'{owner}' {where}, and either side drives the motion back: it slides along the switch (Filippov), which is no"
+        " motion by this force; write dry friction as [frictions], or a smooth force"
+    )
+
+
+def _cause(march: March) -> str:
+    """Say in words why a march that met nothing infinite cannot go on."""
+    norm, plan = float(march.now.norm), march.run.plan[0]
+    match int(march.now.status):
+        case status if status == REASON_ERROR:
+            return (
+                f"the error test fails at the minimum step, with norm {norm:.3g}, most of all in {of_error(march)}; the"
+                " tolerance or the minimum step does not suit the model"
+            )
+        case status if status == STEP_LIMIT:
+            events = int(march.now.events)
+            search = f", with those that located {events} events" if events and plan.apart else ""
+            return (
+                f"{plan.most_steps:.0f} accepted steps and rejected trials are used up{search}, where {of_error(march)} has"
+                f" the largest error; raise max_steps{'' if search else ' or the tolerances'}"
+            )
+        case status if status == REASON_NEWTON:
+            remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
+            most = MOST_TURNS if plan.simplified and plan.adaptive else MOST_ITERATIONS
+            return (
+                f"Newton's method, of at most {most} iterations, does not solve the step's equations, that of"
+                f" {of_newton(march)} least of all; {remedy}"
+            )
+        case status if status == STEP_TOO_SMALL and plan.adaptive and norm > 1.0:
+            return (
+                f"the error test fails, with norm {norm:.3g}, most of all in {of_error(march)}, at the shortest step that t"
+                " resolves; the solution has a singularity here, or t is too large for its time scale"
+            )
+        case status if status == STEP_TOO_SMALL:
+            return "t + h is t in double precision; take a longer step or an earlier t"
+    return ""
+
+
+def _in_row(march: March) -> Failure:
+    """Name the energy or observable of the row that was noted last and not kept."""
+    column = march.bad_values
+    bad = ", ".join(f"{name} is {column[name]}" for name in march.layout.derived if not isfinite(column[name]))
+    for name in march.layout.drives:
+        if _leaves(march, name):
+            return Failure(OUTSIDE_TABLE, f"{bad}: {_outside(march, name, _asked(march, name))}")
+    return Failure(OUTCOMES[NONFINITE_OBSERVABLE], bad)
+
+
+def _asked(march: March, name: str) -> float:
+    """What a drive is asked at, at the end of the step last tried, in internal units; without a state, by the old velocity."""
+    now, layout, argument = march.now, march.layout, march.model.drives[name].argument
+    if argument == "t":
+        return float(now.t + now.h)
+    at = layout.record.index(argument)
+    if isfinite(march.run.z[at]) or argument in layout.velocities:
+        return float(march.run.z[at])
+    return float(march.run.y[at] + now.h * march.run.y[layout.record.index(velocity(argument))])
+
+
+def _leaves(march: March, name: str) -> bool:
+    drive = march.model.drives[name]
+    asked = _asked(march, name) * march.settings.scales.of(march.model.dimensions[drive.argument])
+    return drive.outside == "error" and not drive.table.argument[0] <= asked <= drive.table.argument[-1]
+
+
+def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
+    """Judge one force evaluation: the state it used, the drives, the force terms, the rates."""
+    layout, model = march.layout, march.model
+    when = (
+        f"in the evaluation at t = {values['t'] * march.settings.scales.of(TIME):.15g}{behind(march.model.time_unit)}"
+    )
+    for name in layout.used:
+        if not isfinite(values[name]):
+            return Failure(NONFINITE, f"{name} is {values[name]} {when}")
+    for name in layout.drives:
+        if not isfinite(values[name]):
+            return Failure(OUTSIDE_TABLE, _outside(march, name, values[model.drives[name].argument]))
+    for reaction in reactions(model):
+        # finite forces, and reactions that are not: their matrix has no positive pivots
+        if not isfinite(values[reaction.name]) and all(isfinite(values[name]) for name in layout.forces):
+            owner = reactions(model)[reaction.normal]
+            sliding = next((one for one in reactions(model) if one.sort == TANGENT and one.owner == owner.owner), None)
+            if sliding is not None:
+                return Failure(OUTCOMES[REASON_CONTACT], painleve(sliding, evaluate(sliding.size, values)))
+    trees = {force(term, one): tree for term, parts in model.force_components.items() for one, tree in parts.items()}
+    trees |= {rate(name): state.rate for name, state in model.states.items()}
+    for name, tree in trees.items():
+        if not isfinite(values[name]):
+            why = "" if isinstance(tree, Function) else undefined_part(model.expanded(tree), values)
+            why = why if march.settings.scales == UNSCALED else ""  # in SI numbers, or not at all
+            return Failure(NONFINITE_FORCE, f"{name} is {values[name]} {when}" + (f": {why}" if why else ""))
+    return None
+
+
+def _outside(march: March, name: str, asked: float) -> str:
+    drive = march.model.drives[name]
+    asked *= march.settings.scales.of(march.model.dimensions[drive.argument])
+    low, high = drive.table.argument[0], drive.table.argument[-1]
+    return (
+        f"drive '{name}' was asked at {drive.argument} = {asked:.15g}, and its table '{drive.table.name}' reaches from"
+        f' {low:.15g} to {high:.15g} (SI units); set outside = "zero" or "hold", or stay inside'
+    )
+
+
+def _in_state(march: March, state: dict[str, float]) -> Failure:
+    """Judge a proposed state: drives, forces, then accelerations and what follows from them."""
+    layout = march.layout
+    for name in layout.drives:
+        if _leaves(march, name):
+            return Failure(OUTSIDE_TABLE, _outside(march, name, _asked(march, name)))
+    for name in (*layout.forces, *layout.used):
+        if not isfinite(state[name]):
+            outcome = NONFINITE_FORCE if name in layout.forces else NONFINITE
+            return Failure(outcome, f"{name} is {state[name]}")
+    for name in layout.rates:
+        if not isfinite(state[name]):
+            return Failure(NONFINITE_FORCE, f"{name} is {state[name]}")
+    if why := undefined(march):
+        return Failure(OUTCOMES[REASON_CONTACT], why)
+    bad = [name for name in layout.accelerations if not isfinite(state[name])]
+    return Failure(
+        NONFINITE_FORCE, f"{', '.join(bad)} is not finite with finite forces: the mass is not positive definite"
+    )

@@ -1,0 +1,159 @@
+"""Many runs side by side: which go so, and what they are given; `march.lanes` marches them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import config
+from numpy.typing import NDArray
+
+from xdynamics.kernels import Law, Layout
+from xdynamics.kernels.collocation import KEPT
+from xdynamics.kernels.interval_lanes import can_be_watched
+from xdynamics.kernels.lane_step import LANE, lane_width, noted_width, of_collocation
+from xdynamics.kernels.machine import vector_lanes
+from xdynamics.kernels.program import TABLE, WORDS
+from xdynamics.march.engine import lanes as side_by_side
+from xdynamics.march.ensemble_part import Arrays, Part, inputs_of
+from xdynamics.march.initial_run import addresses_of, posed
+from xdynamics.march.lanes import EVENTS, NONE, OF_LANE, OF_NOTED, OF_STATE, ROWS
+from xdynamics.march.log import Log, Room, allocate
+from xdynamics.march.run import EVENT_ROW
+from xdynamics.march.settings import Settings
+from xdynamics.methods.scheme import EXACT
+from xdynamics.model import Model
+
+LANE_ROWS = 1 << 5  # of the log of a lane, which the single march writes to now and then
+EVENT_ROOM = 1 << 16  # events that lanes hold before they are taken out
+ROW_ROOM = 1 << 12  # rows of all lanes likewise
+FEWEST_A_LANE = 4  # runs from which on lanes pay
+MOST_FACTORISED = 5  # velocities and states up to which they do where equations are solved: factors are written out
+
+
+def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int:
+    """Return how many runs may go side by side: one, where a step is more than a program, or nothing is gained."""
+    scheme, layout = law.scheme, law.layout
+    written = not scheme.method.implicit or (settings.adaptive and _can_be_solved(layout))
+    plain = written and not (scheme.halved or scheme.method.stepping or isinstance(settings.step, tuple))
+    if not plain or layout.model.python_functions or config.DISABLE_JIT or not can_be_watched(layout):  # type: ignore[attr-defined]
+        return 1
+    if asked is not None:
+        return max(1, asked)
+    return vector_lanes() if runs >= FEWEST_A_LANE * vector_lanes() else 1
+
+
+def _can_be_solved(layout: Layout) -> bool:
+    """Whether steps that are chosen are solved in lanes: those of Radau IIA, with exact derivatives of few variables."""
+    scheme = layout.scheme
+    small = len(layout.used) - len(layout.coordinates) <= MOST_FACTORISED
+    return small and scheme is not None and scheme.predictive and scheme.jacobian == EXACT and not layout.carried
+
+
+def march_abreast(
+    model: Model, settings: Settings, law: Law, arrays: Arrays, lanes: int, columns: Sequence[str], room: Room
+) -> Part:
+    """March runs side by side, and keep some columns of their logs, in a room."""
+    n, layout = len(next(iter(arrays.values()))), law.layout
+    log = allocate(layout, LANE_ROWS, sampled=0, apart=settings.apart)
+    one = posed(model, settings, law, log, addresses_of(law))
+    twins, inputs = one.twins(lanes), inputs_of(model, settings, law, one, arrays)
+    part = Part.of(n, law, inputs[2])
+    blocks = {name: np.zeros((len(getattr(one, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
+    blocks["before"], blocks["noted"] = np.zeros_like(blocks["y"]), np.zeros((noted_width(layout), lanes))
+    blocks |= {"pieces": np.zeros((len(one.places), lanes), np.int64), "w": np.zeros((lane_width(layout), lanes))}
+    table, stride = (
+        table_of(blocks | {"tables": one.tables}),
+        law.striding(lanes, adaptive=settings.adaptive, followers=tuple(map(bool, one.followers))),
+    )
+    given = [blocks[name] for name in ("at", "y", "before", "p", "pieces", "z", "w")]
+    sources, rows = _sources(layout, columns), []
+    met = _room(log, 2 * lanes * len(log.events) + min(n, EVENT_ROOM) if layout.watched else 0)
+    owners, standing = np.zeros(len(met.events), np.int64), np.array([lanes, 0, 0, 0])
+    whose, members, reached, over = [], np.full(lanes, NONE), np.zeros(lanes), False
+    kept, marks = _Rows.of(room, 0, sources, layout.flags, lanes), np.zeros((layout.flags, lanes), np.int8)
+    while not over:
+        over = side_by_side().march(
+            twins.addresses, stride, table, *given, members, standing, *inputs,
+            part.ends, part.lasts, part.largest, part.passed, met.events, met.rates, met.impulses, owners,
+            blocks["noted"], sources, *kept, reached, marks,
+        )  # fmt: skip
+        count, standing[EVENTS] = int(standing[EVENTS]), 0
+        part.logs.append(_events(met, np.arange(count)))
+        whose.append(owners[:count].copy())
+        if len(sources):
+            rows.append(kept.first(int(standing[ROWS])))
+            kept, standing[ROWS] = kept if over else _Rows.of(room, len(rows), sources, layout.flags, lanes), 0
+    together = [np.concatenate(pieces, axis=-1) for pieces in zip(*((one.events, one.rates, one.impulses) for one in part.logs), strict=True)]  # fmt: skip
+    order = np.argsort(np.concatenate(whose), kind="stable")  # a run's own stand in their order
+    events = _events(met._replace(events=together[0], rates=together[1], impulses=together[2]), order)
+    part.logs = [_with_rows(events, layout, part.ends["rows"], sources, rows, room) if rows else events]
+    return part
+
+
+class _Rows(NamedTuple):
+    """Rows of many runs as they come, and which run each is of."""
+
+    rows: NDArray[np.float64]
+    flags: NDArray[np.int8]
+    owners: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, room: Room, number: int, sources: NDArray[np.int64], flags: int, lanes: int) -> _Rows:
+        """Return room for rows; for none, where nothing of them is kept."""
+        count = ROW_ROOM if len(sources) else 0
+        shapes = {"rows": (count, len(sources), lanes), "flags": (count, flags, lanes), "owners": (count, lanes)}
+        kinds = {"rows": np.float64, "flags": np.int8, "owners": np.int64}
+        return cls(**{name: room.take(f"{name} {number}", shape, kinds[name]) for name, shape in shapes.items()})
+
+    def first(self, count: int) -> _Rows:
+        """Return so many of them."""
+        return _Rows(self.rows[:count], self.flags[:count], self.owners[:count])
+
+
+def _sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
+    """Return of columns of the log their numbers, and where a lane has them."""
+    state, errors = layout.row[2 : 2 + len(layout.state)], len(LANE) + 2 * len(layout.used)
+    places = {"time": (OF_LANE, LANE.index("t")), "step_size": (OF_LANE, LANE.index("h"))}
+    places |= {name: (OF_STATE, i) for i, name in enumerate(state)}
+    places |= {name: (OF_NOTED, i) for i, name in enumerate(layout.derived)}
+    places |= dict(zip(layout.errors, [(OF_LANE, LANE.index("norm")), *((OF_LANE, errors + i) for i in range(len(layout.used)))], strict=False))  # fmt: skip
+    places |= {name: (OF_LANE, of_collocation(layout) + KEPT.index("iterations")) for name in layout.effort}
+    found = [(i, *places[name]) for i, name in enumerate(layout.row) if name in columns]
+    return np.array(found, np.int64).reshape(-1, 3)
+
+
+def _with_rows(log: Log, layout: Layout, counts: NDArray[np.int64], sources: NDArray[np.int64], pieces: list[_Rows], room: Room) -> Log:  # fmt: skip
+    """Put the rows of every run into a log, one run behind the other; columns that were not kept have no meaning."""
+    places, total = np.concatenate([[0], np.cumsum(counts)[:-1]]), int(counts.sum())
+    rows, flags = (
+        room.take("log", (len(layout.row), total), np.float64),
+        room.take("marks", (layout.flags, total), np.int8),
+    )
+    found = log._replace(rows=rows, flags=flags)
+    for one in pieces:
+        side_by_side().gather(one.rows, one.flags, one.owners, sources, places, found.rows, found.flags)
+    return found
+
+
+def _room(log: Log, events: int) -> Log:
+    """Return a log for so many events, and nothing else."""
+    return Log(
+        log.base, log.rows[:, :0], log.flags[:, :0], log.samples[:, :0], log.trials[:0], np.zeros(events, EVENT_ROW),
+        np.zeros((len(log.rates), events)), np.zeros((len(log.impulses), events)),
+    )  # fmt: skip
+
+
+def _events(log: Log, which: NDArray[np.int64]) -> Log:
+    """Take some events out of a log."""
+    return log._replace(events=log.events[which], rates=log.rates[:, which], impulses=log.impulses[:, which])
+
+
+def table_of(blocks: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
+    """Return where a program in lanes finds its arrays."""
+    table = np.zeros(WORDS * len(TABLE), np.int64)
+    for i, name in enumerate(TABLE):
+        if name in blocks:
+            table[WORDS * i] = blocks[name].ctypes.data
+    return table

@@ -1,0 +1,132 @@
+"""A step that failed, made again in plain numbers: every force evaluation with what it used and what it gave."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from xdynamics.expressions import Binary, Call, Node, chain, exponent_of, limits_domain, parse, text_of
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.tree import children
+from xdynamics.methods import Evaluation, Solve, Statement
+from xdynamics.methods.line_walk import Walker
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated, tables_of
+from xdynamics.schema import acceleration, rate, velocity
+
+if TYPE_CHECKING:
+    from xdynamics.march.runner import March
+
+Values = dict[str, float]
+
+
+def retraced(march: March) -> Iterator[Values]:
+    """Yield the force evaluations of the step last tried, in internal units.
+
+    Each is a mapping with `t`, what was used, drives, force components, accelerations and rates. Where half steps go on,
+    they follow the whole one; of equations that are solved there is the first iteration, and nothing behind them.
+    """
+    state = dict(zip(march.layout.record, march.run.y.tolist(), strict=True))
+    t, h, regime = float(march.now.t), float(march.now.h), float(march.now.regime)
+    model = march.layout.model
+    known = dict(constants(model, march.settings.scales))
+    known |= dict(zip(list(known)[len(known) - march.run.modes.size :], march.run.modes.tolist(), strict=True))
+    tables = tables_of(march.model, march.settings.scales)
+
+    def forces(used: Values) -> Values:
+        return evaluated(model, used | {REGIME_NUMBER: regime}, known, tables)
+
+    def step(t: float, h: float, state: Values) -> _Retrace:
+        retrace = _Retrace(march, forces, t, h, state)
+        retrace.walk(march.settings.method.statements)
+        return retrace
+
+    if h == 0.0:
+        yield forces(state | {"t": t})
+        return
+    yield from step(t, h, state).found
+    if march.settings.scheme.halved:
+        half = step(t, h / 2.0, state)
+        yield from half.found
+        if half.whole:
+            yield from step(t + h / 2.0, h / 2.0, half.end).found
+
+
+class _Retrace(Walker):
+    """Runs a method's lines on one number for each component."""
+
+    def __init__(self, march: March, forces: object, t: float, h: float, state: Values) -> None:
+        assert callable(forces)  # noqa: S101
+        self.found: list[Values] = []
+        self.whole = True  # until equations are met
+        self._forces = forces
+        self._layout = layout = march.layout
+        self._scalars = {"t": t, "h": h, "t1": t + h}
+        self._vectors = {
+            "q": {one: state[one] for one in layout.coordinates},
+            "v": {one: state[velocity(one)] for one in layout.coordinates},
+            "a": {one: state[acceleration(one)] for one in layout.coordinates},
+            "x": {one: state[one] for one in layout.states},
+            "r": {one: state[rate(one)] for one in layout.states},
+        }
+
+    @property
+    def end(self) -> Values:
+        """The state that the step led to."""
+        vectors = self._vectors
+        return self.found[-1] | vectors["q1"] | {velocity(k): v for k, v in vectors["v1"].items()} | vectors["x1"]
+
+    def assign(self, line: Statement) -> None:
+        """Compute one vector."""
+        if self.whole:
+            owners = self._layout.states if line.of_states else self._layout.coordinates
+            self._vectors[line.target] = {
+                name: evaluate(line.expression, self._scalars | {one: self._vectors[one][name] for one in line.vectors})
+                for name in owners
+            }
+
+    def evaluate(self, line: Evaluation) -> None:
+        """Evaluate the forces."""
+        if not self.whole:
+            return
+        vectors, layout = self._vectors, self._layout
+        used = (
+            vectors[line.position] | {velocity(k): v for k, v in vectors[line.velocity].items()} | vectors[line.state]
+        )
+        found = self._forces(used | {"t": evaluate(parse(line.time), self._scalars)})
+        self.found.append(found)
+        vectors[line.acceleration] = {name: found[acceleration(name)] for name in layout.coordinates}
+        vectors[line.rate] = {name: found[rate(name)] for name in layout.states}
+
+    def solve(self, line: Solve) -> None:
+        """Make the first iteration; what follows would start from numbers that solve nothing."""
+        if self.whole:
+            self.walk((*line.definitions, *line.evaluations))
+            self.whole = False
+
+
+def undefined_part(node: Node, values: Values) -> str:
+    """Name the function of an expression that has no value at its argument; empty where there is none."""
+    if not limits_domain(node):
+        return ""
+    first, links = chain(node)
+    for one in (first, *links):
+        inner = (one.right,) if isinstance(one, Binary) else children(one)
+        for found in (undefined_part(child, values) for child in inner):
+            if found:
+                return found
+        if found := _undefined(one, values):
+            return found
+    return ""
+
+
+def _undefined(node: Node, values: Values) -> str:
+    """Say so where a function or power has no value, and its argument has."""
+    power = isinstance(node, Binary) and node.operator == "**" and (exponent_of(node.right) or 1).denominator != 1
+    if not power and not isinstance(node, Call):
+        return ""
+    assert isinstance(node, Call | Binary)  # noqa: S101 - what `power` says
+    argument = node.arguments[0] if isinstance(node, Call) else node.left
+    if isfinite(evaluate(node, values)) or not isfinite(at := evaluate(argument, values)):
+        return ""
+    return f"{text_of(node)} has no value where {text_of(argument)} = {at:.6g}"

@@ -1,0 +1,188 @@
+"""Sizes of variables and the fastest time scale of the motion, in no units: what tolerances that follow are measured by.
+
+A size is the largest absolute value so far. What starts at rest or at zero has none yet: there a size is what the forces
+about the start make of it in the fastest time scale, and never less than a small part of the largest of its kind.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.force_evaluation import evaluate, slope_of
+from xdynamics.march.run import Run
+
+ATOL_RULE = (
+    "atol not given: rtol (solver_rtol_used) times the size of the variable, its largest absolute value so far; never less"
+    " than 1e-6 rtol, or 10 spacings, of the largest of its kind (coordinates, velocities, states of one dimension), nor of"
+    " what the forces about the start make of it in 1/omega, omega the fastest rate there, longer than which the first step"
+    " is not; of what moves when nothing of its kind has moved yet, of its rate in a hundredth of the time to the first node or the end"
+)
+
+State = NDArray[Any]
+Floats = NDArray[Any]
+
+FLOOR = 1e-6  # of the largest of its kind, that a size is at least
+ROUNDED = 10.0  # spacings of that, which rounding alone may do
+PRODUCTS = 6  # of the Jacobian and a vector
+DIFFERENCE = 2.0**-10  # of the sizes: rounding leaves twelve digits, and a scale needs three
+LITTLE = 1e-3  # of its kind, that a direction has of each variable
+BEGINNING = 1e-2  # of the time to the first node or the end, where nothing tells a time
+GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, are spread evenly
+PARALLEL = 1e-6  # square of the angle between vectors that are one
+
+
+@shared
+def tops_of(run: Run, state: State) -> None:
+    """Find the largest absolute value of each kind in a state."""
+    for k in range(run.tops.shape[0]):
+        run.tops[k] = 0.0
+    for i in range(run.plan[0].used):
+        run.tops[run.kinds[i]] = max(run.tops[run.kinds[i]], abs(state[i]))
+
+
+@shared
+def settle_tolerances(run: Run) -> None:
+    """Let the absolute tolerances that follow be `rtol` times the sizes so far, at least `floor` times the largest of their kind."""
+    tops_of(run, run.largest)
+    for i in range(run.plan[0].used):
+        if run.followers[i]:
+            run.atol[i] = max(run.plan[0].rtol * run.largest[i], run.plan[0].floor * run.tops[run.kinds[i]])
+
+
+@shared
+def begin_sizes(run: Run) -> float:
+    """Give sizes to what starts at rest or at zero, and return how long the first step may be.
+
+    Until it is chosen, tolerances are those of the whole natural sizes.
+    """
+    plan, used, turning = run.plan[0], run.plan[0].used, run.turning
+    time = natural_sizes(run, run.y)
+    rate = fastest_rate(run, run.now[0].t, run.y)
+    if rate > 0.0:
+        time = min(1.0 / rate, plan.rest / BEGINNING)
+    for i in range(used):
+        if run.followers[i]:
+            natural = time * max(turning[used + i], abs(slope_of(run, run.y, i)))
+            if i < plan.coordinates:
+                second = plan.coordinates + i
+                natural = max(natural, time * time * max(turning[used + second], abs(slope_of(run, run.y, second))))
+            run.largest[i] = max(run.largest[i], plan.floor / plan.rtol * natural)
+            run.atol[i] = plan.rtol * max(run.largest[i], natural)
+    return time if rate > 0.0 else math.inf
+
+
+@shared
+def natural_sizes(run: Run, y: State) -> float:
+    """Put into `turning` how large each variable is, or would be after a time of the motion's own; return that time."""
+    n, used, turning = run.plan[0].coordinates, run.plan[0].used, run.turning
+    time = time_at(run, y)
+    for i in range(used):
+        slope, second = abs(slope_of(run, y, i)), abs(slope_of(run, y, n + i)) if i < n else 0.0
+        turning[i] = max(abs(y[i]), slope * time, second * time * time)
+    for i in range(n):  # a body at rest in an equilibrium is to be moved, too
+        turning[i] = max(turning[i], LITTLE * turning[n + i] * time)
+        turning[n + i] = max(turning[n + i], LITTLE * turning[i] / time)
+    tops_of(run, turning)
+    for i in range(used):
+        turning[i] = max(turning[i], LITTLE * run.tops[run.kinds[i]])
+        turning[used + i] = 0.0
+    return time
+
+
+@shared
+def time_at(run: Run, y: State) -> float:
+    """Return a time scale from the sizes of state and slopes alone: of what is fastest, kind by kind."""
+    plan, n, tops = run.plan[0], run.plan[0].coordinates, run.tops
+    kinds, span, shortest = run.tops.shape[0] // 2, plan.rest / BEGINNING, 0.0
+    tops_of(run, y)
+    for i in range(plan.used):
+        tops[kinds + run.kinds[i]] = max(tops[kinds + run.kinds[i]], abs(slope_of(run, y, i)))
+    for i in range(plan.used):
+        size, slope, time = tops[run.kinds[i]], tops[kinds + run.kinds[i]], 0.0
+        if slope > 0.0:
+            time = size / slope
+        if i < n:
+            second = tops[kinds + run.kinds[n + i]]
+            if second > 0.0:
+                time = max(time, math.sqrt(size / second)) if size > 0.0 else slope / second
+        if 0.0 < time < math.inf and (shortest == 0.0 or time < shortest):
+            shortest = time
+    return min(shortest, span) if shortest > 0.0 else plan.rest
+
+
+@shared
+def fastest_rate(run: Run, t: float, y: State) -> float:
+    """Estimate the size of the fastest eigenvalue of the motion about a state, the sizes of which are in `turning`.
+
+    From a few products of the Jacobian and a vector, by differences of the forces: the last three vectors are put into
+    one recurrence, whose roots are the eigenvalues (Krylov; Saad, Numerical Methods for Large Eigenvalue Problems,
+    chapter 6). Exact for one oscillator or two decays; of many modes an estimate, mostly from below. 0 where it is not
+    known.
+    """
+    used, turning, rate, before = run.plan[0].used, run.turning, 0.0, 2 * run.plan[0].used
+    now, n = 3 * used, run.plan[0].coordinates
+    for i in range(used):
+        part = (i % n if n > 0 and i < 2 * n else i) * GOLDEN + (0.5 if n <= i < 2 * n else 0.0)
+        part = 2.0 * (part - math.floor(part)) - 1.0
+        turning[now + i] = turning[i] * (part + (1.0 if part >= 0.0 else -1.0)) / 2.0
+    for k in range(PRODUCTS):
+        amount = 0.0
+        for i in range(used):
+            if turning[i] > 0.0:
+                amount = max(amount, abs(turning[now + i]) / turning[i])
+        if not 0.0 < amount < math.inf:
+            return 0.0  # a power of the Jacobian is zero: nothing turns or decays
+        for i in range(used):
+            turning[now + i] /= amount
+            run.probe[i] = y[i] + DIFFERENCE * turning[now + i]
+        evaluate(run, t, run.probe)
+        found = recurred(run, y, amount, k)
+        if not found < math.inf:
+            return 0.0
+        rate = found
+        for i in range(used):
+            product = (slope_of(run, run.probe, i) - slope_of(run, y, i)) / DIFFERENCE
+            turning[before + i], turning[now + i] = turning[now + i], product
+            if k == 0:
+                turning[used + i] = abs(product)
+    return rate
+
+
+@shared
+def recurred(run: Run, y: State, amount: float, k: int) -> float:
+    """Return the larger root of the recurrence c + p b + q a = 0 that fits three vectors best, each over the sizes."""
+    used, turning = run.plan[0].used, run.turning
+    aa = ab = ac = bb = bc = 0.0
+    for i in range(used):
+        if turning[i] > 0.0:
+            a = turning[2 * used + i] / turning[i] if k > 0 else 0.0
+            b = turning[3 * used + i] / turning[i]
+            c = (slope_of(run, run.probe, i) - slope_of(run, y, i)) / DIFFERENCE / turning[i]
+            aa, ab, ac, bb, bc = aa + a * a, ab + a * b, ac + a * c, bb + b * b, bc + b * c
+    rest = aa * bb - ab * ab
+    if not rest > PARALLEL * aa * bb:
+        return abs(bc) / bb
+    half, product = (ac * ab - bc * aa) / rest / 2.0, (bc * ab - ac * bb) / rest * amount
+    square = half * half - product
+    return math.sqrt(product) if square < 0.0 else abs(half) + math.sqrt(square)
+
+
+@shared
+def derivatives(run: Run, t: float, y: State, found: Floats) -> None:
+    """Put the derivatives of slopes by the state, each over its size, behind the first row of `found`, column by column."""
+    used, turning = run.plan[0].used, run.turning
+    for column in range(used):
+        for i in range(used):
+            run.probe[i] = y[i]
+        run.probe[column] = y[column] + DIFFERENCE * turning[column]
+        change = run.probe[column] - y[column]
+        evaluate(run, t, run.probe)
+        for i in range(used):
+            slope = slope_of(run, run.probe, i) - slope_of(run, y, i)
+            found[1 + i, column] = (
+                slope / change * (turning[column] / turning[i]) if change != 0.0 and turning[i] > 0.0 else 0.0
+            )

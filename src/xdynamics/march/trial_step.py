@@ -1,0 +1,149 @@
+"""One trial: the method's step, with step doubling where it is asked for."""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Any
+
+from numpy import int64
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.law import DETECT, PROPOSE
+from xdynamics.kernels.program import T1, UNSOUND, H, T
+from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
+from xdynamics.march.handle import called, entered_by, run_at, stepped_by
+from xdynamics.march.log import note_trial
+from xdynamics.march.run import HOLD, STEP_IN_TIME, SUBSTEP, TOUCHED, Run
+from xdynamics.schema import REASON_EVENT
+
+State = NDArray[Any]
+_FIRST = int64(0)  # no literal: of a function that is given one, numba makes a copy
+
+
+@compiled
+def propose(run: Run, t1: float, h: float) -> None:
+    """Make one step from the state where the march stands, which stays as it is."""
+    trial = run.trial[0]
+    trial.t, trial.h, trial.iterations = t1, h, 0
+    if run.plan[0].halved:
+        double(run, t1, h)
+    else:
+        advance(run, run.now[0].t, t1, h, run.y, run.z, _FIRST)
+    if run.plan[0].reactions > 0 and run.at[UNSOUND] == 0.0:
+        entered_by(run.functions[TOUCHED], run, t1, STEP_IN_TIME if run.plan[0].stepping else HOLD)
+    trial.unsound, trial.unsound_events = run.at[UNSOUND], 0.0
+
+
+@compiled
+def advance(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
+    """Make one step by the lines of the method, its force evaluations kept from place `sample` on."""
+    run.at[T], run.at[T1], run.at[H] = t, t1, h
+    if run.plan[0].implicit:
+        stepped_by(run.law[run.law.shape[0] - 1], run, t, t1, h, y, z, sample)
+    else:
+        called(run.law[PROPOSE], run, y, z, sample)
+        run.now[0].evaluations += run.plan[0].stages
+
+
+advance_apart = apart(advance)
+
+
+@shared
+def double(run: Run, t1: float, h: float) -> None:
+    """Make two half steps, and a whole one to judge them by: their difference over 2**p - 1 is the error of the two."""
+    plan, t = run.plan[0], run.now[0].t
+    width = plan.stages * (run.log_samples.shape[0] - 2)
+    middle = t + h / 2.0
+    advance_apart(run, t, t1, h, run.y, run.whole, _FIRST)
+    advance_apart(run, t, middle, h / 2.0, run.y, run.half, width)
+    run.kept[0].fresh = 0  # derivatives are those of the first half
+    advance_apart(run, middle, t1, h / 2.0, run.half, run.z, 2 * width)
+    run.kept[0].fresh = 0
+    for i in range(plan.used):
+        run.e[i] = (run.z[i] - run.whole[i]) / plan.divisor
+    if plan.extrapolated:
+        for i in range(plan.used):
+            run.z[i] = run.z[i] + run.e[i]
+        evaluate(run, t1, run.z)
+        run.at[UNSOUND] = 0.0 if finite_state(run) else nan
+        keep_sample(run, t1, run.z, 3 * width)
+
+
+propose_apart = apart(propose)
+
+
+@shared
+def usual_step(run: Run) -> float:
+    """How long steps are where nothing cuts them."""
+    now, plan = run.now[0], run.plan[0]
+    if plan.adaptive or plan.step_size > 0.0:
+        return now.step if plan.adaptive else plan.step_size
+    return run.steps[min(now.grid, run.steps.shape[0] - 1)]
+
+
+@shared
+def look(run: Run) -> None:
+    """Evaluate the event functions at the trial's end."""
+    run.at[T] = run.trial[0].t
+    called(run.law[DETECT], run, run.z, run.g1, 0)
+    run.trial[0].unsound_events = run.at[UNSOUND]
+
+
+@shared
+def substep(run: Run, s: float) -> None:
+    """Make a part of the step, and look at the event functions there."""
+    entered_by(run.functions[SUBSTEP], run, s, 0)
+
+
+def part_of_step(address: Any, s: float, _count: int) -> None:
+    """Do so, for who calls by address: no caller compiles it again.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run`.
+    s : float
+        The part, as a step from where the march stands.
+    """
+    run = run_at(address)
+    run.piece[0].substeps += 1
+    if run.plan[0].apart:
+        note_trial(run, s, nan, REASON_EVENT)
+    propose_apart(run, run.now[0].t + s, s)
+    look(run)
+
+
+@shared
+def keep(run: Run) -> None:
+    """Put the trial aside, for instance as the one that ends at an event."""
+    copy_trial(run.trial, run.located)
+    copy(run.z, run.located_z)
+    copy(run.e, run.located_e)
+    copy(run.g1, run.located_g)
+    copy(run.samples, run.located_samples)
+
+
+@shared
+def take(run: Run) -> None:
+    """Go back to the trial that was put aside: it is not made a second time."""
+    copy_trial(run.located, run.trial)
+    copy(run.located_z, run.z)
+    copy(run.located_e, run.e)
+    copy(run.located_g, run.g1)
+    copy(run.located_samples, run.samples)
+
+
+@shared
+def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
+    """Copy a trial's numbers."""
+    one, other = source[0], target[0]
+    other.t, other.h, other.landing, other.iterations = one.t, one.h, one.landing, one.iterations
+    other.unsound, other.unsound_events = one.unsound, one.unsound_events
+
+
+@shared
+def copy(source: NDArray[Any], target: NDArray[Any]) -> None:
+    """Copy numbers, in a loop: a slice assignment takes numba seconds to compile."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]

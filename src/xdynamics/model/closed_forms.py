@@ -1,0 +1,102 @@
+"""Closed forms in a model file: what a run should give, and within which bound."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from xdynamics.expressions import dimension_of, free_names, parse
+from xdynamics.faults import InputError, Ledger
+from xdynamics.model.grammar import keys_of
+from xdynamics.model.parts import Validation
+from xdynamics.model.statement import Statement
+from xdynamics.model.table_keys import described
+from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, spell, time_in
+
+ROUNDING, ORDER, BAND, UNSCALED = "rounding", "order", "band", "unscaled"
+_FROM_ORDER = re.compile(r"rounding from order ([1-9]\d?)")
+WORDS = f"'{ROUNDING}', '{ROUNDING} from order 2', '{ORDER}', '{BAND}', '{UNSCALED}'"
+
+
+def validation(name: str, given: Any, time: Unit) -> Validation:
+    """Read one closed form.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    given = {"expression": given} if isinstance(given, str) else given
+    keys_of("validation", given)
+    times = given.get("times", [])
+    if isinstance(times, str | int | float):
+        times = [times]
+    occurrence = given.get("occurrence", 1)
+    if isinstance(occurrence, bool) or not isinstance(occurrence, int) or occurrence < 1:
+        raise InputError(f"occurrence is {occurrence!r}, needs 1 or more")
+    event = given.get("event", "")
+    if not isinstance(event, str):
+        raise InputError(f"event is {event!r}, needs the name of one")
+    if event and times:
+        raise InputError("event and times are both given; a value is compared at one or the other")
+    quantity = given.get("quantity", name)
+    if not isinstance(quantity, str):
+        raise InputError(f"quantity is {quantity!r}, needs the name of one")
+    return Validation(
+        parse(given["expression"]), quantity, tuple(time_in(time, instant, "times") for instant in times), _bound(given["bound"]),
+        event, occurrence, described(given),
+    )  # fmt: skip
+
+
+def _bound(written: Any) -> str | Quantity:
+    """Read a bound: a quantity, or a word for how it is derived."""
+    if isinstance(written, str) and (written in (ROUNDING, ORDER, BAND, UNSCALED) or _FROM_ORDER.fullmatch(written)):
+        return written
+    try:
+        quantity = parse_quantity(written)
+    except InputError:
+        raise InputError(f"bound is {written!r}, needs a quantity like '1 mm', or one of {WORDS}") from None
+    if not quantity.value > 0.0:
+        raise InputError(f"bound is {written!r}, needs a positive one")
+    return quantity
+
+
+def exact_from(bound: str) -> int:
+    """Return the order from which methods have rounding errors only; 0 if all methods do."""
+    match = _FROM_ORDER.fullmatch(bound)
+    return int(match[1]) if match else 0
+
+
+def check_validation(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -> None:
+    """Check names and dimensions of closed forms, which may read time, parameters and unit names."""
+    moving = {
+        *statement.coordinates,
+        *statement.states,
+        *statement.drives,
+        *(f"v_{name}" for name in statement.coordinates),
+    }
+    event_names = {*statement.events, *statement.contacts, *statement.frictions}
+    for name, form in statement.validation.items():
+        with ledger.entry(f"validation '{name}'"):
+            dimension = dimension_of(form.expression, known)
+            if computed := sorted(free_names(form.expression) & moving):
+                raise InputError(
+                    f"reads '{computed[0]}', which is what is computed; a closed form is of t and parameters"
+                )
+            if form.event and form.event not in event_names:
+                raise InputError(
+                    f"event '{form.event}' is none of the model's; there are {', '.join(sorted(event_names)) or 'none'}"
+                )
+            needed = (
+                statement.time_unit.dimension
+                if form.quantity == "t" and form.event
+                else known.get(form.quantity)
+                if form.quantity in moving
+                else None
+            )
+            if needed is not None and dimension != needed:
+                raise InputError(f"has units '{dimension}', needs '{needed}' of '{form.quantity}'")
+            if isinstance(form.bound, Quantity) and form.bound.unit.dimension != dimension:
+                raise InputError(
+                    f"bound '{form.bound}' has units '{form.bound.unit.dimension}', needs '{spell(dimension).text}'"
+                )

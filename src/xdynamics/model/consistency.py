@@ -1,0 +1,375 @@
+"""Checks of a model's names and dimensions before the first update; all faults are reported at once."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Iterable, Mapping
+from itertools import count, islice
+from typing import Any
+
+from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, shown, text_of
+from xdynamics.expressions.calculus import MOST_LEVELS
+from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.closed_forms import check_validation
+from xdynamics.model.contact_consistency import check_contacts
+from xdynamics.model.parts import Event, Function
+from xdynamics.model.statement import Statement
+from xdynamics.model.uncertainty import NORMAL, matrix_of, root_of
+from xdynamics.schema import acceleration, record_names, velocity
+from xdynamics.units import CONSTANTS, NONE, Dimension, Quantity, constant, spell
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
+MOST_EVENTS = 100
+RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS}
+
+
+def check(statement: Statement) -> dict[str, Dimension]:
+    """Check names, initial values and the dimension of every term.
+
+    Returns
+    -------
+    dict of str to Dimension
+        The dimension of every name an expression of the model may use.
+
+    Raises
+    ------
+    ModelError
+        With every fault.
+    """
+    ledger, time = Ledger(f"model '{statement.name}'", ModelError), statement.time_unit.dimension
+    _check_times(statement, ledger)
+    _check_names(statement, ledger)
+    ledger.settle()
+    dimensions = _declared(statement)
+    _define(statement, dimensions, ledger)
+    ledger.settle()
+    _check_initial(statement, dimensions, ledger)
+    if energies := statement.lagrangian:
+        joule = constant("joule").dimension
+        _needs(ledger, "kinetic energy", energies.kinetic, dimensions, joule)
+        if energies.potential is not None:
+            _needs(ledger, "potential energy", energies.potential, dimensions, joule)
+        ledger.settle()
+    _check_motion(statement, dimensions, ledger)
+    for name, state in statement.states.items():
+        _needs(ledger, f"rate of state '{name}'", state.rate, dimensions, dimensions[name] / time)
+    for name, drive in statement.drives.items():
+        _check_drive(name, drive, statement, dimensions, ledger)
+    for name, event in statement.events.items():
+        if isinstance(event.function, Function):
+            _check_function(f"event '{name}'", event.function, statement, dimensions, ledger)
+            with ledger.entry(f"event '{name}'"):
+                _check_place(event.position_tolerance, "function", event.unit.dimension if event.unit else NONE)
+        else:
+            with ledger.entry(f"event '{name}'"):
+                _check_place(event.position_tolerance, "function", dimension_of(event.function, dimensions))
+        _check_action(name, event, statement, dimensions, ledger)
+    _check_regimes(statement, ledger)
+    accelerations = {acceleration(name): dimensions[name] / time**2 for name in statement.coordinates}
+    for name, observable in statement.observables.items():
+        with ledger.entry(f"observable '{name}'"):
+            dimension, chosen = dimension_of(observable, dimensions | accelerations), statement.observed.get(name)
+            spell(dimension)
+            if chosen and chosen.unit and chosen.unit.dimension != dimension:
+                raise InputError(f"has units '{dimension}', and is to be in '{chosen.unit.text}'")
+    _check_pictured(statement, dimensions, ledger)
+    check_validation(statement, dimensions, ledger)
+    _check_spreads(statement, dimensions | accelerations, ledger)
+    ledger.settle()
+    with ledger.entry("contacts"):
+        check_contacts(statement, dimensions, ledger)
+    ledger.settle()
+    return dimensions
+
+
+def _check_times(statement: Statement, ledger: Ledger) -> None:
+    """Check that time tolerances are in the model's unit of time."""
+    for kind in ("events", "contacts", "frictions"):
+        for name, part in getattr(statement, kind).items():
+            tolerance = part.time_tolerance
+            if tolerance is not None and tolerance.unit.dimension != statement.time_unit.dimension:
+                ledger.note(f"{kind.removesuffix('s')} '{name}': time_tolerance is '{tolerance}', needs a positive time in '{statement.time_unit.text}'")  # fmt: skip
+
+
+def _check_place(tolerance: Quantity | None, what: str, dimension: Dimension) -> None:
+    """Check that a position tolerance is in the unit of its function."""
+    if tolerance is not None and tolerance.unit.dimension != dimension:
+        raise InputError(f"position_tolerance is '{tolerance}', needs the unit of the {what}, '{dimension}'")
+
+
+def _check_names(statement: Statement, ledger: Ledger) -> None:
+    if not statement.coordinates and not statement.states:
+        ledger.note("has neither coordinates nor states: there is nothing to march")
+    if len(statement.events) > MOST_EVENTS:
+        ledger.note(f"has {len(statement.events)} events, {MOST_EVENTS} at most")
+    functions = statement.functions
+    for name in sorted({function.name for function in functions}):
+        if len({function.digest for function in functions if function.name == name}) > 1:
+            ledger.note(f"two different functions are named '{name}'; rename one")
+    owner_of: dict[str, str] = {}
+    sections = ("coordinates", "parameters", "definitions", "drives", "states", "forces", "events", "contacts", "frictions", "regimes", "observables")  # fmt: skip
+    for section in sections:
+        for name in getattr(statement, section):
+            what = f"{section.removesuffix('s')} '{name}'"
+            if keyword.iskeyword(name):
+                ledger.note(f"{what}: '{name}' is a word of Python; choose another name, like '{name}_'")
+            elif not _NAME.fullmatch(str(name)):
+                ledger.note(f"{what}: a name is a letter, then letters, digits and underscores, 40 at most")
+            elif section == "coordinates" and name in ("description", "potential", "matrix", "smooth", "t"):
+                ledger.note(f"{what}: '{name}' is a key of the model file; choose another name")
+            elif name in RESERVED and section not in ("forces", "events", "contacts", "frictions", "regimes"):
+                ledger.note(f"{what}: the name '{name}' is a word of the expression language")
+    for name, owner in record_names(vars(statement)):
+        if name in owner_of:
+            ledger.note(f"{owner} and {owner_of[name]} both claim the name '{name}'; rename one")
+        owner_of.setdefault(name, owner)
+
+
+def _declared(statement: Statement) -> dict[str, Dimension]:
+    dimensions = {"t": statement.time_unit.dimension, "pi": NONE} | {
+        name: constant(name).dimension for name in CONSTANTS
+    }
+    dimensions |= {name: part.quantity.unit.dimension for name, part in statement.parameters.items()}
+    dimensions |= {name: part.unit.dimension for name, part in statement.states.items()}
+    dimensions |= {name: part.table.value_unit.dimension for name, part in statement.drives.items()}
+    for name, part in statement.coordinates.items():
+        dimensions |= {name: part.unit.dimension, velocity(name): part.unit.dimension / statement.time_unit.dimension}
+    return dimensions
+
+
+def _define(statement: Statement, dimensions: dict[str, Dimension], ledger: Ledger) -> None:
+    """Add the dimensions of definitions, each after those that it uses."""
+    waiting: dict[str, Node] = dict(statement.definitions)
+    uses = {name: free_names(node) & statement.definitions.keys() for name, node in waiting.items()}
+    for levels in count():
+        ready = [name for name in waiting if not any(dependency in waiting for dependency in uses[name])]
+        if not waiting:
+            return
+        if not ready:
+            ledger.note(f"definitions {_few(waiting)} are defined by one another")
+            return
+        if levels > MOST_LEVELS:
+            ledger.note(
+                f"definitions {_few(waiting)} are nested too deeply, over {MOST_LEVELS} levels; shorten the chain"
+            )
+            return
+        for name in ready:
+            node = waiting.pop(name)
+            dimensions[name] = NONE
+            with ledger.entry(f"definition '{name}'"):
+                dimensions[name] = dimension_of(node, dimensions)
+                expand(node, statement.definitions)
+
+
+def _few(names: Iterable[str]) -> str:
+    """List the first ten names and count the others."""
+    first, remaining = [*islice(names, 10)], len([*names]) - 10
+    return ", ".join(first) + (f" and {remaining} more" if remaining > 0 else "")
+
+
+def _check_action(
+    name: str, event: Event, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
+) -> None:
+    """Check the action of an event: the regime that it switches to, the values that it sets."""
+    if event.to and event.to not in statement.regimes:
+        ledger.note(
+            f"event '{name}' switches to '{event.to}', which is no regime; there are: {', '.join(statement.regimes) or 'none'}"
+        )
+    variables = [variable for name in statement.coordinates for variable in (name, velocity(name))] + list(
+        statement.states
+    )
+    for target, node in event.reset.items():
+        if target in variables:
+            _needs(ledger, f"event '{name}' sets '{target}'", node, dimensions, dimensions[target])
+        else:
+            ledger.note(f"event '{name}' sets '{target}', which is no coordinate, velocity or state")
+
+
+def _check_regimes(statement: Statement, ledger: Ledger) -> None:
+    """Check that regimes list forces of the model, and that every force acts in one of them."""
+    for name, regime in statement.regimes.items():
+        for force in regime.forces:
+            if force not in statement.forces:
+                ledger.note(
+                    f"regime '{name}' has '{force}', which is no force; there are: {', '.join(statement.forces)}"
+                )
+    acting = {force for regime in statement.regimes.values() for force in regime.forces}
+    for name in statement.forces if statement.regimes else ():
+        if name not in acting:
+            ledger.note(f"force '{name}' acts in no regime; put it into one, or leave it out")
+
+
+def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
+    coordinates = [name for coordinate in statement.coordinates for name in (coordinate, velocity(coordinate))]
+    needed = ["t", *coordinates, *statement.states]
+    for name in needed:
+        if name not in statement.initial:
+            ledger.note(f"initial value of '{name}' is missing, in '{dimensions[name]}'")
+        elif statement.initial[name].unit.dimension != dimensions[name]:
+            start = statement.initial[name]
+            ledger.note(
+                f"initial value '{name} = {start}' has units '{start.unit.dimension}', needs '{dimensions[name]}';"
+                " write the unit behind the number"
+            )
+    for name in statement.initial:
+        if name not in needed:
+            ledger.note(f"initial value of '{name}', which is no coordinate, velocity or state")
+
+
+def _check_spreads(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Check correlations (between normal inputs, jointly possible) and discrepancies (of a quantity, in its unit)."""
+    inputs = statement.parameters | statement.starts
+    for pair in statement.correlations:
+        for name in pair:
+            spread = inputs[name].spread if name in inputs else None
+            if spread is None or spread.standard.value == 0:
+                ledger.note(f"correlation of '{name}', which is no parameter or initial value with an uncertainty")
+            elif spread.distribution != NORMAL:
+                ledger.note(
+                    f"correlation of '{name}', which is {spread.distribution}; normal numbers alone are correlated here"
+                )
+    names = list(dict.fromkeys(name for pair in statement.correlations for name in pair))
+    with ledger.entry("correlations"):
+        root_of(matrix_of(names, statement.correlations))
+    for name, discrepancy in statement.discrepancy.items():
+        with ledger.entry(f"discrepancy '{name}'"):
+            if name not in statement.observables and (name not in dimensions or name in statement.parameters):
+                raise InputError("is of no coordinate, velocity, state, observable, nor t")
+            needed = (
+                dimension_of(statement.observables[name], dimensions)
+                if name in statement.observables
+                else dimensions[name]
+            )
+            if discrepancy.standard.unit.dimension != needed:
+                raise InputError(f"standard has units '{discrepancy.standard.unit.dimension}', needs '{needed}'")
+
+
+def _check_motion(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Check that every entry of M a = F has the unit that its row needs."""
+    coordinates, time = list(statement.coordinates), statement.time_unit.dimension
+    force_dimensions: dict[str, Dimension] = {}
+    for i, name in enumerate(coordinates):
+        with ledger.entry(f"mass of '{name}'"):
+            force_dimensions[name] = dimension_of(statement.mass[i][i], dimensions) * dimensions[name] / time**2
+    if len(force_dimensions) < len(coordinates):
+        return
+    for (i, j), entry in statement.mass_entries.items():
+        row, column, mirrored = coordinates[i], coordinates[j], statement.mass[j][i]
+        if i != j:
+            _needs(
+                ledger,
+                f"mass entry ({i + 1}, {j + 1})",
+                entry,
+                dimensions,
+                force_dimensions[row] / dimensions[column] * time**2,
+            )
+        if entry != mirrored and (i < j or (j, i) not in statement.mass_entries):
+            first, second = sorted([(i, j), (j, i)])
+            pair = text_of(statement.mass[first[0]][first[1]]), text_of(statement.mass[second[0]][second[1]])
+            ledger.note(
+                f"mass matrix is not symmetric: entry ({first[0] + 1}, {first[1] + 1}) is '{pair[0]}',"
+                f" ({second[0] + 1}, {second[1] + 1}) is '{pair[1]}'"
+            )
+    for term, force in statement.forces.items():
+        if force.potential is not None:
+            _check_potential(term, force.potential, statement, dimensions, force_dimensions, ledger)
+        for name, node in force.components.items():
+            if name not in force_dimensions:
+                ledger.note(
+                    f"force '{term}' acts on '{name}', which is no coordinate; there are {', '.join(coordinates)}"
+                )
+            elif isinstance(node, Function):
+                _check_function(f"force '{term}'", node, statement, dimensions, ledger)
+            else:
+                _needs(ledger, f"force '{term}' of '{name}'", node, dimensions, force_dimensions[name])
+
+
+def _check_potential(
+    term: str,
+    potential: Node,
+    statement: Statement,
+    dimensions: Mapping[str, Dimension],
+    force_dimensions: Mapping[str, Dimension],
+    ledger: Ledger,
+) -> None:
+    try:
+        tree = expand(potential, statement.definitions)
+    except InputError as error:
+        ledger.note(f"potential of '{term}': {error}")
+        return
+    used = free_names(tree)
+    for drive in used & set(statement.drives):
+        if statement.drives[drive].argument != "t":
+            ledger.note(
+                f"potential of '{term}' uses the drive '{drive}' of '{statement.drives[drive].argument}'; write a component"
+            )
+    if any(name.startswith("v_") and name[2:] in force_dimensions for name in used):
+        ledger.note(f"potential of '{term}' depends on a velocity; write a component")
+    if not force_dimensions:
+        ledger.note(f"potential of '{term}' has no coordinate to act on")
+        return
+    acted = [name for name in force_dimensions if name in used] or list(force_dimensions)[:1]
+    for energy in dict.fromkeys(force_dimensions[name] * dimensions[name] for name in acted):
+        _needs(ledger, f"potential of '{term}'", potential, dimensions, energy)
+
+
+def _check_function(
+    what: str, function: Function, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
+) -> None:
+    for name in function.arguments:
+        if name in statement.definitions:
+            ledger.note(
+                f"{what}: function '{function.name}' asks for the definition '{name}'; let it ask for what that is made of"
+            )
+        elif name not in dimensions:
+            ledger.note(f"{what}: function '{function.name}' asks for '{name}', which is not declared")
+
+
+def _check_drive(
+    name: str, drive: Any, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
+) -> None:
+    arguments = ["t", *(variable for q in statement.coordinates for variable in (q, velocity(q)))]
+    if drive.argument not in arguments:
+        ledger.note(f"drive '{name}' has the argument '{drive.argument}'; it may be one of {', '.join(arguments)}")
+    elif drive.table.argument_unit.dimension != dimensions[drive.argument]:
+        ledger.note(
+            f"drive '{name}': the first column of '{drive.table.name}' is in '{drive.table.argument_unit.text}',"
+            f" its argument '{drive.argument}' in '{dimensions[drive.argument]}'"
+        )
+
+
+def _needs(ledger: Ledger, what: str, node: Node, dimensions: Mapping[str, Dimension], needed: Dimension) -> None:
+    """Check one expression against the unit that is needed."""
+    try:
+        dimension = dimension_of(node, dimensions)
+    except InputError as error:
+        ledger.note(f"{what}: {error}")
+        return
+    if dimension != needed and node != Number(0.0):
+        column = getattr(node, "column", 1) or 1
+        ledger.note(f"{what} has units '{dimension}', needs '{needed}' (column {column}: {shown(node)})")
+
+
+def _check_pictured(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Check what figures show: positions in one unit, a period computed from parameters, angles."""
+    for k, pair in enumerate(statement.pictured.plane, 1):
+        with ledger.entry(f"figure: pair {k} of plane"):
+            across, up = (dimension_of(expression, dimensions) for expression in pair)
+            if across != up:
+                raise InputError(f"is across in '{across}' and up in '{up}'; both need one unit")
+            moving = {*statement.states, *statement.drives, *map(velocity, statement.coordinates)}
+            names = set().union(*(free_names(expand(expression, statement.definitions)) for expression in pair))
+            if forbidden := sorted(names & moving):
+                raise InputError(f"reads '{forbidden[0]}'; a place in the plane is of coordinates, t and parameters")
+    with ledger.entry("figure: section"):
+        if (section := statement.pictured.section) is not None:
+            dimension = dimension_of(section, dimensions)
+            if dimension != statement.time_unit.dimension:
+                raise InputError(f"has units '{dimension}', needs a period in '{statement.time_unit.text}'")
+            names = free_names(expand(section, statement.definitions))
+            if forbidden := sorted(names - {*statement.parameters, *CONSTANTS, "pi"}):
+                raise InputError(f"reads '{forbidden[0]}'; a period is of parameters")
+    for name in statement.pictured.wrap:
+        if name not in statement.coordinates or dimensions[name] != NONE:
+            ledger.note(f"figure: wrap has '{name}', which is no angle among the coordinates")

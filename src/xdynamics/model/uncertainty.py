@@ -1,0 +1,263 @@
+"""Uncertainty of the numbers of a model: standard uncertainties, bounds, distributions, correlations."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.elementary import FUNCTIONS
+from xdynamics.faults import InputError
+from xdynamics.model.table_keys import choice
+from xdynamics.units import Quantity, parse_quantity
+
+NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT = "normal", "rectangular", "triangular", "arcsine", "t"
+DISTRIBUTIONS = (NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT)
+# half widths of bounded distributions, in standard deviations (JCGM 101:2008, 6.4.2 to 6.4.6)
+HALF_WIDTHS = {RECTANGULAR: sqrt(3.0), TRIANGULAR: sqrt(6.0), ARCSINE: sqrt(2.0)}
+SIZES = ("uncertainty", "half_width")
+KEYS = (*SIZES, "distribution", "degrees_of_freedom")
+
+_BETWEEN = re.compile(r"±|\+/-|\+-")
+NOTHING = 1e-12  # a remaining variance that counts as zero
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How a number is distributed about its value.
+
+    Attributes
+    ----------
+    size : Quantity
+        As specified: the standard uncertainty, or half the width between the bounds.
+    distribution : {"normal", "rectangular", "triangular", "arcsine", "t"}
+    bounded : bool
+        Whether the size is half a width.
+    degrees_of_freedom : float, optional
+        Of Student's t, over 2. Its standard deviation is the standard uncertainty; a mean of n readings has
+        s/sqrt(n) times sqrt((n - 1)/(n - 3)) (JCGM 101:2008, 6.4.9).
+    """
+
+    size: Quantity
+    distribution: str = NORMAL
+    bounded: bool = False
+    degrees_of_freedom: float | None = None
+
+    @property
+    def standard(self) -> Quantity:
+        """The standard uncertainty, in the unit of the size."""
+        factor = HALF_WIDTHS[self.distribution] if self.bounded else 1.0
+        return Quantity(self.size.value / factor, self.size.unit)
+
+    def at(self, points: Floats) -> Floats:
+        """Return the quantiles of probabilities between 0 and 1, in standard uncertainties from the value.
+
+        For all but Student's t, which is scipy's, the arithmetic is the same on every machine.
+        """
+        if self.distribution == RECTANGULAR:
+            return HALF_WIDTHS[RECTANGULAR] * (2.0 * points - 1.0)
+        if self.distribution == TRIANGULAR:
+            off = 1.0 - np.sqrt(2.0 * np.minimum(points, 1.0 - points))
+            return HALF_WIDTHS[TRIANGULAR] * np.where(points < 0.5, -off, off)
+        if self.distribution == ARCSINE:
+            sine: Floats = FUNCTIONS["sin"](np.pi * (points - 0.5))
+            return HALF_WIDTHS[ARCSINE] * sine
+        if self.degrees_of_freedom is not None:
+            from scipy import special
+
+            quantile: Floats = special.stdtrit(self.degrees_of_freedom, points)
+            return quantile * sqrt(1.0 - 2.0 / self.degrees_of_freedom)
+        return normal_quantile(points)
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """The error in a quantity due to the approximations of the model, as declared by its author."""
+
+    standard: Quantity
+    description: str = ""
+
+
+def parted(text: Any) -> tuple[str, str] | None:
+    """Split ``50 ± 0.5 g`` into the value and its standard uncertainty, as `show` prints them.
+
+    Raises
+    ------
+    InputError
+        If the uncertainty is not a quantity.
+
+    Examples
+    --------
+    >>> parted("50 ± 0.5 g")
+    ('50 g', '0.5 g')
+    """
+    if not isinstance(text, str) or (match := _BETWEEN.search(text)) is None:
+        return None
+    value, size = text[: match.start()].strip(), text[match.end() :].strip()
+    unit = parse_quantity(size).unit.text
+    return f"{value} {unit}", size
+
+
+def spread_of(given: Mapping[str, Any], value: Quantity) -> Spread | None:
+    """Read the spread of an entry, if it has one.
+
+    Raises
+    ------
+    InputError
+        If its keys contradict each other, or its unit is not that of the value.
+    """
+    sizes = [key for key in SIZES if key in given]
+    if not sizes:
+        if "distribution" in given or "degrees_of_freedom" in given:
+            raise InputError("has a distribution, and no uncertainty or half_width that says how wide it is")
+        return None
+    if len(sizes) > 1:
+        raise InputError("has an uncertainty and a half_width; write one: the other follows from the distribution")
+    bounded = sizes == ["half_width"]
+    distribution = choice(given, "distribution", DISTRIBUTIONS, RECTANGULAR if bounded else NORMAL)
+    if bounded and distribution not in HALF_WIDTHS:
+        raise InputError(f"half_width: a distribution that is {distribution} has no bounds; write its uncertainty")
+    return Spread(_size(given[sizes[0]], sizes[0], value), distribution, bounded, _freedom(given, distribution))
+
+
+def _size(written: Any, key: str, value: Quantity) -> Quantity:
+    size = parse_quantity(written)
+    if size.unit.text == "1":
+        size = Quantity(size.value, value.unit)
+    if size.value < 0:
+        raise InputError(f"{key} {written!r} must be non-negative")
+    if size.unit.dimension != value.unit.dimension:
+        raise InputError(f"{key} is in '{size.unit.dimension}', the value in '{value.unit.dimension}'")
+    return size
+
+
+def _freedom(entry: Mapping[str, Any], distribution: str) -> float | None:
+    value = entry.get("degrees_of_freedom")
+    if distribution != STUDENT:
+        if value is not None:
+            raise InputError(f"degrees_of_freedom is {value!r}; a distribution that is {distribution} has none")
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 2 < value < float("inf"):
+        raise InputError(
+            f"degrees_of_freedom is {value!r}; a t distribution needs a number over 2, or has no deviation"
+        )
+    return float(value)
+
+
+def correlations_of(section: Mapping[str, Any]) -> dict[tuple[str, str], float]:
+    """Read the correlation coefficients of pairs of names.
+
+    Raises
+    ------
+    InputError
+        If a coefficient is not a number from -1 to 1, or a pair occurs twice.
+    """
+    coefficients: dict[tuple[str, str], float] = {}
+    for name, others in section.items():
+        if not isinstance(others, Mapping):
+            raise InputError(f"{name} = {others!r} must be a table, like m = {{ c = 0.3 }}")
+        for other, value in others.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not -1 <= value <= 1:
+                raise InputError(f"{name} and {other}: {value!r} is no number from -1 to 1")
+            if name == other or (other, name) in coefficients:
+                raise InputError(f"{name} and {other}: " + ("a number with itself has 1" if name == other else "are there twice"))  # fmt: skip
+            coefficients[name, other] = float(value)
+    return coefficients
+
+
+# Wichura 1988, algorithm AS 241 (doi:10.2307/2347330): numerator and denominator near the middle, in the tails, far out
+_NEAR = (
+    (3.3871328727963666080e0, 1.3314166789178437745e2, 1.9715909503065514427e3, 1.3731693765509461125e4, 4.5921953931549871457e4, 6.7265770927008700853e4, 3.3430575583588128105e4, 2.5090809287301226727e3),
+    (1.0, 4.2313330701600911252e1, 6.8718700749205790830e2, 5.3941960214247511077e3, 2.1213794301586595867e4, 3.9307895800092710610e4, 2.8729085735721942674e4, 5.2264952788528545610e3),
+)  # fmt: skip
+_TAIL = (
+    (1.42343711074968357734e0, 4.63033784615654529590e0, 5.76949722146069140550e0, 3.64784832476320460504e0, 1.27045825245236838258e0, 2.41780725177450611770e-1, 2.27238449892691845833e-2, 7.74545014278341407640e-4),
+    (1.0, 2.05319162663775882187e0, 1.67638483018380384940e0, 6.89767334985100004550e-1, 1.48103976427480074590e-1, 1.51986665636164571966e-2, 5.47593808499534494600e-4, 1.05075007164441684324e-9),
+)  # fmt: skip
+_FAR = (
+    (6.65790464350110377720e0, 5.46378491116411436990e0, 1.78482653991729133580e0, 2.96560571828504891230e-1, 2.65321895265761230930e-2, 1.24266094738807843860e-3, 2.71155556874348757815e-5, 2.01033439929228813265e-7),
+    (1.0, 5.99832206555887937690e-1, 1.36929880922735805310e-1, 1.48753612908506148525e-2, 7.86869131145613259100e-4, 1.84631831751005468180e-5, 1.42151175831644588870e-7, 2.04426310338993978564e-15),
+)  # fmt: skip
+
+
+def normal_quantile(points: Floats) -> Floats:
+    """Return the quantiles of the standard normal distribution for probabilities between 0 and 1, to 16 digits."""
+    off = points - 0.5
+    far: Floats = np.sqrt(-FUNCTIONS["log"](np.minimum(points, 1.0 - points)))
+    tail = np.where(far <= 5.0, _ratio(_TAIL, far - 1.6), _ratio(_FAR, far - 5.0))
+    return np.where(np.abs(off) <= 0.425, off * _ratio(_NEAR, 0.180625 - off * off), np.where(off < 0.0, -tail, tail))
+
+
+def _ratio(powers: tuple[tuple[float, ...], tuple[float, ...]], x: Floats) -> Floats:
+    above, below = (np.zeros_like(x), np.zeros_like(x))
+    for p, q in zip(reversed(powers[0]), reversed(powers[1]), strict=True):
+        above, below = above * x + p, below * x + q
+    return above / below
+
+
+def deviations(spreads: Sequence[Spread], correlation: Floats, points: Floats) -> Floats:
+    """Return draws as deviations from the values in standard uncertainties; normal ones with their correlations.
+
+    Parameters
+    ----------
+    spreads : sequence of Spread
+    correlation : ndarray, shape (n, n)
+    points : ndarray, shape (draws, n)
+        Independent, uniform from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If the correlations contradict each other.
+    """
+    root = root_of(correlation)
+    draws = np.stack([spread.at(points[:, i]) for i, spread in enumerate(spreads)], axis=-1)
+    mixed = np.zeros_like(draws)
+    for i in range(len(spreads)):
+        for k in range(i + 1):
+            if root[i, k] != 0.0:
+                mixed[:, i] += root[i, k] * draws[:, k]
+    return mixed
+
+
+def root_of(correlation: Floats) -> Floats:
+    """Return the lower Cholesky factor of a correlation matrix, with zero columns where no variance remains.
+
+    Raises
+    ------
+    InputError
+        If the correlations contradict each other.
+    """
+    n = len(correlation)
+    root = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            left = float(correlation[i, j])
+            for k in range(j):
+                left -= float(root[i, k]) * float(root[j, k])
+            if i == j and left < -NOTHING:
+                raise InputError("correlations contradict each other: no numbers can have all of them")
+            if i == j:
+                root[i, i] = sqrt(left) if left > NOTHING else 0.0
+            elif root[j, j] > 0.0:
+                root[i, j] = left / root[j, j]
+            elif abs(left) > NOTHING:
+                raise InputError("correlations contradict each other: no numbers can have all of them")
+    return root
+
+
+def matrix_of(names: list[str], correlations: Mapping[tuple[str, str], float]) -> Floats:
+    """Return the correlation matrix of some names."""
+    matrix = np.eye(len(names))
+    for (name, other), value in correlations.items():
+        if name in names and other in names:
+            i, j = names.index(name), names.index(other)
+            matrix[i, j] = matrix[j, i] = value
+    return matrix

@@ -1,0 +1,336 @@
+"""Surveys of a grid of runs: differences, changes of outcome, slopes, shares of variance, convergence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
+from xdynamics.faults import InputError
+from xdynamics.methods import METHODS
+from xdynamics.schema import AT, OCCURRENCE, flags
+from xdynamics.sweeping.axes import RTOL, STEP
+from xdynamics.sweeping.collection import AXES, AXIS, VARIES, check_sweep, plan_of
+from xdynamics.sweeping.kept_quantities import EVENT_COUNT
+from xdynamics.sweeping.labels import place_on
+from xdynamics.sweeping.members import OUTCOME, STOPPED_BY, ended
+from xdynamics.units import parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+EPS = float(np.finfo(float).eps)
+ROLE = "survey"
+EVALUATIONS = "run_force_evaluations"
+ROUNDING = 64.0  # spacings of numbers; a smaller spread counts as zero
+LEVELS = 3  # needed to observe an order
+
+
+def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Dataset:
+    """Compare members along one axis with one of them: two methods, say, or two tables.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        What `sweep` or `open_sweep` returned.
+    dim : str
+        The axis, ``"method"`` say.
+    reference : optional
+        The value that the others are compared with; by default the last one.
+
+    Returns
+    -------
+    xarray.Dataset
+        Lazy where the sweep is. For every number ``difference_end_y``, and ``outcome_differs``: 1 where the run ended
+        in another way.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis, or no such value of it.
+    """
+    _check_axis(sweep, dim)
+    at = sweep.sizes[dim] - 1 if reference is None else _place(sweep, dim, reference)
+    reference_member = sweep.isel({dim: at})
+    variables: dict[str, Any] = {
+        f"difference_{name}": (sweep[name].dims, (sweep[name] - reference_member[name]).transpose(*sweep[name].dims).data, _about(sweep, name, f"{sweep[name].attrs['long_name']}, less that of the reference"))
+        for name in numbers(sweep)
+    }  # fmt: skip
+    differs = sweep[OUTCOME] != reference_member[OUTCOME]
+    if STOPPED_BY in sweep:
+        differs = differs | (sweep[STOPPED_BY] != reference_member[STOPPED_BY])
+    differs = differs.transpose(*sweep[OUTCOME].dims).astype(np.int8)
+    variables["outcome_differs"] = (differs.dims, differs.data, about("1", "1 where the run ended in another way than the reference", ROLE))  # fmt: skip
+    label = str(reference_member[dim].values) if dim in sweep.coords else str(at)
+    return _exhibited("contrast", f"members along {dim}, compared with {label}", sweep, variables, {"reference": label})
+
+
+def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
+    """Differentiate every number of a sweep along every axis of numbers, by differences of second order.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+
+    Returns
+    -------
+    xarray.Dataset
+        Lazy where the sweep is: ``slope_end_y_k``, in the unit of end_y over that of k.
+
+    Raises
+    ------
+    InputError
+        If no axis has two numbers or more.
+
+    Notes
+    -----
+    Second-order differences on uneven grids as by `numpy.gradient`, at the ends too where there are three values: they
+    are as accurate as the grid is fine, and mean nothing across a change of outcome; see `influences`.
+    """
+    check_sweep(sweep)
+    axes = [
+        dim
+        for dim in _axes(sweep)
+        if dim in sweep.dims and dim in sweep.coords and sweep[dim].dtype.kind == "f" and sweep.sizes[dim] > 1
+    ]
+    if not axes:
+        raise InputError("no axis of the sweep has two numbers or more to differentiate by")
+    variables: dict[str, Any] = {}
+    for name in numbers(sweep):
+        for dim in (axis for axis in axes if axis in sweep[name].dims):
+            slope = sweep[name].chunk({dim: -1}) if sweep[name].chunks else sweep[name]
+            edge: Any = 2 if sweep.sizes[dim] > 2 else 1
+            slope = slope.astype(float).differentiate(dim, edge_order=edge).transpose(*sweep[name].dims)
+            units = quotient(str(sweep[name].attrs["units"]), str(sweep[dim].attrs["units"]))
+            variables[f"slope_{name}_{dim}"] = (
+                slope.dims,
+                slope.data,
+                about(units, f"derivative of {name} by {dim}", ROLE),
+            )
+    return _exhibited("sensitivities", f"slopes along {', '.join(axes)}", sweep, variables, {})
+
+
+def influences(sweep: xr.Dataset) -> xr.Dataset:
+    """Return how much each axis changes outcomes, counts of events, and every number.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `axis`: ``outcome_changes``, the share of neighbours along the axis that ended in different ways;
+        ``event_count_ground_changes`` the same for a count; ``main_effect_end_y``, the share of variance that the axis
+        has alone, over members that have the number.
+
+    Notes
+    -----
+    The main effect is the variance of means over all other axes, divided by the total variance: Sobol's first-order
+    index for values distributed like the grid (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2).
+    """
+    check_sweep(sweep)
+    axes = [dim for dim in _axes(sweep) if dim in sweep.dims]
+    names = numbers(sweep)
+    counts = [name for name in names if name.startswith(EVENT_COUNT)]
+    variables: dict[str, Any] = {"axis_name": (("axis",), np.array(axes), about("1", "the axis", "name"))}
+    for name in (OUTCOME, *counts):
+        values = ended(sweep).values if name == OUTCOME else sweep[name].values
+        word = "outcome" if name == OUTCOME else name
+        shares = [_share_of_changes(values, sweep[name].dims.index(dim)) for dim in axes]
+        variables[f"{word}_changes"] = (("axis",), np.array(shares), about("1", f"share of neighbours along the axis that differ in {name}", ROLE))  # fmt: skip
+    for name in (number for number in names if number not in counts and not {AT, OCCURRENCE} & {*sweep[number].dims}):
+        number = sweep[name].astype(float)
+        variance = float(number.var())
+        rounding = (ROUNDING * EPS * float(abs(number).max())) ** 2
+        effects = [float(number.mean([other_dim for other_dim in number.dims if other_dim != dim]).var()) / variance if variance > rounding else 0.0 for dim in axes]  # fmt: skip
+        variables[f"main_effect_{name}"] = (("axis",), np.array(effects), about("1", f"share of the variance of {name} that the axis has alone", ROLE))  # fmt: skip
+    return _exhibited("influences", f"what {', '.join(axes)} change", sweep, variables, {})
+
+
+def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
+    """Judge every member by its levels along an axis of steps or tolerances: order, verdict, limit, uncertainty.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        With an axis ``step`` or ``rtol`` of three values or more.
+    dim : str
+        That axis.
+
+    Returns
+    -------
+    xarray.Dataset
+        On the other axes, lazy where the sweep is: for every number ``order_end_y``, ``verdict_end_y``,
+        ``limit_end_y``, ``uncertainty_end_y`` of the finest level, as `refine` finds them for one model.
+
+    Raises
+    ------
+    InputError
+        If the axis is not one of steps or tolerances, or has fewer levels, or methods vary in it.
+    """
+    import xarray as xr
+
+    _check_axis(sweep, dim)
+    kind = str(sweep[dim].attrs.get(VARIES)) if dim in sweep.coords else ""
+    if kind not in (STEP, RTOL) or sweep.sizes[dim] < LEVELS:
+        raise InputError(f"'{dim}' has {sweep.sizes[dim]} values of a {kind or 'thing'}, needs {LEVELS} or more of step or rtol")  # fmt: skip
+    fine = sweep.sortby(dim, ascending=False)
+    fine = fine.chunk({dim: -1}) if any(entry.chunks for entry in fine.data_vars.values()) else fine
+    steps, order = fine[dim].values.astype(float), _orders(sweep)
+    variables: dict[str, Any] = {}
+    for name in (entry for entry in numbers(sweep) if sweep[entry].dtype.kind == "f" and dim in sweep[entry].dims):
+        results = xr.apply_ufunc(
+            lambda values, orders: _judged(values, steps, orders, smooth=kind == STEP), fine[name].astype(float), order,
+            input_core_dims=[[dim], []], output_core_dims=[["told"]], dask="parallelized", output_dtypes=[float],
+            dask_gufunc_kwargs={"output_sizes": {"told": 4}},
+        )  # fmt: skip
+        dims = tuple(str(entry) for entry in results.dims if entry != "told")
+        verdict = results.isel(told=1)
+        judged = {
+            "order": (results.isel(told=0), "1", f"observed order of {name} in its last three levels", {}),
+            "verdict": (verdict.astype(np.int8), "1", f"what the levels tell of {name}", flags(dict(enumerate(VERDICTS)))),
+            "limit": (results.isel(told=2), sweep[name].attrs["units"], f"{name} with an ever smaller {dim}", {}),
+            "uncertainty": (results.isel(told=3), sweep[name].attrs["units"], f"uncertainty of {name} at the finest level, at about 95 %", {}),
+        }  # fmt: skip
+        variables |= {f"{word}_{name}": (dims, entry.data, about(units, description, "flag" if extra else ROLE) | extra) for word, (entry, units, description, extra) in judged.items()}  # fmt: skip
+    return _exhibited(
+        "convergence", f"levels along {dim}", sweep.isel({dim: -1}, drop=True), variables, {"varied": dim}
+    )
+
+
+def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] | None = None) -> xr.Dataset:
+    """Return the cost and the error of every run: a work-precision diagram of methods, from coarse to fine.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        With an axis of steps or tolerances, and perhaps one of methods.
+    dim : str
+        The axis of steps or tolerances.
+    exact : mapping of str to float, optional
+        The exact values, in the units of the sweep; by default the finest level of the method of the highest order is
+        taken for exact.
+
+    Returns
+    -------
+    xarray.Dataset
+        Lazy where the sweep is: ``off_end_y``, the absolute error, and ``run_force_evaluations``.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis, or `exact` names no number of the sweep or has no finite value.
+    """
+    _check_axis(sweep, dim)
+    names, exact_values = numbers(sweep), dict(exact or {})
+    if unknown := [name for name in exact_values if name not in names]:
+        raise InputError(f"exact names '{unknown[0]}', which is none of {', '.join(names)}")
+    for name, value in exact_values.items():
+        if not np.isfinite(value):
+            raise InputError(f"exact has {value!r} for '{name}', needs a number")
+    finest: dict[str, int] = {dim: int(np.argmin(sweep[dim].values))}
+    if "method" in sweep.dims:
+        finest["method"] = int(np.argmax([METHODS[str(entry)].order for entry in sweep["method"].values]))
+    variables: dict[str, Any] = {}
+    for name in (entry for entry in names if dim in sweep[entry].dims and sweep[entry].dtype.kind == "f"):
+        error = abs(sweep[name] - exact_values.get(name, sweep[name].isel(finest, drop=True))).transpose(
+            *sweep[name].dims
+        )
+        variables[f"off_{name}"] = (error.dims, error.data, _about(sweep, name, f"distance of {name} from {'the right value' if name in exact_values else 'the finest one'}"))  # fmt: skip
+    work = sweep[EVALUATIONS]
+    variables[EVALUATIONS] = (work.dims, work.data, dict(work.attrs))
+    return _exhibited("precision", f"work against precision along {dim}", sweep, variables, {"varied": dim})
+
+
+def numbers(sweep: xr.Dataset) -> list[str]:
+    """Name the numbers kept of members, without their rules and uncertainties."""
+    axes = {*_axes(sweep)}
+    return [
+        str(name)
+        for name, variable in sweep.data_vars.items()
+        if variable.dtype.kind in "fi"
+        and axes & {*map(str, variable.dims)}
+        and not str(name).startswith("run_")
+        and AXIS not in variable.attrs
+        and variable.attrs.get("role") not in ("flag", "error")
+    ]
+
+
+def _axes(sweep: xr.Dataset) -> list[str]:
+    return str(sweep.attrs[AXES]).split()
+
+
+def _check_axis(sweep: Any, dim: str) -> None:
+    check_sweep(sweep)
+    if dim not in sweep.dims or dim not in _axes(sweep):
+        raise InputError(f"the sweep has no axis '{dim}'; there are {', '.join(_axes(sweep))}")
+
+
+def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
+    """Find the index of a value on an axis."""
+    return place_on(next(axis for axis in plan_of(sweep).grid.axes if axis.dim == dim), label)
+
+
+def _about(sweep: xr.Dataset, name: str, description: str) -> dict[str, Any]:
+    return about(str(sweep[name].attrs["units"]), description, ROLE)
+
+
+def quotient(unit: str, by: str) -> str:
+    """Spell one unit over another."""
+    inverse = []
+    for factor in by.split() if by != "1" else ():
+        name = factor.rstrip("-0123456789")
+        power = int(factor[len(name) :] or 1)
+        inverse.append(f"{name}{-power}")
+    return parse_unit(" ".join(factor for factor in (unit, *inverse) if factor != "1") or "1").text
+
+
+def _share_of_changes(values: NDArray[Any], axis: int) -> float:
+    """Return the share of neighbours along an axis that differ, among those that both exist."""
+    moved = np.moveaxis(values, axis, 0)
+    both_known = (moved[1:] == moved[1:]) & (moved[:-1] == moved[:-1])
+    return float(np.mean(moved[1:][both_known] != moved[:-1][both_known])) if both_known.any() else 0.0
+
+
+def _orders(sweep: xr.Dataset) -> Any:
+    """Return the order of every method."""
+    import xarray as xr
+
+    plan = plan_of(sweep)
+    if "method" in sweep.dims:
+        return xr.DataArray([float(METHODS[str(method)].order) for method in sweep["method"].values], dims="method")
+    return xr.DataArray(float(plan.grid.settings_of((0,) * len(plan.grid.shape)).method.order))
+
+
+def _judged(values: Floats, steps: Floats, orders: Floats, *, smooth: bool) -> Floats:
+    """Judge rows of levels; return order, verdict, limit and uncertainty of each."""
+    shape = values.shape[:-1]
+    rows, order = values.reshape(-1, values.shape[-1]), np.broadcast_to(orders, shape).ravel().tolist()
+    judged = np.full((len(rows), 4), np.nan)
+    observed = observed_orders(rows, steps)[:, -2]
+    for i, row in enumerate(rows):
+        if np.isfinite(row).all():
+            formal, rounding = order[i] if smooth else 1.0, 4.0 * EPS * float(np.abs(row).max())
+            judgement = judge(row, steps, formal, rounding, 0.0, 0.0, smooth=smooth, order=order[i])
+            judged[i] = observed[i], judgement.verdict, judgement.limit, judgement.uncertainty
+    judged[np.isnan(judged[:, 1]), 1] = VERDICTS.index("not_converging")
+    return judged.reshape(*shape, 4)
+
+
+def _exhibited(
+    kind: str, title: str, sweep: xr.Dataset, variables: dict[str, Any], extra: dict[str, Any]
+) -> xr.Dataset:
+    """Assemble a survey, with the coordinates of its axes."""
+    dims = {dim for variable in variables.values() for dim in variable[0]}
+    coordinates = {str(name): (variable.dims, variable.data, dict(variable.attrs)) for name, variable in sweep.coords.items() if AXIS in variable.attrs and {*variable.dims} <= dims}  # fmt: skip
+    attributes = {
+        key: sweep.attrs[key] for key in ("model_digest", "sweep_digest", "sweep_settings") if key in sweep.attrs
+    }
+    title = f"{str(sweep.attrs['title']).split(':')[0]}: {title}"
+    return exhibit(kind, title, [], coordinates | variables, attributes | extra).set_coords([*coordinates])

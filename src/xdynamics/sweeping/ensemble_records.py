@@ -1,0 +1,260 @@
+"""Many runs of one model as concatenated columns of a record: states, events, states in between."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import record
+from xdynamics.cached_properties import cached_property
+from xdynamics.evidence.observables import modes_behind, rate_tree
+from xdynamics.expressions import Name, Node, free_names
+from xdynamics.kernels import Layout, law_of
+from xdynamics.kernels.layout import layout_of
+from xdynamics.march import Pacing, Runs, Settings
+from xdynamics.march.dense_output import PartsAbreast, rows_of_times, states_within
+from xdynamics.march.simd_ensemble import lanes_for
+from xdynamics.model import Model
+from xdynamics.model.mass import Assignment
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, read_by, tables_of
+from xdynamics.model.parts import Function
+from xdynamics.model.reactions import reactions
+from xdynamics.record.column import Column
+from xdynamics.record.columns import columns_of, state_name
+from xdynamics.units import parse_unit
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+MANY = 1 << 12  # states, enough for lanes
+VALUE, RATE = ("value",), ("rate",)  # what is evaluated of a quantity
+
+
+@dataclass(frozen=True)
+class Harvest:
+    """The runs of members that differ in numbers alone.
+
+    Attributes
+    ----------
+    model : Model
+    settings : Settings
+    runs : Runs
+    parts : PartsAbreast, optional
+        Repeats steps of the runs, side by side.
+    """
+
+    model: Model
+    settings: Settings
+    runs: Runs
+    parts: PartsAbreast | None = None
+
+    @property
+    def layout(self) -> Layout:
+        """The layout of the numbers in the march."""
+        return self.runs.layout
+
+    @property
+    def size(self) -> int:
+        """Number of members."""
+        return len(self.runs.ends)
+
+    @cached_property
+    def columns(self) -> Mapping[str, Column]:
+        """Every variable of the records, and how it is taken from the kept logs."""
+        return {column.variable.name: column for column in columns_of(self.layout, self.settings)}
+
+    @cached_property
+    def _taken(self) -> dict[str, NDArray[Any]]:
+        return {}
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a variable of the records, concatenated over all members, in the unit of a record."""
+        if name not in self._taken:
+            if name in self.layout.row and name not in self.runs.columns:
+                raise KeyError(f"'{name}' was not kept of the logs")
+            self._taken[name] = self.columns[name].take(self.runs.kept)
+        return self._taken[name]
+
+    def last(self, name: str) -> NDArray[Any]:
+        """Return a variable in every member's last row."""
+        return self[name][self.runs.last_rows]
+
+    def met(self, detector: str) -> tuple[Rows, Rows, Rows]:
+        """Return the events of one detector: their index among all events, their member, and which occurrence they are."""
+        attributes = self.columns["event_detector"].variable.more
+        names = str(attributes["flag_meanings"]).split()
+        if detector not in names:
+            empty = np.zeros(0, np.int64)
+            return empty, empty, empty
+        first = self.runs.first_event
+        places = np.flatnonzero(self["event_detector"] == names.index(detector))
+        members = np.repeat(np.arange(self.size), np.diff(first))[places]
+        return places, members, np.arange(len(places)) - np.searchsorted(members, members)
+
+    @cached_property
+    def extremes(self) -> dict[tuple[str, float], tuple[NDArray[Any], ...]]:
+        """Extremes found so far, by name and sign."""
+        return {}
+
+    def states_at(
+        self, members: Rows, times: Floats, *, after: bool, known: Rows | None = None
+    ) -> tuple[dict[str, Floats], Rows]:
+        """Evaluate states of members at times, as `sample` does; return also the row that each step starts from.
+
+        For the first times the rows may be given as `known`.
+        """
+        first, known = self.runs.first_row, np.zeros(0, np.int64) if known is None else known
+        low, high = first[members], first[members + 1] - 1
+        rest = slice(known.size, None)
+        rows = np.concatenate([known, rows_of_times(self["time"], low[rest], high[rest], times[rest], after=after)])
+        values = self._inside(members, times, rows, np.minimum(rows + 1, high))
+        return dict(zip(self.layout.used, values, strict=True)), rows
+
+    def _inside(self, members: Rows, times: Floats, rows: Rows, following: Rows) -> Floats:
+        """Repeat steps, shortened to end at the given times: side by side where possible."""
+        if self.parts is not None:
+            return self.parts.states(self.runs, np.stack([rows, following, members]), times)
+        return self._again(members, times, rows, following, judged=False)[: len(self.layout.used)]
+
+    def _again(self, members: Rows, times: Floats, rows: Rows, following: Rows, *, judged: bool) -> Floats:
+        """Repeat steps one by one; if `judged`, return also the distance of each state from a more accurate one."""
+        time, used = self["time"], self.layout.used
+        states = [state_name(entry) for entry in reactions(self.model)]
+        wanted = [("step_size", following), *((entry, rows) for entry in ("regime", "row_kind", *states, *used))]
+        if self.settings.method.simplified:
+            wanted += [(entry, following) for entry in used]
+        columns = np.stack([self[name][at_rows] for name, at_rows in wanted])
+        return states_within(
+            self.model, of_one_step(self.model, self.settings), law_of(self.layout, sampled=False),
+            np.stack([times, time[rows], time[following]]), columns, factors_of(self.model, self.settings)[:, None],
+            reintegrated=True, judged=judged, parameters=self.runs.parameters, runs=members,
+        )  # fmt: skip
+
+    def at_times(self, times: Floats) -> tuple[Rows, Rows, dict[str, Floats], Rows]:
+        """Evaluate all members at times; return member and time index of each, the states, and the row stepped from."""
+        if "at" not in self._sampled:
+            first, last = self["time"][self.runs.first_row[:-1]], self.last("time")
+            members, indices = np.nonzero((times >= first[:, None]) & (times <= last[:, None]))
+            self._sampled["at"] = (members, indices, *self.states_at(members, times[indices], after=True))
+        sampled: tuple[Rows, Rows, dict[str, Floats], Rows] = self._sampled["at"]
+        return sampled
+
+    @cached_property
+    def _sampled(self) -> dict[str, Any]:
+        return {}
+
+    def value(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:
+        """Evaluate a quantity at states inside steps, in the unit of a record."""
+        return states[name] if name in states else self._evaluated(name, VALUE, states, members, rows, times)[0]
+
+    def rate(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:
+        """Evaluate the rate of a quantity whose rate is known."""
+        return self._evaluated(name, RATE, states, members, rows, times)[0]
+
+    def with_rates(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> tuple[Floats, Floats]:  # fmt: skip
+        """Evaluate a quantity and its rate; if the rate is not known, return the quantity for both."""
+        if rate_tree(self.model, name) is None:
+            values = self.value(name, states, members, rows, times)
+            return values, values
+        if name in states:
+            return states[name], self.rate(name, states, members, rows, times)
+        values, rates = self._evaluated(name, (*VALUE, *RATE), states, members, rows, times)
+        return values, rates
+
+    def doubts(self, name: str, members: Rows, times: Floats) -> Floats:
+        """Estimate the error of a quantity from interpolation inside steps, as `extremes.between` does for one run."""
+        first, used = self.runs.first_row, self.layout.used
+        last = first[members + 1] - 1
+        rows = rows_of_times(self["time"], first[members], last, times, after=False)
+        states_and_errors = self._again(members, times, rows, np.minimum(rows + 1, last), judged=True)
+        states, errors = (dict(zip(used, half, strict=True)) for half in np.split(states_and_errors, 2))
+        if name in states:
+            deviation: Floats = np.abs(errors[name])
+            return deviation
+        value = self.value(name, states, members, rows, times)
+        total = np.zeros(value.shape)
+        for coordinate in used:
+            moved = states | {coordinate: states[coordinate] + errors[coordinate]}
+            total += np.abs(self.value(name, moved, members, rows, times) - value)
+        return total
+
+    def _evaluated(self, name: str, what: tuple[str, ...], states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> list[Floats]:  # fmt: skip
+        wanted = _wanted(self.model, name, what)
+        arguments: dict[str, Any] = {
+            entry: states[entry] * float(self.model.units[entry].factor) for entry in self.layout.used
+        }
+        arguments |= {"t": times, REGIME_NUMBER: self["regime"][rows].astype(float)} | self._own(members, wanted.names)
+        arguments |= self._modes(members, rows) if reactions(self.model) else {}
+        fixed, tables = constants(self.model), tables_of(self.model)
+        results = evaluated_many(
+            self.model, wanted.trees, arguments, fixed, tables, self.settings.math_functions, wanted.read
+        )
+        unit = _factor_of(self.columns[name].variable.units)
+        return [np.array(np.broadcast_to(entry, times.shape)) / unit for entry in results]
+
+    def _modes(self, members: Rows, rows: Rows) -> dict[str, Floats]:
+        """Return the mode of each contact and friction element after rows, as for one run."""
+        names = [state_name(element) for element in reactions(self.model)] + [
+            element.name for element in reactions(self.model)
+        ]
+        following = np.minimum(rows + 1, self.runs.first_row[members + 1] - 1)
+        return modes_behind(self.model, {name: self[name] for name in names}, rows, following)
+
+    def _own(self, members: Rows, names: frozenset[str]) -> dict[str, Floats]:
+        """Return the named parameters of each member, SI."""
+        model, scales = self.model, self.settings.scales
+        return {
+            name: self.runs.parameters[members, i] * scales.of(model.dimensions[name])
+            for i, name in enumerate(constants(model))
+            if name in model.parameters and name in names
+        }
+
+
+class _Wanted(NamedTuple):
+    """Expressions, the assignments of the motion that they read, and every name that these need."""
+
+    trees: tuple[Node, ...]
+    read: tuple[Assignment, ...]
+    names: frozenset[str]
+
+
+@lru_cache(maxsize=64)
+def _wanted(model: Model, name: str, what: tuple[str, ...]) -> _Wanted:
+    """Collect what evaluating a quantity, its known rate, or both takes."""
+    trees = []
+    for entry in what:
+        # as in `observe`: without forces that depend on the side of a switch
+        tree = layout_of(model).derived.get(name, Name(name)) if (entry,) == VALUE else rate_tree(model, name)
+        assert tree is not None  # noqa: S101 - callers have checked
+        trees.append(tree)
+    read = tuple(read_by(model, trees))
+    values = [entry.value for entry in read]
+    names = [set(entry.arguments) if isinstance(entry, Function) else free_names(entry) for entry in (*trees, *values)]
+    return _Wanted(tuple(trees), read, frozenset().union(*names))
+
+
+def _factor_of(unit: str) -> float:
+    return float(parse_unit(unit).factor)
+
+
+def parts_of(model: Model, settings: Settings) -> PartsAbreast | None:
+    """Return what repeats steps of members side by side; None where only the single run can."""
+    layout = settings.layout(model)
+    law, single = law_of(layout, sampled=False), of_one_step(model, settings)
+    lanes = 1 if reactions(model) else lanes_for(law, single, MANY, None)
+    return PartsAbreast(model, single, law, factors_of(model, settings), lanes) if lanes > 1 else None
+
+
+def of_one_step(model: Model, settings: Settings) -> Settings:
+    """Return settings for a single step, as in `sample`: equations are solved as well as possible at any tolerance."""
+    return replace(settings, until=model.initial["t"].si, step=None, tolerances=None, pacing=Pacing())
+
+
+def factors_of(model: Model, settings: Settings) -> Floats:
+    """Return the factors from internal numbers of coordinates, velocities and states to those of the record."""
+    factors = record.factors(model, settings.scales)
+    return np.array([factors[name] for name in settings.layout(model).used])

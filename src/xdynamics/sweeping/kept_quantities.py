@@ -1,0 +1,267 @@
+"""What is kept of every member of a grid: words of `keep`, and the variables they stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID, RULES
+from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.observables import comparable, observables_of
+from xdynamics.faults import InputError
+from xdynamics.model import Model
+from xdynamics.record.columns import columns_of
+from xdynamics.schema import AT, OCCURRENCE, flags
+from xdynamics.sweeping.ensemble_records import Harvest
+from xdynamics.sweeping.extrema import NO_RULE, extremes
+from xdynamics.units import SECONDS, Unit, time_in
+
+Values = NDArray[Any]
+Take = Callable[[Harvest], Values]
+
+END, LOG = "end", "log"
+EVENT_TIME, EVENT_COUNT, AFTER, BEFORE = "event_time_", "event_count_", "after_", "before_"
+LARGEST, LEAST = "maximum_", "minimum_"
+DIAGNOSTIC, EVENT, COUNT = "diagnostic", "event", "effort"
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A variable of a sweep.
+
+    Attributes
+    ----------
+    name : str
+    dims : tuple of str
+        Dimensions after those of the axes.
+    sizes : tuple of int
+    units, said, role : str
+    take : callable
+        From a `Harvest` to an array, shape (members, *sizes).
+    reads : tuple of str
+        Variables along `step` that it takes from complete logs.
+    dtype : str
+    more : mapping
+        Further attributes, such as the meanings of flags.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    sizes: tuple[int, ...]
+    units: str
+    said: str
+    role: str
+    take: Take
+    reads: tuple[str, ...] = ()
+    dtype: str = "f8"
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """The variable's attributes in a sweep."""
+        return about(self.units, self.said, self.role) | dict(self.more)
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """What is kept of every member.
+
+    Attributes
+    ----------
+    words : tuple of str
+        As given.
+    times : ndarray, shape (n,), s
+    occurrences : (int, int)
+        Range of occurrences of each event, counted from 0; the end is excluded.
+    """
+
+    words: tuple[str, ...]
+    times: NDArray[np.float64]
+    occurrences: tuple[int, int]
+
+    @property
+    def whole(self) -> bool:
+        """Whether full records are kept."""
+        return LOG in self.words
+
+    def variables(self, model: Model, settings: Any) -> tuple[Kept, ...]:
+        """Return the variables that the words stand for.
+
+        Raises
+        ------
+        InputError
+            If words stand for nothing in the model; all of them are named.
+        """
+        reader = _Reader(self, model, settings)
+        variables: dict[str, Kept] = {}
+        unknown = []
+        for word in (*self.words, *reader.sampled()):
+            kept = list(reader.read(word))
+            unknown += [] if kept or word == LOG else [word]
+            variables |= {variable.name: variable for variable in kept}
+        if unknown:
+            raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {', '.join(reader.known())}")
+        return tuple(variables.values())
+
+
+class _Reader:
+    """Resolve the words of `keep` for a model."""
+
+    def __init__(self, keeping: Keeping, model: Model, settings: Any) -> None:
+        self.keeping, self.model = keeping, model
+        self.layout = settings.layout(model)
+        self.columns = {column.variable.name: column.variable for column in columns_of(self.layout, settings)}
+        detectors = str(self.columns["event_detector"].more["flag_meanings"]).split()
+        self.detectors = detectors if self.layout.watched else []
+        self.quantities = observables_of(model)
+        self.motion = (
+            "time",
+            "step_size",
+            *self.layout.used,
+            *self.layout.reactions,
+        )  # what states inside steps are computed from
+        self.loads = (*self.layout.forces, *self.layout.reactions)  # they have extremes too
+
+    def known(self) -> list[str]:
+        """List the words that can be kept."""
+        events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
+        quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in self.quantities]
+        beside = [f"{word}{name}_…" for name in self.detectors for word in (AFTER, BEFORE)]
+        loads = [word + name for word in (LARGEST, LEAST) for name in self.loads]
+        return [END, LOG, *events, *beside, *quantities, *loads]
+
+    def sampled(self) -> list[str]:
+        """Return what is kept at times by default: every state, if times are given and no quantity is named."""
+        named = {*self.keeping.words} & {*self.quantities}
+        return [] if named or not self.keeping.times.size else list(self.layout.used)
+
+    def read(self, word: str) -> list[Kept]:
+        """Return the variables that a word stands for; none if it is not known."""
+        if word == END:
+            return [self._end(name) for name in self.layout.used]
+        if word in self.quantities:
+            return [self._at(word)]
+        for head, make in ((EVENT_TIME, self._event_time), (EVENT_COUNT, self._event_count)):
+            if word.removeprefix(head) in self.detectors and word.startswith(head):
+                return [make(word.removeprefix(head))]
+        for head in ("end_", LARGEST, LEAST):
+            name = word.removeprefix(head)
+            if name in self.loads and word.startswith(head) and head != "end_":
+                return self._extreme(word, name)
+            if name in self.quantities and word.startswith(head):
+                return [self._end(name)] if head == "end_" else self._extreme(word, name)
+        for head in (AFTER, BEFORE):
+            for detector in self.detectors:
+                name = word.removeprefix(f"{head}{detector}_")
+                if name != word and name in self.columns:
+                    return [self._beside(word, head, detector, name)]
+        return []
+
+    def _end(self, name: str) -> Kept:
+        column = self.columns[name]
+        return Kept(f"end_{name}", (), (), column.units, f"{column.long_name}, where the run ended", column.role, lambda runs: runs.last(name))  # fmt: skip
+
+    def _at(self, name: str) -> Kept:
+        times, column = self.keeping.times, self.columns[name]
+        if not times.size:
+            raise InputError(f"keep has '{name}', which needs times=[…]; or keep 'end_{name}'")
+        if name not in comparable(self.model):
+            raise InputError(f"keep has '{name}', which reads accelerations, which contacts change; keep what it is made of")  # fmt: skip
+
+        def take(runs: Harvest) -> Values:
+            values = np.full((runs.size, times.size), np.nan)
+            members, indices, states, rows = runs.at_times(times)
+            if members.size:
+                values[members, indices] = runs.value(name, states, members, rows, times[indices])
+            return values
+
+        return Kept(name, (AT,), (times.size,), column.units, f"{column.long_name}; nan behind the end of a run", column.role, take, reads=self.motion)  # fmt: skip
+
+    def _event_time(self, detector: str) -> Kept:
+        return self._occurrences(f"{EVENT_TIME}{detector}", detector, self.model.time_unit.text, f"time at which '{detector}' was met", lambda runs, places: runs["event_time"][places])  # fmt: skip
+
+    def _event_count(self, detector: str) -> Kept:
+        def take(runs: Harvest) -> Values:
+            return np.bincount(runs.met(detector)[1], minlength=runs.size)
+
+        return Kept(f"{EVENT_COUNT}{detector}", (), (), "1", f"how often '{detector}' was met", EVENT, take, dtype="i8")
+
+    def _beside(self, word: str, head: str, detector: str, name: str) -> Kept:
+        column, side = self.columns[name], "event_row_after" if head == AFTER else "event_row_before"
+
+        def take(runs: Harvest, places: Values) -> Values:
+            first = np.repeat(runs.runs.first_row[:-1], np.diff(runs.runs.first_event))
+            values: Values = runs[name][(first + runs[side])[places]]
+            return values
+
+        description = f"{column.long_name}, {head.removesuffix('_')} '{detector}' was met"
+        kept = self._occurrences(word, detector, column.units, description, take)
+        return Kept(
+            kept.name, kept.dims, kept.sizes, kept.units, kept.said, column.role, kept.take, reads=(*self.motion, name)
+        )
+
+    def _occurrences(
+        self, name: str, detector: str, units: str, description: str, value: Callable[[Harvest, Values], Values]
+    ) -> Kept:
+        """Return a variable over the kept occurrences of an event; without a dimension if only the first is kept."""
+        begin, end = self.keeping.occurrences
+        count = end - begin
+
+        def take(runs: Harvest) -> Values:
+            values = np.full((runs.size, count), np.nan)
+            places, members, which = runs.met(detector)
+            selected = (which >= begin) & (which < end)
+            values[members[selected], which[selected] - begin] = value(runs, places[selected])
+            return values[:, 0] if single else values
+
+        single = (begin, end) == (0, 1)
+        dims, sizes = ((), ()) if single else ((OCCURRENCE,), (count,))
+        return Kept(name, dims, sizes, units, f"{description}{', first' if single else ''}; nan where it was not", EVENT, take)  # fmt: skip
+
+    def _extreme(self, word: str, name: str) -> list[Kept]:
+        """Return the largest or least value of a quantity, and when it was reached."""
+        sign, column = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name]
+        description = f"{'largest' if sign > 0 else 'least'} {name} of the run"
+        reads, rules = (*self.motion, name), flags({NO_RULE: "none", **dict(enumerate(RULES))})
+
+        def kept(end: str, place: int, units: str, description: str, role: str, **extra: Any) -> Kept:
+            return Kept(f"{word}{end}", (), (), units, description, role, lambda runs: extremes(runs, name, sign)[place], reads, **extra)  # fmt: skip
+
+        return [
+            kept("", 0, column.units, description, DIAGNOSTIC),
+            kept(
+                "_time", 1, self.model.time_unit.text, f"when {name} was {description.split(maxsplit=1)[0]}", DIAGNOSTIC
+            ),
+            kept("_rule", 2, "1", RULE_SAID, "flag", dtype="i1", more=rules),
+            kept("_uncertainty", 3, column.units, DOUBT_SAID.format(word), "error"),
+        ]
+
+
+def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any, unit: Unit = SECONDS) -> Keeping:
+    """Read the arguments `keep`, `times` and `occurrences` of a sweep.
+
+    Raises
+    ------
+    InputError
+        If words, times or occurrences cannot be used.
+    """
+    from xdynamics.dynamics.shortened_steps import wanted_times
+
+    row: list[Any] = [words] if isinstance(words, str) or not hasattr(words, "__iter__") else list(words)
+    if not row or not all(isinstance(entry, str) for entry in row):
+        raise InputError(f"keep is {str(words)[:60]}, needs words like 'end'")
+    bounds = (0, occurrences) if isinstance(occurrences, int) else occurrences
+    is_pair = isinstance(bounds, tuple | list) and len(bounds) == 2 and all(type(entry) is int for entry in bounds)
+    if isinstance(occurrences, bool) or not is_pair or not 0 <= bounds[0] < bounds[1]:
+        raise InputError(f"occurrences is {occurrences!r}, needs a positive whole number, or a pair like (100, 160)")
+    if times is None:
+        instants = np.zeros(0)
+    else:
+        if not isinstance(times, str | np.ndarray) and hasattr(times, "__iter__"):
+            times = [time_in(unit, entry, "times") for entry in times]
+        instants = wanted_times(times, unit)
+    return Keeping(tuple(dict.fromkeys(row)), instants, (int(bounds[0]), int(bounds[1])))

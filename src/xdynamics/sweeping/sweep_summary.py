@@ -1,0 +1,79 @@
+"""A summary of a sweep in lines of text."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xdynamics.march.outcomes import GOOD
+from xdynamics.record.flag_words import words_of
+from xdynamics.schema import PASSED
+from xdynamics.sweeping.collection import AXES, AXIS, KEEP, settings_said
+from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST = 12  # values of an axis, and variables, that are listed
+_FIRST = ("run_", "end_time")  # what every sweep has
+
+
+def lines_of(sweep: xr.Dataset) -> list[str]:
+    """Summarise what was varied, how the members ended, and the ranges of what was kept."""
+    lines = [line for dim in str(sweep.attrs[AXES]).split() for line in _axis(sweep, dim)]
+    lines.append(f"members   {sweep[OUTCOME].size}, with {settings_said(sweep)}; kept of each: {sweep.attrs[KEEP]}")
+    outcomes = Counter(map(str, ended(sweep).values.ravel().tolist()))
+    text = ", ".join(
+        f"{count} {word}{'' if word.split()[0] in GOOD else ' (ended badly)'}" for word, count in outcomes.most_common()
+    )
+    lines.append(f"outcomes  {text}")
+    loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
+    if loose:
+        lines.append(
+            f"doubt     of {loose} members absolute tolerances may have let pass 3 % of a variable, if every step erred by as much"
+            " as they allow (run_uncontrolled); one marched by itself is judged by the errors that it had. Give smaller ones by atol"
+        )
+    if PASSED.name in sweep and (count := int(np.count_nonzero(sweep[PASSED.name].values))):
+        lines.append(
+            f"doubt     {count} members passed switches in forces that are declared smooth; leave smooth out to have them located"
+        )
+    return [*lines, *_kept(sweep)]
+
+
+def _axis(sweep: xr.Dataset, dim: str) -> Iterator[str]:
+    for name in sweep.variables:
+        variable = sweep[name]
+        if variable.attrs.get(AXIS) != dim:
+            continue
+        values, units = np.atleast_1d(variable.values), variable.attrs["units"]
+        numbers = values.dtype.kind in "fi"
+        unit = "" if units == "1" else f" {units}"
+        if len(values) <= MOST:
+            shown = ", ".join(f"{float(value):.9g}" if numbers else str(value) for value in values)
+        else:
+            shown = f"{values.min():.9g} to {values.max():.9g}" if numbers else f"{values[0]} … {values[-1]}"
+        along = "" if name == dim else f" (along {dim})"
+        yield f"axis      {name}{along}: {len(values)} values, {shown}{unit}"
+
+
+def _kept(sweep: xr.Dataset) -> Iterator[str]:
+    names = [str(name) for name, variable in sweep.data_vars.items()
+             if variable.dtype.kind in "fi" and variable.attrs.get("role") not in ("parameter", "axis") and not str(name).startswith(_FIRST)]  # fmt: skip
+    for name in names[:MOST]:
+        if (variable := sweep[name]).attrs.get("role") == "flag":
+            counts = Counter(words_of(variable.stack(each=variable.dims) if variable.ndim > 1 else variable))
+            yield f"{name} is {', '.join(f'{word} in {count}' for word, count in counts.most_common())}"
+            continue
+        values, units = np.asarray(sweep[name]), sweep[name].attrs["units"]
+        unit = "" if units == "1" else f" {units}"
+        finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+        if not finite.size:
+            yield f"{name} is not there in any member"
+            continue
+        missing = "" if finite.size == values.size else f", not there in {values.size - finite.size} of {values.size}"
+        yield f"{name} from {finite.min():.9g} to {finite.max():.9g}{unit}{missing}"
+    if len(names) > MOST:
+        yield f"… and {len(names) - MOST} more variables"
