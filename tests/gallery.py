@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 
 import xdynamics as xd
-from problems import MODELS, ROOT
+from cases.problems import MODELS, ROOT
 
 HEAD = """# Models, and what they do
 

@@ -579,7 +579,7 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...], taken: Path)
             else:
                 spent.append(0.0)
             asked = [
-                str(HERE / name),
+                str(next(HERE.rglob(name))),
                 *(choice if name.startswith("test_") else EXAMPLES),
                 "-x",
                 "-q",

@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from problems import MODELS
-from test_cli import call
+from cases.command_line import call
+from cases.problems import MODELS
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 BOUNCING = xd.Model.from_toml(MODELS / "bouncing_ball.toml")

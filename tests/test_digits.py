@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from test_cli import call
+from cases.command_line import call
 from xdynamics.digits import MOST, digits, known_part
 
 

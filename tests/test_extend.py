@@ -11,7 +11,7 @@ import xarray as xr
 from click.testing import CliRunner
 
 import xdynamics as xd
-from problems import MODELS, driven_decay, oscillator, particle
+from cases.problems import MODELS, driven_decay, oscillator, particle
 from xdynamics.archive import marched
 from xdynamics.cli import main
 from xdynamics.evidence.comparing.bits import bitwise

@@ -15,8 +15,8 @@ from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import PchipInterpolator
 
 import xdynamics as xd
-from contacts import FIRST, FORTY_FOURTH, LIMIT, wave, words
-from problems import MODELS
+from cases.contacts import FIRST, FORTY_FOURTH, LIMIT, wave, words
+from cases.problems import MODELS
 
 NAMES = sorted(path.stem for path in MODELS.glob("*.toml"))
 

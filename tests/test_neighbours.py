@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from problems import MODELS
+from cases.problems import MODELS
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::pint.UnitStrippedWarning")
 

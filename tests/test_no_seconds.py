@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from test_cli import call
+from cases.command_line import call
 
 LOTKA: dict[str, Any] = {
     "name": "Lotka and Volterra", "time": {"unit": "1"}, "parameters": {"a": {"value": "1.1", "uncertainty": 0.01}, "b": "0.4"},

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from problems import MODELS, ROOT, particle
+from cases.problems import MODELS, ROOT, particle
 
 PIPELINES = sorted(one.parent.name for one in (ROOT / "pipelines").glob("*/pipeline.py"))
 # of the studies what makes them small

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import xdynamics as xd
-from problems import ROOT
+from cases.problems import ROOT
 
 README = (ROOT / "README.md").read_text()
 BLOCKS = {kind: "".join(re.findall(rf"```{kind}\n(.*?)```", README, re.DOTALL)) for kind in ("python", "sh", "toml")}

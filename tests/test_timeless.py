@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from test_cli import call
+from cases.command_line import call
 
 LORENZ: dict[str, Any] = {
     "name": "Lorenz", "time": {"unit": "1"}, "parameters": {"s": "10", "r": "28", "b": "2.6666666666666665"},

@@ -19,9 +19,9 @@ from llvmlite import binding as llvm
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import xdynamics as xd
-from problems import MODELS, arguments_of, true_value, ulps
-from test_elementary import NAMES, count, loops
-from test_programs import Bench
+from cases.bench import Bench
+from cases.elementary_loops import NAMES, count, loops
+from cases.problems import MODELS, arguments_of, true_value, ulps
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.kernels import law_of, layout_of, machine
 from xdynamics.methods.scheme import Scheme

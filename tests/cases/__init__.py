@@ -1,0 +1,1 @@
+"""Models, runs and records that many tests share."""

@@ -1,0 +1,53 @@
+"""Arrays that the programs of a law are called with."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels import Law
+from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.drive_tables import flattened
+from xdynamics.kernels.program import AT, TABLE, WORDS
+from xdynamics.model.motion import constants, tables_of
+from xdynamics.units import UNSCALED
+
+
+class Bench:
+    """Arrays that a law's programs are called with, each number once for every lane."""
+
+    def __init__(self, one: Law, lanes: int, states: NDArray[np.float64], steps: NDArray[np.float64]) -> None:
+        model, layout = one.layout.model, one.layout
+        tables, places = flattened(tables_of(model, UNSCALED))
+        self.at = np.zeros((len(AT), lanes))
+        self.at[1], self.at[2], self.at[3] = steps, steps, 0.3
+        self.y = np.zeros((len(layout.record), lanes))
+        self.y[: len(layout.used)] = states
+        self.p = np.repeat(np.array(list(constants(model).values()))[:, None], lanes, axis=1)
+        self.tables, self.pieces = tables, np.repeat(places[:, None], lanes, axis=1)
+        self.pieces[2::3] = 1
+        # more than any program fills: the table of contacts is the longest
+        self.z, self.e = (
+            np.zeros((len(layout.record) + len(layout.row) + 500, lanes)),
+            np.zeros((len(layout.used), lanes)),
+        )
+        self.samples = np.zeros((2000, lanes))
+        self.w = np.zeros((max(1, one.steps.memory + 3 * len(layout.smooth)), lanes))
+        assert len(TABLE) == len(self.arrays()) + 1
+        assert WORDS == 3
+        self.table = np.array([(one.ctypes.data, one.shape[0], 1) for one in (*self.arrays(), self.z)], np.int64)
+
+    def arrays(self) -> list[NDArray[np.float64]]:
+        """In the order of a program's pointers."""
+        return [self.at, self.y, self.p, self.tables, self.pieces, self.z, self.e, self.samples, self.w]
+
+    def call(self, address: int) -> None:
+        """Call a compiled program."""
+        call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(address)
+        call(*(one.ctypes.data for one in (self.table, self.y, self.z, self.samples)))
+
+    def call_plainly(self, key: int) -> None:
+        """Call a printed one, lane 0 being all there is."""
+        PLAIN[key](*(one if one is self.tables else one[:, 0] for one in self.arrays()))

@@ -1,0 +1,12 @@
+"""The command line, called in this process."""
+
+from __future__ import annotations
+
+from click.testing import CliRunner, Result
+
+from xdynamics.cli import main
+
+
+def call(*arguments: object) -> Result:
+    """Run a command in this process."""
+    return CliRunner().invoke(main, [str(one) for one in arguments])

@@ -1,0 +1,146 @@
+"""Standard output and error that are closed, full or cut off: what was marched is kept, and the exit code is the archive's."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import xdynamics as xd
+from cases.problems import MODELS
+from xdynamics.cli.streams import Stream, surviving_streams
+
+KEPLER = MODELS / "kepler.toml"
+LONG = f"run {KEPLER} -o run.nc --method dop853 --rtol 1e-12 --force-samples none --until 3000s"  # over a second
+SHORT = f"run {KEPLER} -o run.nc --method dop853 --rtol 1e-6 --until 1s"
+COMMAND = f"{sys.executable} -m xdynamics"
+
+
+def shell(folder: Path, line: str) -> tuple[int, str, str]:
+    """Run a line of bash; what its first command ended with, and what came of both streams."""
+    done = subprocess.run(["bash", "-c", f"{line}; exit ${{PIPESTATUS[0]}}"], cwd=folder, capture_output=True, text=True, timeout=120, check=False)  # fmt: skip
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("verb", "redirected", "code", "message"),
+    [
+        (LONG, "<&- >&- 2>&-", 0, ""),
+        (LONG, "2>&-", 0, ""),
+        (SHORT, "> /dev/full", 0, "could not be written to standard output (No space left on device)"),
+        (SHORT, "> /dev/full 2> /dev/full", 0, ""),
+        (SHORT, ">&-", 0, "could not be written to standard output (it is closed)"),
+        (SHORT, "--quiet >&-", 0, ""),
+        (SHORT, "| head -c 5", 0, ""),
+    ],
+)
+def test_a_run_outlives_its_streams(verb: str, redirected: str, code: int, message: str, tmp_path: Path) -> None:
+    """Assert that the archive is whole, that the loss is said in one line where it can be, and no traceback is."""
+    ended, _, said = shell(tmp_path, f"{COMMAND} {verb} {redirected}")
+    assert (ended, len(said.splitlines())) == (code, bool(message))
+    assert message in said
+    assert len(xd.verify(tmp_path / "run.nc")) == 64
+    assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
+
+
+@pytest.mark.parametrize(("redirected", "code"), [("> /dev/full", 1), (">&-", 1), ("| head -1", 0), ("--quiet >&-", 0)])
+def test_a_lost_report_ends_a_verb_that_only_reports(redirected: str, code: int, tmp_path: Path) -> None:
+    """Assert that `methods` fails where its table is lost, and does not where a reader has seen enough."""
+    assert shell(tmp_path, f"{COMMAND} methods {redirected}")[0] == code
+
+
+@pytest.mark.parametrize("verb", ["new model.toml", "sign --new-key key.pem"])
+def test_a_lost_report_does_not_end_a_verb_that_makes_a_file(verb: str, tmp_path: Path) -> None:
+    """Assert exit code 0 and one line, though no option names the file."""
+    code, _, said = shell(tmp_path, f"{COMMAND} {verb} >&-")
+    assert (code, len(said.splitlines())) == (0, 1)
+    assert list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("megabytes", [300, 512, 600])
+def test_too_little_memory_is_said_at_once(megabytes: int, tmp_path: Path) -> None:
+    """Assert one line that says how much is needed, exit code 1, within seconds; verbs that need little still work."""
+    begun = time.monotonic()
+    code, _, said = shell(tmp_path, f"ulimit -v {megabytes}000; {COMMAND} {SHORT}")
+    assert (code, len(said.splitlines())) == (1, 1)
+    assert said.endswith(f"about 700 MB of address space are needed, and room for the record; the limit (ulimit -v) is {megabytes * 1024 // 1000} MB\n")  # fmt: skip
+    assert time.monotonic() - begun < 10.0
+    assert shell(tmp_path, f"ulimit -v {megabytes}000; {COMMAND} help events")[0] == 0
+
+
+def test_a_hangup_keeps_what_was_marched(tmp_path: Path) -> None:
+    """Assert that SIGHUP, as SIGTERM, ends a march as an outcome, whose rows are kept."""
+    line = f"run {KEPLER} -o run.nc --method dop853 --rtol 1e-9 --until 1e9s --max-steps 1e9".split()
+    marching = subprocess.Popen(
+        [sys.executable, "-m", "xdynamics", *line], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 120.0
+    while not [*tmp_path.iterdir()] and time.monotonic() < deadline:  # until its file is begun
+        time.sleep(0.1)
+    time.sleep(2.0)  # and some rows are there
+    marching.send_signal(signal.SIGHUP)
+    assert (marching.communicate(timeout=120)[1], marching.returncode) == ("xdynamics: terminated\n", 129)
+    assert xd.open_run(tmp_path / "run.nc").attrs["run_outcome"] == "interrupted"
+
+
+def test_a_hangup_that_is_ignored_stays_so(tmp_path: Path) -> None:
+    """Assert that what `nohup` started goes on."""
+    script = f"trap '' HUP; {COMMAND} {LONG} & sleep 1; kill -HUP $!; wait $!"
+    assert shell(tmp_path, script)[0] == 0
+    assert xd.open_run(tmp_path / "run.nc").attrs["run_outcome"] == "completed"
+
+
+class Broken:
+    """A stream that takes some writes, and then fails."""
+
+    def __init__(self, most: int, error: OSError) -> None:
+        self.most, self.error, self.taken = most, error, ""
+
+    def write(self, text: str) -> int:
+        """Take a text, or fail."""
+        if len(self.taken) + len(text) > self.most:
+            raise self.error
+        self.taken += text
+        return len(text)
+
+    def flush(self) -> None:
+        """Do nothing."""
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+        return True
+
+    def fileno(self) -> int:
+        """Have none."""
+        raise OSError(errno.EBADF, "no descriptor")
+
+
+@pytest.mark.parametrize(("number", "cut_off"), [(errno.ENOSPC, False), (errno.EPIPE, True), (errno.EIO, False)])
+def test_the_first_failure_is_kept(number: int, cut_off: bool) -> None:
+    """Assert that nothing is written after a failure, whose reason stays."""
+    inner = Broken(10, OSError(number, os.strerror(number)))
+    stream = Stream(inner)  # type: ignore[arg-type]
+    assert stream.isatty()
+    assert [stream.write(text) for text in ("12345", "678901", "1")] == [5, 6, 1]
+    assert (inner.taken, stream.lost, stream.cut_off, stream.isatty()) == ("12345", os.strerror(number), cut_off, False)
+
+
+def test_streams_are_put_back(capsys: pytest.CaptureFixture[str]) -> None:
+    """Assert that streams are exchanged for as long as a command lasts."""
+    before = sys.stdout, sys.stderr
+    with surviving_streams():
+        print("seen")
+    assert (sys.stdout, sys.stderr) == before
+    assert capsys.readouterr().out == "seen\n"
+
+
+def test_the_version_is_the_installed_one() -> None:
+    """Assert that the package tells its version, as the command does."""
+    done = subprocess.run([*COMMAND.split(), "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"xdynamics {xd.__version__}\n"

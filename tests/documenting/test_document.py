@@ -1,0 +1,117 @@
+"""Reports of bundles: one file, nothing from elsewhere, every part there; what is no bundle is named."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import xdynamics as xd
+from cases.problems import MODELS
+from xdynamics.documenting.blocks import Table, drawn
+from xdynamics.documenting.equations import of_model
+
+
+@pytest.fixture(scope="module")
+def bundled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bundle of a rocket's apogee."""
+    model = xd.Model.from_toml(MODELS / "rocket_c6.toml")
+    found = xd.certify(model, "y", event="apogee", method="midpoint", step="4 ms", draws=4096)
+    return xd.bundle(tmp_path_factory.mktemp("document") / "rocket", found)
+
+
+class Reader(HTMLParser):
+    """Gathers tags, links and texts, and whether tags are closed in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.sources: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note a tag."""
+        self.sources += [str(value) for name, value in attrs if name in ("src", "href")]
+        if tag not in ("img", "meta", "link", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        """Close it."""
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        """Note a text."""
+        self.text += data
+
+
+def test_a_report_is_one_whole_file(bundled: Path, tmp_path: Path) -> None:
+    """Assert well-formed HTML with everything in it and nothing from elsewhere, the same twice, and by the verb."""
+    from click.testing import CliRunner
+
+    from xdynamics.cli import main
+
+    text = xd.document(bundled, tmp_path / "report.html").read_text()
+    reader = Reader()
+    reader.feed(text)
+    assert not reader.open
+    assert reader.sources
+    assert all(one.startswith("data:image/") for one in reader.sources)
+    assert "http" not in re.sub('data:image[^"]+', "", text)
+    for said in ("y before apogee = 301 ± 20 m", "It passes every gate.", "drag_coefficient", "observed order", "liftoff", "located within",
+                 "linear_drag", "xdynamics recheck rocket", "Runge 1895", "measured thrust"):  # fmt: skip
+        assert said in reader.text or said in text, said
+    done = CliRunner().invoke(main, ["report", str(bundled), "-o", str(tmp_path / "again.html")])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "again.html").read_text() == text
+
+
+def test_the_same_in_markdown(bundled: Path, tmp_path: Path) -> None:
+    """Assert headings, formulas in LaTeX, and tables with as many cells in each row."""
+    text = xd.document(bundled, tmp_path / "report.md").read_text()
+    assert [line for line in text.split("\n") if line.startswith("## ")] == [
+        "## What it has to pass", "## The model", "## The method", "## Convergence", "## The budget", "## The run",
+        "## The method's ledger", "## Made again",
+    ]  # fmt: skip
+    assert r"\ddot{y}" in text
+    blocks = re.findall(r"(?:^\|.*\n?)+", text, re.MULTILINE)
+    assert len(blocks) >= 7
+    for block in blocks:
+        assert len({len(re.findall(r"(?<!\\)\|", line)) for line in block.strip().split("\n")}) == 1
+
+
+@pytest.mark.parametrize("path", sorted(MODELS.glob("*.toml")), ids=lambda one: one.stem)
+def test_every_model_is_written_in_formulas(path: Path) -> None:
+    """Assert that all formulas of every model are drawn by matplotlib's mathematics, and that its numbers are all there."""
+    from matplotlib.mathtext import MathTextParser
+
+    model, parser = xd.Model.from_toml(path), MathTextParser("path")
+    formulas = [one for one in of_model(model) if hasattr(one, "latex")]
+    for one in formulas:
+        parser.parse(f"${one.latex}$")
+    rows = [row[0] for one in of_model(model) if isinstance(one, Table) for row in one.rows]
+    assert {*model.parameters, *(f"{name} at the start" for name in model.initial)} <= {*rows}
+
+
+def test_formulas_are_drawn_the_same_twice() -> None:
+    """Assert bytes, and that what is no formula stands as it is written."""
+    assert drawn(r"m\,\ddot{y} = -m\,g") == drawn(r"m\,\ddot{y} = -m\,g")
+    assert b"<svg" in drawn(r"\frac{1}{")
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda folder, tmp: (folder, tmp / "report.docx"), "the ending '.docx'"),
+        (lambda _, tmp: (tmp, tmp / "report.html"), "is no bundle: there is no certificate.nc"),
+        (lambda folder, tmp: (folder, tmp), "the ending ''"),
+        (lambda folder, tmp: (folder, tmp / "no" / "r.html"), "does not exist"),
+    ],
+)  # fmt: skip
+def test_what_is_no_bundle_is_named(make: Any, said: str, bundled: Path, tmp_path: Path) -> None:
+    """Assert one clear error for each."""
+    folder, path = make(bundled, tmp_path)
+    with pytest.raises(xd.InputError, match=said):
+        xd.document(folder, path)

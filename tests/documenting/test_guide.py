@@ -1,0 +1,93 @@
+"""What whoever writes a model meets: the guide, the starter, and `check`."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import xdynamics as xd
+from cases.command_line import call
+from cases.problems import MODELS, ROOT
+from xdynamics.documenting.guide import SAID, STARTER, guide
+from xdynamics.expressions.tree import FUNCTIONS
+from xdynamics.model.grammar import SECTIONS
+
+
+@pytest.mark.parametrize("topic", ["model", "language", "units", "record", *SECTIONS])
+def test_topics(topic: str) -> None:
+    """Assert that every topic has lines, and each section all its keys with what they take."""
+    done = call("help", topic)
+    assert done.exit_code == 0
+    for key in SECTIONS[topic].keys if topic in SECTIONS else ():
+        assert f"  {key.name}" in done.output
+        assert key.takes in done.output
+
+
+def test_the_guide_knows_the_language() -> None:
+    """Assert that every function stands in it, and a topic that is none is named with those there are."""
+    text = "\n".join(guide("language"))
+    assert all(name in text for name in FUNCTIONS)
+    assert set(SAID) <= set(FUNCTIONS)
+    assert "topics" in call("help").output
+    done = call("help", "drive")
+    assert (done.exit_code, "did you mean 'drives'?" in done.output) == (2, True)
+
+
+def test_the_starter_marches(tmp_path: Path) -> None:
+    """Assert that what `new` writes is checked, marched, and not written over."""
+    path = tmp_path / "pendulum.toml"
+    assert call("new", path).exit_code == 0
+    assert path.read_text() == STARTER
+    path.write_text(STARTER + "# mine\n")
+    again = call("new", path)
+    assert (again.exit_code, "is there already, and is not written over" in again.output) == (2, True)
+    assert path.read_text().endswith("# mine\n")
+    assert call("check", path).exit_code == 0
+    assert xd.simulate(xd.Model.from_toml(path), until="1 s").attrs["run_outcome"] == "completed"
+    commented = STARTER.replace("# [drives", "[drives").replace(
+        '# table = "push.csv"', 'csv = "t [s],push [N m]\\n0,0\\n1,0\\n"'
+    )
+    assert {*tomllib.loads(commented)} >= {"name", "coordinates", "mass", "drives", "run"}
+
+
+@pytest.mark.parametrize(("path", "said"), [("pendulum.txt", "needs one like pendulum.toml"), ("no/p.toml", "No such file"), (".", "is no name for")])  # fmt: skip
+def test_names_that_are_none(path: str, said: str, tmp_path: Path) -> None:
+    """Assert that a name of another kind or place is refused in one line."""
+    done = call("new", tmp_path / path)
+    assert (done.exit_code, said in done.output) == (2, True), done.output
+
+
+@pytest.mark.parametrize("path", sorted(MODELS.glob("*.toml")), ids=lambda one: one.stem)
+def test_check_reads_every_model(path: Path) -> None:
+    """Assert that each model is told, with all methods, and nothing is marched."""
+    done = call("check", path)
+    assert done.exit_code == 0, done.output
+    words = [line.split()[0] for line in done.output.splitlines()[1:]]
+    assert words.count("scales") == 1
+    assert all(name in done.output for name in xd.METHODS)
+
+
+def test_check_says_equations_and_faults(tmp_path: Path) -> None:
+    """Assert the equations of a double pendulum, and that a fault ends with 2 and its column."""
+    lines = call("check", MODELS / "double_pendulum.toml").output.splitlines()
+    assert any(one.startswith("motion    ") and "*a_th1 + " in one for one in lines)
+    path = tmp_path / "wrong.toml"
+    path.write_text((ROOT / "data/models/ball_drag.toml").read_text().replace('"m*g*y"', '"m*g*y^2"'))
+    done = call("check", path)
+    assert (done.exit_code, "has the character '^' at column 6; a power is written **" in done.output) == (2, True)
+    path.write_text((ROOT / "data/models/ball_drag.toml").read_text().replace('"m*g*y"', '"m*g"'))
+    assert "needs 'kg m2 s-2 (J)'" in call("check", path).output
+
+
+def test_what_show_prints_can_be_written() -> None:
+    """Assert that a value with its uncertainty is read, changed and written."""
+    model = xd.Model(name="x", states={"q": {"unit": "g", "rate": "m/second"}}, parameters={"m": "50 ± 0.5 g"}, initial={"q": "1 +/- 0.1 g"})  # fmt: skip
+    assert (model.parameters["m"].quantity.value, model.parameters["m"].uncertainty) == (50.0, 0.5)
+    assert model.starts["q"].uncertainty == 0.1
+    assert xd.Model.from_text(model.to_toml()) == model
+    other = model.replace(parameters={"m": "60 ± 2 g"})
+    assert (other.parameters["m"].quantity.value, other.parameters["m"].uncertainty) == (60.0, 2.0)
+    with pytest.raises(xd.ModelError, match="does not start with a finite number"):
+        model.replace(parameters={"m": "60 ± about 2 g"})

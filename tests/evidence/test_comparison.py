@@ -1,0 +1,325 @@
+"""Two runs side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from cases.contacts import ball
+from cases.problems import MODELS, driven_decay, oscillator
+from xdynamics.evidence.comparing.comparison import lines_of
+
+
+def made(step: float, **changes: float) -> xr.Dataset:
+    """An oscillator run."""
+    model = oscillator().model.replace(parameters=changes) if changes else oscillator().model
+    return xd.simulate(model, step=step, until=1.0, force_samples="none")
+
+
+def test_same_runs_are_the_same() -> None:
+    """Assert that two marches of one input agree to the bit."""
+    table = xd.compare(made(0.01), made(0.01))
+    assert table.attrs["identical"] == 1
+    assert (table.same == 1).all()
+    assert lines_of(table) == [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
+
+
+def test_refined_runs_meet_at_common_times() -> None:
+    """Assert that all times of both are compared, and the difference is the refinement's, in its units."""
+    table = xd.compare(made(0.01), made(0.005))
+    assert table.sizes["at"] == 201
+    assert (table.interpolation_error_x[::2] == 0).all()
+    assert table.difference_x.attrs["units"] == "m"
+    assert np.abs(table.difference_x).max() == pytest.approx(0.75 * (0.02**2 / 24) * np.sin(2.0) * 2, rel=0.05)
+    assert table.attrs["settings"] == "solver_step: 0.01 | 0.005"
+    assert table.attrs["first_difference"].startswith("variable 'time', row 1")
+
+
+def test_a_parameter_apart_is_named() -> None:
+    """Assert that another spring constant shows in the model's digest and in the first row where states part."""
+    table = xd.compare(made(0.01), made(0.01, k=4.1))
+    assert "model_digest" in table.attrs["settings"]
+    assert table.attrs["parameters"] == "k: 4.0 N m-1 | 4.1 N m-1"
+    assert table.attrs["cause"] == "parameters: k: 4.0 N m-1 | 4.1 N m-1"
+    assert table.attrs["parted"].startswith("t = 0 s: potential_energy by 0.05 J, beyond")
+    assert table.attrs["first_difference"].startswith("variable 'a_x', row 0")
+    assert any(line.startswith("largest   difference_x") for line in lines_of(table))
+
+
+def test_what_is_no_run_is_refused() -> None:
+    """Assert that compare asks for records."""
+    with pytest.raises(xd.InputError, match="the Dataset has no column of times"):
+        xd.compare(made(0.01), xr.Dataset())
+
+
+def test_a_rerun_says_how_far_it_is() -> None:
+    """Assert that the largest difference is told of variables that were zero, and of a number against none."""
+    from xdynamics.evidence.comparing.bits import reproduced
+
+    kept = made(0.01)
+    still = kept.assign(x=kept.x * 0.0)
+    for value, words in (
+        (5.0, "the largest difference is 5 m in 'x', row 3: inf of its largest value"),
+        (float("nan"), "the largest difference is inf m in 'x', row 3"),
+    ):
+        again = still.copy(deep=True)
+        again["x"].values[3] = value
+        table = reproduced(still, again)
+        assert table.attrs["identical"] == 0
+        assert table.attrs["arithmetic"].startswith(words)
+    assert reproduced(kept, kept.copy(deep=True)).attrs["arithmetic"] == ""
+
+
+def test_archives_of_another_schema_are_held_to_what_they_have() -> None:
+    """Assert that variables and settings that a record did not have yet do not count, and that numbers do."""
+    from xdynamics.evidence.comparing.bits import reproduced
+
+    again = made(0.01)
+    kept = again.drop_vars("a_x").assign_attrs(schema_version="1", force_digest="in other words")
+    del kept.attrs["solver_summation"]
+    table = reproduced(kept, again)
+    assert table.attrs["identical"] == 1
+    assert "records of schema 1 had the law in other words" in table.attrs["arithmetic"]
+    assert reproduced(kept.assign_attrs(schema_version=again.attrs["schema_version"]), again).attrs["identical"] == 0
+    assert reproduced(kept.assign(x=kept.x * 2.0), again).attrs["identical"] == 0
+    assert reproduced(kept.assign_attrs(solver_step=0.02), again).attrs["identical"] == 0
+
+
+ODD = {
+    "times of whole seconds": lambda run: run.assign_coords(time=run.time.astype("M8[s]", keep_attrs=True)),
+    "one time": lambda run: run.drop_vars("time").assign_coords(time=1.0),
+    "fewer times": lambda run: run.drop_vars("time").assign_coords(time=("q", np.arange(5.0), run.time.attrs)),
+    "kinds along another dimension": lambda run: run.drop_vars("row_kind").assign(row_kind=("q", np.zeros(500, "i1"), run.row_kind.attrs)),
+    "a text for a state": lambda run: run.assign(x=("step", np.array(["a"] * run.sizes["step"], object), run.x.attrs)),
+    "a plane of states": lambda run: run.assign(x=(("step", "bound"), np.zeros((run.sizes["step"], 2)), run.x.attrs)),
+    "no units": lambda run: run.assign(x=("step", run.x.values, {"role": "coordinate", "long_name": "x"})),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", ODD)
+def test_an_edited_record_is_one_error(what: str) -> None:
+    """Assert that a record which was edited to be none is refused on either side."""
+    run = xd.simulate(oscillator().model, step=0.1, until=1.0)
+    odd = ODD[what](run)
+    for pair in ((run, odd), (odd, run), (odd, odd)):
+        with pytest.raises(xd.InputError, match="no run record"):
+            xd.compare(*pair)
+
+
+def test_any_steps_meet_by_dense_output() -> None:
+    """Assert two adaptive runs on the union of their times: apart by no more than their errors, in the units of the first."""
+    model = oscillator().model
+    loose, tight = (xd.simulate(model, method="dop853", rtol=rtol, atol=rtol, until=3.0) for rtol in (1e-7, 1e-11))
+    table = xd.compare(loose, tight)
+    assert table.sizes["at"] == np.union1d(loose.time, tight.time).size
+    assert np.abs(table.difference_x).max() < 1e-6
+    off = np.abs(np.cos(2 * table.at_time) - xd.sample(loose, table.at_time).x)
+    assert table.difference_x.values == pytest.approx(
+        np.cos(2 * table.at_time.values) - xd.sample(loose, table.at_time).x.values, abs=1e-9 + 0 * float(off.max())
+    )
+    assert table.attrs["cause"].startswith("settings: solver_rtol: 1e-07 | 1e-11")
+    assert table.attrs["runs"].split() == [xd.content_digest(one) for one in (loose, tight)]
+
+
+def test_other_units_are_converted() -> None:
+    """Assert the difference of a run in millimetres from the same in metres, and that another quantity is refused."""
+    text = (MODELS / "harmonic_oscillator.toml").read_text()
+    small = xd.Model.from_text(text.replace('unit = "m"', 'unit = "mm"'))
+    runs = [xd.simulate(one, method="rk4", step=0.01, until=1.0) for one in (oscillator().model, small)]
+    assert runs[1].x.attrs["units"] == "mm"
+    table = xd.compare(*runs)
+    assert table.difference_x.attrs["units"] == "m"
+    assert np.abs(table.difference_x).max() < 1e-12
+
+
+def test_events_are_matched_though_their_number_differs() -> None:
+    """Assert times of bounces that both met, and that the rest is said."""
+    low, high = (xd.simulate(ball(e, 1.0), method="dop853", rtol=1e-10, until=1.4) for e in (0.5, 0.8))
+    table = xd.compare(low, high)
+    first = (1 + 0.5) - (1 + 0.8)
+    fall = float(low.event_time[0])
+    assert table.difference_event_time_floor.values[:2] == pytest.approx([0.0, -2 * fall * (0.5 - 0.8)], abs=1e-9)
+    assert (table.interpolation_error_event_time_floor[:2] < 1e-9).all()
+    counts = [int(one.sizes["event"]) for one in (low, high)]
+    assert table.attrs["events"] == f"floor: {counts[0]} | {counts[1]}"
+    assert first < 0.0
+
+
+def test_lazy_runs_give_lazy_differences(tmp_path: Path) -> None:
+    """Assert that of dask arrays nothing but times is computed until somebody asks, and then the same comes out."""
+    run = made(0.01)
+    xd.save(run, tmp_path / "run.nc")
+    kept = xd.open_run(tmp_path / "run.nc").chunk(step=20)
+
+    def refuse(_block: Any) -> Any:
+        raise AssertionError("computed")
+
+    names = [
+        name
+        for name in kept.data_vars
+        if kept[name].chunks and kept[name].dims == ("step",) and name not in ("time", "row_kind")
+    ]
+    template = kept.assign(
+        {
+            name: kept[name].copy(
+                data=kept[name].data.map_blocks(
+                    refuse, dtype=kept[name].dtype, meta=np.zeros((0,) * kept[name].ndim, kept[name].dtype)
+                )
+            )
+            for name in names
+        }
+    )
+    table = xd.compare(template, template, times=[0.5, 0.333])
+    assert table.difference_x.chunks is not None
+    assert table.difference_x.attrs["units"] == "m"
+    assert len(table.attrs["runs"].split()) == 2
+    with pytest.raises(AssertionError, match="computed"):
+        table.difference_x.compute()
+    assert (xd.compare(kept, kept, times=[0.5, 0.333]).difference_x.compute() == 0).all()
+
+
+def bench(tmp_path: Path) -> Path:
+    """A bench record in milliseconds and millimetres, 0.5 mm off with an uncertainty of 1 mm."""
+    times = np.array([100.0, 333.0, 500.0, 900.0])
+    rows = "".join(f"{t:g},{1e3 * np.cos(2e-3 * t) + 0.5:.9g},1\n" for t in times)
+    (tmp_path / "bench.csv").write_text("# from the bench\ntime [ms],x [mm],u(x) [mm]\n" + rows)
+    return tmp_path / "bench.csv"
+
+
+def test_a_run_beside_measured_data(tmp_path: Path) -> None:
+    """Assert residuals in the run's units, their root mean square and chi-square, from a file, a table and a Dataset."""
+    run = xd.simulate(oscillator().model, method="dop853", rtol=1e-10, until=1.0)
+    table = xd.compare(run, bench(tmp_path))
+    assert table.difference_x.values == pytest.approx(5e-4, abs=2e-9)
+    assert float(table.rms_difference_x) == pytest.approx(5e-4, abs=2e-9)
+    assert float(table.reduced_chi_square_x) == pytest.approx(0.25, rel=1e-4)
+    assert table.difference_x.attrs["units"] == table.rms_difference_x.attrs["units"] == "m"
+    assert lines_of(table)[-1].startswith("reduced_chi_square_x = 0.25")
+    frame = pd.read_csv(bench(tmp_path), comment="#")
+    assert np.array_equal(xd.compare(run, frame).difference_x, table.difference_x)
+    columns = {
+        "x": ("row", frame["x [mm]"].to_numpy(), {"units": "mm"}),
+        "u_x": ("row", frame["u(x) [mm]"].to_numpy(), {"units": "mm"}),
+    }
+    data = xr.Dataset(columns | {"time": ("row", frame["time [ms]"].to_numpy(), {"units": "ms"})})
+    assert np.array_equal(xd.compare(run, data).reduced_chi_square_x, table.reduced_chi_square_x)
+    xd.save(table, tmp_path / "c.nc")
+    assert xd.open_run(tmp_path / "c.nc").attrs["evidence"] == "comparison"
+    assert len(xd.plot(table).axes) == 2
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"t": [0.1], "x [m]": [1]}, "column 't': it has no unit; write it like"),
+        ({"x [m]": [1]}, "has no column of times, like 'time .s.'; there are x"),
+        ({"time [m]": [0.1], "x [m]": [1]}, "the column of times is in 'm', needs a time"),
+        ({"time [s]": [0.1, np.nan], "x [m]": [1, 2]}, "row 2 is nan, needs a number; leave out rows with gaps"),
+        ({"time [s]": [0.1], "x [m]": ["high"]}, "row 1 is 'high', needs a number"),
+        ({"time [s]": [0.1], "x [kg]": [1]}, "column 'x' is in 'kg', needs 'm' or a unit like it"),
+        ({"time [s]": [0.1], "q [m]": [1]}, "column 'q .m.' is nothing that is known; there are x, v_x"),
+        ({"time [s]": [0.1], "x [m]": [1], "u(x) [m]": [0.0]}, r"u\(x\) is 0.0 in row 1, needs a positive number"),
+        (
+            {"time [s]": [0.1], "x [m]": [1], "u(v) [m]": [1]},
+            r"u\(v\) is the uncertainty of a column that is not there",
+        ),
+        ({"time [s]": [9.0], "x [m]": [1]}, "9.0 s is outside the run"),
+        ({"time [s]": [], "x [m]": []}, "has no rows"),
+        ({"time [s]": [0.1]}, "has no column beside the times"),
+    ],
+)
+def test_wrong_data(columns: dict[str, Any], said: str) -> None:
+    """Assert what is said of each."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.compare(made(0.01), pd.DataFrame(columns))
+
+
+def test_runs_without_a_common_time_or_quantity() -> None:
+    """Assert that these are refused."""
+    late = xd.simulate(oscillator().model.replace(initial={"t": "7 s"}), step=0.01, until=8.0)
+    with pytest.raises(xd.InputError, match="the runs have no time in common: one goes from 0.0 s to 1.0 s"):
+        xd.compare(made(0.01), late)
+    with pytest.raises(xd.InputError, match="outside the run"):
+        xd.compare(made(0.01), made(0.02), times=[2.0])
+    with pytest.raises(xd.InputError, match="'x' is in 'm' in one run and 'kg' in the other"):
+        xd.compare(made(0.01), xd.simulate(driven_decay().model, method="rk4", step=0.1, until=1.0))
+    with pytest.raises(xd.InputError, match="no coordinate, velocity, state or observable in common"):
+        xd.compare(
+            made(0.01),
+            made(0.01).drop_vars(["x", "v_x", "kinetic_energy", "potential_energy", "total_energy", "phase"]),
+        )
+
+
+def test_a_part_is_matched_by_its_times() -> None:
+    """Assert that bounces of a selection are those of the run, and that the last bit of an impact parts nothing."""
+    run = xd.simulate(ball(0.8, 1.0), method="dop853", rtol=1e-9, until=1.9)
+    table = xd.compare(run, run.isel(event=slice(1, 3)))
+    assert (table.difference_event_time_floor[:2] == 0.0).all()
+    coarse, fine = (
+        xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), step=step, until=2.0) for step in (0.01, 0.003)
+    )
+    parted = xd.compare(coarse, fine).attrs["parted"]
+    assert "v_y by -7" not in parted
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        (
+            {"time [s]": pd.to_timedelta([0, 5], unit="s"), "x [m]": [1.0, 1.0]},
+            "holds time differences, needs plain numbers; divide by",
+        ),
+        ({"time [s]": [0.1], "x [m]": [0.54], "x [mm]": [99.0]}, "'x' stands there twice"),
+        ({"time [s]": [0.1], "x [m]": [1 + 1j]}, "holds complex numbers"),
+    ],
+)
+def test_columns_of_other_kinds(columns: dict[str, Any], said: str) -> None:
+    """Assert that nothing is read as what it is not."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.compare(made(0.01), pd.DataFrame(columns))
+
+
+def test_datasets_with_two_dimensions() -> None:
+    """Assert that measured variables of unlike length are one error, and evidence is no data."""
+    data = xr.Dataset({"x": ("a", [1.0, 1.0], {"units": "m"}), "time": ("b", [0.1], {"units": "s"})})
+    with pytest.raises(xd.InputError, match="need one dimension for all"):
+        xd.compare(made(0.01), data)
+    with pytest.raises(xd.InputError, match="is evidence, no run"):
+        xd.compare(made(0.01), xd.compare(made(0.01), made(0.02)))
+    with pytest.raises(xd.InputError, match="'model_toml' was left out"):
+        xd.compare(made(0.01), made(0.01).drop_vars("model_toml"))
+
+
+def test_what_two_falls_differ_in_is_said() -> None:
+    """Assert counts of variables, the likely cause with how many more, and where which difference is largest, in lines."""
+
+    def fall(g: float, m: float) -> xr.Dataset:
+        model = xd.Model(
+            name="fall", coordinates={"y": "m"}, parameters={"m": f"{m!r} kg", "g": f"{g!r} m s-2"}, mass={"y": "m"}, forces={"gravity": {"y": "-m*g"}},
+            initial={"y": "0 m", "v_y": "4 m s-1"}, events={"mark": {"function": "y + 1*metre"}, "level": {"function": "y - 0.5*metre"}},
+        )  # fmt: skip
+        return xd.simulate(model, method="rk4", step=0.1, until=1.5)
+
+    first, second = fall(10.0, 1.0), fall(9.0, 1.0)
+    table = xd.compare(first, second)
+    assert table.attrs["cause"] == "parameters: g: 10.0 m s-2 | 9.0 m s-2"
+    assert xd.compare(first, fall(9.0, 2.0)).attrs["cause"].endswith(", and 1 more")
+    said = lines_of(table)
+    assert said[0].startswith(f"{int((table.same == 0).sum())} of {table.sizes['variable']} variables differ; first: ")
+    times = table.difference_event_time_level
+    worst = int(np.abs(times.values).argmax())
+    assert worst == 1  # the way down
+    (line,) = [one for one in said if "difference_event_time_level" in one]
+    assert f"= {float(times[1]):.6g} s occurrence 2, scaled" in line
+    place = table.difference_y
+    (line,) = [one for one in said if one.startswith("largest   difference_y ")]
+    k = int(np.abs(place.values).argmax())
+    assert f"= {float(place[k]):.6g} m at t = {float(table.at_time[k]):.9g} s" in line
+    with pytest.raises(xd.InputError, match=r"'run\.nc' is a path; open it first, with open_run"):
+        xd.compare("run.nc", first)

@@ -1,0 +1,225 @@
+"""Linearisation, modes and time scales, against differences and closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from cases.problems import MODELS, oscillator, particle
+from xdynamics.evidence.modes import modes
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.model.linearisation import force_totals, initial_state, linearise, variables
+
+GRAVITY = 9.8  # of the pendulum of 1 m, m s-2
+# states off the beaten track: everything moves, drives have slopes
+STATES = {
+    "double_pendulum": {"v_th1": 1.3, "v_th2": -2.1},
+    "rocket_c6": {"t": 0.7, "y": 40.0, "v_y": 60.0, "fuel": 0.006},
+    "cart_spring": {"x": 0.043, "v_x": 0.4},
+    "kepler": {"x": 0.3, "y": -0.7, "v_x": 1.1, "v_y": 0.2},
+}
+
+
+def loaded(name: str) -> xd.Model:
+    """A model of data/models."""
+    return xd.Model.from_toml(MODELS / f"{name}.toml")
+
+
+def slope(model: xd.Model, state: dict[str, float]) -> np.ndarray:
+    """d/dt (q, v, x) by the compiled march: what it records of a state that a run starts from."""
+    given = {name: f"{value!r} {unit}" for name, value, unit in si(model, state)}
+    run = xd.simulate(model.replace(initial=given), method="forward_euler", step=1e-9, until=state["t"] + 1e-9)
+    n = list(model.coordinates)
+    names = [f"v_{one}" for one in n] + [f"a_{one}" for one in n] + [f"rate_{one}" for one in model.states]
+    return np.array([to_si(run, name) for name in names])
+
+
+def si(model: xd.Model, state: dict[str, float]) -> list[tuple[str, float, str]]:
+    """A state with its SI units."""
+    units = {name: str(model.dimensions[name]).split(" (")[0] for name in state}
+    return [(name, value, units[name]) for name, value in state.items()]
+
+
+def to_si(run: xr.Dataset, name: str) -> float:
+    """The first recorded number of a variable; fuel is in g."""
+    return float(run[name][0]) * (1e-3 if run[name].attrs["units"].startswith("g") else 1.0)
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_the_jacobian_is_the_slope_of_the_compiled_forces(name: str) -> None:
+    """Assert every entry against central differences of what a march evaluates."""
+    model = loaded(name)
+    state = initial_state(model) | STATES[name]
+    found, names = linearise(model, state).jacobian, variables(model)
+    for j, by in enumerate(names):
+        h = 1e-5 * max(abs(state[by]), 0.01)
+        ahead, behind = (slope(model, state | {by: state[by] + sign * h}) for sign in (1, -1))
+        differences = (ahead - behind) / (2 * h)
+        assert found[:, j] == pytest.approx(differences, rel=2e-5, abs=1e-6 * np.abs(found).max()), by
+
+
+def test_stiffness_and_damping_rebuild_the_jacobian() -> None:
+    """Assert that M^-1 K and M^-1 C stand in the rows of the accelerations, mass variation included."""
+    model = loaded("double_pendulum")
+    found = linearise(model, initial_state(model) | STATES["double_pendulum"])
+    assert np.linalg.solve(found.mass, -found.stiffness) == pytest.approx(found.jacobian[2:, :2], rel=1e-12)
+    assert np.linalg.solve(found.mass, -found.damping) == pytest.approx(found.jacobian[2:, 2:], rel=1e-12)
+
+
+def test_a_state_that_lacks_a_number_is_refused() -> None:
+    """Assert that what is missing is named."""
+    with pytest.raises(
+        xd.InputError, match="'Kepler ellipse of eccentricity 0.6' has no y, v_y; give SI numbers for t"
+    ):
+        linearise(loaded("kepler"), {"t": 0.0, "x": 1.0, "v_x": 0.0})
+
+
+def test_force_totals_are_sums_over_the_terms() -> None:
+    """Assert that the whole force of a coordinate is what its terms add up to."""
+    model = loaded("coupled_masses")
+    values = initial_state(model) | {"k": 4.0, "kc": 2.5}
+    assert [evaluate(one, values) for one in force_totals(model).values()] == [-6.5, 2.5]
+
+
+def test_coupled_masses_have_their_closed_form() -> None:
+    """Assert sqrt(k/m) = 2 and sqrt((k + 2 kc)/m) = 3 s-1, in phase and opposed."""
+    found = modes(loaded("coupled_masses"))
+    assert found.frequency.values == pytest.approx([2.0, 3.0], rel=1e-14)
+    assert found.period.values == pytest.approx([math.pi, 2 * math.pi / 3], rel=1e-14)
+    assert found.shape_x1.values / found.shape_x2.values == pytest.approx([1.0, -1.0], rel=1e-13)
+    assert np.abs([found.shape_x1, found.shape_x2]).max(axis=0) == pytest.approx([1.0, 1.0], abs=0)
+    assert found.eigenvalue_imag.values == pytest.approx([-2.0, 2.0, -3.0, 3.0], rel=1e-14)
+    assert float(found.fastest_time_scale) == pytest.approx(1 / 3)
+
+
+def test_the_double_pendulum_at_rest_has_its_closed_form() -> None:
+    """Assert w**2 of small swings: the roots of det(K - w**2 M) = 0, by the quadratic formula."""
+    found = modes(loaded("double_pendulum"), at={"th1": "0 rad", "th2": "0 degree"})
+    m1, m2, l1, l2, g = 1.0, 0.8, 1.0, 0.7, 9.80665
+    a, b, c = m1 * l1 * l2, -(m1 + m2) * g * (l1 + l2), (m1 + m2) * g * g
+    squares = [(-b + sign * math.sqrt(b * b - 4 * a * c)) / (2 * a) for sign in (-1, 1)]
+    assert found.frequency.values == pytest.approx(np.sqrt(squares), rel=1e-12)
+    assert found.shape_th1.attrs["units"] == "rad"
+
+
+def test_damping_shows_in_the_eigenvalues() -> None:
+    """Assert l = -1/tau for the drag of a bead and 0 for its position, and no oscillation."""
+    found = modes(loaded("linear_drag"))
+    assert found.eigenvalue_real.values == pytest.approx([0.0, -10.0], rel=1e-14)
+    assert found.frequency.values.tolist() == [0.0]
+    assert found.period.values.tolist() == [math.inf]
+
+
+def test_what_falls_over_has_no_frequency() -> None:
+    """Assert nan for a pendulum on its head, and the rate at which it falls."""
+    found = modes(loaded("pendulum"), at={"theta": "180 degree", "v_theta": 0})
+    assert np.isnan(found.frequency.values).all()
+    assert found.eigenvalue_real.values.max() == pytest.approx(math.sqrt(GRAVITY), rel=1e-9)
+
+
+def test_states_alone_have_eigenvalues_and_no_modes() -> None:
+    """Assert that a model without coordinates is linearised too."""
+    model = xd.Model(name="decay", parameters={"k": "5 s-1"}, states={"n": {"unit": "mol", "rate": "-k*n"}}, initial={"n": "1 mol"})  # fmt: skip
+    found = modes(model)
+    assert found.sizes["mode"] == 0
+    assert found.eigenvalue_real.values.tolist() == [-5.0]
+    assert of(found, "forward_euler", "largest_stable_step") == pytest.approx(0.4, rel=1e-9)
+    assert np.isnan(of(found, "euler_cromer", "largest_stable_step"))
+    rates = {"slow": "1", "fast": "1.5"}
+    both = xd.Model(name="decays", states={n: {"unit": "mol", "rate": f"-{k}*{n}/(1*second)"} for n, k in rates.items()}, initial=dict.fromkeys(rates, "1 mol"))  # fmt: skip
+    assert of(modes(both), "rk4", "suggested_step") == pytest.approx(2 * math.pi / 20, rel=1e-12)  # of the slowest
+    growing = xd.Model(name="grows", states={"up": {"unit": "mol", "rate": "2*up/second"}, "down": {"unit": "mol", "rate": "-0.1*down/second"}}, initial={"up": "1 mol", "down": "1 mol"})  # fmt: skip
+    assert of(modes(growing), "rk4", "suggested_step") == pytest.approx(
+        2 * math.pi / 2 / 20, rel=1e-12
+    )  # of what grows
+
+
+def of(found: xr.Dataset, method: str, name: str) -> float:
+    """What a variable says of a method."""
+    names = found.method_name.attrs["flag_meanings"].split()
+    return float(found[name][names.index(method)])
+
+
+def test_steps_of_methods_are_those_of_the_fastest_mode() -> None:
+    """Assert 2/w and 0 for the largest stable step, and a twentieth of the period as suggestion."""
+    found = modes(loaded("coupled_masses"))
+    assert of(found, "velocity_verlet", "largest_stable_step") == pytest.approx(2 / 3, rel=1e-9)
+    assert of(found, "velocity_verlet", "suggested_step") == pytest.approx(2 * math.pi / 3 / 20, rel=1e-12)
+    assert of(found, "forward_euler", "largest_stable_step") == 0.0
+    assert of(found, "forward_euler", "suggested_step") == pytest.approx(0.01 / (2 * math.pi) / 3, rel=1e-4)
+
+
+def test_a_row_of_a_record_is_taken_in_its_units() -> None:
+    """Assert that the state of a run in degrees gives the stiffness there: w**2 = g/l cos(theta)."""
+    model = loaded("pendulum").replace(initial={"theta": "40 degree"})
+    run = xd.simulate(model, method="velocity_verlet", step="10 ms", until="0.3 s")
+    run["theta"] = (run.theta * 180 / math.pi).assign_attrs(run.theta.attrs | {"units": "degree"})
+    for row in (0, 7, -1):
+        angle = math.radians(float(run.theta[row]))
+        found = modes(run, row=row)
+        assert float(found.frequency[0]) == pytest.approx(math.sqrt(GRAVITY * math.cos(angle)), rel=1e-12)
+        assert float(found.time) == float(run.time[row])
+
+
+def test_every_variable_says_what_it_is() -> None:
+    """Assert units, a long name and a role on all of a model with angles, states and drives."""
+    for name in ("rocket_c6", "double_pendulum"):
+        for one in modes(loaded(name)).data_vars.values():
+            assert {"units", "long_name", "role"} <= set(one.attrs)
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"row": 3}, "row 3 is none of the run's 3; needs 0 to 2, or -3 to -1"),
+        ({"row": "last"}, "row 'last' is none of the run's 3"),
+        ({"at": {"z": 1}}, "initial has no entry 'z'; there are"),
+        ({"at": {"x": "1 s"}}, "x = '1 s' has units 's', needs 'm'"),
+    ],
+)
+def test_a_wrong_place_is_refused(asked: dict[str, object], message: str) -> None:
+    """Assert that rows and values that do not exist are named with those that do."""
+    run = xd.simulate(oscillator().model, step=0.5, until=1.0)
+    with pytest.raises(xd.InputError, match=message):
+        modes(run, **asked)
+
+
+def test_what_cannot_be_linearised_is_refused() -> None:
+    """Assert a reason for a Dataset that is no record, a row of a model, and a derivative that is infinite."""
+    with pytest.raises(xd.InputError, match="this is no run record"):
+        modes(xr.Dataset())
+    with pytest.raises(xd.InputError, match=r"needs a Model or a run record, got 'ball\.nc'"):
+        modes("ball.nc")
+    with pytest.raises(xd.InputError, match="row is 2, but a model has no rows"):
+        modes(oscillator().model, row=2)
+    with pytest.raises(xd.InputError, match="the rate of v_x has the derivative -?inf by x; choose another state"):
+        modes(particle("-sqrt(x*metre)*newton/metre"), at={"x": "0 m"})
+
+
+def push(x: float) -> float:
+    """A force in Python."""
+    return -2.0 * x
+
+
+def test_forces_in_python_have_no_derivative() -> None:
+    """Assert that the function is named."""
+    with pytest.raises(xd.InputError, match="forces written in Python, 'push', which have no derivative"):
+        modes(particle(forces={"push": {"x": push}}))
+
+
+@pytest.mark.parametrize(("x", "fits"), [(-1.0, True), (0.5, True), (2.0, True), (-1.01, False), (2.01, False)])
+def test_no_modes_beyond_a_table(x: float, fits: bool) -> None:
+    """Assert stiffness from a table's slope wherever it reaches, its ends among them, and that it is named beyond."""
+    model = xd.Model(
+        name="bent", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, initial={"x": f"{x!r} m", "v_x": "0 m s-1"},
+        drives={"f": {"table": "f.csv", "argument": "x", "csv": "x [m],f [N]\n-1,4\n2,-8\n"}}, forces={"table": {"x": "f"}},
+    )  # fmt: skip
+    if fits:
+        assert xd.modes(model).frequency.values == pytest.approx([2.0])
+        return
+    with pytest.raises(xd.InputError, match=f"drive 'f' has no value at x = {x!r}, its table reaches from -1 to 2"):
+        xd.modes(model)

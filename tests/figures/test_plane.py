@@ -1,0 +1,247 @@
+"""Pictures of the plane, of many variables, of drives, beside other runs; films."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from PIL import Image
+
+import xdynamics as xd
+from cases.command_line import call
+from cases.problems import MODELS
+from xdynamics.figures.marks import typeset
+from xdynamics.figures.plane import views
+
+
+@pytest.fixture(scope="module")
+def orbit() -> xr.Dataset:
+    """An ellipse, by few steps."""
+    return xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="dop853", rtol=1e-7, until="13 s")
+
+
+def titles(figure: Any) -> list[str]:
+    """What stands above the panels."""
+    return [one.get_title(loc="left") for one in figure.axes if one.get_visible() and one.get_title(loc="left")]
+
+
+def test_an_orbit_is_drawn_as_one(orbit: xr.Dataset) -> None:
+    """Assert that two lengths are a plane with one scale, and that the line bends: it keeps to the ellipse between rows."""
+    axes = xd.plot(orbit).axes[0]
+    assert axes.get_title(loc="left") == "the plane (dot: start)"
+    assert axes.get_aspect() == 1.0
+    x, y = (np.asarray(one) for one in axes.lines[0].get_data())
+    assert len(x) > 5 * orbit.sizes["step"]
+    assert np.abs((x + 0.6) ** 2 + y**2 / (1 - 0.6**2) - 1.0).max() < 2e-3
+
+
+def test_positions_that_a_model_names() -> None:
+    """Assert the bobs of a double pendulum where its rods put them."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "double_pendulum.toml"), method="dop853", rtol=1e-9)
+    (view,) = views(run)
+    upper, lower = view
+    assert np.hypot(upper.x, upper.y) == pytest.approx(np.ones(upper.x.size), rel=1e-12)
+    assert np.hypot(lower.x - upper.x, lower.y - upper.y) == pytest.approx(np.full(upper.x.size, 0.7), rel=1e-12)
+    assert upper.units == "m"
+
+
+def test_three_coordinates_are_seen_from_three_sides() -> None:
+    """Assert three views of a motion in space, and none of angles."""
+    space = xd.Model(
+        name="space", coordinates=dict.fromkeys("xyz", "m"), mass=dict.fromkeys("xyz", "1*kilogram"),
+        forces={"pull": {one: f"-{one}*newton/metre" for one in "xyz"}}, initial={"x": "1 m", "y": "2 m", "z": "0 m", "v_z": "1 m s-1"},
+    )  # fmt: skip
+    run = xd.simulate(space, method="rk4", step=0.1, until=3.0)
+    assert [(one.across, one.up) for (one,) in views(run)] == [("x", "y"), ("x", "z"), ("y", "z")]
+    assert views(xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s")) == []
+
+
+@pytest.mark.parametrize(
+    ("figure", "said"),
+    [
+        ({"plane": "x"}, "needs two expressions"),
+        ({"plane": [["x", "y", "z"]]}, "needs two expressions"),
+        ({"plane": ["x", "1*radian"]}, "is across in 'm' and up in '1'"),
+        ({"plane": ["x", "v_y*second"]}, "reads 'v_y'; a place in the plane is of coordinates"),
+        ({"plane": ["x", "q"]}, "'q'"),
+        ({"plan": []}, "key 'plan' is not known"),
+    ],
+)
+def test_planes_that_are_none(figure: dict[str, Any], said: str) -> None:
+    """Assert that a plane of other units, names or shapes is refused."""
+    with pytest.raises(xd.ModelError, match=said):
+        xd.Model(name="x", coordinates={"x": "m", "y": "m"}, mass={"x": "1*kilogram", "y": "1*kilogram"}, initial={"x": "0 m", "y": "0 m"}, figure=figure)  # fmt: skip
+
+
+def test_many_variables_are_a_map() -> None:
+    """Assert that a chain of 20 is drawn in colours with a bar, and no panel has twenty lines."""
+    names = [f"x{k}" for k in range(20)]
+    chain = xd.Model(
+        name="chain", coordinates=dict.fromkeys(names, "m"), mass=dict.fromkeys(names, "1*kilogram"), initial=dict.fromkeys(names, "0 m") | {"v_x0": "1 m s-1"},
+        forces={"springs": {"potential": " + ".join(f"(x{k + 1} - x{k})**2*newton/metre" for k in range(19))}},
+    )  # fmt: skip
+    figure = xd.plot(xd.simulate(chain, method="velocity_verlet", step=0.05, until=5.0))
+    assert titles(figure) == ["trajectory, 20 of them", "velocity, 20 of them", "total energy less its start, 0.5 J"]
+    assert max(len(one.lines) for one in figure.axes) < 3
+
+
+def test_time_is_logarithmic_where_rows_ask_for_it() -> None:
+    """Assert a logarithmic axis of Robertson's reaction, whose rows stand at decades, and none of an orbit's."""
+
+    def reaction(_: Any, y: Any) -> Any:
+        return [-0.04 * y[0] + 1e4 * y[1] * y[2], 0.04 * y[0] - 1e4 * y[1] * y[2] - 3e7 * y[1] ** 2, 3e7 * y[1] ** 2]
+
+    run = xd.solve(reaction, (0, 1e5), [1.0, 0.0, 0.0], "Radau", rtol=1e-6, atol=1e-9)
+    assert {one.get_xscale() for one in xd.plot(run).axes if one.get_visible()} == {"log"}
+    assert xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "rocket_c6.toml"))).axes[0].get_xscale() == "linear"
+
+
+def test_drives_and_exchanged_energy() -> None:
+    """Assert that a thrust is drawn through its own points, and energies where a drag takes of them."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "rocket_c6.toml"))
+    axes = next(one for one in xd.plot(run).axes if one.get_title(loc="left").startswith("measured drives"))
+    assert axes.get_ylabel() == "thrust (N)"
+    assert float(np.max(axes.lines[0].get_ydata())) == 14.09
+    ball = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"))
+    axes = next(one for one in xd.plot(ball).axes if one.get_title(loc="left") == "energy, changed by forces")
+    assert [one.get_text() for one in axes.get_legend().get_texts()] == ["kinetic", "potential", "total"]
+
+
+def test_panels_and_variables_that_are_chosen(orbit: xr.Dataset) -> None:
+    """Assert kinds, names, variables that are drawn when named alone, and what is none."""
+    assert titles(xd.plot(orbit, only="plane")) == ["the plane (dot: start)"]
+    assert [one.get_ylabel() for one in xd.plot(orbit, only=["x"]).axes] == ["x (m)"]
+    assert xd.plot(orbit, only="a_x").axes[0].get_ylabel() == "a_x (m s⁻²)"
+    with pytest.raises(xd.InputError, match="only has 'speed'; there are plane, trajectory"):
+        xd.plot(orbit, only=["speed"])
+    with pytest.raises(xd.InputError, match="only and beside are for figures of a run"):
+        xd.plot(xd.refine(xd.Model.from_toml(MODELS / "pendulum.toml"), steps=["20 ms", "10 ms"], at=["1 s"]), only="x")
+
+
+def test_beside_a_run(orbit: xr.Dataset, tmp_path: Path) -> None:
+    """Assert that another run and measured points stand in the run's unit, with bars, and what has nothing in common is refused."""
+    path = tmp_path / "bench.csv"
+    path.write_text("time [ms];x [cm];u(x) [cm]\n0;40;1\n1000;-62,9;1\n")
+    other = xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="euler_cromer", step="20 ms", until="13 s")
+    axes = xd.plot(orbit, only=["x"], beside=[path, other]).axes[0]
+    labels = [one.get_text() for one in axes.get_legend().get_texts()]
+    assert labels == ["x", "Kepler ellipse of eccentricity 0.6, by euler_cromer", "measured, bench.csv"]
+    points = next(one for one in axes.lines if one.get_marker() == "+")
+    assert points.get_ydata() == pytest.approx([0.4, -0.629])
+    (tmp_path / "other.csv").write_text("time [s],q [m]\n0,1\n")
+    with pytest.raises(xd.InputError, match="column .q .m.. is nothing that is known; there are"):
+        xd.plot(orbit, beside=tmp_path / "other.csv")
+    (tmp_path / "other.csv").write_text("time [s],x [kg]\n0,1\n")
+    with pytest.raises(xd.InputError, match="is in 'kg', the run has it in 'm'"):
+        xd.plot(orbit, beside=tmp_path / "other.csv")
+
+
+def test_size_ground_and_the_command_line(orbit: xr.Dataset, tmp_path: Path) -> None:
+    """Assert inches and dots, a dark ground, and that wrong ones are named."""
+    run = xd.save(orbit, tmp_path / "orbit.nc")
+    done = call(
+        "plot", run, "-o", tmp_path / "a.png", "--only", "plane,energy", "--size", "6x4", "--dpi", "50", "--dark"
+    )
+    assert done.exit_code == 0, done.output
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.size == (300, 200)
+        assert image.convert("L").getpixel((2, 2)) < 40
+    assert call("plot", run, "-o", tmp_path / "b.pdf", "--with", run).exit_code == 0
+    assert (tmp_path / "b.pdf").read_bytes().startswith(b"%PDF")
+    for wrong, said in ((["--size", "6"], "like 8x5"), (["--size", "0x5"], "from 1 to 100"), (["--dpi", "5"], "from 20 to 1200"), (["--only", "z"], "only has 'z'"), (["--with", "no.csv"], "cannot be read")):  # fmt: skip
+        done = call("plot", run, "-o", tmp_path / "c.png", *wrong)
+        assert (done.exit_code, said in done.output) == (2, True), done.output
+        assert not (tmp_path / "c.png").exists()
+
+
+def test_a_film(orbit: xr.Dataset, tmp_path: Path) -> None:
+    """Assert frames of a film, and that no plane, another ending, or a wrong number is named."""
+    run = xd.save(orbit, tmp_path / "orbit.nc")
+    assert call("animate", run, "-o", tmp_path / "orbit.gif", "--seconds", "0.4").exit_code == 0
+    with Image.open(tmp_path / "orbit.gif") as film:
+        assert film.n_frames == 10
+    pendulum = xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s")
+    with pytest.raises(xd.InputError, match="the run has no plane to be seen in"):
+        pendulum.dynamics.animate(tmp_path / "p.gif")
+    for given, said in (({"path": tmp_path / "o.avi"}, "there are .gif, .mp4"), ({"seconds": -1}, "need a number up to 600"), ({"rate": 0}, "from 1 to 100"), ({"path": tmp_path / "no" / "o.gif"}, "film")):  # fmt: skip
+        with pytest.raises(xd.InputError, match=said):
+            xd.animate(orbit, **{"path": tmp_path / "o.gif"} | given)
+    assert not (tmp_path / "o.gif").exists()
+
+
+@pytest.mark.parametrize(("units", "shown"), [("m s-1", "m s⁻¹"), ("kg m2 s-2", "kg m² s⁻²"), ("1", "1"), ("rad s-1", "rad s⁻¹"), ("mm", "mm"), ("s-12", "s⁻¹²")])  # fmt: skip
+def test_units_in_print(units: str, shown: str) -> None:
+    """Assert powers above the line."""
+    assert typeset(units) == shown
+
+
+def test_runs_in_one_plane(orbit: xr.Dataset) -> None:
+    """Assert that other orbits stand in the plane and beside the energy, by name."""
+    other = xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="euler_cromer", step="20 ms", until="13 s")
+    for axes in xd.plot(orbit, only=["plane", "energy"], beside=other).axes:
+        assert [one.get_text() for one in axes.get_legend().get_texts()] == [
+            "Kepler ellipse of eccentricity 0.6, by euler_cromer"
+        ]
+    with pytest.raises(xd.InputError, match="the run has no plane to be seen in; name it"):
+        xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s"), only="plane")
+
+
+def test_a_size_that_is_too_small_is_refused(orbit: xr.Dataset) -> None:
+    """Assert that panels which would lie on one another are refused with the remedy, and one alone fits."""
+    with pytest.raises(
+        xd.InputError, match="size 4x3 leaves 2 by 0.75 inches for each of 7 panels, needs 2.4 by 1.6; draw fewer"
+    ):
+        xd.plot(orbit, size=(4, 3))
+    assert tuple(xd.plot(orbit, only="plane", size=(4, 3)).get_size_inches()) == (4.0, 3.0)
+
+
+def driven(**more: Any) -> xd.Model:
+    """A damped oscillator that settles into its drive, as an angle that goes round."""
+    given: dict[str, Any] = {
+        "name": "driven", "time": {"unit": "1"}, "coordinates": {"theta": "degree"}, "parameters": {"w": "2"}, "mass": {"theta": "1"},
+        "forces": {"spring": {"theta": "-4*(theta - 3*t)"}, "damping": {"theta": "-2*(v_theta - 3)"}, "drive": {"theta": "cos(w*t)"}},
+        "initial": {"theta": "0 degree", "v_theta": "3"}, "figure": {"section": "2*pi/w", "wrap": ["theta"]}, "run": {"method": "dop853", "rtol": 1e-10, "until": "60"},
+    }  # fmt: skip
+    return xd.Model(**given | more)
+
+
+def test_a_section_has_a_dot_in_each_period() -> None:
+    """Assert velocities of the section against the closed form, 3 + cos(w t)/2 once it has settled, and angles that are wrapped."""
+    axes = next(
+        one
+        for one in xd.plot(xd.simulate(driven())).axes
+        if one.get_title(loc="left").startswith("Poincare section, 19 periods of 3.14159")
+    )
+    position, speed = axes.lines[0].get_data()
+    assert len(position) == 19
+    assert np.abs(position).max() <= 180.0
+    assert np.asarray(speed)[-3:] == pytest.approx(np.full(3, np.degrees(3.5)), rel=1e-6)
+
+
+def test_wrapped_angles_are_torn_where_they_jump() -> None:
+    """Assert that no line joins both sides of half a turn."""
+    axes = xd.plot(xd.simulate(driven()), only="trajectory").axes[0]
+    values = np.asarray(axes.lines[-1].get_ydata())
+    assert np.nanmax(np.abs(values)) <= 180.0
+    assert np.isnan(values).sum() > 20
+    assert np.nanmax(np.abs(np.diff(values))) < 180.0
+
+
+@pytest.mark.parametrize(
+    ("figure", "said"),
+    [
+        ({"section": "w"}, None), ({"section": "2*second"}, "figure: section: has units 's', needs a period in '1'"),
+        ({"section": "theta"}, "section: reads 'theta'; a period is of parameters"), ({"wrap": ["x"]}, "wrap has 'x', which is no angle"),
+        ({"wrap": "theta"}, "wrap is 'theta', needs a list of angles"),
+    ],
+)  # fmt: skip
+def test_sections_that_are_none(figure: dict[str, Any], said: str | None) -> None:
+    """Assert that a period of another unit, or of what moves, and no angle, are refused."""
+    if said is None:
+        assert xd.Model.from_text(driven(figure=figure).to_toml()) == driven(figure=figure)
+        return
+    with pytest.raises(xd.ModelError, match=said):
+        driven(figure=figure)

@@ -1,0 +1,397 @@
+"""The cache of compiled code: shared, damaged, full, read-only or missing, it never stops a run nor changes one."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.problems import MODELS
+from xdynamics.kernels import cache
+from xdynamics.march import engine as engine_room
+from xdynamics.march.engine import engine
+from xdynamics.march.numba_cache import Kept
+
+SCRIPT = """
+import sys, logging
+import xdynamics as xd
+from numba.core import event
+with event.install_recorder("numba:compile") as seen:
+    run = xd.simulate(xd.Model.from_toml(sys.argv[1]), method="dop853", rtol=1e-8, until=2.0)
+    xd.sample(run, [0.5, 1.0])
+print(xd.content_digest(run), len(seen.buffer))
+"""
+KEPLER = str(MODELS / "kepler.toml")
+ENGINE = f"engine-{engine_room._key()}.bin"
+
+
+def told(folder: Path, **more: str) -> tuple[str, int, str]:
+    """Run the script with a cache folder: digest, compilations by numba, what was said."""
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, KEPLER], env=os.environ | {"XDYNAMICS_CACHE": str(folder)} | more,
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    digest, compiled = done.stdout.split()
+    return digest, int(compiled), done.stderr
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A cache that holds the engine and one law, copied from this session's, and the digest of the run."""
+    engine()
+    folder = tmp_path_factory.mktemp("kept")
+    shutil.copy(cache.folder() / ENGINE, folder / ENGINE)
+    digest, _, _ = told(folder)
+    return folder, digest
+
+
+def damaged(content: bytes, damage: str) -> bytes:
+    """Return a file's content cut, with one bit changed, or none of it."""
+    middle = len(content) // 2
+    flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+    return {"truncated": content[:100], "flipped": flipped, "empty": b""}[damage]
+
+
+def put_in_place(path: Path, damage: str) -> None:
+    """Put something else where a kept file was."""
+    if damage in ("truncated", "flipped", "empty"):
+        path.write_bytes(damaged(path.read_bytes(), damage))
+        return
+    path.unlink()
+    if damage == "directory":
+        (path / "inside").mkdir(parents=True)
+    elif damage == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to(path)
+
+
+def test_a_second_process_compiles_nothing(kept: tuple[Path, str]) -> None:
+    """Assert that engine and law are loaded, and nothing is said."""
+    digest, compiled, said = told(kept[0])
+    assert (digest, compiled, said) == (kept[1], 0, "")
+
+
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "empty", "directory", "pipe", "link to itself"])
+def test_a_damaged_law_is_compiled_anew(kept: tuple[Path, str], damage: str, tmp_path: Path) -> None:
+    """Assert that whatever stands in the place of every law's file is replaced by what was there."""
+    folder = shutil.copytree(kept[0], tmp_path / "cache")
+    laws = sorted([*folder.glob("law-*.o"), *folder.glob("form-*.o")])
+    assert len(laws) >= 2
+    for law in laws:
+        put_in_place(law, damage)
+    assert told(folder) == (kept[1], 0, "")
+    assert [one.read_bytes() for one in laws] == [(kept[0] / one.name).read_bytes() for one in laws]
+
+
+def test_no_flipped_bit_is_loaded(kept: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that of 200 random bits of each kept file none can change without the file being set aside."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    places = random.Random(4)
+    for one in kept[0].iterdir():
+        whole = one.read_bytes()
+        for _ in range(200):
+            changed = bytearray(whole)
+            changed[places.randrange(len(whole))] ^= 1 << places.randrange(8)
+            (tmp_path / one.name).write_bytes(changed)
+            assert cache.read(one.name) is None
+        (tmp_path / one.name).write_bytes(whole)
+        assert cache.read(one.name) == whole[32:]
+
+
+def test_a_damaged_engine_is_compiled_anew(kept: tuple[Path, str], tmp_path: Path) -> None:
+    """Assert that a damaged engine costs a compilation, which is told, and is mended for the next process."""
+    folder = shutil.copytree(kept[0], tmp_path / "cache")
+    put_in_place(folder / ENGINE, "flipped")
+    digest, compiled, said = told(folder)
+    assert digest == kept[1]
+    assert compiled > 0
+    assert "compiling the engine, once per installation" in said
+    assert told(folder) == (kept[1], 0, "")
+
+
+def test_the_bytes_that_were_verified_are_loaded(kept: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a file that is exchanged after its digest was compared changes nothing: it is not read again."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(kept[0]))
+    content = cache.read(ENGINE)
+    monkeypatch.setattr(cache, "read", lambda _name: content)
+    monkeypatch.setenv("XDYNAMICS_CACHE", "/nowhere")
+    loaded = engine_room._loaded(ENGINE, "the engine", 10, engine_room._entries)
+    assert callable(loaded.march)
+
+
+def test_what_cannot_be_loaded_is_compiled_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that whole files that this build of numba does not understand are replaced."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+
+    def compiled(kept: Kept) -> bool:
+        assert not kept._complete or kept._functions["march"]
+        return kept._complete
+
+    for content in (b"no pickle", pickle.dumps({})):
+        cache.write("engine-x", content)
+        assert engine_room._loaded("engine-x", "the engine", 10, compiled) is False
+        assert cache.read("engine-x") == Kept().content
+
+
+def test_a_cache_that_cannot_be_written(kept: tuple[Path, str], tmp_path: Path) -> None:
+    """Assert that a file in the place of the folder, as good as a read-only disk to root, costs time and one line of advice."""
+    (tmp_path / "cache").write_text("no folder")
+    digest, compiled, said = told(tmp_path / "cache")
+    assert digest == kept[1]
+    assert compiled > 0
+    advice = (
+        f"xdynamics: compiled code cannot be kept in '{tmp_path / 'cache'}' (File exists), so every process compiles it"
+        " again; set XDYNAMICS_CACHE to a folder of your own that nobody else can write to and that has room"
+    )
+    slow = "xdynamics: compiling the model and its method"  # said where that lasts longer than a second
+    lines = [line for line in said.splitlines() if not line.startswith(slow)]
+    assert sorted(lines) == [advice, "xdynamics: compiling the engine: about 10 s"]
+    assert [one.name for one in tmp_path.iterdir()] == ["cache"]
+
+
+FULL = """
+import resource, sys
+from xdynamics.kernels import cache
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+print(cache.obstacle())
+for name in ("law-x.o", "law-y.o"):
+    cache.write(name, bytes(5000))
+    print(cache.read(name))
+"""
+
+
+def test_a_full_disk_costs_a_compilation(tmp_path: Path) -> None:
+    """Assert that where a file cannot grow nothing is kept and nothing is left behind, and that it is said once."""
+    done = subprocess.run(
+        [sys.executable, "-c", FULL], env=os.environ | {"XDYNAMICS_CACHE": str(tmp_path)}, capture_output=True,
+        text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.splitlines() == ["File too large", "None", "None"]
+    assert done.stderr.count("cannot be kept in") == len(done.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def homeless(monkeypatch: pytest.MonkeyPatch, temporary: Path) -> None:
+    """Make this a process of a user without a home."""
+
+    def no_home() -> Path:
+        raise RuntimeError("no home")
+
+    monkeypatch.delenv("XDYNAMICS_CACHE", raising=False)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", no_home)
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(temporary))
+
+
+def test_a_user_without_a_home_has_one_temporary_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that it is this user's, and the same one in every process."""
+    homeless(monkeypatch, tmp_path)
+    for name in ("law-x.o", "law-y.o"):
+        cache.write(name, b"code")
+        assert cache.read(name) == b"code"
+    names = [f"xdynamics-{os.getuid()}", f"xdynamics-{os.getuid()}.secret"]
+    assert sorted(one.name for one in tmp_path.iterdir()) == names
+
+
+def test_somebody_elses_temporary_folder_is_not_believed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Assert that code is neither read from nor written to a folder that others can write to, or a link."""
+    homeless(monkeypatch, tmp_path)
+    monkeypatch.setattr(cache, "_ADVISED", [])
+    cache.write("law-x.o", b"code")
+    cache.folder().chmod(0o777)
+    assert cache.read("law-x.o") is None
+    cache.write("law-y.o", b"code")
+    assert "others may write to the folder" in cache.obstacle()
+    cache.folder().rename(tmp_path / "theirs")
+    (tmp_path / "theirs").chmod(0o700)
+    cache.folder().symlink_to(tmp_path / "theirs")
+    assert cache.read("law-x.o") is None
+    assert [one.name for one in (tmp_path / "theirs").iterdir()] == ["law-x.o"]
+    assert len(caplog.records) == 1
+
+
+PLANTS = {
+    "a folder that others may write to": lambda folder, _file: folder.chmod(0o777),
+    "a folder that the group may write to": lambda folder, _file: folder.chmod(0o770),
+    "a file that others may write to": lambda _folder, file: file.chmod(0o666),
+    "a link in the place of the file": lambda folder, file: (file.rename(folder / "x"), file.symlink_to(folder / "x")),
+    "somebody else's folder": lambda folder, _file: os.chown(folder, 12345, -1),
+    "somebody else's file": lambda _folder, file: os.chown(file, 12345, -1),
+}
+
+
+@pytest.mark.parametrize("variable", ["XDYNAMICS_CACHE", "XDG_CACHE_HOME", "HOME"])
+@pytest.mark.parametrize("plant", PLANTS)
+def test_what_others_can_write_is_not_executed(
+    plant: str, variable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert that a file which others own or can change is not read, whichever variable names its folder."""
+    if plant.startswith("somebody") and os.getuid():
+        pytest.skip("only root gives files away")
+    for name in ("XDYNAMICS_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(variable, str(tmp_path))
+    cache.write("law-x.o", b"code")
+    assert cache.read("law-x.o") == b"code"
+    PLANTS[plant](cache.folder(), cache.folder() / "law-x.o")
+    assert cache.read("law-x.o") is None
+
+
+def test_a_file_from_an_open_folder_is_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that neither an unkeyed digest, nor another user's secret, nor another file's seal passes."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path / "cache"))
+    cache.write("law-x.o", b"code")
+    whole = (cache.folder() / "law-x.o").read_bytes()
+    (cache.folder() / "law-y.o").write_bytes(whole)
+    (cache.folder() / "law-z.o").write_bytes(hashlib.sha256(b"code").digest() + b"code")
+    assert (cache.read("law-x.o"), cache.read("law-y.o"), cache.read("law-z.o")) == (b"code", None, None)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another user's"))
+    cache.write("law-z.o", b"theirs")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert (cache.read("law-x.o"), cache.read("law-z.o")) == (b"code", None)
+
+
+def test_the_secret_is_the_users_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that it has mode 600, lies in no folder that XDYNAMICS_CACHE names, and that another one is refused by name."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path / "shared"))
+    monkeypatch.setattr(cache, "_ADVISED", [])
+    cache.write("law-x.o", b"code")
+    secret = tmp_path / "home" / "xdynamics.secret"
+    assert (secret.stat().st_mode & 0o777, secret.stat().st_size) == (0o600, 32)
+    assert [path.name for path in (tmp_path / "shared").iterdir()] == ["law-x.o"]
+    secret.chmod(0o640)
+    assert cache.read("law-x.o") is None
+    assert "others may read" in cache.obstacle()
+    secret.chmod(0o600)
+    secret.write_bytes(b"short")
+    assert "holds no secret" in cache.obstacle()
+    secret.unlink()
+    assert cache.read("law-x.o") is None
+    assert not secret.exists()
+
+
+def test_old_and_seldom_used_files_are_pruned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a write removes what is past its age, and the least used of what is beyond the limit."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", "0.003")
+    for days, name in enumerate(("new", "used", "older", "oldest")):
+        cache.write(f"law-{name}.o", bytes(950))
+        os.utime(tmp_path / f"law-{name}.o", (time.time() - 86400.0 * (1 + days),) * 2)
+    assert cache.read("law-used.o") == bytes(950)  # marks it as used
+    cache.write("law-last.o", bytes(950))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        f"law-{name}.o" for name in ("last", "new", "older", "used")
+    ]
+    monkeypatch.delenv("XDYNAMICS_CACHE_LIMIT")
+    os.utime(tmp_path / "law-new.o", (time.time() - 86400.0 * (cache.MOST_DAYS + 1),) * 2)
+    cache.write("law-last.o", bytes(950))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"law-{name}.o" for name in ("last", "older", "used")]
+
+
+@pytest.mark.parametrize(("text", "limit"), [("12", 12.0), ("-1", 256.0), ("much", 256.0), ("nan", 256.0)])
+def test_the_limit_of_the_cache(text: str, limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a limit that is no size is not followed."""
+    monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", text)
+    assert cache.most_megabytes() == limit
+
+
+def test_parts_of_dead_processes_are_removed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that a part older than an hour goes with the next write, and a younger one stays."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    for name, age in (("old.part", 2 * cache.ABANDONED), ("young.part", 0.0)):
+        (tmp_path / name).write_bytes(b"half")
+        os.utime(tmp_path / name, (time.time() - age,) * 2)
+    cache.write("law-x.o", b"code")
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["law-x.o", "young.part"]
+
+
+def test_an_interrupted_write_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that Ctrl-C in the middle leaves no half a file."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+
+    def interrupted(*_: object, **_named: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        cache.write("law-x.o", b"code")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_eight_processes_with_one_cold_cache(kept: tuple[Path, str], tmp_path: Path) -> None:
+    """Assert that processes that compile one law at once all end right and leave one whole file of it."""
+    folder = tmp_path / "cold"
+    folder.mkdir()
+    shutil.copy(kept[0] / ENGINE, folder / ENGINE)
+    environment = os.environ | {"XDYNAMICS_CACHE": str(folder)}
+    started = [
+        subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, KEPLER],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(8)
+    ]
+    ended = [(one.communicate(), one.returncode) for one in started]
+    assert [code for _, code in ended] == [0] * 8
+    assert {out.split()[0] for (out, _), _ in ended} == {kept[1]}
+    assert not list(folder.glob("*.part"))
+
+
+def test_a_relative_cache_stays_where_it_was(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that a process that changes its folder does not begin a second cache there."""
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDYNAMICS_CACHE", "kept here")
+    first = cache.folder()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert cache.folder() == first == tmp_path / "kept here"
+
+
+def test_the_key_watches_all_that_is_compiled_in() -> None:
+    """Assert that a changed flag number of the schema, like any changed line of the engine, asks for another engine."""
+    before = engine_room._key()
+    schema = Path(engine_room.__file__).parents[1] / "schema.py"
+    original = Path.read_text
+
+    def changed(path: Path, *arguments: object, **named: object) -> str:
+        text = original(path, *arguments, **named)
+        return text.replace("range(7)", "range(8)") if path == schema else text
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "read_text", changed)
+        assert engine_room._key() != before
+    assert engine_room._key() == before
+    assert np.isfinite(len(before))
+
+
+def test_a_long_compilation_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Assert that compiling a law beyond a second is said, and a quick one passes in silence."""
+    from xdynamics.kernels import machine
+
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    monkeypatch.setattr(machine, "_object", lambda text: (time.sleep(0.2), bytes(text, "ascii"))[1])
+    monkeypatch.setattr(machine, "Code", lambda kept, _names: kept)
+    machine.compiled("quick", ["forces"])
+    assert not caplog.records
+    monkeypatch.setattr(machine, "PATIENCE", 0.02)
+    machine.compiled("slow\nlaw\n", ["forces"])
+    assert [one.getMessage() for one in caplog.records] == ["xdynamics: compiling the model and its method, 2 lines"]

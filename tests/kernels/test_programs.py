@@ -1,0 +1,296 @@
+"""Programs: one meaning, printed as Python, as LLVM text, and with any number of lanes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import xdynamics as xd
+from cases.bench import Bench
+from cases.problems import MODELS, coupled_springs, particle
+from xdynamics.expressions import Name, parse
+from xdynamics.kernels import Law, law_of, layout_of
+from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.law import CONTROL
+from xdynamics.kernels.law_cache import key_of
+from xdynamics.kernels.llvm_text import UNROLLED
+from xdynamics.kernels.program import Compute, Load, Place, Program, Store
+from xdynamics.kernels.python_text import python_of
+from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.summation import COMPENSATED, updates
+from xdynamics.methods.summation import PLAIN as PLAIN_SUMS
+
+EXPLICIT = [one for one in xd.METHODS.values() if not one.implicit]
+LANES = (2, 4, 8, 16)
+
+
+def chain(n: int) -> xd.Model:
+    """Masses on a line, each joined to the next by a spring."""
+    names = [f"u{i}" for i in range(n)]
+    forces = {}
+    for i, name in enumerate(names):
+        left = f"({names[i - 1]} - {name})" if i else f"(-{name})"
+        right = f"({names[i + 1]} - {name})" if i + 1 < n else f"(-{name})"
+        forces[name] = f"k*{left} + k*{right}"
+    initial = {name: f"{0.01 * (i % 3)} m" for i, name in enumerate(names)} | {f"v_{name}": "0 m s-1" for name in names}
+    return xd.Model(
+        name="chain", coordinates=dict.fromkeys(names, "m"), parameters={"m": "1 kg", "k": "100 N m-1"},
+        mass=dict.fromkeys(names, "m"), forces={"spring": forces}, initial=initial,
+    )  # fmt: skip
+
+
+@lru_cache
+def model_named(name: str) -> xd.Model:
+    """A model of data/models, or one made here."""
+    made = {"chain": lambda: chain(12), "springs": lambda: coupled_springs().model}
+    return made[name]() if name in made else xd.Model.from_toml(MODELS / f"{name}.toml")
+
+
+def law(name: str, method: object, *, sampled: bool = False) -> Law:
+    """The law of a model and a method, with the summation that it has unless another is asked for."""
+    estimator = "embedded" if method.estimate else "none"
+    summation = COMPENSATED if method.symplectic and updates(method) else PLAIN_SUMS
+    return law_of(layout_of(model_named(name), Scheme(method, estimator, summation=summation)), sampled=sampled)
+
+
+def starts(one: Law, lanes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """States around the initial one, and steps."""
+    random = np.random.default_rng(7)
+    initial = np.array([one.layout.model.initial[name].si for name in one.layout.used])
+    states = initial[:, None] + 1e-3 * random.standard_normal((initial.size, lanes))
+    return states, random.uniform(1e-3, 1e-2, lanes)
+
+
+@pytest.mark.parametrize("name", ["kepler", "ball_drag", "cart_spring", "chain", "springs", "rocket_c6"])
+@pytest.mark.parametrize("method", EXPLICIT, ids=lambda one: one.name)
+def test_lanes_have_the_bits_of_one(name: str, method: object) -> None:
+    """Assert that 2, 4, 8 and 16 lanes compute in each lane what one computes alone, in every program of a law."""
+    if method.refusals(model_named(name)):
+        pytest.skip("refused")
+    one = law(name, method, sampled=True)
+    states, steps = starts(one, 16)
+    alone = []
+    for lane in range(16):
+        bench = Bench(one, 1, states[:, [lane]], steps[[lane]])
+        for address in one.addresses_inside[len(CONTROL) :]:
+            bench.call(int(address))
+        alone.append(bench)
+    for lanes in LANES if method.name in ("velocity_verlet", "dop853") else (4,):
+        code = one.compiled(lanes)
+        bench = Bench(one, lanes, states[:, :lanes], steps[:lanes])
+        for program in one.entries:
+            bench.call(code.addresses[program.name])
+        for lane in range(lanes):
+            for mine, other in zip(
+                (bench.z, bench.e, bench.samples), (alone[lane].z, alone[lane].e, alone[lane].samples), strict=True
+            ):
+                assert mine[:, lane].tobytes() == other[:, 0].tobytes(), (lanes, lane)
+        assert np.any(bench.z)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in MODELS.glob("*.toml")))
+@pytest.mark.parametrize("method", ["midpoint", "velocity_verlet", "dop853", "dprkn6"])
+def test_printed_python_has_the_bits_of_machine_code(name: str, method: str) -> None:
+    """Assert that what a record quotes, run as it stands, computes every number that the compiled law does."""
+    if xd.METHODS[method].refusals(model_named(name)):
+        pytest.skip("refused")
+    one = law(name, xd.METHODS[method], sampled=True)
+    states, steps = starts(one, 1)
+    compiled, printed = Bench(one, 1, states, steps), Bench(one, 1, states, steps)
+    for address, key in zip(one.addresses_inside[len(CONTROL) :], one.plain[len(CONTROL) :], strict=True):
+        compiled.call(int(address))
+        printed.call_plainly(int(key))
+    for mine, other in zip(compiled.arrays(), printed.arrays(), strict=True):
+        assert mine.tobytes() == other.tobytes()
+
+
+def test_loops_have_the_bits_of_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that vectors as loops and vectors written out are one computation."""
+    assert len(model_named("chain").coordinates) > UNROLLED
+    from xdynamics.kernels import llvm_text
+
+    one = law("chain", xd.METHODS["dormand_prince"])
+    states, steps = starts(one, 1)
+    loops, lines = Bench(one, 1, states, steps), Bench(one, 1, states, steps)
+    assert "phi" in one.text()
+    monkeypatch.setattr(llvm_text, "UNROLLED", 1000)
+    assert "phi" not in one.text()
+    written = one.compiled()
+    for program, address in zip(one.entries, one.addresses_inside[len(CONTROL) :], strict=True):
+        loops.call(int(address))
+        lines.call(written.addresses[program.name])
+    for mine, other in zip(loops.arrays(), lines.arrays(), strict=True):
+        assert mine.tobytes() == other.tobytes()
+
+
+def test_nothing_is_contracted_or_reordered() -> None:
+    """Assert that the text asks for no fused operation and no licence to reorder, and the lanes for no reduction."""
+    text = law("kepler", xd.METHODS["dop853"]).text(8)
+    for word in ("fma", "fast", "reassoc", "contract", "reduce.f", "arcp", "nnan"):
+        assert word not in text
+
+
+def test_a_part_that_stands_twice_is_computed_once() -> None:
+    """Assert that equal parts share a value, and that powers are products and square roots."""
+    lines = Assignments(lambda own, name: own.load(Place("p", ord(name)), name))
+    lines.assign("first", parse("a*b + (a*b)**3"))
+    lines.assign("second", parse("(a*b)**-1.5"))
+    operations = [one.operation for one in lines.lines if isinstance(one, Compute)]
+    assert operations == ["multiply", "multiply", "multiply", "add", "sqrt", "multiply", "divide"]
+    assert sum(isinstance(one, Load) for one in lines.lines) == 2
+
+
+def test_names_never_dangle() -> None:
+    """Assert that a value that is given two names stays known by both."""
+    lines = Assignments(
+        lambda own, name: (
+            own.compute("sin", own.load(Place("p"), "p0")) if name == "drive" else own.load(Place("y"), name)
+        )
+    )
+    lines.assign("force", Name("drive"))
+    lines.assign("other", parse("drive + 1"))
+    targets = {one.target for one in lines.lines}
+    used = {
+        argument
+        for one in lines.lines
+        if isinstance(one, Compute)
+        for argument in one.arguments
+        if isinstance(argument, str)
+    }
+    assert used <= targets
+    assert lines.named("force") in targets
+
+
+@pytest.mark.parametrize(
+    ("text", "printed"),
+    [
+        ("a - (b - c)", "a - (b - c)"),
+        ("a/(b*c)", "a/(b*c)"),
+        ("(a/b)*c", "a/b*c"),
+        ("-(a + b)*c", "-(a + b)*c"),
+        ("where(a < b, a, -b)", "a if a < b else -b"),
+        ("max(a, b, c)", "_greatest(_greatest(a, b), c)"),
+        ("1/0*a", "1.0/_zero*a"),
+        ("1/(2 - 2)*a", "1.0/_zero*a"),
+        ("a**(1/3)", "_power(a, 0.3333333333333333)"),
+    ],
+)  # fmt: skip
+def test_python_keeps_the_grouping(text: str, printed: str) -> None:
+    """Assert that a line says what was written, with the parentheses that its order needs."""
+    lines = Assignments(lambda own, name: own.load(Place("p", ord(name) - 97), name))
+    lines.store(Place("z"), lines.value(parse(text)))
+    program = Program("one", "One line.", tuple(lines.lines))
+    assert f"    _z[0] = {printed}\n" in python_of(program)
+
+
+def test_stores_and_loads_are_printed_in_order() -> None:
+    """Assert that a store stands behind what it needs."""
+    body = (Load("a", Place("y", 1)), Compute("b", "add", ("a", 1.0)), Store(Place("z", 2), "b"))
+    assert python_of(Program("one", "About.", body)).splitlines()[2:] == [
+        "    a = _y[1]",
+        "    b = a + 1.0",
+        "    _z[2] = b",
+    ]
+
+
+def test_the_source_in_a_record_is_the_law() -> None:
+    """Assert that a record quotes the programs, and names its digest after them."""
+    import hashlib
+
+    run = xd.simulate(particle("F"), method="midpoint", step=0.5, until=1.0)
+    source = str(run["force_source"].values)
+    assert "def forces(" in source
+    assert "def propose(" in source
+    assert run.attrs["force_digest"] == hashlib.sha256(source.encode()).hexdigest()
+    compile(source, "law", "exec")
+
+
+@pytest.mark.parametrize(
+    "exponent", ["2", "3", "4", "5", "7", "11", "16", "-1", "-5", "0.5", "1.5", "2.5", "-2.5", "1/3"]
+)
+def test_powers_are_the_language_s(exponent: str) -> None:
+    """Assert that a power comes out as `evaluate` has it, whose products and roots the language defines."""
+    from xdynamics.expressions.evaluation import evaluate
+    from xdynamics.kernels.operations import PYTHON
+
+    tree = parse(f"a**({exponent})")
+    lines = Assignments(lambda own, name: own.load(Place("y"), name))
+    lines.store(Place("z"), lines.value(tree))
+    scope = dict(PYTHON)
+    exec(python_of(Program("one", "A power.", tuple(lines.lines))), scope)
+    y, z = np.array([1.7]), np.zeros(1)
+    scope["one"](None, y, None, None, None, z, None, None, None)
+    assert z[0] == evaluate(tree, {"a": 1.7})
+    assert z[0] == pytest.approx(1.7 ** float(eval(exponent)), rel=1e-15)
+
+
+def test_minus_zero_is_another_number() -> None:
+    """Assert that 0.0 and -0.0, which are equal, are not taken for one: they are two angles of atan2."""
+    run = xd.simulate(
+        particle(forces={"up": {"x": "F*atan2(0, x/metre)"}, "down": {"x": "F*atan2(-0, x/metre)"}}, initial={"x": "-1 m", "v_x": "0 m s-1"}),
+        method="midpoint", step=0.5, until=1.0,
+    )  # fmt: skip
+    assert float(run.force_up_x[0]) == -float(run.force_down_x[0]) > 0.0
+
+
+@pytest.mark.parametrize("method", ["rk4", "dop853", "implicit_midpoint", "radau_iia"])
+def test_a_law_that_is_kept_is_not_printed_again(method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that another process finds code, text and equations by the model's form, whatever its numbers are."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    tmp_path.chmod(0o700)
+    scheme, model = Scheme(xd.METHODS[method]), model_named("pendulum")
+    first = Law(layout_of(model, scheme), sampled=True)
+    assert (first.addresses != 0).sum() == len(first.addresses) - 1  # nothing inside a step yet
+    for name in ("python_of", "llvm_of"):
+        monkeypatch.setattr(f"xdynamics.kernels.law.{name}", lambda *_, **__: pytest.fail("printed again"))
+    second = Law(layout_of(model.replace(parameters={"l": 2.0}), scheme), sampled=True)
+    assert (second.addresses != 0).tolist() == (first.addresses != 0).tolist()
+    assert (second.source, second.memory, second.equations) == (first.source, first.memory, first.equations)
+    assert second.printed.names == tuple(one.name for one in first.entries)
+
+
+def test_what_laws_are_kept_by() -> None:
+    """Assert that another form, method, estimator, summation or set of functions is another law, and other numbers are none."""
+    model = model_named("pendulum")
+    scheme = Scheme(xd.METHODS["rk4"])
+    others = [
+        Scheme(xd.METHODS["heun"]),
+        *(replace(scheme, **{key: "another"}) for key in ("estimator", "summation", "math_functions")),
+    ]
+    layouts = [layout_of(model, one) for one in (scheme, *others)] + [layout_of(model_named("kepler"), scheme)]
+    keys = [key_of(one, sampled=sampled) for one in layouts for sampled in (True, False)]
+    assert len(set(keys)) == len(keys) == 12
+    assert key_of(layout_of(model.replace(parameters={"l": 2.0}), scheme), sampled=True) == keys[0]
+
+
+@pytest.mark.parametrize(("argument", "header"), [("t", "time [s]"), ("x", "x [m]")])
+def test_resampled_tables_have_one_law(argument: str, header: str) -> None:
+    """Assert that models whose tables differ in numbers alone share a law, and one whose table has another unit does not."""
+
+    def pulled(points: int, unit: str = "N") -> xd.Model:
+        rows = "\n".join(f"{k},{k % 3}" for k in range(points))
+        table = {
+            "table": f"{points}.csv",
+            "csv": f"{header},pull [{unit}]\n{rows}\n",
+            "argument": argument,
+            "outside": "hold",
+        }
+        force = "pull" if unit == "N" else "pull*newton/metre"
+        return xd.Model(
+            name=f"{points} points", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces={"pull": {"x": force}},
+            drives={"pull": table}, initial={"x": "1 m"},
+        )  # fmt: skip
+
+    def law_of_it(model: xd.Model) -> Law:
+        return law_of(layout_of(model, Scheme(xd.METHODS["rk4"], "none")), sampled=True)
+
+    laws = [law_of_it(pulled(points)) for points in range(4, 68)]
+    assert len({id(one) for one in laws}) == 1
+    assert law_of_it(pulled(5, "m")) is not laws[0]
+    ends = [float(xd.simulate(pulled(points), method="rk4", step=0.01, until=0.5).x[-1]) for points in (4, 5)]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-12)  # within the first two rows both are the same table

@@ -1,0 +1,154 @@
+"""A box around where the motion goes: what bounds a step in few operations, and which steps are inside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from cases.plain import made_by_hand, plain
+from xdynamics.march import March
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.events import event_free_region
+from xdynamics.march.events.enclosures import coordinate
+from xdynamics.march.run import DETECTOR, WATCH, Run
+
+
+@pytest.mark.cases(400)
+def test_the_way_of_a_step_holds_its_enclosure(case: int) -> None:
+    """Assert quick bounds of a random step outside those of the enclosure, by no more than signs that differ may cost."""
+    random = np.random.default_rng([26, 8, case])
+    run = made_by_hand(n=2, under=np.zeros(1), over=np.zeros(1), flaws=np.zeros(1))
+    h = 10.0 ** random.uniform(-3, 1)
+    a = random.normal(size=2) * [0, 1, 3 / h][case % 3]  # the last ones turn within the step
+    run.y[4:], run.z[4:], run.y[2:4], run.y[:2] = a, a, random.normal(size=2), random.normal(size=2)
+    run.z[2:4], run.z[:2] = run.y[2:4] + h * a, run.y[:2] + h * run.y[2:4] + h * h / 2 * a
+    run.z[:] += random.normal(size=6) * 10.0 ** random.uniform(-9, 1)
+    run.trial[0].h = run.piece[0].width = h
+    for i in range(2):
+        low, high = plain(event_free_region.way)(run, i)
+        plain(coordinate)(run, run.y, run.z, 0, i, 0)
+        (q0, v0, a0), (q1, v1, a1) = run.y[i::2], run.z[i::2]
+        apart = max(min(0.4 * h * abs(v0), h * h * abs(a0) / 20), min(0.4 * h * abs(v1), h * h * abs(a1) / 20))
+        apart += 3e-9 * (max(abs(q0), abs(q1)) + h * (abs(v0) + abs(v1)) + h * h * (abs(a0) + abs(a1)))
+        assert low < run.under[0] <= low + apart
+        assert high > run.over[0] >= high - apart
+
+
+def test_a_step_is_inside_by_all_that_functions_are_made_of() -> None:
+    """Assert for two positions and the time that a step is inside a box, and is not once any side of it is too near."""
+    model = xd.Model(
+        name="plane", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg", "k": "1 N m-1"}, mass={"x": "m", "y": "m"},
+        forces={"spring": {"potential": "k*(x**2 + y**2)/2"}},
+        initial={"x": "1 m", "v_x": "0 m s-1", "y": "0 m", "v_y": "0.5 m s-1"},
+        events={"far": {"function": "x - 3*metre"}, "wide": {"function": "y + 2*metre"}, "late": {"function": "t - 90*second"}},
+    )  # fmt: skip
+    run, inside = (
+        March(model, settings_for(model, method="rk4", step=0.05, until=0.5)).run,
+        plain(event_free_region.stays_inside),
+    )
+    run.y[:6], run.z[:6] = (1.0, 0.0, 0.0, 0.5, -1.0, 0.0), (0.99875, 0.025, -0.05, 0.499, -0.99875, -0.025)
+    run.now[0].t, run.trial[0].t, run.trial[0].h = 2.0, 2.05, 0.05
+    n, first = len(run.leaves), event_free_region.BOX
+    assert sorted(run.leaves[:, 0].tolist()) == [
+        event_free_region.POSITION,
+        event_free_region.POSITION,
+        event_free_region.INSTANT,
+    ]
+    for j, (sort, k, _) in enumerate(run.leaves.tolist()):
+        bounds = (
+            plain(event_free_region.way)(run, k)
+            if sort == event_free_region.POSITION
+            else (run.now[0].t, run.trial[0].t)
+        )
+        run.region[first + j], run.region[first + n + j] = min(bounds), max(bounds)
+    run.region[event_free_region.STANDS] = 1.0
+    assert inside(run)
+    for side in range(2 * n):
+        held = run.region[first + side]
+        run.region[first + side] = np.nextafter(held, np.inf if side < n else -np.inf)
+        assert not inside(run)
+        run.region[first + side] = held
+    run.region[event_free_region.STANDS] = 0.0
+    assert not inside(run)
+
+
+@pytest.mark.parametrize(
+    ("joined", "low", "high"),
+    [(False, [-0.5, 8.0, -3.5], [1.5, 16.0, 0.5]), (True, [-1.0, 9.0, -3.5], [1.5, 20.0, -0.5])],
+)
+@pytest.mark.parametrize(
+    ("armed", "guard", "asleep", "value", "silent"),
+    [(1, 0, 0, (0.1, 2.0), True), (-1, 0, 0, (-2.0, -0.1), True), (1, 1, 0, (0.1, 2.0), True), (1, -1, 0, (0.1, 2.0), False),
+     (-1, 0, 0, (0.1, 2.0), False), (1, 0, 0, (-2.0, -0.1), False), (1, 0, 0, (0.0, 2.0), False), (-1, 0, 0, (-2.0, 0.0), False),
+     (0, 0, 0, (0.1, 2.0), False), (0, 0, 1, (-1.0, 2.0), True)],
+)  # fmt: skip
+def test_a_box_reaches_beyond_a_step(monkeypatch: pytest.MonkeyPatch, joined: bool, low: list[float], high: list[float], armed: int, guard: int, asleep: int, value: tuple[float, float], silent: bool) -> None:  # fmt: skip
+    """Assert half a width beyond bounds on every side, or where they leave the last box, if nothing is zero in it."""
+    positions = np.array([[event_free_region.POSITION, j, 1 + j] for j in range(3)])
+    run = made_by_hand(
+        leaves=positions, region=np.zeros(event_free_region.BOX + 12), under=np.zeros(4), over=np.zeros(4), detectors=np.zeros(1, DETECTOR),
+        watches=np.zeros(1, WATCH), parts=np.zeros(4, np.int64), functions=np.zeros(20, np.int64),
+    )  # fmt: skip
+    is_silent = plain(event_free_region.is_silent)
+    monkeypatch.setitem(is_silent.__globals__, "enclosed_by", lambda *_: None)
+    (run.under[0], run.over[0]), watch = value, run.watches[0]
+    watch.armed, watch.guard, watch.asleep = armed, guard, asleep
+    before = [-1.0, 9.0, -2.0, 0.8, 20.0, -0.5]
+    run.region[event_free_region.BOX :] = [*before, 0.0, 10.0, -2.5, 1.0, 14.0, -0.5]
+    assert is_silent(run, 0.5, joined) == silent
+    wanted = [*low, *high] if silent else before
+    assert run.region[event_free_region.BOX :][:6].tolist() == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(
+    ("before", "answers", "asked", "after"),
+    [  # whether there is one, how far it reaches, the last pause and how long it still is; tries; the same behind
+        ((0, 0, 0, 3), [], [], (0, 0, 0, 2)),
+        ((0, 0, 0, 0), [1], [(0.5, False)], (1, 1, 1, 0)),
+        ((0, 8, 4, 0), [1], [(8.0, False)], (1, 16, 1, 0)),
+        ((0, 48, 4, 0), [1], [(48.0, False)], (1, 64, 1, 0)),
+        ((0, 8, 4, 0), [0], [(8.0, False)], (0, 2, 8, 8)),
+        ((0, 0, 0, 0), [0], [(0.5, False)], (0, 0, 2, 2)),
+        ((0, 8, 12, 0), [0], [(8.0, False)], (0, 2, 16, 16)),
+        ((1, 8, 1, 0), [1], [(0.5, True)], (1, 8, 1, 0)),
+        ((1, 8, 1, 0), [0, 1], [(0.5, True), (0.0625, True)], (1, 8, 1, 0)),
+        ((1, 8, 1, 0), [0, 0, 1], [(0.5, True), (0.0625, True), (8.0, False)], (1, 16, 1, 0)),
+        ((1, 8, 1, 0), [0, 0, 0], [(0.5, True), (0.0625, True), (8.0, False)], (0, 2, 2, 2)),
+    ],
+)
+def test_a_box_grows_or_another_one_is_tried(
+    monkeypatch: pytest.MonkeyPatch, before: tuple[float, ...], answers: list[int], asked: list[tuple[float, bool]], after: tuple[float, ...]
+) -> None:  # fmt: skip
+    """Assert which boxes are tried, how far the next one reaches, and for how long none is tried where none would do."""
+    leaves = np.array([[event_free_region.POSITION, 0, 1], [event_free_region.OTHER, 1, 0]])
+    run = made_by_hand(
+        leaves=leaves,
+        region=np.zeros(event_free_region.BOX + 8),
+        under=np.array([-2.0, 7.0]),
+        over=np.array([3.0, 8.0]),
+    )
+    set_region, tried, left = plain(event_free_region.set_region), [], list(answers)
+
+    def is_silent(run: Run, reach: float, joined: bool) -> bool:
+        tried.append((reach, joined, int(run.piece[0].rough)))
+        return bool(left.pop(0))
+
+    monkeypatch.setitem(set_region.__globals__, "is_silent", is_silent)
+    monkeypatch.setitem(set_region.__globals__, "way", lambda _run, k: (10.0 + k, 20.0 + k))
+    run.region[: event_free_region.BOX] = before
+    set_region(run)
+    assert tried == [(*one, 2) for one in asked]
+    assert run.region[: event_free_region.BOX].tolist() == list(after)
+    assert run.piece[0].rough == 0
+    assert run.region[event_free_region.BOX + 4 :].tolist() == ([10.0, -2.0, 20.0, 3.0] if asked else [0.0] * 4)
+
+
+def test_a_region_ends_where_there_is_one() -> None:
+    """Assert that the box is forgotten of a run whose event functions have one, and that others are left alone."""
+    run = made_by_hand(leaves=np.zeros((1, 3), np.int64), region=np.ones(event_free_region.BOX))
+    plain(event_free_region.end_region)(run)
+    assert run.region[event_free_region.STANDS] == 0.0
+    run = made_by_hand(leaves=np.zeros((0, 3), np.int64), region=np.ones(event_free_region.BOX))
+    plain(event_free_region.end_region)(run)
+    assert run.region[event_free_region.STANDS] == 1.0

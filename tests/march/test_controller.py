@@ -1,0 +1,236 @@
+"""Step control, one decision at a time, by the formulas of the books."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cases.plain import kept, law_of, made_by_hand, plain
+from xdynamics.kernels.program import UNSOUND, T
+from xdynamics.march import control
+from xdynamics.march.run import Run
+
+SAFETY, LEAST, GREATEST, K, LONGEST = 0.9, 0.2, 10.0, 5.0, 100.0
+
+
+def controlled(**now: Any) -> Run:
+    """A run whose steps are chosen with an estimate that falls as h**5."""
+    run = made_by_hand()
+    plan = run.plan[0]
+    plan.order, plan.safety, plan.least, plan.greatest, plan.max_step = K, SAFETY, LEAST, GREATEST, LONGEST
+    for name, value in now.items():
+        run.now[name] = value
+    return run
+
+
+def grown(run: Run, h: float, *, cut: bool = False) -> float:
+    plain(control.grow)(run, h, cut)
+    return float(run.now[0].step)
+
+
+def reduced(run: Run, h: float, *, failed_test: bool = True) -> float:
+    plain(control.reduce)(run, h, failed_test)
+    return float(run.now[0].step)
+
+
+def test_an_error_of_the_tolerance_passes() -> None:
+    """Assert that 1 is allowed, the next number is not, and what is no number is not."""
+    assert [plain(control.accepts)(norm) for norm in (0.0, 1.0, 1.0 + 2**-52, math.nan)] == [True, True, False, False]
+
+
+@pytest.mark.parametrize(("pair", "found"), [((1.0, 2.0), 2.0), ((2.0, 1.0), 2.0), ((3.0, 3.0), 3.0)])
+def test_the_larger(pair: tuple[float, float], found: float) -> None:
+    """Assert the larger of two numbers, and that one that is lost stays lost."""
+    assert plain(control.larger)(*pair) == found
+    assert math.isnan(plain(control.larger)(math.nan, pair[1]))
+    assert math.isnan(plain(control.larger)(pair[0], math.nan))
+
+
+@pytest.mark.parametrize(
+    ("errors", "norm"),
+    [
+        ([2e-3, 0.0], 2e-3 / (1e-2 + 1e-3 * 4)),
+        ([0.0, -6e-3], 6e-3 / (1e-3 + 1e-3 * 2)),
+        ([0.0, 0.0], 0.0),
+        ([math.nan, 1e-3], math.nan),
+        ([1e-3, math.nan], math.nan),
+        ([math.nan, 0.0], math.nan),
+    ],
+)
+def test_the_norm_is_of_the_worst_component(errors: list[float], norm: float) -> None:
+    """Assert the scale of each component: the larger of its values at either end, whatever their signs."""
+    run = made_by_hand(
+        e=np.array(errors), atol=np.array([1e-2, 1e-3]), y=np.array([-4.0, 1.0, 9.0]), z=np.array([1.0, -2.0, 9.0])
+    )
+    run.plan[0].rtol = 1e-3
+    assert plain(control.error_norm)(run) == pytest.approx(norm, rel=1e-15, nan_ok=True)
+
+
+def test_a_component_that_stays_zero_has_no_error() -> None:
+    """Assert that no scale is asked for where there is no error: zero over zero is no number."""
+    run = made_by_hand()
+    assert plain(control.error_norm)(run) == 0.0
+
+
+def test_the_shortest_step() -> None:
+    """Assert ten spacings of t, upwards, or what was asked for."""
+    run = controlled(t=1.0)
+    assert plain(control.shortest)(run) == 10 * 2**-52
+    run.now[0].t = -1.0
+    assert plain(control.shortest)(run) == 10 * 2**-53
+    run.plan[0].min_step = 1e-3
+    assert plain(control.shortest)(run) == 1e-3
+
+
+@pytest.mark.parametrize(("norm", "before"), [(0.5, 0.25), (1e-3, 0.9), (0.9, 1e-3)])
+def test_growth_is_by_two_norms(norm: float, before: float) -> None:
+    """Assert the PI controller of Hairer, Norsett, Wanner II.4, and what it remembers for the next step."""
+    run = controlled(norm=norm, step_log=math.log(before))
+    beta = 0.2 / K
+    factor = SAFETY * norm ** -(1 / K - 0.75 * beta) * before**beta
+    assert grown(run, 0.1) == pytest.approx(0.1 * factor, rel=1e-13)
+    assert run.now[0].step_log == pytest.approx(math.log(norm), rel=1e-15)
+
+
+@pytest.mark.parametrize(("norm", "factor"), [(0.0, GREATEST), (1e-30, GREATEST), (1e30, LEAST)])
+def test_growth_has_limits(norm: float, factor: float) -> None:
+    """Assert the limits, and that a norm of nearly nothing is remembered as 1e-4."""
+    run = controlled(norm=norm)
+    assert grown(run, 0.1) == 0.1 * factor
+    assert run.now[0].step_log == pytest.approx(math.log(max(norm, 1e-4)), rel=1e-12)
+
+
+def test_growth_keeps_to_the_longest_and_the_shortest_step() -> None:
+    """Assert that what was asked for bounds every step."""
+    run = controlled()
+    assert grown(run, 50.0) == LONGEST
+    run.plan[0].min_step = 3.0
+    assert grown(run, 0.1) == 3.0
+
+
+def test_growth_after_a_rejection_and_after_a_cut() -> None:
+    """Assert that a step after a rejected one does not grow, and that one cut short costs nothing but after a rejection."""
+    run = controlled(rejected=1)
+    assert grown(run, 0.1) == 0.1
+    assert run.now[0].rejected == 0
+    assert grown(controlled(step=3.0), 0.1, cut=True) == 3.0
+    assert grown(controlled(step=0.5), 0.1, cut=True) == 1.0
+    assert grown(controlled(step=3.0), 0.1) == 1.0
+    assert grown(controlled(step=3.0, rejected=1), 0.1, cut=True) == 0.1
+
+
+@pytest.mark.parametrize(("growth", "factor"), [(2.0, 2.0), (99.0, GREATEST), (0.01, LEAST)])
+def test_predicted_growth_is_taken(growth: float, factor: float) -> None:
+    """Assert that a method that predicts its growth is not asked by the norm, and has the same limits."""
+    run = controlled(norm=0.5)
+    run.plan[0].predictive, run.kept[0].growth = 1, growth
+    assert grown(run, 0.1) == 0.1 * factor
+    assert run.now[0].step_log == control.LEAST_LOGARITHM
+
+
+@pytest.mark.parametrize(
+    ("norm", "failed", "factor"),
+    [
+        (32.0, True, 0.9 / 2),
+        (1.0 + 1e-9, True, 0.9),
+        (1e30, True, LEAST),
+        (math.inf, True, 0.25),
+        (math.nan, True, 0.25),
+        (32.0, False, 0.25),
+    ],
+)
+def test_a_rejected_step_shrinks_by_its_norm(norm: float, failed: bool, factor: float) -> None:
+    """Assert the factor after an error, and a quarter after what has no error."""
+    run = controlled(norm=norm, t=1.0)
+    assert reduced(run, 0.5, failed_test=failed) == pytest.approx(0.5 * factor, rel=1e-9)
+    assert run.now[0].rejected == 1
+
+
+@pytest.mark.parametrize(
+    ("growth", "iterations", "failed", "factor"),
+    [(0.5, 3, True, 0.5), (0.99, 3, True, 0.9), (0.5, -1, False, 0.5), (0.5, 3, False, 0.25), (0.5, 0, False, 0.25)],
+)
+def test_a_predicted_step_shrinks_by_its_growth(growth: float, iterations: int, failed: bool, factor: float) -> None:
+    """Assert that the prediction counts after an error or equations that were not solved, and there only."""
+    run = controlled(norm=32.0)
+    run.plan[0].predictive, run.kept[0].growth, run.trial[0].iterations = 1, growth, iterations
+    assert reduced(run, 0.5, failed_test=failed) == 0.5 * factor
+
+
+def test_a_large_safety_never_repeats_a_step() -> None:
+    """Assert that the trial after one that failed is shorter, whatever the safety factor."""
+    run = controlled(norm=1.0 + 1e-12)
+    run.plan[0].safety = 2.0
+    assert reduced(run, 0.5) == 0.5 * 0.9
+
+
+def test_a_rejected_step_keeps_to_the_shortest() -> None:
+    """Assert that no trial is shorter than ten spacings of t."""
+    assert reduced(controlled(norm=32.0, t=1.0), 1e-16) == 10 * 2**-52
+
+
+def spring(*arrays: NDArray[np.float64]) -> None:
+    """Forces of x'' = p - 4 x."""
+    arrays[5][2], arrays[0][UNSOUND] = arrays[2][0] - 4.0 * arrays[1][0], 0.0
+
+
+def by_the_book(
+    y: list[float], rtol: float, atol: list[float], k: float, room: float, span: float
+) -> tuple[float, float]:
+    """Hairer, Norsett, Wanner I, II.4, (a) to (f), for x'' = p - 4 x and in a unit of time of the problem's own."""
+    scale = np.array(atol) + rtol * np.abs(y[:2])
+    now = np.array([y[1], y[2]])
+    size, slope = np.max(np.abs(y[:2]) / scale) or 1.0, np.max(np.abs(now) / scale)
+    unit = size / slope if slope else 1e-4 * span
+    guess = min(0.01 * unit, room)
+    moved = np.array(y[:2]) + guess * now
+    curvature = np.max(np.abs(np.array([moved[1], y[2] - 4.0 * (moved[0] - y[0])]) - now) / scale) / guess
+    unit = max(unit, math.sqrt(size / curvature)) if curvature else unit
+    steepest = max(slope * unit, curvature * unit**2)
+    return guess, min(unit, unit * (0.01 / steepest) ** (1 / k)) if steepest else guess
+
+
+@pytest.mark.parametrize(
+    ("y", "atol", "room"),
+    [
+        ([1.0, 0.0], [1e-8, 1e-8], 10.0),
+        ([0.0, 0.0, 9.0], [1e-8, 1e-8], 10.0),
+        ([0.0, 1.0], [1e-8, 1e-8], 10.0),
+        ([-1.0, 3.0], [1e-3, 1e-9], 10.0),
+        ([2.0, -1e-3], [1e-9, 1e-3], 10.0),
+        ([0.0, 0.0], [1e-6, 1e-6], 10.0),
+        ([1.0, 0.5], [1e-8, 1e-8], 1e-4),
+        ([1.0, 1.0], [1e2, 1e2], 10.0),
+    ],
+)
+@pytest.mark.parametrize("t", [0.0, 2.0])
+def test_the_first_step_is_by_the_book(y: list[float], atol: list[float], room: float, t: float) -> None:
+    """Assert the rule, the probe that it costs, and that the probe keeps before the next node."""
+    y = [*y, -4.0 * y[0]][:3]
+    nodes = np.array([t - 1.0, t + room]) if room < 10 else np.array([t - 1.0])
+    law = law_of(spring, *[kept] * 5)
+    push = np.array([y[2] + 4.0 * y[0]])
+    run = made_by_hand(law=law, y=np.array(y), p=push, atol=np.array(atol), nodes=nodes)
+    plan = run.plan[0]
+    plan.rtol, plan.order, plan.max_step, run.now[0].t, plan.end, run.now[0].node = 1e-6, K, 10.0, t, t + 10.0, 1
+    guess, step = by_the_book(y, 1e-6, atol, K, room, 10.0)
+    assert plain(control.first_step)(run) == pytest.approx(step, rel=1e-9)
+    assert run.at[T] == t + guess
+    assert run.half[:2] == pytest.approx(np.array(y[:2]) + guess * np.array(y[1:]), rel=1e-14)
+    assert run.now[0].evaluations == 1
+
+
+def test_the_first_step_keeps_to_its_limits() -> None:
+    """Assert that neither probe nor step is longer than asked for, nor the step shorter."""
+    for longest, shortest, found in ((1e-4, 0.0, 1e-4), (10.0, 1.0, 1.0)):
+        run = made_by_hand(
+            law=law_of(spring, *[kept] * 5), y=np.array([1.0, 0.0, -4.0]), atol=np.full(2, 1e-8), p=np.zeros(1)
+        )
+        plan = run.plan[0]
+        plan.rtol, plan.order, plan.max_step, plan.min_step = 1e-6, K, longest, shortest
+        assert plain(control.first_step)(run) == found
+        assert abs(run.half[1]) <= 4.0 * longest

@@ -1,0 +1,238 @@
+"""Runs side by side in vector code: each has the bits that it has alone, for any number of lanes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from cases.problems import MODELS, particle
+from xdynamics.kernels import law_of
+from xdynamics.march import Runs, march_many
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.settings import Settings
+from xdynamics.march.simd_ensemble import lanes_for
+from xdynamics.methods import METHODS
+
+N = 37
+COMPARED = ("time", "state", "status", "rows", "trials", "evaluations", "largest", "ends", "events")
+
+
+def asked(model: xd.Model, **more: Any) -> Settings:
+    """Settings without force samples."""
+    return settings_for(model, force_samples="none", **more)
+
+
+def assert_same(one: Runs, other: Runs) -> None:
+    """Assert that two results agree in every bit, the last rows of the logs included."""
+    for name in COMPARED:
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+    assert one.kept.log.rows.tobytes() == other.kept.log.rows.tobytes()
+
+
+def duffing(*, damped: bool = True) -> xd.Model:
+    """Return an oscillator with a cubic spring, damped or not."""
+    damping = {"damping": {"x": "-c*v_x"}} if damped else {}
+    return xd.Model(
+        name="duffing",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg", "k": "0.5 N m-3", "c": "0.1 N s m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "newton/metre*x**2/2"}, "cubic": {"x": "-k*x**3"}} | damping,
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )
+
+
+@pytest.mark.parametrize("method", [name for name, one in METHODS.items() if not (one.implicit or one.stepping)])
+@pytest.mark.parametrize("lanes", [2, 8])
+def test_every_explicit_method(method: str, lanes: int) -> None:
+    """Assert the bits of one lane, on a grid and, with an embedded formula, with chosen steps."""
+    model = duffing(damped=not METHODS[method].refusals(duffing()))
+    ways = [{"step": 0.03}] + ([{"rtol": 1e-7, "atol": 1e-9}] if METHODS[method].estimate else [])
+    given = {"parameters": {"k": np.linspace(0.0, 8.0, N)}, "initial": {"x": np.linspace(0.5, 2.0, N)}}
+    for way in ways:
+        settings = asked(model, method=method, until=4.0, **way)
+        alone = march_many(model, settings, lanes=1, **given)
+        assert_same(march_many(model, settings, lanes=lanes, **given), alone)
+
+
+@pytest.mark.parametrize(
+    ("name", "varied", "more"),
+    [
+        ("kepler", "x", {"method": "dop853", "rtol": 1e-9, "until": 6.0}),
+        ("kepler", "x", {"method": "dprkn6", "rtol": 1e-7, "until": 6.0}),
+        ("pendulum", "theta", {"method": "dormand_prince", "rtol": 1e-6, "until": 3.0}),
+        ("double_pendulum", "theta1", {"method": "dop853", "rtol": 1e-8, "until": 2.0}),
+        ("coupled_masses", "x1", {"method": "yoshida6", "step": 0.01, "until": 2.0}),
+        ("cart_spring", "x", {"method": "pefrl", "step": 0.011, "until": 2.0, "scales": {"time": "3 s"}, "switches": "stepped over"}),
+    ],
+)  # fmt: skip
+def test_models_with_angles_tables_and_scales(name: str, varied: str, more: dict[str, Any]) -> None:
+    """Assert the bits of one lane for models in the data folder."""
+    model = xd.Model.from_toml(MODELS / f"{name}.toml")
+    settings = asked(model, **more)
+    start = next(
+        (one for one in (varied, varied.replace("1", "_1")) if one in model.initial), settings.layout(model).used[0]
+    )
+    if settings.layout(model).watched:
+        pytest.skip("looks for events")
+    values = model.initial[start].si + np.linspace(0.0, 0.2, N) * (abs(model.initial[start].si) or 1.0)
+    alone = march_many(model, settings, lanes=1, initial={start: values})
+    for lanes in (3, 16):
+        assert_same(march_many(model, settings, lanes=lanes, initial={start: values}), alone)
+
+
+def driven() -> xd.Model:
+    """Return a particle that a measured force pushes, with jumps in time."""
+    return xd.Model(
+        name="driven",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={"push": {"x": "push"}, "spring": {"potential": "newton/metre*x**2/2"}},
+        drives={"push": {"table": "p.csv", "csv": "t [s],p [N]\n0,0\n0.5,1\n0.6,-1\n1.7,2\n3,0\n", "interpolation": "previous"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("way", [{"method": "dop853", "rtol": 1e-8}, {"method": "heun", "step": 0.07}])
+def test_nodes_of_drives(way: dict[str, Any]) -> None:
+    """Assert the bits of one lane where the march lands on breakpoints, and on nodes that are asked for."""
+    model = driven()
+    settings = asked(model, until=2.9, nodes=[0.55, 1.0, 1.0000001], **way)
+    given = {"initial": {"x": np.linspace(-1.0, 1.0, N)}}
+    assert_same(march_many(model, settings, lanes=4, **given), march_many(model, settings, lanes=1, **given))
+
+
+def test_members_that_fail_and_members_that_are_over_at_once() -> None:
+    """Assert that forces that become infinite, step limits and first steps beyond the end end one lane alone."""
+    model = particle("F/where(x > 5*metre, 0, 1)")
+    settings = asked(model, method="dop853", rtol=1e-6, until=3.0)
+    given = {"initial": {"x": np.linspace(-30.0, 6.0, N)}}
+    alone = march_many(model, settings, lanes=1, **given)
+    assert len({*alone.outcomes}) > 1
+    assert_same(march_many(model, settings, lanes=8, **given), alone)
+    limited = asked(duffing(), method="dop853", rtol=1e-9, until=30.0, max_steps=60)
+    given = {"parameters": {"k": np.linspace(0.0, 50.0, N)}}
+    alone = march_many(duffing(), limited, lanes=1, **given)
+    assert {*alone.outcomes} >= {"step_limit"}
+    assert_same(march_many(duffing(), limited, lanes=8, **given), alone)
+
+
+def test_steps_and_tolerances_of_their_own() -> None:
+    """Assert that each lane has its own step or tolerance, with any number of threads."""
+    model = duffing()
+    judged = asked(model, method="dormand_prince", rtol=1e-6, until=9.0)
+    rtols = np.geomspace(1e-3, 1e-10, N)
+    alone = march_many(model, judged, lanes=1, rtols=rtols)
+    assert_same(march_many(model, judged, lanes=8, rtols=rtols, threads=2), alone)
+    grid = asked(model, method="rk4", step=0.1, until=2.0)
+    steps = np.linspace(0.01, 0.3, N)
+    assert_same(march_many(model, grid, lanes=8, steps=steps), march_many(model, grid, lanes=1, steps=steps))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_forces(seed: int) -> None:
+    """Assert the bits of one lane for forces put together at random from the functions of the language."""
+    random = np.random.default_rng(seed)
+    X, V = "(x/metre)", "(v_x*second/metre)"
+    parts = [f"sin(3*{X})", f"exp(-{X}**2)", f"cos({V})", f"tanh({X}*{V})", f"atan2({X}, 1 + {V}**2)", f"log(1 + {X}**2)",
+             f"hypot({X}, {V})", f"sqrt(1 + {X}**2)", f"min({X}, {V})", f"where({X} > 0.3, 1, -0.5)", f"abs({V})", f"{X}**3", "t/second"]  # fmt: skip
+    chosen = random.choice(parts, 4, replace=False)
+    text = " + ".join(f"{float(w)!r}*{part}" for w, part in zip(random.normal(size=4), chosen, strict=True))
+    model = xd.Model(
+        name="random", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}, "strange": {"x": f"newton*({text})", "smooth": True}},
+        initial={"x": "0.3 m", "v_x": "0 m s-1"}, observables={"power": "v_x*k*x"},
+    )  # fmt: skip
+    given = {"initial": {"x": random.uniform(-1.0, 1.0, N)}, "parameters": {"k": random.uniform(1.0, 9.0, N)}}
+    settings = asked(model, method="dop853", rtol=1e-8, until=5.0)
+    assert_same(march_many(model, settings, lanes=16, **given), march_many(model, settings, lanes=1, **given))
+
+
+def watched(name: str) -> xd.Model:
+    """Return a model of the data folder."""
+    return xd.Model.from_toml(MODELS / f"{name}.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("bouncing_ball", {"method": "velocity_verlet", "step": 0.01, "until": 10.0}),
+        ("bouncing_ball", {"method": "dop853", "rtol": 1e-7, "until": 10.0}),
+        ("ball_drag", {"method": "heun", "rtol": 1e-5}),
+        ("ball_in_box", {"method": "dormand_prince", "rtol": 1e-7, "until": 3.0}),
+        ("impact_oscillator", {"method": "dop853", "rtol": 1e-8, "until": 5.0}),
+        ("moving_table", {"method": "dop853", "rtol": 1e-7, "until": 2.0}),
+        ("block_on_incline", {"method": "dormand_prince", "rtol": 1e-7, "until": 2.0}),
+        ("stick_slip_belt", {"method": "dormand_prince", "rtol": 1e-6, "until": 5.0}),
+        ("relay_oscillator", {"method": "dormand_prince", "rtol": 1e-7, "until": 5.0}),
+        ("staged_rocket", {"method": "dormand_prince", "rtol": 1e-7}),
+        ("rocket_c6", {"method": "heun", "rtol": 1e-4}),
+        ("woodpecker", {"method": "dormand_prince", "rtol": 1e-6, "until": 0.3}),
+    ],
+)  # fmt: skip
+def test_events_contacts_and_switches(name: str, more: dict[str, Any]) -> None:
+    """Assert the bits of one lane, every event with its bracket, rates and impulses among them."""
+    model = watched(name)
+    settings = asked(model, **more)
+    start = settings.layout(model).used[0]
+    values = model.initial[start].si + np.linspace(0.0, 0.02, N) * (abs(model.initial[start].si) or 1.0)
+    alone = march_many(model, settings, lanes=1, initial={start: values})
+    for lanes in (2, 16):
+        found = march_many(model, settings, lanes=lanes, initial={start: values})
+        assert_same(found, alone)
+        assert found.kept.log.rates.tobytes() == alone.kept.log.rates.tobytes()
+        assert found.kept.log.impulses.tobytes() == alone.kept.log.impulses.tobytes()
+
+
+DETECTORS = 10
+
+
+def crowded() -> xd.Model:
+    """Return an oscillator with ten detectors, whose places are parameters, and a floor that it bounces on."""
+    places = {f"p{i}": f"{0.1 * i} m" for i in range(DETECTORS)}
+    events = {f"e{i}": {"function": f"x - p{i}", "direction": ["rising", "falling", "either"][i % 3]} for i in range(DETECTORS)}  # fmt: skip
+    return xd.Model(
+        name="crowded", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "depth": "0.9 m", **places},
+        mass={"x": "m"}, forces={"spring": {"potential": "newton/metre*x**2/2"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
+        events=events, contacts={"floor": {"gap": "x + depth", "restitution": 0.8}},
+    )  # fmt: skip
+
+
+@pytest.mark.cases(100)
+def test_many_events_close_together(case: int) -> None:
+    """Assert the bits of one lane of members with dense events and impacts, logs and ends alone, for several numbers of lanes."""
+    draw, model = np.random.default_rng(case), crowded()
+    width = 10.0 ** draw.uniform(-6.0, 0.0, N)  # of the stretch in which all detectors of a member are
+    given = {f"p{i}": draw.uniform(-0.7, 0.7) + width * draw.uniform(-0.5, 0.5, N) for i in range(DETECTORS)}
+    given = {"parameters": given | {"depth": draw.uniform(0.2, 1.5, N)}}
+    adaptive = case // 20 % 2 == 0  # of every twentieth case some are
+    way = {"method": "dop853", "rtol": 1e-8, "atol": 1e-8} if adaptive else {"method": "rk4", "step": 0.05}
+    settings = asked(model, until=7.0, **way)
+    lanes, logs = int(draw.choice([2, 4, 8])), bool(draw.integers(2))
+    assert lanes_for(law_of(settings.layout(model), sampled=False), settings, N, lanes) == lanes
+    alone = march_many(model, settings, lanes=1, logs=logs, **given)
+    assert len(alone.events) > 10 * N
+    assert_same(march_many(model, settings, lanes=lanes, logs=logs, **given), alone)
+
+
+@pytest.mark.parametrize("function", [
+    "x - 0.2*metre", "sin(3*x/metre) - 0.5", "x*v_x", "x/(2*metre + x) - 0.1", "exp(-x/metre) - 0.9", "x**2 - 0.3*metre**2",
+    "min(x, 0.4*metre) - 0.1*metre", "abs(v_x) - 0.5*metre/second", "cos(t/second) - 0.3", "-x*abs(x)", "tanh(v_x*second/metre) - 0.2",
+])  # fmt: skip
+def test_event_functions_in_lanes(function: str) -> None:
+    """Assert that a lane looks no less closely than the single march, for the operations that are written for lanes."""
+    model = xd.Model(
+        name="watched", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "0.7 m", "v_x": "0.1 m s-1"},
+        events={"met": {"function": function}},
+    )  # fmt: skip
+    given = {"parameters": {"k": np.linspace(1.0, 30.0, N)}}
+    for way in ({"method": "velocity_verlet", "step": 0.02}, {"method": "dop853", "rtol": 1e-9}):
+        settings = asked(model, until=6.0, **way)
+        alone = march_many(model, settings, lanes=1, **given)
+        assert len(alone.events) > N
+        assert_same(march_many(model, settings, lanes=8, **given), alone)

@@ -1,0 +1,114 @@
+"""Models with many coordinates keep what their motions keep."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+import xarray as xr
+from large_problems import BODIES, chain, fput, outer_solar_system, toda
+from numpy.typing import NDArray
+
+import xdynamics as xd
+from cases.problems import EPS
+from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.stability import surely_stable
+
+CHAINED = 1000
+
+
+def drift(run: xr.Dataset, name: str) -> float:
+    """The largest change of a quantity over its size at the start."""
+    values = run[name].values
+    return float(np.max(np.abs(values - values[0])) / abs(values[0]))
+
+
+def mode_energy(run: xr.Dataset, n: int, k: int) -> NDArray[np.float64]:
+    """The energy of the k-th linear mode of n unit masses between walls."""
+    i = np.arange(1, n + 1)
+    shape = np.sqrt(2 / (n + 1)) * np.sin(np.pi * k * i / (n + 1))
+    q, v = (sum(a * run[f"{prefix}u{j}"].values for a, j in zip(shape, i, strict=True)) for prefix in ("", "v_"))
+    return (v**2 + (2 * np.sin(np.pi * k / (2 * (n + 1))) * q) ** 2) / 2
+
+
+def test_fput_returns_to_its_first_mode() -> None:
+    """Assert that energy leaves the first mode for the second and third and is back, at 98 %, after 157 of its periods."""
+    run = xd.simulate(fput(), method="yoshida6", step="0.5 s", until="10400 s", force_samples="none")
+    total = float(run.total_energy[0])
+    first, second, third = (mode_energy(run, 32, k) / total for k in (1, 2, 3))
+    assert drift(run, "total_energy") < 1e-6
+    assert first.min() < 0.1
+    assert (second.max(), third.max()) == pytest.approx((0.87, 0.69), abs=0.01)
+    back = int(np.argmax(np.where(run.time.values > 5000, first, 0)))
+    assert first[back] > 0.97
+    assert float(run.time[back]) == pytest.approx(157 * 2 * np.pi / (2 * np.sin(np.pi / 66)), rel=0.05)
+
+
+def test_toda_lattice_keeps_its_integrals() -> None:
+    """Assert that momentum is kept to rounding, energy and Flaschka's cubic integral to the order of the method."""
+    run = xd.simulate(toda(), method="yoshida8", step="0.05 s", until="50 s", force_samples="none")
+    assert np.ptp((run.q1 - run.q0).values) > 1.0  # far from linear
+    assert drift(run, "momentum") < 100 * 100 * EPS
+    assert drift(run, "total_energy") < 1e-13
+    assert drift(run, "cubic") < 1e-13
+    coarse, fine = (
+        xd.simulate(toda(), method="velocity_verlet", step=step, until="50 s", force_samples="none")
+        for step in ("0.1 s", "0.05 s")
+    )
+    for name in ("total_energy", "cubic"):
+        assert drift(coarse, name) / drift(fine, name) == pytest.approx(4.0, rel=0.05)
+
+
+def test_outer_solar_system_keeps_energy_and_angular_momentum() -> None:
+    """Assert over 200,000 days that a symplectic method keeps angular momentum to rounding and energy to its order."""
+    model = outer_solar_system()
+    assert len(model.coordinates) == 3 * len(BODIES) == 18
+    verlet, yoshida = (
+        xd.simulate(model, method=method, step=step, until="200000 s", force_samples="none")
+        for method, step in (("velocity_verlet", "200 s"), ("yoshida8", "50 s"))
+    )
+    for run in (verlet, yoshida):
+        assert max(drift(run, f"angular_momentum_{axis}") for axis in "xyz") < 4000 * EPS
+    assert drift(verlet, "total_energy") == pytest.approx(2e-3, rel=0.1)
+    assert drift(yoshida, "total_energy") < 1e-12
+    early, late = (float(verlet.total_energy[part].mean()) for part in (slice(0, 500), slice(500, None)))
+    assert early == pytest.approx(late, rel=2e-4)  # it swings and does not drift
+
+
+@pytest.mark.parametrize("method", ["velocity_verlet", "dop853"])
+def test_a_thousand_masses_keep_their_energy(method: str) -> None:
+    """Assert that a long chain is one record of all its coordinates, from Python and from its file alike."""
+    model = chain(CHAINED)
+    asked = {"step": "0.01 s"} if method == "velocity_verlet" else {"rtol": 1e-10, "atol": 1e-10}
+    # far from the mass that is struck there is hardly any motion, and the run says so
+    quiet = (
+        pytest.warns(xd.AccuracyWarning, match="the tolerances did not control u8")
+        if "rtol" in asked
+        else nullcontext()
+    )
+    with quiet:
+        run = xd.simulate(model, method=method, until="2 s", **asked)
+    energy = run.kinetic_energy.values + sum(
+        (run[f"u{i + 1}"].values - run[f"u{i}"].values) ** 2 / 2 for i in range(CHAINED - 1)
+    )
+    energy += (run.u0.values**2 + run[f"u{CHAINED - 1}"].values ** 2) / 2
+    assert energy == pytest.approx(1.0, rel=1e-4)
+    assert xd.Model.from_text(str(run.model_toml.values)) == model
+
+
+def test_a_diagonal_mass_is_not_looked_at_off_its_diagonal() -> None:
+    """Assert that the entries of a mass given by coordinate are as many as its coordinates."""
+    model = chain(CHAINED)
+    assert len(model.statement.mass_entries) == CHAINED
+    assert not model.mass_is_full
+
+
+@pytest.mark.parametrize(("step", "sure"), [(0.99, True), (1.01, False)])
+def test_a_chain_is_stable_without_eigenvalues(step: float, sure: bool) -> None:
+    """Assert that the row sums of the stiffness, 4 k/m, bound its frequencies, and Verlet's limit of 2 is held to them."""
+    model = chain(CHAINED)
+    jacobian = linearise(model, initial_state(model)).jacobian
+    assert surely_stable(jacobian, xd.METHODS["velocity_verlet"], CHAINED, step) is sure
+    jacobian[CHAINED, CHAINED] = -0.1
+    assert not surely_stable(jacobian, xd.METHODS["velocity_verlet"], CHAINED, step)

@@ -1,0 +1,97 @@
+"""The same bits of whole runs on other machines: another C library, processors with and without wide vectors."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from llvmlite import binding as llvm
+
+from cases.problems import ROOT
+
+# a model that uses every function of the language, and the others by two methods each
+PROGRAM = """
+import xdynamics as xd
+every = xd.Model(
+    name="every function", coordinates={"x": "1", "y": "1"}, states={"w": {"unit": "1", "rate": "c*(log(2 + cosh(x)) - w**1.7/3 + min(x, y, 0) + max(x, 0.1) + where(x > y, sqrt(abs(x)), 1))"}}, parameters={"k": "1 s-2", "c": "1 s-1"},
+    mass={"x": "1", "y": "1"},
+    forces={
+        "first": {"x": "-k*(sin(x) + tanh(y) + 0.1*tan(y/2) + atan2(x, 2 + y) + sign(x)*hypot(x, y)/9)"},
+        "second": {"y": "-k*(asin(x/9) + acos(y/9) - 1.5 + atan(y) + sinh(x/3)*exp(-x**2) + abs(y)**(1/3)*cos(3*y))"},
+    },
+    initial={"x": "1.1", "y": "0.3", "v_x": "0 s-1", "v_y": "-0.7 s-1", "w": "1"},
+)
+runs = [xd.simulate(every, method=one, until="20 s", **how) for one, how in (("dop853", {"rtol": 1e-9, "atol": 1e-9}), ("rk4", {"step": "10 ms"}))]
+for name in ("double_pendulum", "pendulum", "ball_drag"):
+    model = xd.Model.from_toml(f"data/models/{name}.toml")
+    runs += [xd.simulate(model, method="dormand_prince", rtol=1e-8, atol=1e-8), xd.simulate(model, method="midpoint")]
+import hashlib
+import numpy as np
+from xdynamics.march import march_many
+from xdynamics.march.configuration import settings_for
+told = settings_for(every, method="dop853", rtol=1e-9, atol=1e-9, until="9 s", force_samples="none")
+abreast = march_many(every, told, initial={"x": np.linspace(0.9, 1.3, 40)}, lanes=8)
+print(*map(xd.content_digest, runs), hashlib.sha256(abreast.kept.log.rows.tobytes() + abreast.ends.tobytes()).hexdigest())
+"""
+ELSEWHERE = {
+    "a C library without AVX2 and fma": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX2_Usable,-FMA_Usable"},
+    "any x86-64": {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "TARGET": "x86-64"},
+    "AVX2": {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "", "TARGET": "haswell"},
+}
+AT_A_TARGET = """
+import os
+from xdynamics.kernels import machine
+if os.environ.get("TARGET"):
+    machine.processor = lambda: ("", os.environ["TARGET"], "")
+"""
+
+
+def digests(cache: Path, **environment: str) -> str:
+    """Digests of the runs, marched in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-c", AT_A_TARGET + PROGRAM], capture_output=True, text=True, check=True, cwd=ROOT,
+        env={**os.environ, "XDYNAMICS_CACHE": str(cache), **environment},
+    )  # fmt: skip
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """What this machine gives."""
+    cache = tmp_path_factory.mktemp("cache")
+    return digests(Path(os.environ.get("XDYNAMICS_CACHE", cache))), cache
+
+
+@pytest.mark.parametrize("where", ELSEWHERE)
+def test_digests_are_the_same(where: str, here: tuple[str, Path]) -> None:
+    """Assert equal digests of models with every function of the language."""
+    if not llvm.get_process_triple().startswith("x86_64"):
+        pytest.skip("another architecture")
+    if where == "AVX2" and not llvm.get_host_cpu_features().get("avx2"):
+        pytest.skip("this machine has no AVX2")
+    assert len(here[0].split()) == 9
+    assert digests(here[1], **ELSEWHERE[where]) == here[0]
+
+
+CERTIFIED = """
+import sys
+import xdynamics as xd
+ball = xd.Model.from_toml("data/models/ball_drag.toml")
+if len(sys.argv) > 2:
+    xd.recheck(sys.argv[1])
+else:
+    xd.save(xd.certify(ball, "y", at="1 s", draws=200, method="dop853", rtol=1e-6), sys.argv[1])
+"""
+NARROW = {
+    "OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR AVX2 FMA3 AVX512F AVX512_SKX",
+} | ELSEWHERE["a C library without AVX2 and fma"]  # fmt: skip
+
+
+def test_a_certificate_comes_out_again_elsewhere(tmp_path: Path) -> None:
+    """Assert every bit of a budget, draws and verdicts where numpy, BLAS and the C library have no wide vectors."""
+    for more in ([], ["again"]):
+        environment = {**os.environ, **(NARROW if more else {})}
+        subprocess.run([sys.executable, "-W", "ignore", "-c", CERTIFIED, str(tmp_path / "c.nc"), *more], check=True, cwd=ROOT, env=environment)  # fmt: skip

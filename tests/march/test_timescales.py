@@ -1,0 +1,208 @@
+"""Time scales in the record, what starts at rest unsaid, rules of drives, and warnings of tolerances that lose the motion."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import xdynamics as xd
+from cases.problems import MODELS
+from xdynamics.cli import main
+from xdynamics.march import March
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.timescales import jacobian_at
+from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.stability import fastest_rate
+
+
+def network(rng: np.random.Generator, n: int) -> xd.Model:
+    """Masses that springs and dashpots join to each other and to the wall, at random."""
+    names = [f"x{i}" for i in range(n)]
+    root = rng.normal(size=(n, n))
+    k, c = root @ root.T * 10.0 ** rng.uniform(-1, 3), np.diag(rng.uniform(0, 1, n)) * float(rng.random() < 0.5)
+    pulls = {
+        one: " ".join(f"- {float(k[i, j])!r}*k*{other} - {float(c[i, j])!r}*c*v_{other}" for j, other in enumerate(names)).replace("- -", "+ ").lstrip("+ ")
+        for i, one in enumerate(names)
+    }  # fmt: skip
+    return xd.Model(
+        name="network", coordinates=dict.fromkeys(names, "m"), parameters={"k": "1 N m-1", "c": "1 N s m-1", "m": "1 kg"},
+        mass=dict.fromkeys(names, "m"), forces={"joints": pulls},
+        initial={one: f"{float(rng.uniform(-1, 1))!r} m" for one in names} | {f"v_{one}": "0 m s-1" for one in names},
+    )  # fmt: skip
+
+
+@pytest.mark.cases(300)
+def test_rates_are_those_of_the_eigenvalues(case: int) -> None:
+    """Assert that the fastest rate is the largest eigenvalue, of one coordinate exactly, of more about so; and the slowest period."""
+    rng = np.random.default_rng(case)
+    n = int(rng.integers(1, 7))
+    model = network(rng, n)
+    found = xd.modes(model)
+    fastest, h = 1.0 / float(found.fastest_time_scale), 1e-4
+    method, asked = (("rk4", {"step": h}), ("dop853", {"rtol": 1e-6}))[case % 2]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", xd.StabilityWarning)
+        run = xd.simulate(model, method=method, **asked, until=20 * h, force_samples="none")
+    rate = run.attrs["run_fastest_rate"]
+    assert rate <= fastest * (1.001 if n == 1 else 1.1)
+    assert rate >= fastest * (0.999 if n == 1 else 0.7)
+    first = h if case % 2 == 0 else run.attrs["solver_first_step"]
+    assert run.attrs["run_h_omega_start"] == pytest.approx(rate * first, rel=1e-12)
+    assert run.attrs["run_h_omega_largest"] >= run.attrs["run_h_omega_start"] * (1 - 1e-9)
+    turning = np.abs(found.eigenvalue_imag.values)
+    turning = turning[(turning > 1e-5 * fastest) & (turning > np.abs(found.eigenvalue_real.values))]
+    if turning.size:
+        assert run.attrs["run_slowest_period"] == pytest.approx(2 * np.pi / turning.min(), rel=2e-2)
+        assert run.attrs["run_slowest_periods"] == pytest.approx(20 * h / run.attrs["run_slowest_period"], rel=2e-2)
+    else:
+        assert "run_slowest_period" not in run.attrs
+
+
+@pytest.mark.cases(60)
+def test_derivatives_by_differences_have_the_eigenvalues(case: int) -> None:
+    """Assert that the compiled derivatives bound no less than the fastest eigenvalue, and are similar to the exact ones."""
+    rng = np.random.default_rng(case)
+    model = network(rng, int(rng.integers(1, 7)))
+    march = March(
+        model, settings_for(model, method="rk4", step=1e-4, until=1e-3, scales={"time": "0.1 s"} if case % 2 else None)
+    )
+    list(march.blocks())
+    found, exact = jacobian_at(march, 3), linearise(model, initial_state(model)).jacobian * (0.1 if case % 2 else 1.0)
+    size = np.abs(np.linalg.eigvals(exact)).max()
+    assert fastest_rate(found) >= size * (1.0 - 1e-6)
+    assert np.poly(found / size) == pytest.approx(np.poly(exact / size), abs=1e-5)
+
+
+def test_the_largest_is_found_along_the_run() -> None:
+    """Assert that a spring which stiffens in time has its largest h*omega at its end, in memory, streamed and extended."""
+    model = xd.Model(
+        name="stiffening", coordinates={"x": "m"}, parameters={"k": "1 N m-1", "m": "1 kg"}, mass={"x": "m"},
+        forces={"spring": {"x": "-k*x*(1 + t/second)**2"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+    run = xd.simulate(model, method="rk4", step="1 ms", until="9 s", force_samples="none")
+    assert run.attrs["run_h_omega_start"] == pytest.approx(1e-3, rel=1e-3)
+    assert 8e-3 < run.attrs["run_h_omega_largest"] <= 1.001e-2
+    assert "at 16 rows" in run.attrs["run_h_omega_rule"]
+
+
+def test_what_cannot_be_looked_at_is_said() -> None:
+    """Assert that a large state has no slowest period, and several regimes the start alone."""
+    rng = np.random.default_rng(1)
+    large = xd.simulate(network(rng, 7), method="rk4", step=1e-4, until=1e-3, force_samples="none")
+    assert large.attrs["run_slowest_period_rule"] == "not looked at: the state has more than 12 numbers"
+    staged = xd.simulate(xd.Model.from_toml(MODELS / "staged_rocket.toml"), until="2 s", force_samples="none")
+    assert "at 0 rows" in staged.attrs["run_h_omega_rule"]
+
+
+@pytest.mark.parametrize("name", ["bouncing_ball", "stick_slip_belt", "relay_oscillator", "moving_table", "kepler"])
+def test_looking_changes_nothing(name: str) -> None:
+    """Assert that contacts, sides and memory are as they were once time scales were looked at."""
+    model = xd.Model.from_toml(MODELS / f"{name}.toml")
+    end, asked = float(model.run["until"].split()[0]) / 4, {"time_tolerance": "1 ps"}
+    half, whole = (
+        xd.simulate(model, until=end / part, nodes=nodes, **asked) for part, nodes in ((2, None), (1, [end / 2]))
+    )
+    assert half.attrs["run_outcome"] == "completed"
+    assert xd.content_digest(xd.extend(half, until=end)) == xd.content_digest(whole)
+
+
+def test_a_velocity_that_is_not_given_is_said(tmp_path: Path) -> None:
+    """Assert that the first line of check, of run and of show, and an attribute name it, before and behind an archive; and that others are silent."""
+    text = (MODELS / "harmonic_oscillator.toml").read_text()
+    path = tmp_path / "model.toml"
+    path.write_text("\n".join(line for line in text.split("\n") if not line.startswith("v_x")))
+    line = "at rest   v_x: [initial] gives none, so that they are 0 at the start"
+    checked = CliRunner().invoke(main, ["check", str(path)])
+    assert checked.output.split("\n")[0] == line
+    made = CliRunner().invoke(main, ["run", str(path), "-o", str(tmp_path / "run.nc"), "--until", "1 s"])
+    assert made.output.split("\n")[0] == line
+    kept = xd.open_run(tmp_path / "run.nc")
+    assert kept.attrs["initial_velocities_not_given"] == "v_x"
+    assert CliRunner().invoke(main, ["show", str(tmp_path / "run.nc")]).output.split("\n")[0] == line
+    assert xd.reproduce(tmp_path / "run.nc").attrs["identical"] == 1
+    model = xd.Model.from_toml(path)
+    assert xd.Model.from_text(model.to_toml()) == model
+    assert "v_x" not in model.to_toml().partition("[initial]")[2].partition("[")[0]
+    given = model.replace(initial={"v_x": "0 m s-1"})
+    assert "initial_velocities_not_given" not in xd.simulate(given, until="1 s").attrs
+    assert "at rest" not in CliRunner().invoke(main, ["check", str(MODELS / "harmonic_oscillator.toml")]).output
+
+
+def test_scales_are_shown(tmp_path: Path) -> None:
+    """Assert that `show` has steps beside the fastest time scale, and a span that is short beside the slowest."""
+    model = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    xd.save(xd.simulate(model, method="rk4", step="10 ms", until="0.5 s"), tmp_path / "run.nc")
+    shown = CliRunner().invoke(main, ["show", str(tmp_path / "run.nc"), "--all"]).output
+    assert "h*omega   0.02 at the start, 0.02 at most, of the fastest rate" in shown
+    assert "span      0.16 of the slowest period at the start, 3.14 s" in shown
+    assert "run_fastest_rate = 2.0" in shown
+    xd.save(xd.simulate(model, method="rk4", step="10 ms", until="5 s"), tmp_path / "long.nc")
+    assert "span  " not in CliRunner().invoke(main, ["show", str(tmp_path / "long.nc")]).output
+
+
+@pytest.mark.parametrize("rule", ["previous", "linear", "pchip", "cubic"])
+def test_a_drive_says_how_it_is_read(rule: str, tmp_path: Path) -> None:
+    """Assert that the column of a drive has its rule between the points of its table and beyond them."""
+    (tmp_path / "push.csv").write_text("time [s],push [N]\n0,0\n1,1\n2,0\n3,1\n")
+    (tmp_path / "model.toml").write_text(
+        'name = "pushed"\n[coordinates]\nx = { unit = "m" }\n[parameters]\nm = "1 kg"\n[mass]\nx = "m"\n[forces.push]\nx = "push"\n'
+        f'[drives.push]\ntable = "push.csv"\nargument = "t"\ninterpolation = "{rule}"\noutside = "hold"\n[initial]\nx = "0 m"\nv_x = "0 m s-1"\n'
+    )
+    run = xd.simulate(xd.Model.from_toml(tmp_path / "model.toml"), method="rk4", step="0.5 s", until="2 s")
+    about = run.sample_push.attrs
+    assert (about["interpolation"], about["outside"], about["argument"]) == (rule, "hold", "t")
+
+
+def orbit(size: float, unit: str) -> xd.Model:
+    """A circular orbit of one year, however large, in a unit."""
+    speed = 2 * np.pi * size
+    return xd.Model(
+        name="orbit", coordinates={"x": unit, "y": unit}, parameters={"m": "1 kg", "mu": f"{4 * np.pi**2 * size**3!r} {unit}3 s-2"},
+        mass={"x": "m", "y": "m"}, forces={"pull": {"potential": "-m*mu/hypot(x, y)"}},
+        initial={"x": f"{size!r} {unit}", "y": f"0 {unit}", "v_x": f"0 {unit} s-1", "v_y": f"{float(speed)!r} {unit} s-1"},
+    )  # fmt: skip
+
+
+@pytest.mark.cases(200)
+def test_warnings_are_of_what_is_lost(case: int) -> None:
+    """Assert that a given absolute tolerance which loses the motion is warned of, and one that does not is not, by the closed form."""
+    rng = np.random.default_rng(case)
+    size, ratio, rtol = 10.0 ** rng.uniform(-6, 6), 10.0 ** rng.uniform(-12, -1), 10.0 ** rng.uniform(-12, -6)
+    model = orbit(size, str(rng.choice(["m", "nm", "astronomical_unit", "Gm"])))
+    method, until = str(rng.choice(["dop853", "dormand_prince"])), 2.0
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        run = xd.simulate(
+            model, method=method, rtol=rtol, atol=ratio * size, until=until, max_steps=200_000, force_samples="none"
+        )
+    lost = np.hypot(float(run.x[-1]) / size - 1, float(run.y[-1]) / size)
+    said = any(issubclass(one.category, xd.AccuracyWarning) and "did not control" in str(one.message) for one in heard)
+    if lost > 0.05:
+        assert said, (lost, ratio, rtol, run.sizes["step"])
+    if lost < 1e-6:
+        assert not said, (lost, ratio, rtol, run.sizes["step"])
+
+
+def test_what_rounding_leaves_of_zero_is_no_news() -> None:
+    """Assert that a coordinate of 1e-16 that stays so is silent, and that a small one which drives a large one is not."""
+    model = orbit(1.0, "m").replace(initial={"y": "6e-17 m", "v_x": "1e-16 m s-1"})
+    flat = xd.Model(
+        name="line", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg", "k": "1 N m-1"}, mass={"x": "m", "y": "m"},
+        forces={"springs": {"x": "-k*x", "y": "-k*y"}}, initial={"x": "1 m", "y": "6e-17 m", "v_x": "0 m s-1", "v_y": "0 m s-1"},
+    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for one in (model, flat):
+            xd.simulate(one, method="dop853", rtol=1e-8, atol=1e-8, until="5 s")
+            xd.simulate(one, method="dop853", rtol=1e-8, until="5 s")
+    lever = xd.Model(
+        name="lever", parameters={"tau": "1 s", "gain": "1e7 kg m-1 s-1"},
+        states={"valve": {"unit": "m", "rate": "-valve/tau"}, "tank": {"unit": "kg", "rate": "gain*valve - tank/tau"}},
+        initial={"valve": "1e-6 m", "tank": "0 kg"},
+    )  # fmt: skip
+    with pytest.warns(xd.AccuracyWarning, match="did not control valve"):
+        xd.simulate(lever, method="dop853", rtol=1e-10, atol=1e-8, until="5 s")

@@ -1,0 +1,144 @@
+"""What errors of given absolute tolerances come to: warned of where motion is lost, silent where nothing is, and in the record."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from cases.problems import MODELS
+from xdynamics.schema import ATOL_EFFECT
+
+
+def orbit(mean: float, e: float, rate: float, unit: str) -> xd.Model:
+    """A planet from its perihelion; mean distance in m."""
+    return xd.Model(
+        name="orbit", coordinates={"x": unit, "y": unit}, mass={"x": "m", "y": "m"},
+        parameters={"mu": f"{rate**2 * mean**3!r} m3 s-2", "m": "1 kg"},
+        forces={"gravity": {q: f"-m*mu*{q}/(x**2 + y**2)**1.5" for q in "xy"}},
+        initial={"x": f"{mean * (1 - e)!r} m", "y": "0 m", "v_x": "0 m s-1", "v_y": f"{rate * mean * math.sqrt((1 + e) / (1 - e))!r} m s-1"},
+    )  # fmt: skip
+
+
+def spring(size: float, rate: float, offset: float, damping: float, unit: str) -> xd.Model:
+    """A mass on a spring that hangs somewhere."""
+    return xd.Model(
+        name="spring", coordinates={"x": unit}, mass={"x": "m"},
+        parameters={"k": f"{rate**2!r} N m-1", "c": f"{2 * damping * rate!r} kg s-1", "m": "1 kg", "x0": f"{offset!r} m"},
+        forces={"spring": {"x": "-k*(x - x0)"}, "damper": {"x": "-c*v_x"}},
+        initial={"x": f"{offset + size!r} m", "v_x": "0 m s-1"},
+    )  # fmt: skip
+
+
+def marched(model: xd.Model, **asked: Any) -> tuple[xr.Dataset, bool]:
+    """Return a run, and whether it was warned of."""
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        run = xd.simulate(model, **{"method": "dop853", "force_samples": "none"} | asked)
+    said = any("did not control" in str(one.message) for one in heard)
+    assert said == ("did not control" in run.attrs["run_outcome_text"])
+    return run, said
+
+
+def drawn(case: int) -> tuple[xd.Model, float, dict[str, float]]:
+    """Return a model of any size and speed, its rate, and how large its coordinates and velocities are."""
+    rng = np.random.default_rng(case)
+    unit = str(rng.choice(["nm", "mm", "m", "Gm", "astronomical_unit"]))
+    size, rate = 10.0 ** rng.uniform(-9, 11), 10.0 ** rng.uniform(-7, 4)
+    if case % 2:
+        model = orbit(size, float(rng.uniform(0, 0.6)), rate, unit)
+    else:
+        model = spring(size, rate, size * float(rng.choice([0.0, 30.0])), float(rng.choice([0.0, 0.1])), unit)
+    return model, rate, {"x": size, "v_x": size * rate}
+
+
+@pytest.mark.cases(200)
+def test_lost_and_kept_motions(case: int) -> None:
+    """Assert a warning wherever 3 in 100 of a motion are lost by absolute tolerances, and none where less than 1e-8 is."""
+    rng = np.random.default_rng(50_000 + case)
+    model, rate, large = drawn(case)
+    names = [*model.coordinates]
+    until, rtol = 2 * math.pi / rate * 10.0 ** rng.uniform(-0.3, 1.5), 10.0 ** rng.uniform(-10, -7)
+    part = {"x": 10.0 ** rng.uniform(-14, 0), "v_x": 10.0 ** rng.uniform(-14, 0)}
+    atol = dict.fromkeys(names, f"{part['x'] * large['x']!r} m")
+    atol |= {f"v_{one}": f"{part['v_x'] * large['v_x']!r} m s-1" for one in names}
+    method = str(rng.choice(["dop853", "dormand_prince", "radau_iia"]))
+    run, said = marched(model, method=method, rtol=rtol, atol=atol, until=until)
+    finest = marched(model, rtol=1e-12, until=until)[0]
+    off = xd.compare(run, finest)
+    lost = max(
+        float(np.abs(off[f"difference_{one}"]).max()) / float(np.abs(finest[one] - finest[one].mean()).max())
+        for one in names
+    )
+    relative = marched(model, method=method, rtol=rtol, until=until)[0]
+    own = max(float(np.abs(xd.compare(relative, finest)[f"difference_{one}"]).max()) for one in names) / large["x"]
+    assert not (lost > 0.03 + 10 * own and not said), (lost, own, run.attrs[ATOL_EFFECT])
+    assert not (said and lost < 1e-8), (lost, run.attrs[ATOL_EFFECT])
+    assert run.attrs[ATOL_EFFECT]
+
+
+RESTING = {
+    "a pendulum that hangs": ("-9.8*sin(th)", 0.0),
+    "a pendulum by the other angle": ("9.8*sin(th)", math.pi),
+    "a spring that is not stretched": ("-4*(th - 1000.1)", 1000.1),
+    "drag from rest": ("-3*v_th*second/radian", 2.0),
+}
+
+
+@pytest.mark.parametrize("name", RESTING)
+@pytest.mark.parametrize("method", ["dop853", "dormand_prince", "radau_iia"])
+@pytest.mark.parametrize("atol", [1e-6, 1e-9])
+def test_what_rests_is_silent(name: str, method: str, atol: float) -> None:
+    """Assert no warning of what is rounding beside its place, and stays so however tolerances are."""
+    torque, start = RESTING[name]
+    torque = torque.replace("(th - 1000.1)", "(th/radian - 1000.1)")
+    model = xd.Model(
+        name=name, coordinates={"th": "rad"}, parameters={"I": "1 kg m2"}, mass={"th": "I/radian**2"},
+        forces={"all": {"th": f"newton*metre/radian*({torque})"}}, initial={"th": f"{start!r} rad", "v_th": "0 rad s-1"},
+    )  # fmt: skip
+    run, said = marched(model, method=method, atol=atol, until=20.0)
+    assert not said, run.attrs["run_outcome_text"]
+
+
+def test_an_orbit_in_astronomical_units() -> None:
+    """Assert silence for speeds of 330 times a tolerance, or loose places alone, where the other holds the steps; both are warned of."""
+    model = orbit(1.495978707e11, 0.3, 2e-7, "astronomical_unit")
+    place, speed = (dict.fromkeys(names, f"{size} astronomical_unit{per}") for names, size, per in ((("x", "y"), 1e-3, ""), (("v_x", "v_y"), 6e-10, " s-1")))  # fmt: skip
+    for atol, years, least, most in ((6e-10, 1, 0.0, 1e-8), (speed, 1, 0.0, 1e-8), (place, 10, 0.0, 1e-6), (place | speed, 10, 0.02, 1.0)):  # fmt: skip
+        until = years * 3.14e7
+        run, said = marched(model, rtol=1e-9, atol=atol, until=until)
+        off = xd.compare(run, marched(model, rtol=1e-12, until=until)[0])
+        lost = max(float(np.abs(off[f"difference_{one}"]).max()) for one in ("x", "y"))
+        assert least <= lost <= most, lost
+        assert said == (least > 0.0), run.attrs[ATOL_EFFECT]
+        assert "times their size over the run; followed from 2 of its rows" in run.attrs[ATOL_EFFECT]
+    assert ATOL_EFFECT not in marched(model, rtol=1e-9, until=3.14e7)[0].attrs
+
+
+def test_where_it_was_not_looked_at() -> None:
+    """Assert the reason in the record: contacts, resets, nothing above the relative tolerance."""
+    ball = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
+    assert "not looked at: contacts or friction act" in marched(ball, atol=1e-3, until=1.0)[0].attrs[ATOL_EFFECT]
+    model = spring(1.0, 1.0, 0.0, 0.0, "m")
+    kick = {"kick": {"function": "x", "action": "reset", "set": {"v_x": "-v_x"}}}
+    kicked = xd.Model(**tomllib.loads(model.to_toml()) | {"events": kick})
+    assert "not looked at: events set the state" in marched(kicked, atol=1e-3, until=1.0)[0].attrs[ATOL_EFFECT]
+    assert "no atol is above 10 rtol" in marched(model, rtol=1e-6, atol=1e-7, until=1.0)[0].attrs[ATOL_EFFECT]
+
+
+@pytest.mark.parametrize("thinned", [{}, {"keep_every": 7}])
+def test_a_run_that_was_extended_says_the_same(thinned: dict[str, int], tmp_path: Path) -> None:
+    """Assert the words of a march in one go, of errors that only a part of its rows tells."""
+    model = spring(1.0, 1.0, 0.0, 0.1, "m")
+    asked: dict[str, Any] = {"method": "dormand_prince", "rtol": 1e-9, "atol": {"x": "1e-3 m", "v_x": "1e-9 m s-1"}, "nodes": [200.0], "max_step": 0.5} | thinned  # fmt: skip
+    marched(model, until=300.0, path=tmp_path / "whole.nc", **asked)
+    marched(model, until=200.0, path=tmp_path / "part.nc", **asked | {"nodes": []})
+    whole, longer = xd.open_run(tmp_path / "whole.nc"), xd.extend(tmp_path / "part.nc", until=300.0)
+    assert whole.attrs[ATOL_EFFECT] == longer.attrs[ATOL_EFFECT]

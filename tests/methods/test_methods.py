@@ -1,0 +1,237 @@
+"""Methods: exact limits, discrete laws, observed orders, refusals. Everything runs over the registry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from cases.problems import (
+    EPS,
+    MODELS,
+    SMOOTH,
+    Problem,
+    coupled_springs,
+    damped,
+    driven_decay,
+    free,
+    oscillator,
+    pushed,
+    springs,
+)
+from xdynamics.kernels import Layout
+from xdynamics.methods.scheme import RULES, Scheme
+from xdynamics.record.provenance import interpolation_orders
+
+METHODS = list(xd.METHODS.values())
+EXACT_SUBSTEPS = ("forward_euler", "euler_cromer", "averaged_velocity", "midpoint", "velocity_verlet", "position_verlet",
+                  "heun", "rk4", "implicit_midpoint", "implicit_velocity_verlet")  # fmt: skip
+W, H = 2.0, 0.01  # of the oscillator, 1/s and s
+
+
+def runs(problem: Problem, method: object, step: float, until: float) -> object:
+    """March a problem without samples."""
+    return xd.simulate(problem.model, method=method.name, step=step, until=until, force_samples="none")
+
+
+def at_rest_or_pushed(push: float) -> xd.Model:
+    """The springs without springs: free, or under a constant force."""
+    return springs().replace(parameters={"F": push})
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
+def test_zero_force_keeps_velocity(method: object) -> None:
+    """Assert that with zero force the velocity never changes and the position is linear to rounding."""
+    run = xd.simulate(at_rest_or_pushed(0.0), method=method.name, step=0.125, until=100.0)
+    assert (run.v_x == 3.0).all()
+    # every number here is exact in binary, but the sub-steps of compositions round, some 40 times a step of 301 at most
+    bound = 0 if method.name in EXACT_SUBSTEPS else 800 * 40 * EPS * 301
+    assert np.abs(run.x - (1 + 3 * run.time)).max() <= bound
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
+def test_constant_acceleration_follows_discrete_law(method: object) -> None:
+    """Assert the exact position of every method under constant acceleration: Euler's a t (t-h)/2 and its kin."""
+    h, until = 1e-2, 2.0
+    run = xd.simulate(at_rest_or_pushed(2.5), method=method.name, step=h, until=until)
+    t = run.time.values
+    half_square = {"forward_euler": t * (t - h), "euler_cromer": t * (t + h)}.get(method.name, t * t) / 2
+    # each sub-step rounds x and v some three times: 200 steps of numbers below 16
+    bound = 4 * 20 * 200 * EPS * 16
+    assert np.abs(run.x - (1 + 3 * t + 2.5 * half_square)).max() < bound
+    assert np.abs(run.v_x - (3 + 2.5 * t)).max() < bound
+
+
+def test_forward_euler_energy_grows_by_its_factor() -> None:
+    """Assert that the oscillator's energy grows by 1 + (wh)**2 a step."""
+    energy = runs(oscillator(), xd.METHODS["forward_euler"], H, 10.0).total_energy.values
+    factor = 1 + (W * H) ** 2
+    assert np.abs(energy[1:] / energy[:-1] / factor - 1).max() < 16 * EPS
+
+
+def test_midpoint_energy_grows_by_its_factor() -> None:
+    """Assert that the oscillator's energy grows by 1 + (wh)**4/4 a step."""
+    energy = runs(oscillator(), xd.METHODS["midpoint"], H, 10.0).total_energy.values
+    factor = 1 + (W * H) ** 4 / 4
+    assert np.abs(energy[1:] / energy[:-1] / factor - 1).max() < 16 * EPS
+
+
+def test_velocity_verlet_keeps_its_invariant() -> None:
+    """Assert that v**2 + w**2 x**2 (1 - (wh)**2/4) stays to rounding."""
+    run = runs(oscillator(), xd.METHODS["velocity_verlet"], H, 100.0)
+    kept = run.v_x**2 + (W * run.x) ** 2 * (1 - (W * H) ** 2 / 4)
+    assert np.abs(kept / kept[0] - 1).max() < 4 * EPS * np.sqrt(run.sizes["step"]) * 4
+
+
+def test_euler_cromer_keeps_its_invariant() -> None:
+    """Assert that v**2 + w**2 x**2 - w**2 h x v stays to rounding, with the sign of kick before drift."""
+    run = runs(oscillator(), xd.METHODS["euler_cromer"], H, 100.0)
+    kept = run.v_x**2 + (W * run.x) ** 2 - W**2 * H * run.x * run.v_x
+    assert np.abs(kept / kept[0] - 1).max() < 4 * EPS * np.sqrt(run.sizes["step"]) * 4
+
+
+@pytest.mark.parametrize("name", ["velocity_verlet", "euler_cromer"])
+def test_numeric_frequency(name: str) -> None:
+    """Assert the numeric frequency arccos(1 - (wh)**2/2)/h, from the recurrence x+ - 2 cos x + x- = 0."""
+    x = runs(oscillator(), xd.METHODS[name], H, 100.0).x.values
+    cosine = 1 - (W * H) ** 2 / 2
+    assert np.abs(x[2:] - 2 * cosine * x[1:-1] + x[:-2]).max() < 16 * EPS
+
+
+@pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")  # the longest steps are far off
+@pytest.mark.parametrize("problem", [coupled_springs, damped], ids=lambda one: one.__name__)
+@pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
+def test_observed_order(method: object, problem: Callable[[], Problem]) -> None:
+    """Assert that the slope of the error on the grid is within 0.1 of the method's own order."""
+    if method.refusals(problem().model):
+        pytest.skip(f"{method.name} refuses {problem.__name__}")
+    assert abs(slope(problem(), method, grid_errors) - method.order) < 0.1
+
+
+@pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")  # the longest steps are far off
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
+def test_observed_order_between_steps(method: object, rule: str) -> None:
+    """Assert that between steps no component falls slower than method and rule promise together."""
+    problem = coupled_springs()
+    for name, order in interpolation_orders(Scheme(method), Layout(problem.model), rule).items():
+        expected = min(method.order, order + 1)
+        found = slope(problem, method, lambda run, exact, one=name: inner_errors(run, exact, one, rule))
+        assert found > expected - 0.1, name
+
+
+@pytest.mark.parametrize("problem", ["kepler", "double_pendulum", "damped", "driven_decay"])
+@pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
+def test_error_inside_steps_is_that_at_their_ends(method: object, problem: str) -> None:
+    """Assert that between steps no component is twice as far from the solution as at any accepted state."""
+    models = {"damped": lambda: damped().model, "driven_decay": lambda: driven_decay().model}
+    model = models.get(problem, lambda: xd.Model.from_toml(MODELS / f"{problem}.toml"))()
+    if method.refusals(model):
+        pytest.skip(f"{method.name} refuses {problem}")
+    if problem == "kepler":
+        model = model.replace(initial={"x": 0.5, "v_y": 3**0.5})  # e = 0.5
+    step = {"kepler": 0.1, "double_pendulum": 0.02, "damped": 0.1, "driven_decay": 0.1}[problem] / {1: 16, 2: 4}.get(method.order, 1)  # fmt: skip
+    run = xd.simulate(model, method=method.name, step=step, until=20 * step)
+    starts, parts = run.time.values[:-1, None], np.array([0.0, 0.03, 0.2, 0.4, 0.6, 0.8, 0.97])
+    times = np.append((starts + parts * step).ravel(), run.time.values[-1])
+    reference = xd.simulate(model, method="dop853", step=np.diff(times), until=20 * step)
+    found, ends = xd.sample(run, times), np.arange(times.size) % parts.size == 0
+    assert np.abs(reference.time - times).max() < 8 * EPS
+    for name in Layout(model).used:
+        off = np.abs(found[name].values - reference[name].values)
+        assert off[~ends].max() <= 2 * off[ends].max(), name
+
+
+def grid_errors(run: object, exact: object) -> float:
+    """The largest scaled error of any component at accepted states."""
+    return max(float(np.abs(run[name] - one).max() / np.abs(one).max()) for name, one in exact(run.time.values).items())
+
+
+def inner_errors(run: object, exact: object, name: str, rule: str) -> float:
+    """The largest scaled error of one component within steps."""
+    time = run.time.values
+    inner = xd.sample(run, np.concatenate([time[:-1] + part * np.diff(time) for part in (0.3, 0.55, 0.8)]), rule=rule)
+    one = exact(inner.at_time.values)[name]
+    return float(np.abs(inner[name] - one).max() / np.abs(one).max())
+
+
+def slope(problem: Problem, method: object, measure: Callable[..., float]) -> float:
+    """Fit the order to the smallest errors that rounding does not touch, over steps that halve."""
+    steps, errors = [], []
+    for n in range(1, 10):
+        run = xd.simulate(problem.model, method=method.name, step=2.0**-n, until=2.0)
+        error = measure(run, problem.exact)
+        if error < 3e-14 and len(errors) > 3:
+            break
+        steps.append(2.0**-n)
+        errors.append(error)
+    kept = [i for i, error in enumerate(errors) if error > 3e-14][-3:]
+    return float(np.polyfit(np.log([steps[i] for i in kept]), np.log([errors[i] for i in kept]), 1)[0])
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
+def test_zero_coupling_leaves_the_other_alone(method: object) -> None:
+    """Assert that without coupling no bit of one coordinate depends on the other."""
+    model = springs().replace(parameters={"k": 4.0})
+    first = xd.simulate(model, method=method.name, step=0.05, until=2.0)
+    second = xd.simulate(model.replace(initial={"y": -7.0}), method=method.name, step=0.05, until=2.0)
+    assert (first.x.values == second.x.values).all()
+    assert (first.v_x.values == second.v_x.values).all()
+    assert (first.x.values == first.y.values).all()
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
+def test_scales_of_powers_of_two_change_no_bit(method: object) -> None:
+    """Assert that marching in nondimensional variables is undone before anything is reported."""
+    scales = {"length": "4 m", "time": "0.5 s", "mass": "8 kg"}
+    plain = xd.simulate(at_rest_or_pushed(2.5), method=method.name, step=0.125, until=2.0)
+    scaled = xd.simulate(at_rest_or_pushed(2.5), method=method.name, step=0.125, until=2.0, scales=scales)
+    for name in ("time", "x", "v_x", "a_x", "force_push_x", "kinetic_energy", "sample_x", "step_size"):
+        assert (plain[name].values == scaled[name].values).all(), name
+    assert scaled.attrs["solver_time_scale"] == 0.5
+
+
+def test_samples_hold_time_and_state_of_every_stage() -> None:
+    """Assert that midpoint samples its half step at t + h/2 with the half-step state."""
+    run = xd.simulate(pushed().model, method="midpoint", step=0.25, until=1.0)
+    assert run.sizes["sample"] == 1 + 2 * 4
+    half = run.isel(sample=np.flatnonzero(run.sample_stage == 1))
+    assert half.sample_time.values.tolist() == [0.125, 0.375, 0.625, 0.875]
+    assert (half.sample_v_x == run.v_x.values[:-1] + 0.125 * 2.5).all()
+    assert half.sample_step.values.tolist() == [1, 2, 3, 4]
+
+
+def test_verlet_refuses_drag_and_names_what_fits() -> None:
+    """Assert that a velocity-dependent force is refused with the term and the methods that fit."""
+    with pytest.raises(
+        xd.InputError, match=r"velocity-dependent forces \(force 'drag' of 'y' depends on v_y\); these fit: .*midpoint"
+    ):
+        xd.simulate(SMOOTH["linear_drag"]().model, method="velocity_verlet")
+
+
+def test_verlet_refuses_angle_dependent_mass() -> None:
+    """Assert that a full mass matrix that depends on coordinates is refused."""
+    model = xd.Model.from_toml(MODELS / "double_pendulum.toml")
+    with pytest.raises(xd.InputError, match=r"mass entry \(1, 2\) depends on th1, th2"):
+        xd.simulate(model, method="velocity_verlet")
+
+
+def test_verlet_refuses_coupled_states() -> None:
+    """Assert that a mass that falls with the fuel is refused."""
+    model = xd.Model.from_toml(MODELS / "rocket_c6.toml")
+    with pytest.raises(xd.InputError, match="depends on the state fuel"):
+        xd.simulate(model, method="velocity_verlet")
+
+
+def test_unknown_method_names_those_that_fit() -> None:
+    """Assert that a wrong name is answered with the names that fit."""
+    with pytest.raises(xd.InputError, match="method 'rk5' is not known; these fit this model: forward_euler"):
+        xd.simulate(free().model, method="rk5", step=1, until=2)
+
+
+def test_recorded_equations_are_those_that_ran() -> None:
+    """Assert that the record quotes the update with the vectors the model has."""
+    run = runs(free(), xd.METHODS["euler_cromer"], 0.5, 1.0)
+    assert run.attrs["solver_update_equations"] == "v1 = v + h*a; q1 = q + h*v1; a1 = f(t1, q1, v1)"

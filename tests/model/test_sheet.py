@@ -1,0 +1,166 @@
+"""Tables as instruments and spreadsheets write them, and as Python holds them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from xdynamics.model import Table
+from xdynamics.model.csv_sheet import Sheet, title, written
+
+PLAIN = "time [ms],force [mN]\n0,1.5\n10,2.25\n20,-3\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        PLAIN,
+        "time [ms];force [mN]\n0;1,5\n10;2,25\n20;-3\n",
+        "time (ms)\tforce (mN)\n0\t1.5\n10\t2.25\n20\t-3\n",
+        "Time/ms;force / mN\r\n0,0;1,5\r\n1,0e1;2,25\r\n2e1;-3\r\n",
+        "\ufeff# from the logger\n% and more\n// too\ntime [ms], force [mN]\n\n 0 , 1.5\n10,2.25\n20,-3",
+        "time [ms];force, filtered [mN]\n0;1.5\n10;2.25\n20;-3\n",
+        '"time [ms]";"force [mN]"\n"0";"1,5"\n"10";"2,25"\n"20";"-3"\n',
+    ],
+)
+def test_unfriendly_tables_are_the_plain_one(text: str) -> None:
+    """Assert separators, decimal commas, headers, quotes, comments and marks of files."""
+    found, plain = Table.parse("a.csv", text), Table.parse("a.csv", PLAIN)
+    assert found.argument.tolist() == plain.argument.tolist() == [0.0, 0.01, 0.02]
+    assert found.value.tolist() == plain.value.tolist() == [0.0015, 0.00225, -0.003]
+
+
+WIDE = "t [s];x [mm];u(x) [mm];force [mN]\n0;1,5;0,1;7\n1;;0,1;8\n2;3;0,1;9\n"
+
+
+@pytest.mark.parametrize("column", ["x", "x [mm]"])
+def test_a_column_of_several(column: str) -> None:
+    """Assert that a column is found by its name or header, with its uncertainties; lines with gaps are left out."""
+    table = Table.parse("a.csv", WIDE, column, "skip")
+    assert table.value.tolist() == [0.0015, 0.003]
+    assert table.uncertainty is not None
+    assert table.uncertainty.tolist() == [1e-4, 1e-4]
+    assert Table.parse("a.csv", WIDE, "force").value.tolist() == [0.007, 0.008, 0.009]
+
+
+@pytest.mark.parametrize(
+    ("text", "given", "said"),
+    [
+        (WIDE, {}, r"has 2 columns of values: say which with column = \"x\"; it is separated by semicolons, columns 't \[s\]', 'x \[mm\]'"),
+        (WIDE, {"column": "y"}, "has no column 'y' of values; it is separated by semicolons"),
+        (WIDE, {"column": "t"}, "has no column 't' of values"),
+        (WIDE, {"column": "x"}, r"line 3: column 'x \[mm\]' has a gap; fill it, or leave such lines out with gaps = \"skip\""),
+        ("t [s];x [m]\n0;1,5\n1;2.5\n", {}, r"has decimal commas \(line 2\) and points \(line 3\); write one of them"),
+        ("t [s] x [m]\n0 1\n1 2\n", {}, "separated by commas, columns 't .s. x .m.'"),
+        ("t [s],x [m],x [mm]\n0,1,1\n", {"column": "x"}, "two columns are called 'x'"),
+        ("t [s],x [wibble]\n0,1\n", {}, "column 'x .wibble.': unit 'wibble'"),
+        ("t [s],x [m]\n0,1,5\n1,2,5\n", {}, "line 2, '0' …, has 3 cells, the header 2"),
+        ("t [s],x [m]\n0,1\n1,nan\n", {}, "line 3: column 'x .m.' has a gap"),
+        ("t [s];x [m]\n0;1.000,5\n1;2\n", {}, "line 2: '1.000,5' is no number"),
+        ("# nothing\n", {}, "is empty; it needs a header"),
+        ("t [s],x [m]\n1,0\n1,2\n0,3\n", {}, "line 3: argument 1.0 does not increase after 1.0"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named(text: str, given: dict[str, str], said: str) -> None:
+    """Assert that a fault tells separator, columns, line and remedy."""
+    with pytest.raises(xd.InputError, match=said):
+        Table.parse("a.csv", text, **given)
+
+
+@pytest.mark.parametrize(("cell", "name", "unit"), [("F [N]", "F", "N"), ("u(F) (N)", "u(F)", "N"), ("u(F)/N", "u(F)", "N"), ("v/(m s-1)", "v", "m s-1"), ("n []", "n", "1"), ("v [m/s]", "v", "m s-1")])  # fmt: skip
+def test_titles(cell: str, name: str, unit: str) -> None:
+    """Assert names and units of headers as laboratories write them."""
+    found = title(cell)
+    assert found.name == name
+    assert found.unit.dimension == xd.Model(name="x", parameters={"p": f"1 {unit}"}, states={"s": {"unit": "1", "rate": "1/second"}}, initial={"s": 0}).parameters["p"].quantity.unit.dimension  # fmt: skip
+
+
+def tabled(given: Any) -> Table:
+    """The table of a drive that is given in Python."""
+    model = xd.Model(
+        name="x", states={"q": {"unit": "N s", "rate": "pull"}}, drives={"pull": given}, initial={"q": "0 N s"}
+    )
+    assert xd.Model.from_text(model.to_toml()) == model
+    return model.drives["pull"].table
+
+
+def test_tables_of_python() -> None:
+    """Assert DataFrames, DataArrays and arrays by their headers, to the bit, in their own units."""
+    times, values = np.array([0.0, 0.1, 1 / 3]), np.array([1.0, 2 / 3, 5e-324])
+    array = xr.DataArray(values, dims="t", coords={"t": ("t", times, {"units": "s"})}, attrs={"units": "N"})
+    for given in (
+        pd.DataFrame({"t [s]": times, "pull [N]": values}),
+        pd.DataFrame({"pull [N]": values}, index=pd.Index(times, name="t [s]")),
+        array, {"t [s]": times, "pull [N]": values}, {"table": {"t [s]": times, "pull [N]": values}, "interpolation": "cubic"},
+        {"table": array, "outside": "hold"},
+    ):  # fmt: skip
+        found = tabled(given)
+        assert (found.argument.tolist(), found.value.tolist()) == (times.tolist(), values.tolist())
+        assert found.name == "pull.csv"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (5, "needs the name of a CSV file, a DataFrame, a DataArray, or arrays by their headers"),
+        ({"t": [0.0], "pull [N]": [1.0]}, "column 't': it has no unit"),
+        ({"t [s]": [0.0, 1.0], "pull [N]": [1.0]}, "rows"),
+        ({"t [s]": ["a"], "pull [N]": [1.0]}, "hold something else than numbers"),
+        (xr.DataArray([1.0, 2.0], dims="t"), "no coordinate along 't'"),
+        (xr.DataArray([1.0, 2.0], dims="t", coords={"t": [0.0, 1.0]}), "coordinate 't' has no units"),
+        (xr.DataArray(np.ones((2, 2)), dims=("t", "x")), "needs one, along which"),
+        ({"table": "a.csv", "csv": PLAIN, "gaps": "fill"}, "gaps 'fill' is not known; there are refuse, skip"),
+    ],
+)
+def test_tables_that_are_none(given: Any, said: str) -> None:
+    """Assert that what is no table is refused with what was needed."""
+    with pytest.raises(xd.ModelError, match=said):
+        tabled(given)
+
+
+def test_an_unfriendly_bench_record(tmp_path: Path) -> None:
+    """Assert residuals against a German spreadsheet's file in UTF-16."""
+    model = xd.Model.from_toml(Path(__file__).parents[2] / "data/models/harmonic_oscillator.toml")
+    run = xd.simulate(model, method="dop853", rtol=1e-10, until="2 s")
+    times = np.linspace(0.1, 1.9, 7)
+    rows = "\r\n".join(
+        f"{1e3 * t:.3f};{1e3 * x:.6f}".replace(".", ",") for t, x in zip(times, np.cos(2 * times), strict=True)
+    )
+    path = tmp_path / "bank.csv"
+    path.write_bytes(f"Zeit;Weg\r\n{rows}\r\n".replace("Zeit;Weg", "Time/ms;x (mm)").encode("utf-16"))
+    assert float(xd.compare(run, path)["rms_difference_x"]) < 1e-8
+
+
+def test_columns_are_written_whole() -> None:
+    """Assert that what is written is read to the same numbers."""
+    text = written({"t [s]": [0.1, 1 / 3], "x [m]": [1e-300, -7.0]})
+    assert [row for _, row in Sheet.of("a", text).numbers([0, 1])] == [(0.1, 1e-300), (1 / 3, -7.0)]
+
+
+def test_columns_that_nobody_asked_for_are_left_out(tmp_path: Path) -> None:
+    """Assert that foreign columns, with units or without, are passed over and named, and gaps are skipped on demand."""
+    model = xd.Model.from_toml(Path(__file__).parents[2] / "data/models/harmonic_oscillator.toml")
+    run = xd.simulate(model, method="dop853", rtol=1e-10, until="2 s")
+    path = tmp_path / "bench.csv"
+    rows = "".join(f"{t};{float(np.cos(2 * t))!r};0.01;21,5;ok\n".replace(".", ",") for t in (0.5, 1.0, 1.5))
+    path.write_text("time [s];x [m];u(x) [m];temp (degC);note\n" + rows + "1,8;;0,01;21,5;gap\n")
+    with pytest.raises(xd.InputError, match="line 5: column 'x .m.' has a gap"):
+        xd.compare(run, path)
+    found = xd.compare(run, path, gaps="skip")
+    assert found.attrs["data_left_out"] == "temp (degC), note"
+    assert found.sizes["at"] == 3
+    assert float(found["rms_difference_x"]) < 1e-8
+    fitted = xd.fit(model, path, ["k"], gaps="skip", method="dop853", rtol=1e-9, until="2 s")
+    assert float(fitted.estimate[0]) == pytest.approx(4.0, rel=1e-6)
+    frame = pd.DataFrame({"time [s]": [0.5, 1.0], "x [m]": [np.cos(1.0), np.nan], "note": ["a", "b"]})
+    assert xd.compare(run, frame, gaps="skip").sizes["at"] == 1
+    with pytest.raises(xd.InputError, match="column .q .m.. is nothing that is known; there are x, v_x"):
+        xd.compare(run, pd.DataFrame({"time [s]": [0.5], "q [m]": [1.0]}))
+    with pytest.raises(xd.InputError, match="gaps is 'fill'; there are refuse, skip"):
+        xd.compare(run, path, gaps="fill")

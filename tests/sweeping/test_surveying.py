@@ -1,0 +1,174 @@
+"""What a grid of runs tells, against closed forms and against evidence of single runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from cases.problems import MODELS
+from xdynamics.record.flag_words import words_of
+
+END = 2.0  # s
+
+
+def falling(**events: Any) -> xd.Model:
+    """A body thrown upward without drag: y = y0 + v0 t - g t^2/2."""
+    return xd.Model(
+        name="thrown", coordinates={"y": {"unit": "m"}}, parameters={"m": "1 kg", "g": "10 m s-2"}, mass={"y": "m"},
+        forces={"gravity": {"potential": "m*g*y"}}, initial={"y": "0 m", "v_y": "5 m s-1"}, events=events,
+    )  # fmt: skip
+
+
+GRID = {"v_y": "5:25:5 m s-1", "g": ["8 m s-2", "10 m s-2", "12 m s-2"], "method": ["euler_cromer", "velocity_verlet"]}
+
+
+@pytest.fixture(scope="module")
+def thrown() -> xr.Dataset:
+    """Lazy grid of thrown bodies, stopped at the ground."""
+    ground = {"function": "y", "direction": "falling", "action": "stop"}
+    return xd.sweep(falling(ground=ground), GRID, keep=["end", "event_count_ground"], step=0.01, until=END)
+
+
+@pytest.fixture(scope="module")
+def free() -> xr.Dataset:
+    """The same without a ground."""
+    return xd.sweep(falling(), GRID, step=0.01, until=END)
+
+
+def test_slopes_are_those_of_the_closed_form(free: xr.Dataset) -> None:
+    """Assert d end_y/d v = t and d end_y/d g = -t^2/2, lazily, with their units."""
+    found = xd.sensitivities(free)
+    assert found.slope_end_y_v_y.chunks is not None
+    verlet = found.sel({"method": "velocity_verlet"}).compute()
+    np.testing.assert_allclose(verlet.slope_end_y_v_y, END, rtol=1e-11)
+    np.testing.assert_allclose(verlet.slope_end_y_g, -(END**2) / 2, rtol=1e-11)
+    assert found.slope_end_y_v_y.attrs["units"] == "s"
+    assert found.slope_end_y_g.attrs["units"] == "s2"
+
+
+def test_where_two_methods_part(free: xr.Dataset) -> None:
+    """Assert the difference of Euler-Cromer from Verlet, -g h t/2, lazily, and zero for the reference itself."""
+    found = xd.contrast(free, "method", reference="velocity_verlet")
+    assert found.difference_end_y.chunks is not None
+    apart = found.difference_end_y.sel({"method": "euler_cromer"}).compute()
+    expected = -found.g * 0.01 * END / 2
+    np.testing.assert_allclose(apart, expected.broadcast_like(apart).transpose(*apart.dims), rtol=1e-9)
+    assert not found.difference_end_y.sel({"method": "velocity_verlet"}).any()
+    assert not found.outcome_differs.any()
+
+
+def test_what_changes_an_outcome(thrown: xr.Dataset) -> None:
+    """Assert the shares of neighbours that end otherwise, counted by hand from 2 v/g < t."""
+    grid = thrown.compute()
+    stopped = (2 * grid.v_y / grid.g < END).values
+    told = (grid.run_outcome == "stopped_by_event").values
+    assert (told == stopped[..., None]).mean() > 0.9  # of the rest the end is that of the flight
+    found = xd.influences(grid)
+    assert found.axis_name.values.tolist() == ["v_y", "g", "method"]
+    shares = [np.mean(np.diff(told, axis=k) != 0) for k in range(3)]
+    assert found.outcome_changes.values.tolist() == shares
+    assert shares[0] > shares[2]
+    effects = xd.influences(xd.sweep(falling(), GRID, step=0.01, until=END).compute()).main_effect_end_y.values
+    speeds, pulls = END * np.array([5, 10, 15, 20, 25.0]), -(END**2) / 2 * np.array([8, 10, 12.0])
+    assert effects[:2] == pytest.approx(np.array([speeds.var(), pulls.var()]) / (speeds.var() + pulls.var()), rel=1e-2)
+
+
+def test_shares_of_variance_of_a_linear_number() -> None:
+    """Assert Sobol indices of y0 + v0 t - g t^2/2: variances of its three terms over their sum."""
+    ranges = {"y": (0.0, 3.0), "v_y": ("5 m s-1", "7 m s-1"), "g": (9.0, 11.0)}
+
+    def shares() -> xr.Dataset:
+        return xd.sobol_indices(
+            falling(), ranges, "end_y", draws=1024, seed=3, method="velocity_verlet", step=0.1, until=END
+        )
+
+    found = shares()
+    widths = np.array([3.0, 2.0 * END, 2.0 * END**2 / 2])
+    truth = widths**2 / np.sum(widths**2)
+    assert found.parameter_name.values.tolist() == ["y", "v_y", "g"]
+    for name in ("first_order", "total_order"):
+        assert found[name].values == pytest.approx(truth, abs=0.03)
+        low, high = found[f"{name}_interval"].values.T
+        assert ((low <= truth) & (truth <= high) & (high - low < 0.3)).all()
+    again = shares()
+    assert all(again[name].variable.equals(one) for name, one in found.variables.items())
+
+
+def test_members_are_refined_as_alone() -> None:
+    """Assert order, verdict, limit and uncertainty of a member against `refine` of its model."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    grid = xd.sweep(
+        model,
+        {"step": "80, 40, 20, 10 ms", "v_y": [10.0, 20.0]},
+        keep=["y"],
+        times=[1.0],
+        method="midpoint",
+        until="1.2 s",
+    )
+    found = xd.convergence(grid, "step")
+    assert found.order_y.chunks is not None
+    alone = xd.refine(
+        model.replace(initial={"v_y": 10.0}),
+        method="midpoint",
+        steps=[0.08, 0.04, 0.02, 0.01],
+        at=[1.0],
+        observables=["y"],
+        until="1.2 s",
+    )
+    mine = found.sel(v_y=10.0).compute()
+    assert float(mine.order_y[0]) == pytest.approx(float(alone.order_y[-2, 0]), rel=1e-12)
+    assert words_of(mine.verdict_y) == words_of(alone.verdict_y) == ["asymptotic"]
+    assert float(mine.limit_y[0]) == pytest.approx(float(alone.limit_y[0]), rel=1e-12)
+    assert float(mine.uncertainty_y[0]) == pytest.approx(float(alone.uncertainty_y[0]), rel=1e-2)
+
+
+def test_evidence_of_grids_is_saved(tmp_path: Any, free: xr.Dataset) -> None:
+    """Assert that a survey is written, verified and read like other evidence."""
+    found = xd.sensitivities(free.compute())
+    xd.save(found, tmp_path / "s.nc")
+    xd.verify(tmp_path / "s.nc")
+    with xd.open_run(tmp_path / "s.nc") as kept:
+        assert kept.slope_end_y_g.values.tolist() == found.slope_end_y_g.values.tolist()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda grid: xd.contrast(grid, "m"), "the sweep has no axis 'm'; there are v_y, g, method"),
+        (lambda grid: xd.contrast(grid, "method", reference="heun"), "axis 'method' has no 'heun'"),
+        (lambda grid: xd.convergence(grid, "g"), "'g' has 3 values of a parameter, needs 3 or more of step or rtol"),
+        (lambda grid: xd.sensitivities(grid.isel(v_y=[0], g=[0])), "no axis of the sweep has two numbers"),
+        (lambda _: xd.influences(xr.Dataset()), "Dataset is no sweep"),
+        (lambda _: xd.sobol_indices(falling(), {"k": (1, 2)}, "end_y"), "'k' is no parameter or initial value"),
+        (lambda _: xd.sobol_indices(falling(), {"g": (1.0, 2.0, 3.0)}, "end_y"), "'g' needs two numbers, first the lowest"),
+        (lambda _: xd.sobol_indices(falling(), {"g": (2.0, 1.0)}, "end_y"), "'g' needs two numbers, first the lowest"),
+        (lambda _: xd.sobol_indices(falling(), {"g": ("1 kg", "2 kg")}, "end_y"), "needs the unit 'm s-2'"),
+        (lambda _: xd.sobol_indices(falling(), {"g": (1.0, 2.0)}, "end", step=0.1, until=1.0, method="heun"), "needs a word that stands for one number"),
+    ],
+)  # fmt: skip
+def test_wrong_questions_are_named(free: xr.Dataset, call: Any, message: str) -> None:
+    """Assert one clear error for what cannot be asked of a sweep."""
+    with pytest.raises(xd.InputError, match=message):
+        call(free)
+
+
+def test_work_against_precision() -> None:
+    """Assert errors against the closed form and against the finest of the highest order, beside what each run cost."""
+    model = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    grid = xd.sweep(model, {"method": ["velocity_verlet", "rk4"], "step": "100, 50, 25 ms"}, until=2.0)
+    found = xd.precision(grid, exact={"end_x": np.cos(4.0)})
+    assert found.off_end_x.chunks is not None
+    found, grid = found.compute(), grid.compute()
+    np.testing.assert_array_equal(found.off_end_x, np.abs(grid.end_x - np.cos(4.0)))
+    np.testing.assert_array_equal(found.off_end_v_x, np.abs(grid.end_v_x - grid.end_v_x[1, 2]))
+    assert found.run_force_evaluations.values.tolist() == [[21, 41, 81], [81, 161, 321]]
+    halved = found.off_end_x.values[:, :-1] / found.off_end_x.values[:, 1:]
+    assert np.log2(halved[0]) == pytest.approx(2.0, abs=0.1)
+    assert np.log2(halved[1]) == pytest.approx(4.0, abs=0.4)
+    assert xd.plot(found).axes[0].get_xlabel() == "force evaluations"
+    with pytest.raises(xd.InputError, match="exact names 'end_y', which is none of"):
+        xd.precision(grid, exact={"end_y": 1.0})
