@@ -134,35 +134,39 @@ def error_budget(
             f"the model was fitted to {model.fit.data}, and the fit is not adequate: {model.fit.description}. Fit it again, from other starts or with another model, or ask for the budget all the same: inadequate_fit=True (--inadequate-fit)"
         )
     target = Target.of(model, quantity, at, event, occurrence, side)
-    asked = {name: plain(name, one) for name, one in settings.items() if one is not None}
-    found = numerical.marched(model, target, asked, seed)
-    unit = target.units(found.run)
-    known = _terms(model, target, asked, found, unit, terms, seed)
-    variables = terms_as(model, target, unit, found.value, known) | levels_as(found, unit)
-    more: dict[str, Any] = {"coverage": coverage, "seed": seed, "draws": draws}
+    plain_settings = {name: plain(name, entry) for name, entry in settings.items() if entry is not None}
+    marched = numerical.marched(model, target, plain_settings, seed)
+    unit = target.units(marched.run)
+    all_terms = _terms(model, target, plain_settings, marched, unit, terms, seed)
+    variables = terms_as(model, target, unit, marched.value, all_terms) | levels_as(marched, unit)
+    attributes: dict[str, Any] = {"coverage": coverage, "seed": seed, "draws": draws}
     verdict, total = NOT_CHECKED, float(variables["total_rss"][1])
     if draws or until_uncertainty is not None:
-        added = [one.standard for one in known if one.kind == PHYSICAL and one.name not in model.uncertain]
+        added = [entry.standard for entry in all_terms if entry.kind == PHYSICAL and entry.name not in model.uncertain]
         wanted = wanted_of(until_uncertainty, unit, target, COVERAGE)
         first = draws if until_uncertainty is None else max(draws, FIRST_DRAWS)
-        monte_carlo, draws = drawn_until(Asked(model, target, asked, found.value, added), first, seed, coverage, wanted)
+        monte_carlo, draws = drawn_until(
+            Asked(model, target, plain_settings, marched.value, added), first, seed, coverage, wanted
+        )
         variables |= draws_as(monte_carlo, unit, coverage)
-        verdict, apart = judged(found.value, float(variables["physical_rss"][1]), monte_carlo, coverage, digits)
-        open_ = verdict == NOT_CHECKED
-        more |= {"draws": draws, "linear_apart": apart, "digits": digits}
-        more |= {"draws_needed": draws_needed(apart, monte_carlo, draws, coverage, digits)} if open_ else {}
+        verdict, distance = judged(marched.value, float(variables["physical_rss"][1]), monte_carlo, coverage, digits)
+        undecided = verdict == NOT_CHECKED
+        attributes |= {"draws": draws, "linear_apart": distance, "digits": digits}
+        attributes |= (
+            {"draws_needed": draws_needed(distance, monte_carlo, draws, coverage, digits)} if undecided else {}
+        )
         if verdict == NOT_ADEQUATE:
             total = float(applied("hypot", monte_carlo.standard, float(variables["numerical_rss"][1])))
     variables["linear_verdict"] = ((), np.int8(verdict), about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag") | flags(dict(enumerate(LINEAR))))  # fmt: skip
     variables["model_toml"] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
-    told = "k = 2, drawn" if verdict == NOT_ADEQUATE else "k = 2"
-    result = rounded(found.value, total, float(variables["numerical_bound"][1]), unit.text, told)
-    more |= {
+    coverage_text = "k = 2, drawn" if verdict == NOT_ADEQUATE else "k = 2"
+    result = rounded(marched.value, total, float(variables["numerical_bound"][1]), unit.text, coverage_text)
+    attributes |= {
         "inadequate_fit": int(inadequate_fit), "quantity": quantity, "of": target.said, "event": target.event, "occurrence": occurrence, "side": side,
-        "asked": json.dumps(asked, sort_keys=True), "model_digest": model.digest,
-        "time_units": target.second, "solver_method": str(found.run.attrs["solver_method"]), "result": result,
-    } | ({"at": target.at} if target.at is not None else {}) | _where(target, found.run, model)  # fmt: skip
-    return exhibit("budget", f"error budget of {model.name}: {target.said}", found.digests, variables, more)
+        "asked": json.dumps(plain_settings, sort_keys=True), "model_digest": model.digest,
+        "time_units": target.second, "solver_method": str(marched.run.attrs["solver_method"]), "result": result,
+    } | ({"at": target.at} if target.at is not None else {}) | _where(target, marched.run, model)  # fmt: skip
+    return exhibit("budget", f"error budget of {model.name}: {target.said}", marched.digests, variables, attributes)
 
 
 def _where(target: Target, run: Any, model: Model) -> dict[str, Any]:
@@ -171,7 +175,7 @@ def _where(target: Target, run: Any, model: Model) -> dict[str, Any]:
     return {} if top is None else {"extreme_rule": RULES[top.rule], "extreme_time": top.time}
 
 
-def _terms(model: Model, target: Target, asked: dict[str, Any], found: numerical.Marched, unit: Unit, terms: Any, seed: int) -> list[Term]:  # fmt: skip
+def _terms(model: Model, target: Target, settings: dict[str, Any], marched: numerical.Marched, unit: Unit, terms: Any, seed: int) -> list[Term]:  # fmt: skip
     """Return all terms: of the march, of the model, and declared ones.
 
     Raises
@@ -179,19 +183,21 @@ def _terms(model: Model, target: Target, asked: dict[str, Any], found: numerical
     InputError
         If two have one name, or a declared one is none of this number.
     """
-    declared = [_declared(one).term(target, unit) for one in ([terms] if isinstance(terms, Declared) else terms or ())]
-    rounding = next(one.bound for one in found.terms if one.name == numerical.ROUNDOFF)
-    known = [
-        *found.terms, *physical.inputs(model, target, asked, found.run, rounding), *tabulated.tables(model, target, asked, seed),
+    declared = [
+        _declared(term).term(target, unit) for term in ([terms] if isinstance(terms, Declared) else terms or ())
+    ]
+    rounding = next(term.bound for term in marched.terms if term.name == numerical.ROUNDOFF)
+    all_terms = [
+        *marched.terms, *physical.inputs(model, target, settings, marched.run, rounding), *tabulated.tables(model, target, settings, seed),
         *physical.discrepancy(model, target, unit), *declared,
     ]  # fmt: skip
-    names = [one.name for one in known]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        mine = twice[0] not in {one.name for one in declared}
-        remedy = f"rename the model's '{twice[0]}'" if mine else "give the declared one another name"
-        raise InputError(f"the budget has two terms '{twice[0]}'; {remedy}")
-    _doubt_slopes(known, target)
-    return known
+    names = [term.name for term in all_terms]
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        in_model = repeated[0] not in {term.name for term in declared}
+        remedy = f"rename the model's '{repeated[0]}'" if in_model else "give the declared one another name"
+        raise InputError(f"the budget has two terms '{repeated[0]}'; {remedy}")
+    _doubt_slopes(all_terms, target)
+    return all_terms
 
 
 def _check(draws: Any, seed: Any, coverage: Any, digits: Any) -> None:
@@ -205,16 +211,16 @@ def _check(draws: Any, seed: Any, coverage: Any, digits: Any) -> None:
         raise InputError(f"coverage is {coverage!r}, needs a number between 0 and 1, like 0.95")
 
 
-def _declared(one: Any) -> Declared:
-    if not isinstance(one, Declared):
-        raise InputError(f"terms has {str(one)[:60]!r}, needs Declared(name, quantity, standard, at=…)")
-    return one
+def _declared(term: Any) -> Declared:
+    if not isinstance(term, Declared):
+        raise InputError(f"terms has {str(term)[:60]!r}, needs Declared(name, quantity, standard, at=…)")
+    return term
 
 
 def _doubt_slopes(terms: Sequence[Term], target: Target) -> None:
     """Warn of slopes that another spacing gives otherwise, where that counts."""
-    whole = float(np.sqrt(sum(one.standard**2 for one in terms)))
-    for one in terms:
-        off = one.sensitivity_doubt * one.input_uncertainty
-        if one.input_unit is not None and off > UNSURE * max(one.standard, UNSURE * whole):
-            warn(f"{target.said} does not change in proportion with '{one.name}' within its uncertainty, or not smoothly: its slope may be off by {off / one.standard if one.standard else inf:.1g} of itself; draw", AccuracyWarning)  # fmt: skip
+    total = float(np.sqrt(sum(term.standard**2 for term in terms)))
+    for term in terms:
+        deviation = term.sensitivity_doubt * term.input_uncertainty
+        if term.input_unit is not None and deviation > UNSURE * max(term.standard, UNSURE * total):
+            warn(f"{target.said} does not change in proportion with '{term.name}' within its uncertainty, or not smoothly: its slope may be off by {deviation / term.standard if term.standard else inf:.1g} of itself; draw", AccuracyWarning)  # fmt: skip

@@ -24,12 +24,12 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     yield f"result    {budget.attrs['of']} = {budget.attrs['result']}"
     yield from place_of(budget)
     kinds, shares = words_of(budget["term_kind"]), budget["share"].values
-    width = max(len(str(one)) for one in budget["term_name"].values)
+    width = max(len(str(text)) for text in budget["term_name"].values)
     for i in np.argsort(-np.abs(shares), kind="stable").tolist():
         name, standard = str(budget["term_name"].values[i]), float(budget["standard_uncertainty"][i])
-        slope, by = float(budget["sensitivity"][i]), str(budget["sensitivity_units"].values[i])
+        slope, slope_units = float(budget["sensitivity"][i]), str(budget["sensitivity_units"].values[i])
         size = f"{float(budget['input_uncertainty'][i]):.3g}{_unit(budget['input_units'].values[i])}"
-        product = f", {slope:.4g}{_unit(by)} times {size}" if np.isfinite(slope) else ""
+        product = f", {slope:.4g}{_unit(slope_units)} times {size}" if np.isfinite(slope) else ""
         yield f"{kinds[i]:<10}{name:<{width}}  {with_doubt(standard, doubt_of(budget, i))}{unit}, {shares[i]:.1%} of the variance{product}"
     yield (
         f"totals    numerical {float(budget['numerical_rss']):.3g}{unit}, at most {float(budget['numerical_bound']):.3g}{unit};"
@@ -38,16 +38,16 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     if "monte_carlo_standard_uncertainty" not in budget:
         yield "linear    not checked: draw, with --draws 10000"
         return
-    part, draws = float(budget.attrs["coverage"]), int(budget.attrs["draws"])
+    coverage, draws = float(budget.attrs["coverage"]), int(budget.attrs["draws"])
     for name in ("shortest", "symmetric"):
         low, high = budget[f"monte_carlo_{name}"].values
         ends = float(budget["monte_carlo_end_doubt"])
-        yield f"drawn     {name} {part:.0%} interval {known_to(low, ends)} to {known_to(high, ends)}{unit}, its ends ± {ends:.1g}{unit}"
-    standard, doubt = (float(budget[f"monte_carlo_standard_uncertainty{one}"]) for one in ("", "_doubt"))
+        yield f"drawn     {name} {coverage:.0%} interval {known_to(low, ends)} to {known_to(high, ends)}{unit}, its ends ± {ends:.1g}{unit}"
+    standard, doubt = (float(budget[f"monte_carlo_standard_uncertainty{text}"]) for text in ("", "_doubt"))
     yield f"drawn     standard uncertainty {with_doubt(standard, doubt)}{unit}, of {draws} draws"
     verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
-    more = f"; {settled_by(budget)}" if "draws_needed" in budget.attrs else ""
-    yield f"linear    {verdict}: its interval ends {float(budget.attrs['linear_apart']):.2g}{unit} from that of the draws{more}"
+    remedy = f"; {settled_by(budget)}" if "draws_needed" in budget.attrs else ""
+    yield f"linear    {verdict}: its interval ends {float(budget.attrs['linear_apart']):.2g}{unit} from that of the draws{remedy}"
 
 
 def settled_by(budget: xr.Dataset) -> str:

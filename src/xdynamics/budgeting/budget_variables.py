@@ -26,52 +26,56 @@ CANCELLED = 1e-12  # of the variances, of which there is nothing left where term
 
 def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list[Term]) -> dict[str, Any]:
     """Return the terms as variables, and the totals."""
-    parts = {kind: [one for one in terms if one.kind == kind] for kind in KINDS}
+    by_kind = {kind: [entry for entry in terms if entry.kind == kind] for kind in KINDS}
     covariance = physical.covariance(model, terms)
-    variance = {NUMERICAL: sum(one.standard**2 for one in parts[NUMERICAL]), PHYSICAL: physical.variance(model, parts[PHYSICAL])}  # fmt: skip
+    variance = {NUMERICAL: sum(entry.standard**2 for entry in by_kind[NUMERICAL]), PHYSICAL: physical.variance(model, by_kind[PHYSICAL])}  # fmt: skip
     total = variance[NUMERICAL] + variance[PHYSICAL]
     cancelled = total <= CANCELLED * float(np.trace(covariance))
     shares = np.zeros(len(terms)) if cancelled else covariance.sum(axis=1) / total
-    said, text = target.said, unit.text
-    units = [_per(unit, one.input_unit) if one.input_unit else "" for one in terms]
-    bounds = {kind: sum(one.bound for one in parts[kind]) for kind in KINDS}
+    description, text = target.said, unit.text
+    units = [_per(unit, entry.input_unit) if entry.input_unit else "" for entry in terms]
+    bounds = {kind: sum(entry.bound for entry in by_kind[kind]) for kind in KINDS}
     scalars = {
-        "value": (value, f"{said}, the run's own"),
+        "value": (value, f"{description}, the run's own"),
         "numerical_bound": (bounds[NUMERICAL], "sum of the numerical terms' bounds"),
         "physical_bound": (bounds[PHYSICAL], "sum of the physical terms' bounds"),
         "numerical_rss": (np.sqrt(variance[NUMERICAL]), "root of the sum of squares of the numerical terms"),
         "physical_rss": (np.sqrt(variance[PHYSICAL]), "standard uncertainty by the physical terms, with their correlations"),
-        "physical_rss_doubt": (_doubt_of(parts[PHYSICAL], variance[PHYSICAL]), "how far physical_rss may be off, where terms of it are drawn"),
+        "physical_rss_doubt": (_doubt_of(by_kind[PHYSICAL], variance[PHYSICAL]), "how far physical_rss may be off, where terms of it are drawn"),
         "total_rss": (np.sqrt(total), "standard uncertainty by all terms"),
     }  # fmt: skip
     along: dict[str, Any] = {
-        "term_name": (np.array([one.name for one in terms]), "1", "what the number may be off by", "name"),
-        "term_rule": (np.array([one.rule for one in terms]), "1", "how that was found", "rule"),
-        "sensitivity": (np.array([one.sensitivity for one in terms]), "1", "change of the number with the input, in sensitivity_units; nan where there is no input", ROLE),
-        "sensitivity_doubt": (np.array([one.sensitivity_doubt for one in terms]), "1", "how far the sensitivity may be off, by another spacing of the differences", ROLE),
+        "term_name": (np.array([entry.name for entry in terms]), "1", "what the number may be off by", "name"),
+        "term_rule": (np.array([entry.rule for entry in terms]), "1", "how that was found", "rule"),
+        "sensitivity": (np.array([entry.sensitivity for entry in terms]), "1", "change of the number with the input, in sensitivity_units; nan where there is no input", ROLE),
+        "sensitivity_doubt": (np.array([entry.sensitivity_doubt for entry in terms]), "1", "how far the sensitivity may be off, by another spacing of the differences", ROLE),
         "sensitivity_units": (np.array(units), "1", "unit of the sensitivity: the number's, per SI unit of the input", "units"),
-        "input_uncertainty": (np.array([one.input_uncertainty for one in terms]), "1", "standard uncertainty of the input, in input_units", ROLE),
-        "input_units": (np.array([one.input_unit.text if one.input_unit else "" for one in terms]), "1", "SI unit of the input", "units"),
-        "standard_uncertainty": (np.array([one.standard for one in terms]), text, "standard uncertainty that the term contributes", ROLE),
-        "standard_uncertainty_doubt": (np.array([one.standard_doubt for one in terms]), text, "how far the standard uncertainty may be off, being of few draws, or of slopes that draws do not quite bear out", ROLE),
-        "bound": (np.array([one.bound for one in terms]), text, "what the term contributes at most; without bounds two standard uncertainties", ROLE),
+        "input_uncertainty": (np.array([entry.input_uncertainty for entry in terms]), "1", "standard uncertainty of the input, in input_units", ROLE),
+        "input_units": (np.array([entry.input_unit.text if entry.input_unit else "" for entry in terms]), "1", "SI unit of the input", "units"),
+        "standard_uncertainty": (np.array([entry.standard for entry in terms]), text, "standard uncertainty that the term contributes", ROLE),
+        "standard_uncertainty_doubt": (np.array([entry.standard_doubt for entry in terms]), text, "how far the standard uncertainty may be off, being of few draws, or of slopes that draws do not quite bear out", ROLE),
+        "bound": (np.array([entry.bound for entry in terms]), text, "what the term contributes at most; without bounds two standard uncertainties", ROLE),
         "share": (shares, "1", "share of the variance; correlated terms share what they have together", ROLE),
     }  # fmt: skip
-    found = {name: ((TERM,), values, about(units, words, role)) for name, (values, units, words, role) in along.items()}
-    for name, other in (
+    variables = {
+        name: ((TERM,), values, about(units, words, role)) for name, (values, units, words, role) in along.items()
+    }
+    for name, units_name in (
         ("sensitivity", "sensitivity_units"),
         ("sensitivity_doubt", "sensitivity_units"),
         ("input_uncertainty", "input_units"),
     ):
-        found[name][2]["comment"] = f"in the unit that {other} names"
-    kinds = np.array([KINDS.index(one.kind) for one in terms], np.int8)
-    found["term_kind"] = ((TERM,), kinds, about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS))))  # fmt: skip
-    return found | {name: ((), np.float64(one), about(text, words, ROLE)) for name, (one, words) in scalars.items()}
+        variables[name][2]["comment"] = f"in the unit that {units_name} names"
+    kinds = np.array([KINDS.index(entry.kind) for entry in terms], np.int8)
+    variables["term_kind"] = ((TERM,), kinds, about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS))))  # fmt: skip
+    return variables | {
+        name: ((), np.float64(entry), about(text, words, ROLE)) for name, (entry, words) in scalars.items()
+    }
 
 
 def _doubt_of(terms: list[Term], variance: float) -> float:
     """Return how far a root of a sum of squares may be off, of which some terms are known no better than by draws."""
-    moved = sum((one.standard * one.standard_doubt) ** 2 for one in terms)
+    moved = sum((term.standard * term.standard_doubt) ** 2 for term in terms)
     return float(np.sqrt(moved / variance)) if variance > 0.0 else 0.0
 
 
@@ -99,7 +103,7 @@ def _per(unit: Unit, by: Unit) -> str:
 
     Base units stand in their own order: of a time and a speed it is ``m-1 s2``.
     """
-    names = {one.rstrip("-0123456789") for text in (unit.text, by.text) for one in text.split()}
+    names = {factor.rstrip("-0123456789") for text in (unit.text, by.text) for factor in text.split()}
     if names <= {*BASE}:
         return str(unit.dimension / by.dimension).split(" (")[0]
     return quotient(unit.text, by.text)
@@ -120,5 +124,8 @@ def draws_as(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
             "interval that holds the part `coverage` of the draws, with as many below as above it",
         ),
     }
-    told = {name: ((), np.float64(one), about(unit.text, said, ROLE)) for name, (one, said) in scalars.items()}
-    return told | {name: ((BOUNDS,), np.array(one), about(unit.text, said, ROLE) | {"coverage": coverage}) for name, (one, said) in intervals.items()}  # fmt: skip
+    variables = {
+        name: ((), np.float64(value), about(unit.text, description, ROLE))
+        for name, (value, description) in scalars.items()
+    }
+    return variables | {name: ((BOUNDS,), np.array(value), about(unit.text, description, ROLE) | {"coverage": coverage}) for name, (value, description) in intervals.items()}  # fmt: skip

@@ -72,10 +72,10 @@ def certify(
     ledger = validate([str(budget.attrs["solver_method"])])
     gates = _gates(budget, ledger, drawn=bool(model.uncertain))
     variables: dict[str, Any] = {
-        str(name): (one.dims, one.values, dict(one.attrs)) for name, one in budget.variables.items()
+        str(name): (entry.dims, entry.values, dict(entry.attrs)) for name, entry in budget.variables.items()
     }
     variables |= {
-        "gate_name": ((GATE,), np.array([one for one, _, _ in gates]), about("1", "what the number has to pass", "name")),
+        "gate_name": ((GATE,), np.array([entry for entry, _, _ in gates]), about("1", "what the number has to pass", "name")),
         "gate_reason": ((GATE,), np.array([why for _, _, why in gates]), about("1", "what was looked at", "rule")),
         "gate_verdict": ((GATE,), np.array([GATES.index(verdict) for _, verdict, _ in gates], np.int8), about("1", "what became of it", "flag") | flags(dict(enumerate(GATES)))),
         "case_name": ((CASE,), ledger["case_name"].values, dict(ledger["case_name"].attrs)),
@@ -84,42 +84,42 @@ def certify(
         "case_bound": ((CASE,), ledger["bound"].values, dict(ledger["bound"].attrs)),
         "case_verdict": ((CASE,), ledger["verdict"].values, dict(ledger["verdict"].attrs)),
     }  # fmt: skip
-    said = {key: budget.attrs[key] for key in (*SAME, *KEPT) if key in budget.attrs}
+    attributes = {key: budget.attrs[key] for key in (*SAME, *KEPT) if key in budget.attrs}
     title = f"certificate of {model.name}: {budget.attrs['of']}"
-    return exhibit(CERTIFICATE, title, str(budget.attrs["runs"]).split(), variables, said)
+    return exhibit(CERTIFICATE, title, str(budget.attrs["runs"]).split(), variables, attributes)
 
 
 def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple[str, str, str]]:
     """Return what the number has to pass, what became of it, and what was looked at."""
-    words, verdicts = [CASES[one] for one in ledger["verdict"].values.tolist()], budget["level_verdict"]
-    told = verdicts.attrs["flag_meanings"].split()[int(verdicts)]
+    words, verdicts = [CASES[case] for case in ledger["verdict"].values.tolist()], budget["level_verdict"]
+    convergence = verdicts.attrs["flag_meanings"].split()[int(verdicts)]
     bounds = dict(zip(budget["term_name"].values.tolist(), budget["bound"].values.tolist(), strict=True))
     physical, numerical = float(budget["physical_rss"]), float(budget["numerical_bound"])
     linear = LINEAR[int(budget["linear_verdict"])]
     outcome = str(budget["run_outcome"].values)
-    between = float(abs(budget["level_value"][0] - budget["level_value"][1]))
-    decided = [
+    difference = float(abs(budget["level_value"][0] - budget["level_value"][1]))
+    decisions = [
         ("outcome", outcome in GOOD, f"the run ended as '{outcome}'"),
         ("levels", budget.sizes["level"] >= 3, f"{budget.sizes['level']} levels"),
-        ("convergence", int(verdicts) != NOT_CONVERGING, f"the levels are {told.replace('_', ' ')}"),
-        ("interpolation", bounds["interpolation"] <= max(between, bounds["truncation"]), f"{bounds['interpolation']:.3g} beside a difference of {between:.3g} of two levels"),
+        ("convergence", int(verdicts) != NOT_CONVERGING, f"the levels are {convergence.replace('_', ' ')}"),
+        ("interpolation", bounds["interpolation"] <= max(difference, bounds["truncation"]), f"{bounds['interpolation']:.3g} beside a difference of {difference:.3g} of two levels"),
         ("ledger", "failed" not in words, f"{words.count('passed')} cases of the method passed, {words.count('failed')} failed, {words.count('refused')} refused"),
     ]  # fmt: skip
     if physical > 0.0:
-        decided.append(("numerical_part", numerical <= SMALL * physical, f"numerical bound {numerical:.3g}, physical standard uncertainty {physical:.3g}"))  # fmt: skip
-    gates = [(name, PASSED if passes else FAILED, why) for name, passes, why in decided]
+        decisions.append(("numerical_part", numerical <= SMALL * physical, f"numerical bound {numerical:.3g}, physical standard uncertainty {physical:.3g}"))  # fmt: skip
+    gates = [(name, PASSED if passes else FAILED, why) for name, passes, why in decisions]
     return [*gates, *([_of_draws(budget, linear)] if drawn else [])]
 
 
 def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
     """Return the gate of the linear budget: what too few draws leave open is neither passed nor failed."""
-    name, said = "linear_budget", f"the linear budget is {linear.replace('_', ' ')}"
+    name, statement = "linear_budget", f"the linear budget is {linear.replace('_', ' ')}"
     if linear != LINEAR[OPEN]:
-        return name, PASSED if linear == LINEAR[ADEQUATE] else FAILED, said
-    more = (
+        return name, PASSED if linear == LINEAR[ADEQUATE] else FAILED, statement
+    remedy = (
         f"nothing was drawn; {DRAWS} draws tell as a rule" if "draws_needed" not in budget.attrs else settled_by(budget)
     )
-    return name, NOT_CHECKED, f"{said}: {more}"
+    return name, NOT_CHECKED, f"{statement}: {remedy}"
 
 
 def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:  # fmt: skip
@@ -144,46 +144,46 @@ def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Cal
     InputError
         If it is no certificate.
     """
-    given = archive.open_run(certificate) if isinstance(certificate, str | Path) else certificate
-    attributes = getattr(given, "attrs", {})
+    original = archive.open_run(certificate) if isinstance(certificate, str | Path) else certificate
+    attributes = getattr(original, "attrs", {})
     if attributes.get(EVIDENCE) != CERTIFICATE:
         raise InputError(f"{str(certificate)[:60]!r} is no certificate; `certify` makes one")
-    model = Model.from_text(str(given["model_toml"].values), functions=functions)
+    model = Model.from_text(str(original["model_toml"].values), functions=functions)
     place: dict[str, Any] = {"at": float(attributes["at"])} if "at" in attributes else {}
     if attributes["event"]:
         place = {key: attributes[key] for key in ("event", "side")} | {"occurrence": int(attributes["occurrence"])}
-    again = certify(
+    remade = certify(
         model, str(attributes["quantity"]), draws=int(attributes["draws"]), seed=int(attributes["seed"]),
         coverage=float(attributes["coverage"]), digits=int(attributes.get("digits", 1)),
         inadequate_fit=bool(attributes.get("inadequate_fit", 0)), **place, **json.loads(str(attributes["asked"])),
     )  # fmt: skip
-    if faults := _apart(given, again):
+    if faults := _apart(original, remade):
         raise ArchiveError(f"the certificate of {attributes.get('of')} does not come out again:{numbered(faults)}", tuple(faults))  # fmt: skip
-    return again
+    return remade
 
 
-def _apart(given: xr.Dataset, again: xr.Dataset) -> list[str]:
+def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:
     """Name everything that differs."""
-    faults = [f"'{name}' is missing" for name in again.variables if name not in given.variables]
-    faults += [f"'{name}' is added" for name in given.variables if name not in again.variables]
-    for name, one in again.variables.items():
-        if name not in given.variables:
+    faults = [f"'{name}' is missing" for name in remade.variables if name not in original.variables]
+    faults += [f"'{name}' is added" for name in original.variables if name not in remade.variables]
+    for name, variable in remade.variables.items():
+        if name not in original.variables:
             continue
-        was, now = np.atleast_1d(given[name].values), np.atleast_1d(one.values)
-        if was.shape != now.shape:
-            faults.append(f"'{name}' has the shape {was.shape}, and comes out as {now.shape}")
+        old, new = np.atleast_1d(original[name].values), np.atleast_1d(variable.values)
+        if old.shape != new.shape:
+            faults.append(f"'{name}' has the shape {old.shape}, and comes out as {new.shape}")
             continue
-        differs = (was != now) & ~((was != was) & (now != now)) if was.dtype.kind == "f" else was.astype(str) != now.astype(str)  # fmt: skip
+        differs = (old != new) & ~((old != old) & (new != new)) if old.dtype.kind == "f" else old.astype(str) != new.astype(str)  # fmt: skip
         if differs.any():
             k = tuple(np.argwhere(differs)[0].tolist())
-            faults.append(f"'{name}'{list(k) if was.size > 1 else ''} is {was[k]}, and comes out as {now[k]}")
-    faults += [f"attribute '{key}' is {given.attrs.get(key)!r}, and comes out as {again.attrs[key]!r}" for key in SAME if key in again.attrs and str(given.attrs.get(key)) != str(again.attrs[key])]  # fmt: skip
+            faults.append(f"'{name}'{list(k) if old.size > 1 else ''} is {old[k]}, and comes out as {new[k]}")
+    faults += [f"attribute '{key}' is {original.attrs.get(key)!r}, and comes out as {remade.attrs[key]!r}" for key in SAME if key in remade.attrs and str(original.attrs.get(key)) != str(remade.attrs[key])]  # fmt: skip
     return faults
 
 
 def lines_of(found: xr.Dataset) -> list[str]:
     """Say the number, its gates, and where more stands."""
-    verdicts = [GATES[one] for one in found["gate_verdict"].values.tolist()]
+    verdicts = [GATES[index] for index in found["gate_verdict"].values.tolist()]
     lines = [f"result    {found.attrs['of']} = {found.attrs['result']}"]
     lines += place_of(found)
     rows = zip(found["gate_name"].values, verdicts, found["gate_reason"].values, strict=True)

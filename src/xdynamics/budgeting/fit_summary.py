@@ -20,10 +20,10 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
     """Say what was found, how sure it is, how well the model fits, and what belongs together."""
     names, units = found["parameter_name"].values.astype(str), found["parameter_units"].values.astype(str)
     for i, name in enumerate(names):
-        value, doubt = float(found["estimate"][i]), float(found["standard_uncertainty"][i])
+        value, uncertainty = float(found["estimate"][i]), float(found["standard_uncertainty"][i])
         unit = "" if units[i] == "1" else f" {units[i]}"
         bound = "; on its bound, and no more sure than that" if int(found["at_bound"][i]) else ""
-        yield f"{name:<10}{value:.{digits(value, uncertainty=doubt)}g} ± {doubt:.2g}{unit} (one standard uncertainty){bound}"
+        yield f"{name:<10}{value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{unit} (one standard uncertainty){bound}"
     square, freedom = float(found.attrs["chi_square"]), int(found.attrs["degrees_of_freedom"])
     if isfinite(square):
         yield f"fit       chi-square {square:.4g} for {freedom} degrees of freedom; {_judged(square, freedom)}"

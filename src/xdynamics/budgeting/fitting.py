@@ -78,18 +78,18 @@ class Asked:
         return 1.0 / self._all(self.data.uncertainties) if self.data.uncertainties else np.ones(self.measured.size)
 
     def _all(self, columns: Mapping[str, tuple[Floats, Unit]]) -> Floats:
-        parts = [
+        converted = [
             columns[name][0] * float(columns[name][1].factor / unit.factor) for name, unit in self.quantities.items()
         ]
-        return np.concatenate(parts)
+        return np.concatenate(converted)
 
     def within(self, share: float) -> NDArray[np.bool_]:
         """Return which of all numbers were measured in the first part of the time, one quantity behind the other."""
         first, last = float(self.data.times.min()), float(self.data.times.max())
-        part = (self.data.times <= first + share * (last - first)) | (
+        selected = (self.data.times <= first + share * (last - first)) | (
             share == 1.0
         )  # whatever rounding makes of the last
-        return np.tile(part, len(self.quantities))
+        return np.tile(selected, len(self.quantities))
 
     def computed(self, values: Floats, *, whole: bool = True) -> Floats:
         """Return what the model comes to, for rows of parameters in their own units, shape (n, all that was measured).
@@ -105,13 +105,15 @@ class Asked:
             f"{FOR_INITIAL}{name}" if name in self.model.initial else name: xr.DataArray(values[:, i], attrs={"units": self.given(name).unit.text})
             for i, name in enumerate(self.names)
         }  # fmt: skip
-        times, back = np.unique(self.data.times, return_inverse=True)
-        found = sweep(self.model, {"fitted": columns}, keep=list(self.quantities), times=times, members_per_task=len(values), **self.settings).compute()  # fmt: skip
-        rows = np.concatenate([found[name].values[:, back] for name in self.quantities], axis=1)
+        times, inverse = np.unique(self.data.times, return_inverse=True)
+        marched = sweep(self.model, {"fitted": columns}, keep=list(self.quantities), times=times, members_per_task=len(values), **self.settings).compute()  # fmt: skip
+        rows = np.concatenate([marched[name].values[:, inverse] for name in self.quantities], axis=1)
         if whole and not np.isfinite(rows).all():
             k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
-            said = ", ".join(f"{name} = {float(one)!r}" for name, one in zip(self.names, values[k], strict=True))
-            raise InputError(f"with {said} the run ends as '{found.run_outcome.values[k]}' at t = {float(found.end_time[k])!r}{behind(self.model.time_unit)}, before all that was measured")  # fmt: skip
+            parameter_values = ", ".join(
+                f"{name} = {float(value)!r}" for name, value in zip(self.names, values[k], strict=True)
+            )
+            raise InputError(f"with {parameter_values} the run ends as '{marched.run_outcome.values[k]}' at t = {float(marched.end_time[k])!r}{behind(self.model.time_unit)}, before all that was measured")  # fmt: skip
         return rows
 
 
@@ -136,29 +138,31 @@ class Fitting:
         InputError
             If a run does not come to all times, or these are fewer numbers than are fitted.
         """
-        asked, part = self.asked, self.asked.within(share)
-        if np.count_nonzero(part) <= scaled.size:
-            raise InputError(f"{np.count_nonzero(part)} numbers are too few")
+        asked, used = self.asked, self.asked.within(share)
+        if np.count_nonzero(used) <= scaled.size:
+            raise InputError(f"{np.count_nonzero(used)} numbers are too few")
         values, slopes = _with_slopes(asked, scaled * self.scales, self.scales)
-        weights = asked.weights[part]
-        return (values[part] - asked.measured[part]) * weights, slopes[part] * weights[:, None] * self.scales
+        weights = asked.weights[used]
+        return (values[used] - asked.measured[used]) * weights, slopes[used] * weights[:, None] * self.scales
 
     def squares(self, scaled: Floats, share: float) -> Floats:
         """Return the sums of squares of many starts, of a share of the time; infinite where a run does not come to all."""
-        part, rows = self.asked.within(share), self.asked.computed(scaled * self.scales, whole=False)
-        found = np.sum((((rows - self.asked.measured) * self.asked.weights) ** 2)[:, part], axis=1)
-        return np.where(np.isfinite(found), found, np.inf)
+        selected, rows = self.asked.within(share), self.asked.computed(scaled * self.scales, whole=False)
+        sums = np.sum((((rows - self.asked.measured) * self.asked.weights) ** 2)[:, selected], axis=1)
+        return np.where(np.isfinite(sums), sums, np.inf)
 
     def tested(self, search: Search) -> Tested:
         """Test the residuals that a search came to."""
         asked, residual = self.asked, search.residual
         order = np.argsort(asked.data.times, kind="stable")
         rows, measured = (
-            list(np.split(one, len(asked.quantities))) for one in (residual / asked.weights, asked.measured)
+            list(np.split(array, len(asked.quantities))) for array in (residual / asked.weights, asked.measured)
         )
-        known = bool(asked.data.uncertainties)
+        has_uncertainties = bool(asked.data.uncertainties)
         freedom = residual.size - search.end.size
-        return tested(float(residual @ residual), freedom, [one[order] for one in rows], measured, known=known)
+        return tested(
+            float(residual @ residual), freedom, [array[order] for array in rows], measured, known=has_uncertainties
+        )
 
 
 def fit(
@@ -238,26 +242,30 @@ def fit(
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
         raise InputError(f"seed is {seed!r}, needs a non-negative whole number")
     asked = _asked(
-        model, data, parameters, gaps, {name: plain(name, one) for name, one in settings.items() if one is not None}
+        model,
+        data,
+        parameters,
+        gaps,
+        {name: plain(name, entry) for name, entry in settings.items() if entry is not None},
     )
     start = np.array([asked.given(name).value for name in asked.names])
     low, high = _bounds(asked, bounds or {})
     problem = Fitting(asked, _scales(asked, start, low, high))
-    scales, found, test = problem.scales, list[Search](), None
-    for one in searches(problem, start / scales, low / scales, high / scales, starts, seed):
-        found.append(one)
-        if one.converged and len(found) == 1:
-            _covariance(asked, one.slopes)  # or it names what the data do not tell apart, before others are searched
-        if one.converged and (test := problem.tested(one)).adequate:
+    scales, results, test = problem.scales, list[Search](), None
+    for entry in searches(problem, start / scales, low / scales, high / scales, starts, seed):
+        results.append(entry)
+        if entry.converged and len(results) == 1:
+            _covariance(asked, entry.slopes)  # or it names what the data do not tell apart, before others are searched
+        if entry.converged and (test := problem.tested(entry)).adequate:
             break
-    best = min(found, key=lambda one: one.square)
+    best = min(results, key=lambda entry: entry.square)
     if not np.isfinite(best.square):
-        raise InputError(found[0].stopped)
+        raise InputError(results[0].stopped)
     test = problem.tested(best)
-    evidence = _dataset(problem, found, best, test, seed)
+    evidence = _dataset(problem, results, best, test, seed)
     if not (test.adequate and best.converged):
-        why = test.text if not test.adequate else f"the search did not come to an end: {best.stopped}"
-        warn(f"the fit of '{model.name}' to {asked.data.name} is not adequate: {why}", AccuracyWarning)
+        reason = test.text if not test.adequate else f"the search did not come to an end: {best.stopped}"
+        warn(f"the fit of '{model.name}' to {asked.data.name} is not adequate: {reason}", AccuracyWarning)
     return evidence
 
 
@@ -266,50 +274,55 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
-    known = [*model.parameters, *(name for name in model.initial if name != "t")]
+    available = [*model.parameters, *(name for name in model.initial if name != "t")]
     if not names or len({*names}) < len(names):
-        raise InputError(f"parameters are {[*names]}, need one name or more, each once; there are {', '.join(known)}")
+        raise InputError(
+            f"parameters are {[*names]}, need one name or more, each once; there are {', '.join(available)}"
+        )
     for name in names:
-        if name not in known:
-            raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(known)}")
-    read, used = measured(data, comparable(model), gaps, model.time_unit), settings_for(model, **settings)
-    columns = {one.variable.name: one.variable.units for one in columns_of(used.layout(model), used)}
+        if name not in available:
+            raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(available)}")
+    table, march_settings = measured(data, comparable(model), gaps, model.time_unit), settings_for(model, **settings)
+    columns = {
+        column.variable.name: column.variable.units
+        for column in columns_of(march_settings.layout(model), march_settings)
+    }
     units = {name: parse_unit(columns[name]) for name in comparable(model)}
-    ledger = Ledger(read.name)
-    for name, (_, unit) in read.values.items():
+    ledger = Ledger(table.name)
+    for name, (_, unit) in table.values.items():
         if name not in units:
             ledger.note(f"column '{name}' is nothing that the model has; there are {', '.join(units)}")
         elif unit.dimension != units[name].dimension:
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{units[name].text}' or a unit like it")
-        elif read.uncertainties and name not in read.uncertainties:
+        elif table.uncertainties and name not in table.uncertainties:
             ledger.note(f"column '{name}' has no uncertainties, and others have: give u({name}) too, or none")
-    begin, end, second = model.initial["t"].si, used.until, behind(model.time_unit)
-    outside = np.flatnonzero((read.times < begin) | (read.times > end))
+    begin, end, second = model.initial["t"].si, march_settings.until, behind(model.time_unit)
+    outside = np.flatnonzero((table.times < begin) | (table.times > end))
     if outside.size:
         ledger.note(
-            f"row {int(outside[0]) + 1}: t = {float(read.times[outside[0]])!r}{second} is outside the run, from {begin!r}{second} to {end!r}{second}; give until=…"
+            f"row {int(outside[0]) + 1}: t = {float(table.times[outside[0]])!r}{second} is outside the run, from {begin!r}{second} to {end!r}{second}; give until=…"
         )
-    rows = len(read.times) * len(read.values)
+    rows = len(table.times) * len(table.values)
     if rows <= len(names):
         ledger.note(f"has {rows} numbers for {len(names)} parameters, needs more")
     ledger.settle()
-    return Asked(model, names, read, {name: units[name] for name in read.values}, settings)
+    return Asked(model, names, table, {name: units[name] for name in table.values}, settings)
 
 
-def _bounds(asked: Asked, given: Mapping[str, Sequence[Any]]) -> tuple[Floats, Floats]:
+def _bounds(asked: Asked, bounds: Mapping[str, Sequence[Any]]) -> tuple[Floats, Floats]:
     """Read bounds, in each number's own unit."""
     low, high = (np.full(len(asked.names), side) for side in (-np.inf, np.inf))
-    for name, ends in given.items():
+    for name, ends in bounds.items():
         if name not in asked.names:
             raise InputError(f"bounds name '{name}', which is not fitted; there are {', '.join(asked.names)}")
-        own = asked.given(name)
+        declared = asked.given(name)
         try:
-            values, unit = numbers_of(list(ends), own.unit)
+            values, unit = numbers_of(list(ends), declared.unit)
         except (InputError, TypeError) as error:
             raise InputError(f"bounds of '{name}' are {ends!r}, need the lowest and the highest: {error}") from None
-        values = values * float(unit.factor / own.unit.factor)
-        if len(values) != 2 or not values[0] < values[1] or not values[0] <= own.value <= values[1]:
-            raise InputError(f"bounds of '{name}' are {[*map(str, ends)]}, need the lowest, then the highest, and {own} between them")  # fmt: skip
+        values = values * float(unit.factor / declared.unit.factor)
+        if len(values) != 2 or not values[0] < values[1] or not values[0] <= declared.value <= values[1]:
+            raise InputError(f"bounds of '{name}' are {[*map(str, ends)]}, need the lowest, then the highest, and {declared} between them")  # fmt: skip
         i = asked.names.index(name)
         low[i], high[i] = values
     return low, high
@@ -317,12 +330,14 @@ def _bounds(asked: Asked, given: Mapping[str, Sequence[Any]]) -> tuple[Floats, F
 
 def _scales(asked: Asked, start: Floats, low: Floats, high: Floats) -> Floats:
     """Return a size of each number: of one that begins at zero its bounds', its uncertainty's, or its unit's."""
-    found = np.abs(start)
-    for i in np.flatnonzero(found == 0.0).tolist():
+    scales = np.abs(start)
+    for i in np.flatnonzero(scales == 0.0).tolist():
         width = float(high[i] - low[i])
         spread = (asked.model.parameters | asked.model.starts).get(asked.names[i])
-        found[i] = width / 2.0 if np.isfinite(width) else (spread.uncertainty if spread and spread.uncertainty else 1.0)
-    return found
+        scales[i] = (
+            width / 2.0 if np.isfinite(width) else (spread.uncertainty if spread and spread.uncertainty else 1.0)
+        )
+    return scales
 
 
 def _with_slopes(asked: Asked, values: Floats, scales: Floats) -> tuple[Floats, Floats]:
@@ -331,15 +346,15 @@ def _with_slopes(asked: Asked, values: Floats, scales: Floats) -> tuple[Floats, 
     rows = np.tile(values, (1 + n * len(SIDES), 1))
     for i in range(n):
         rows[1 + i * len(SIDES) : 1 + (i + 1) * len(SIDES), i] += SHIFT * scales[i] * SIDES
-    found = asked.computed(rows)
-    beside = found[1:].reshape(n, len(SIDES), -1)
-    return found[0], np.stack([WEIGHTS @ beside[i] / (SHIFT * scales[i]) for i in range(n)], axis=1)
+    computed = asked.computed(rows)
+    shifted = computed[1:].reshape(n, len(SIDES), -1)
+    return computed[0], np.stack([WEIGHTS @ shifted[i] / (SHIFT * scales[i]) for i in range(n)], axis=1)
 
 
-def _dataset(problem: Fitting, found: list[Search], best: Search, test: Tested, seed: int) -> xr.Dataset:
+def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested, seed: int) -> xr.Dataset:
     asked, scales, values = problem.asked, problem.scales, best.end * problem.scales
     residual, slopes = best.residual, best.slopes
-    rows = residual / asked.weights + asked.measured
+    computed = residual / asked.weights + asked.measured
     freedom, square = residual.size - values.size, float(residual @ residual)
     covariance, condition = _covariance(asked, slopes)
     if not asked.data.uncertainties:
@@ -360,35 +375,35 @@ def _dataset(problem: Fitting, found: list[Search], best: Search, test: Tested, 
         "model_toml": ((), np.array(fitted.to_toml()), about("1", "the fitted model as TOML, uncertain and correlated by what was found", "model")),
     }  # fmt: skip
     n = len(asked.data.times)
-    wanted, weights = asked.measured, asked.weights
+    observed, weights = asked.measured, asked.weights
     for k, (name, unit) in enumerate(asked.quantities.items()):
-        mine = slice(k * n, (k + 1) * n)
+        part = slice(k * n, (k + 1) * n)
         variables |= {
-            f"measured_{name}": ((AT,), wanted[mine], about(unit.text, f"{name} as measured", "measured")),
-            name: ((AT,), rows[mine], about(unit.text, f"{name} as the fitted model has it", "computed")),
-            f"residual_{name}": ((AT,), wanted[mine] - rows[mine], about(unit.text, f"{name}, measured minus computed", "residual")),
+            f"measured_{name}": ((AT,), observed[part], about(unit.text, f"{name} as measured", "measured")),
+            name: ((AT,), computed[part], about(unit.text, f"{name} as the fitted model has it", "computed")),
+            f"residual_{name}": ((AT,), observed[part] - computed[part], about(unit.text, f"{name}, measured minus computed", "residual")),
         }  # fmt: skip
         if asked.data.uncertainties:
-            variables[f"measured_uncertainty_{name}"] = ((AT,), 1.0 / weights[mine], about(unit.text, f"standard uncertainty of {name} as measured", "uncertainty"))  # fmt: skip
-    variables |= _searches_as(found, scales)
-    more = {
+            variables[f"measured_uncertainty_{name}"] = ((AT,), 1.0 / weights[part], about(unit.text, f"standard uncertainty of {name} as measured", "uncertainty"))  # fmt: skip
+    variables |= _searches_as(results, scales)
+    attributes = {
         "data": asked.data.name, "chi_square": square if asked.data.uncertainties else float("nan"), "degrees_of_freedom": freedom,
-        "residual_variance": square / freedom, "condition": condition, "evaluations": sum(one.evaluations for one in found), "stopped": best.stopped,
+        "residual_variance": square / freedom, "condition": condition, "evaluations": sum(search.evaluations for search in results), "stopped": best.stopped,
         "converged": int(best.converged), "chi_square_probability": test.chi_square_probability, "runs_probability": test.runs_probability,
         "seed": seed, "adequate": int(test.adequate and best.converged), "adequate_text": test.text, "asked": json.dumps(asked.settings, sort_keys=True), "model_digest": asked.model.digest,
         "fitted_digest": fitted.digest,
     }  # fmt: skip
-    return exhibit("fit", f"{asked.model.name}, fitted to {asked.data.name}", [], variables, more)
+    return exhibit("fit", f"{asked.model.name}, fitted to {asked.data.name}", [], variables, attributes)
 
 
-def _searches_as(found: list[Search], scales: Floats) -> dict[str, Any]:
+def _searches_as(results: list[Search], scales: Floats) -> dict[str, Any]:
     """Return every search as variables."""
     return {
-        "start_rule": ((START,), np.array([one.rule for one in found]), about("1", "where the search began", "rule")),
-        "start_value": ((START, PARAMETER), np.array([one.start * scales for one in found]), about("1", "values that the search began with, in parameter_units", ROLE)),
-        "start_estimate": ((START, PARAMETER), np.array([one.end * scales for one in found]), about("1", "values that it came to, in parameter_units", ROLE)),
-        "start_square": ((START,), np.array([one.square for one in found]), about("1", "weighted sum of squares there; infinite where a run did not come to all times", ROLE)),
-        "start_converged": ((START,), np.array([one.converged for one in found], np.int8), about("1", "1 where the search came to an end", ROLE)),
+        "start_rule": ((START,), np.array([search.rule for search in results]), about("1", "where the search began", "rule")),
+        "start_value": ((START, PARAMETER), np.array([search.start * scales for search in results]), about("1", "values that the search began with, in parameter_units", ROLE)),
+        "start_estimate": ((START, PARAMETER), np.array([search.end * scales for search in results]), about("1", "values that it came to, in parameter_units", ROLE)),
+        "start_square": ((START,), np.array([search.square for search in results]), about("1", "weighted sum of squares there; infinite where a run did not come to all times", ROLE)),
+        "start_converged": ((START,), np.array([search.converged for search in results], np.int8), about("1", "1 where the search came to an end", ROLE)),
     }  # fmt: skip
 
 
@@ -417,18 +432,20 @@ def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Float
     parameters, starts, initial = dict(statement.parameters), dict(statement.starts), dict(statement.initial)
     for i, name in enumerate(asked.names):
         unit = asked.given(name).unit
-        old = parameters.get(name) or starts.get(name)
-        one = Parameter(Quantity(float(values[i]), unit), Spread(Quantity(float(deviations[i]), unit)), old.description if old else "")  # fmt: skip
+        declared = parameters.get(name) or starts.get(name)
+        entry = Parameter(Quantity(float(values[i]), unit), Spread(Quantity(float(deviations[i]), unit)), declared.description if declared else "")  # fmt: skip
         if name in parameters:
-            parameters[name] = one
+            parameters[name] = entry
         else:
-            starts[name], initial[name] = one, one.quantity
-    kept = {pair: one for pair, one in statement.correlations.items() if not {*pair} & {*asked.names}}
+            starts[name], initial[name] = entry, entry.quantity
+    correlations = {pair: entry for pair, entry in statement.correlations.items() if not {*pair} & {*asked.names}}
     uncertain = [i for i in range(len(values)) if deviations[i] > 0.0]
     for i in uncertain:
         for j in uncertain:
             if i < j:
-                kept[asked.names[i], asked.names[j]] = float(np.clip(correlation[i, j], -1.0, 1.0))
+                correlations[asked.names[i], asked.names[j]] = float(np.clip(correlation[i, j], -1.0, 1.0))
     mark = Fitted(asked.data.name, test.adequate, test.text)
-    said = replace(statement, parameters=parameters, starts=starts, initial=initial, correlations=kept, fit=mark)
-    return Model.from_text(toml.write(said), functions=asked.model.functions)
+    fitted_statement = replace(
+        statement, parameters=parameters, starts=starts, initial=initial, correlations=correlations, fit=mark
+    )
+    return Model.from_text(toml.write(fitted_statement), functions=asked.model.functions)

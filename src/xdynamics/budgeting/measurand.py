@@ -65,7 +65,7 @@ class Target:
         InputError
             If the model has no such quantity or event, or there is not one place.
         """
-        known, extremes = comparable(model), _extremes_of(model)
+        quantities, extremes = comparable(model), _extremes_of(model)
         if at is None and event is None and quantity in extremes:
             return cls(quantity, second=model.statement.time_unit.text)
         if (at is None) == (event is None):
@@ -76,15 +76,15 @@ class Target:
         if event is not None and event not in (*model.events, *model.contacts, *model.frictions):
             names = ", ".join((*model.events, *model.contacts, *model.frictions)) or "none"
             raise InputError(f"event is {event!r}; there are {names}")
-        if quantity not in (known if event is None else (*known, TIME)):
-            raise InputError(f"quantity is {quantity!r}; there are {', '.join(known)}, and at an event {TIME}")
+        if quantity not in (quantities if event is None else (*quantities, TIME)):
+            raise InputError(f"quantity is {quantity!r}; there are {', '.join(quantities)}, and at an event {TIME}")
         if isinstance(occurrence, bool) or not isinstance(occurrence, int) or occurrence < 1:
             raise InputError(f"occurrence is {occurrence!r}, needs a whole number from 1 on")
         if side not in SIDES:
             raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
         unit = model.statement.time_unit
-        when = None if at is None else time_in(unit, at, "at")
-        return cls(quantity, when, event or "", occurrence, side, unit.text)
+        time = None if at is None else time_in(unit, at, "at")
+        return cls(quantity, time, event or "", occurrence, side, unit.text)
 
     @property
     def extreme(self) -> tuple[str, float] | None:
@@ -150,8 +150,10 @@ class Target:
     def values(self, found: xr.Dataset) -> Floats:
         """Return the numbers of a sweep's members, nan of those that do not come there."""
         name = self.quantity if not self.event else f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"  # fmt: skip
-        one = found[name]
-        values: Floats = (one.isel({OCCURRENCE: 0}) if OCCURRENCE in one.dims else one).values.astype(float)
+        variable = found[name]
+        values: Floats = (variable.isel({OCCURRENCE: 0}) if OCCURRENCE in variable.dims else variable).values.astype(
+            float
+        )
         return values[..., 0] if self.at is not None else values
 
     def _of_event(self, run: xr.Dataset, model: Model, top: Extreme) -> float:
@@ -163,10 +165,10 @@ class Target:
         name, time = self.extreme[0], run["time"].values
         row = int(np.flatnonzero((time == top.time) & (run[name].values == top.value))[0])
         doubts = run["event_time_uncertainty"].values[run["event_time"].values == top.time]
-        other = row + 1 if int(run["row_kind"][row]) == EVENT_AFTER else row - 1
-        if not doubts.size or not 0 <= other < len(time) or time[other] == time[row]:
+        neighbour = row + 1 if int(run["row_kind"][row]) == EVENT_AFTER else row - 1
+        if not doubts.size or not 0 <= neighbour < len(time) or time[neighbour] == time[row]:
             return 0.0
-        near = time[row] + NEAR * (time[other] - time[row])
+        near = time[row] + NEAR * (time[neighbour] - time[row])
         beside = float(between(run, model, name, np.array([near]), model.functions)[0][0])
         return abs(beside - top.value) / abs(float(near - time[row])) * float(doubts.max())
 
@@ -182,8 +184,8 @@ class Target:
         """Return how fast the quantity changes on that side of the event, by a difference over a small part of a step."""
         time = run["time"].values
         row = int(run[f"event_row_{self.side}"].values[place])
-        other = max(row - 1, 0) if self.side == "before" else min(row + 1, len(time) - 1)
-        near = float(time[row] + NEAR * (time[other] - time[row]))
+        neighbour = max(row - 1, 0) if self.side == "before" else min(row + 1, len(time) - 1)
+        near = float(time[row] + NEAR * (time[neighbour] - time[row]))
         if near == time[row]:
             return 0.0
         beside = float(observe(run, model, [self.quantity], np.array([near]))[self.quantity][0][0])

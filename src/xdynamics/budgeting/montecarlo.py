@@ -70,7 +70,7 @@ def drawn(values: Floats, coverage: float) -> Drawn:
     ordered = np.sort(values)
     widths = ordered[held:] - ordered[: count - held]
     k, tail = int(np.argmin(widths)), (count - held + 1) // 2 - 1
-    deviations = np.array([one.std(ddof=1) for one in np.array_split(values, PARTS)])
+    deviations = np.array([part.std(ddof=1) for part in np.array_split(values, PARTS)])
     return Drawn(
         float(values.mean()),
         float(values.std(ddof=1)),
@@ -127,11 +127,11 @@ def draws_needed(apart: float, found: Drawn, draws: int, coverage: float, digits
     p = (1.0 - coverage) / 2.0
     quantile = float(normal_quantile(np.array([p]))[0])
     density = float(exp(np.array(-(quantile**2) / 2.0))) / sqrt(2.0 * pi)
-    one = found.standard * sqrt(p * (1.0 - p)) / density  # of a single draw
-    chance = one / sqrt(draws)
+    single = found.standard * sqrt(p * (1.0 - p)) / density  # of a single draw
+    chance = single / sqrt(draws)
     tolerance = tolerance_of(found.standard, digits)
-    left = min(abs(tolerance - sqrt(max(apart**2 - 2.0 * chance**2, 0.0))), tolerance)
-    needed = max(((SURE + MARGIN) * one / max(left, NARROW * tolerance)) ** 2, 2.0 * draws)
+    gap = min(abs(tolerance - sqrt(max(apart**2 - 2.0 * chance**2, 0.0))), tolerance)
+    needed = max(((SURE + MARGIN) * single / max(gap, NARROW * tolerance)) ** 2, 2.0 * draws)
     return float(f"{1.05 * needed:.1e}")
 
 
@@ -148,8 +148,8 @@ def judged(value: float, standard: float, found: Drawn, coverage: float, digits:
     """
     factor = float(normal_quantile(np.array([(1.0 + coverage) / 2.0]))[0])
     linear = value - factor * standard, value + factor * standard
-    apart = max(abs(one - other) for one, other in zip(linear, found.symmetric, strict=True))
+    distance = max(abs(end - drawn_end) for end, drawn_end in zip(linear, found.symmetric, strict=True))
     tolerance, doubt = tolerance_of(found.standard, digits), found.ends_reach
-    if apart + doubt <= tolerance or apart == doubt == 0.0:
-        return ADEQUATE, apart
-    return (NOT_ADEQUATE if apart - REFUTED * doubt > tolerance else NOT_CHECKED), apart
+    if distance + doubt <= tolerance or distance == doubt == 0.0:
+        return ADEQUATE, distance
+    return (NOT_ADEQUATE if distance - REFUTED * doubt > tolerance else NOT_CHECKED), distance

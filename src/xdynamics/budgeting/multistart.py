@@ -88,12 +88,12 @@ def drawn_starts(rng: np.random.Generator, start: Floats, low: Floats, high: Flo
     """Return starts about one, near and far: a third of them farther, by factors, or where there are bounds between them."""
     shape = LOOKED_AT, start.size
     width = np.array(WIDTHS)[np.arange(LOOKED_AT) % len(WIDTHS), None]
-    off = rng.uniform(-1.0, 1.0, shape)
-    far = np.where(start == 0.0, off, start * power(FARTHEST, off))
+    offsets = rng.uniform(-1.0, 1.0, shape)
+    far = np.where(start == 0.0, offsets, start * power(FARTHEST, offsets))
     bounded = np.isfinite(low) & np.isfinite(high)
     least, widest = np.where(bounded, low, 0.0), np.where(bounded, high, 1.0)
     far = np.where(bounded, least + (widest - least) * rng.random(shape), far)
-    return np.clip(np.where(width == WIDTHS[-1], far, start + width * off), low, high)
+    return np.clip(np.where(width == WIDTHS[-1], far, start + width * offsets), low, high)
 
 
 def grown(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats) -> Search:
@@ -104,8 +104,8 @@ def grown(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats)
     """
     end, evaluations = start, 0
     for share in SHARES:
-        part = _tried(problem, rule, end, low, high, share)
-        end, evaluations = part.end, evaluations + part.evaluations
+        stage = _tried(problem, rule, end, low, high, share)
+        end, evaluations = stage.end, evaluations + stage.evaluations
     last = _tried(problem, rule, end, low, high)
     return replace(last, start=start, evaluations=evaluations + last.evaluations)
 
@@ -114,23 +114,23 @@ def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats
     """Search the least sum of squares from one start."""
     from scipy.optimize import least_squares
 
-    known: dict[bytes, tuple[Floats, Floats]] = {}
+    cache: dict[bytes, tuple[Floats, Floats]] = {}
 
     def looked(scaled: Floats) -> tuple[Floats, Floats]:
         """Return weighted residuals and their slopes; the last ones are remembered."""
         key = scaled.tobytes()
-        if key not in known:
-            known.clear()
-            known[key] = problem.looked(scaled, share)
-        return known[key]
+        if key not in cache:
+            cache.clear()
+            cache[key] = problem.looked(scaled, share)
+        return cache[key]
 
     residual: Callable[[Floats], Floats] = lambda x: looked(x)[0]  # noqa: E731
-    found = least_squares(
+    solution = least_squares(
         residual, np.clip(start, low, high), lambda x: looked(x)[1], bounds=(low, high), xtol=CLOSE, ftol=CLOSE, gtol=CLOSE, max_nfev=MOST,
     )  # fmt: skip
     return Search(
-        rule, start, found.x, 2.0 * float(found.cost), int(found.nfev), bool(found.status > 0), str(found.message),
-        found.fun, found.jac, found.active_mask != 0,
+        rule, start, solution.x, 2.0 * float(solution.cost), int(solution.nfev), bool(solution.status > 0), str(solution.message),
+        solution.fun, solution.jac, solution.active_mask != 0,
     )  # fmt: skip
 
 

@@ -77,22 +77,22 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
     """
     levels = _levels(model, asked)
     runs = [own_run(model, asked), *(levels.marched(k) for k in range(1, LEVELS))]
-    found = [target.in_run(run, model) for run in runs]
-    value, inside, located = found[0]
-    values = np.array([one[0] for one in found])
-    doubt = max(one[1] + one[2] for one in found)
+    estimates = [target.in_run(run, model) for run in runs]
+    value, inside, located = estimates[0]
+    values = np.array([estimate[0] for estimate in estimates])
+    uncertainty = max(estimate[1] + estimate[2] for estimate in estimates)
     noise = 4.0 * EPS * float(np.abs(values).max())
-    told = judge(
-        values, levels.values, levels.formal, noise, 0.0, doubt, smooth=levels.varied.keyword == "steps",
+    judgement = judge(
+        values, levels.values, levels.formal, noise, 0.0, uncertainty, smooth=levels.varied.keyword == "steps",
         accepted=int(runs[-1].attrs["run_accepted_steps"]), order=levels.order,
     )  # fmt: skip
     terms = (
-        _truncation(levels, values, noise, told),
+        _truncation(levels, values, noise, judgement),
         _roundoff(runs[0], model, target, asked, value, seed),
         Term.bounded(INTERPOLATION, NUMERICAL, inside, _inner_rule(target.found_in(runs[0], model))),
         _location(model, target, asked, value, located, runs[0]),
     )
-    return Marched(runs[0], value, terms, levels, values, told, tuple(digest_of_run(run) for run in runs))
+    return Marched(runs[0], value, terms, levels, values, judgement, tuple(digest_of_run(run) for run in runs))
 
 
 def _inner_rule(top: Extreme | None) -> str:
@@ -117,20 +117,20 @@ def own_run(model: Model, asked: dict[str, Any]) -> xr.Dataset:
 def _levels(model: Model, asked: dict[str, Any]) -> Levels:
     """Return the run's own step or tolerance, and finer ones."""
     settings = settings_for(model, **asked)
-    rest = {name: one for name, one in asked.items() if name not in ("step", "rtol")}
+    others = {name: value for name, value in asked.items() if name not in ("step", "rtol")}
     if not settings.adaptive:
         if not isinstance(settings.step, float):
             raise InputError(
                 "a budget needs a step or a tolerance that can be made finer; these steps are given one by one"
             )
         steps = [settings.step / STEP_RATIO**k for k in range(LEVELS)]
-        return Levels.of(model, _given("steps", steps), rest, fewest=LEVELS)
+        return Levels.of(model, _given("steps", steps), others, fewest=LEVELS)
     assert settings.tolerances is not None  # noqa: S101
     rtol = settings.tolerances.rtol
     ratio = min(RTOL_RATIO, (rtol / _least_rtol(settings.scheme)) ** (1.0 / (LEVELS - 1)))
     if ratio < LEAST_RATIO:
         raise InputError(f"rtol is {rtol!r}, and a budget needs three tolerances under it that differ; give a larger one, or a step")  # fmt: skip
-    return Levels.of(model, _given("rtols", [rtol / ratio**k for k in range(LEVELS)]), rest, fewest=LEVELS)
+    return Levels.of(model, _given("rtols", [rtol / ratio**k for k in range(LEVELS)]), others, fewest=LEVELS)
 
 
 def _given(keyword: str, values: list[float]) -> dict[str, Any]:
@@ -142,11 +142,11 @@ def _least_rtol(scheme: Scheme) -> float:
     return 2.0 * float(LEAST_RTOL ** (scheme.method.order / scheme.error_order))
 
 
-def _truncation(levels: Levels, values: Floats, noise: float, told: Judged) -> Term:
+def _truncation(levels: Levels, values: Floats, noise: float, judgement: Judged) -> Term:
     """Return how far the coarsest value is from the finest, with an allowance, and what the finest is uncertain by."""
     factor = allowance(values, levels.values, levels.formal, noise)
-    bound = factor * abs(float(values[0] - values[-1])) + float(told.uncertainty)
-    sizes = ", ".join(f"{one:.4g}" for one in levels.values)
+    bound = factor * abs(float(values[0] - values[-1])) + float(judgement.uncertainty)
+    sizes = ", ".join(f"{size:.4g}" for size in levels.values)
     rule = f"{levels.varied.name} {sizes}: {factor:.3g} times the finest value's distance, and its uncertainty"
     return Term.bounded(TRUNCATION, NUMERICAL, bound, rule)
 
@@ -173,9 +173,9 @@ def allowance(values: Floats, steps: Floats, formal: float, noise: float) -> flo
     >>> round(allowance(1.0 + h**2, h, 2.0, 1e-15), 12), allowance(1.0 + 1e-9 * h**2, h, 2.0, 1e-9)
     (1.25, 3.0)
     """
-    apart = np.abs(np.diff(values))
+    distances = np.abs(np.diff(values))
     orders = observed_orders(values, steps)[1:-1]
-    settled = orders[(apart[:-1] > noise) & (apart[1:] > noise) & np.isfinite(orders)]
+    settled = orders[(distances[:-1] > noise) & (distances[1:] > noise) & np.isfinite(orders)]
     if not settled.size:
         return CAUTION
     spread = float(np.ptp(settled)) if settled.size > 1 else abs(float(settled[0]) - formal)
@@ -188,7 +188,7 @@ def _roundoff(run: xr.Dataset, model: Model, target: Target, asked: dict[str, An
     They are marched in units drawn at random; parameters and starts are moved by a spacing of numbers, which reading them
     may have done, and what an observable takes away from another is rounded differently with them.
     """
-    rng, off = np.random.default_rng(seed), []
+    rng, deviations = np.random.default_rng(seed), []
     settings = asked | absolute_tolerances(model, asked)
     in_units = not model.python_functions
     for length, time, mass in exp(rng.uniform(-0.5, 0.5, (COPIES, 3))).tolist():
@@ -196,26 +196,26 @@ def _roundoff(run: xr.Dataset, model: Model, target: Target, asked: dict[str, An
         if scales and model.time_unit.dimension == NONE:
             del scales["time"]
         copy = _nudged(model, rng)
-        off.append(value - target.in_run(march(copy, **settings | {"scales": scales}), copy)[0])
-    back, spacing = returned(run, model, target, asked), EPS * abs(value) / 2.0
-    standard = float(np.sqrt(np.mean(np.square(off)) + spacing**2 / 3.0))
-    bound = TRUSTED * float(np.abs(off).max()) + spacing
-    units = "in units drawn at random" if in_units else "in SI units, which forces in Python know alone"
-    rule = f"{COPIES} copies {units}, from numbers a spacing beside: every operation is rounded in another way"
-    if back is not None:
-        rule += f"; marched back by its own steps the run comes to {back:.2g} of its start"
-        standard, bound = max(standard, back / BOUNDED), max(bound, back)
+        deviations.append(value - target.in_run(march(copy, **settings | {"scales": scales}), copy)[0])
+    distance_back, spacing = returned(run, model, target, asked), EPS * abs(value) / 2.0
+    standard = float(np.sqrt(np.mean(np.square(deviations)) + spacing**2 / 3.0))
+    bound = TRUSTED * float(np.abs(deviations).max()) + spacing
+    units_text = "in units drawn at random" if in_units else "in SI units, which forces in Python know alone"
+    rule = f"{COPIES} copies {units_text}, from numbers a spacing beside: every operation is rounded in another way"
+    if distance_back is not None:
+        rule += f"; marched back by its own steps the run comes to {distance_back:.2g} of its start"
+        standard, bound = max(standard, distance_back / BOUNDED), max(bound, distance_back)
     return Term(ROUNDOFF, NUMERICAL, standard, bound, rule, standard_doubt=standard / float(np.sqrt(2.0 * COPIES)))
 
 
 def _nudged(model: Model, rng: np.random.Generator) -> Model:
     """Return a model whose numbers are as large, or a spacing smaller; itself where it bears no change."""
     numbers = {
-        "parameters": {name: one.quantity for name, one in model.parameters.items()},
+        "parameters": {name: entry.quantity for name, entry in model.parameters.items()},
         "initial": dict(model.initial),
     }
     moved = {
-        section: {name: one.value * (1.0 - EPS * int(rng.integers(2))) for name, one in entries.items()}
+        section: {name: entry.value * (1.0 - EPS * int(rng.integers(2))) for name, entry in entries.items()}
         for section, entries in numbers.items()
         if entries
     }

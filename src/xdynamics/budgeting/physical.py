@@ -74,20 +74,20 @@ def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset,
     InputError
         If the number is not there any more where an input is changed a little.
     """
-    known = model.uncertain
-    if not known:
+    uncertain = model.uncertain
+    if not uncertain:
         return []
     slopes = _slopes(model, target, asked, run, rounding)
-    found = []
-    for name, one in known.items():
-        factor, slope = float(one.quantity.unit.factor), slopes[name]
-        assert one.spread is not None  # noqa: S101
-        size = one.spread.size.si / factor if one.spread.bounded else COVERED * one.uncertainty
-        found.append(Term(
-            name, PHYSICAL, abs(slope.value) * one.uncertainty, (abs(slope.value) + slope.off) * size, slope.rule,
-            slope.value / factor, one.uncertainty * factor, coherent(one.quantity.unit), slope.off / factor,
+    terms = []
+    for name, parameter in uncertain.items():
+        factor, slope = float(parameter.quantity.unit.factor), slopes[name]
+        assert parameter.spread is not None  # noqa: S101
+        size = parameter.spread.size.si / factor if parameter.spread.bounded else COVERED * parameter.uncertainty
+        terms.append(Term(
+            name, PHYSICAL, abs(slope.value) * parameter.uncertainty, (abs(slope.value) + slope.off) * size, slope.rule,
+            slope.value / factor, parameter.uncertainty * factor, coherent(parameter.quantity.unit), slope.off / factor,
         ))  # fmt: skip
-    return found
+    return terms
 
 
 def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float) -> dict[str, Slope]:  # fmt: skip
@@ -100,21 +100,23 @@ def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset
         by_equations, why = slopes_along(run, model, target), ""
     except NotVariedError as error:
         by_equations, why = {}, f"; no variational equations: {error}"
-    found = {}
+    slopes = {}
     for name, (slope, off, shift, least) in by_differences.items():
         exact = by_equations.get(name, slope)
-        apart = abs(exact - slope)
+        distance = abs(exact - slope)
         if not slope:
-            told = abs(exact) > least
-            found[name] = Slope(exact, off, BY_EQUATIONS_ALONE.format(shift)) if told else Slope(0.0, off, NO_SLOPE)
+            significant = abs(exact) > least
+            slopes[name] = (
+                Slope(exact, off, BY_EQUATIONS_ALONE.format(shift)) if significant else Slope(0.0, off, NO_SLOPE)
+            )
         elif not by_equations:
-            found[name] = Slope(slope, off, BY_DIFFERENCES.format(shift, off / abs(slope)) + why)
-        elif apart <= AGREED * abs(slope):
-            found[name] = Slope(exact, apart, BY_EQUATIONS.format(shift, apart / abs(exact)))
+            slopes[name] = Slope(slope, off, BY_DIFFERENCES.format(shift, off / abs(slope)) + why)
+        elif distance <= AGREED * abs(slope):
+            slopes[name] = Slope(exact, distance, BY_EQUATIONS.format(shift, distance / abs(exact)))
         else:
             why = f"; the variational equations, of the smallest changes, give {exact:.3g}"
-            found[name] = Slope(slope, max(off, apart), BY_DIFFERENCES.format(shift, off / abs(slope)) + why)
-    return found
+            slopes[name] = Slope(slope, max(off, distance), BY_DIFFERENCES.format(shift, off / abs(slope)) + why)
+    return slopes
 
 
 def _differences(
@@ -125,51 +127,56 @@ def _differences(
     From the change by an input's own uncertainty on, wider and narrower ones are taken as long as neighbours agree better:
     the widest are bent, the narrowest rounded.
     """
-    known = model.uncertain
-    sizes = np.array([_shifts(one) for one in known.values()])
-    values = {name: np.full((len(known), len(SHIFTS), len(SIDES)), one.quantity.value) for name, one in known.items()}
-    for i, name in enumerate(known):
+    uncertain = model.uncertain
+    sizes = np.array([_shifts(entry) for entry in uncertain.values()])
+    values = {
+        name: np.full((len(uncertain), len(SHIFTS), len(SIDES)), entry.quantity.value)
+        for name, entry in uncertain.items()
+    }
+    for i, name in enumerate(uncertain):
         values[name][i] += np.multiply.outer(np.nan_to_num(sizes[i]), SIDES)
-    axes = {"input": {named(model, name): _with_units(one.ravel(), known[name]) for name, one in values.items()}}
+    axes = {
+        "input": {named(model, name): _with_units(entry.ravel(), uncertain[name]) for name, entry in values.items()}
+    }
     sharp = asked | {"time_tolerance": SHARPER * settings_for(model, **asked).time_tolerance}
-    found = target.values(target.in_many(model, axes, sharp)).reshape(len(known), len(SHIFTS), len(SIDES))
-    told, weighed = {}, float(np.sum(np.abs(WEIGHTS))) * rounding
-    for i, (name, one) in enumerate(known.items()):
-        slopes = dot(found[i], WEIGHTS) / sizes[i]
-        off = np.abs(np.diff(slopes))
-        if not np.isfinite(off).any():
+    numbers = target.values(target.in_many(model, axes, sharp)).reshape(len(uncertain), len(SHIFTS), len(SIDES))
+    results, weighed = {}, float(np.sum(np.abs(WEIGHTS))) * rounding
+    for i, (name, entry) in enumerate(uncertain.items()):
+        slopes = dot(numbers[i], WEIGHTS) / sizes[i]
+        differences = np.abs(np.diff(slopes))
+        if not np.isfinite(differences).any():
             least = float(3.0 * np.nanmin(sizes[i]))
-            raise InputError(f"{target.said} is not there any more where '{name}' is changed by {least:.3g} {one.quantity.unit.text}, less than its uncertainty of {one.uncertainty:.3g}: a budget of small changes says nothing of it; draw, by a sweep")  # fmt: skip
-        k = _settled(off)
+            raise InputError(f"{target.said} is not there any more where '{name}' is changed by {least:.3g} {entry.quantity.unit.text}, less than its uncertainty of {entry.uncertainty:.3g}: a budget of small changes says nothing of it; draw, by a sweep")  # fmt: skip
+        k = _settled(differences)
         slope, size = float(slopes[k + 1]), float(sizes[i][k + 1])
-        least = NOISE * float(np.nanmax(np.abs(found[i]))) / size
+        least = NOISE * float(np.nanmax(np.abs(numbers[i]))) / size
         noise = max(least, weighed / size)
-        doubt, share = float(off[k]), size / one.uncertainty
+        doubt, share = float(differences[k]), size / entry.uncertainty
         if abs(slope) <= noise:  # and no more between neighbours, of which the narrower one is noisier
             slope, doubt = 0.0, 0.0 if doubt <= 8.0 * noise else doubt
-        told[name] = slope, doubt, share, least
-    return told
+        results[name] = slope, doubt, share, least
+    return results
 
 
-def _shifts(one: Parameter) -> Floats:
+def _shifts(parameter: Parameter) -> Floats:
     """Return by how much an input is changed; nan for what is too much or too little of it."""
-    value, sizes = abs(one.quantity.value), one.uncertainty * SHIFTS
-    usable = (sizes <= max(one.uncertainty, WIDEST * value)) & (sizes >= NARROWEST * value)
+    value, sizes = abs(parameter.quantity.value), parameter.uncertainty * SHIFTS
+    usable = (sizes <= max(parameter.uncertainty, WIDEST * value)) & (sizes >= NARROWEST * value)
     if not usable.any():  # known better than numbers can be told
         sizes, usable = NARROWEST * value * SHIFTS, SHIFTS <= 1.0
     return np.where(usable, sizes, np.nan)
 
 
-def _settled(off: Floats) -> int:
+def _settled(differences: Floats) -> int:
     """Return the pair of neighbours that agrees best, from the input's own uncertainty on without a step up between."""
-    there = np.flatnonzero(np.isfinite(off)).tolist()
-    start = min(there, key=lambda k: abs(k - OWN))
+    finite = np.flatnonzero(np.isfinite(differences)).tolist()
+    start = min(finite, key=lambda k: abs(k - OWN))
     best = start
-    for way in (1, -1):
+    for direction in (1, -1):
         k = start
-        while k + way in there and off[k + way] < off[k]:
-            k += way
-        best = k if off[k] < off[best] else best
+        while k + direction in finite and differences[k + direction] < differences[k]:
+            k += direction
+        best = k if differences[k] < differences[best] else best
     return best
 
 
@@ -178,38 +185,38 @@ def named(model: Model, name: str) -> str:
     return f"{FOR_INITIAL}{name}" if name in model.starts else name
 
 
-def _with_units(values: Floats, one: Parameter) -> Any:
+def _with_units(values: Floats, parameter: Parameter) -> Any:
     import xarray as xr
 
-    return xr.DataArray(values, attrs={"units": one.quantity.unit.text})
+    return xr.DataArray(values, attrs={"units": parameter.quantity.unit.text})
 
 
 def discrepancy(model: Model, target: Target, unit: Unit) -> list[Term]:
     """Return what the model declares of its own approximations, of the quantity that is asked for."""
-    one = model.discrepancy.get(target.quantity)
-    if one is None:
+    declared = model.discrepancy.get(target.quantity)
+    if declared is None:
         return []
-    standard = one.standard.si / float(unit.factor)
-    return [Term(DISCREPANCY, PHYSICAL, standard, COVERED * standard, one.description or "declared in the model")]
+    standard = declared.standard.si / float(unit.factor)
+    return [Term(DISCREPANCY, PHYSICAL, standard, COVERED * standard, declared.description or "declared in the model")]
 
 
 def covariance(model: Model, terms: list[Term]) -> Floats:
     """Return the covariances of what terms contribute: those of inputs that the model correlates, and variances."""
-    root = np.array([_signed(one) for one in terms])[:, None] * _root(model, terms)
+    root = np.array([_signed(term) for term in terms])[:, None] * _root(model, terms)
     return product(root, root.T)
 
 
 def variance(model: Model, terms: list[Term]) -> float:
     """Return the variance of what terms contribute together: a sum of squares, no less than zero where terms cancel."""
-    together = dot(np.array([_signed(one) for one in terms]), _root(model, terms).T)
+    together = dot(np.array([_signed(term) for term in terms]), _root(model, terms).T)
     return float(dot(together, together))
 
 
 def _root(model: Model, terms: list[Term]) -> Floats:
     """Return the root of the correlations of terms; those that are no inputs are independent."""
-    names = [one.name for one in terms]
+    names = [term.name for term in terms]
     return root_of(matrix_of(names, model.correlations))
 
 
-def _signed(one: Term) -> float:
-    return -one.standard if one.sensitivity < 0.0 else one.standard
+def _signed(term: Term) -> float:
+    return -term.standard if term.sensitivity < 0.0 else term.standard

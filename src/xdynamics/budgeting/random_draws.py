@@ -81,11 +81,11 @@ def drawn_until(asked: Asked, draws: int, seed: int, coverage: float, wanted: fl
         If the most that can be drawn do not do.
     """
     while True:
-        found = drawn(asked.values(draws, seed), coverage)
-        if found.ends_doubt <= wanted:
-            return found, draws
+        result = drawn(asked.values(draws, seed), coverage)
+        if result.ends_doubt <= wanted:
+            return result, draws
         if draws >= MOST_DRAWS:
-            raise InputError(f"{draws} draws leave the ends of the interval uncertain by {found.ends_doubt:.3g}, and {wanted:.3g} is wanted; ask for less")  # fmt: skip
+            raise InputError(f"{draws} draws leave the ends of the interval uncertain by {result.ends_doubt:.3g}, and {wanted:.3g} is wanted; ask for less")  # fmt: skip
         draws *= 2
 
 
@@ -99,10 +99,10 @@ def wanted_of(told: str | None, unit: Unit, target: Target, usual: float) -> flo
     """
     if told is None:
         return inf
-    size, at, part = str(told).partition(" at ")
+    size, separator, level_text = str(told).partition(" at ")
     quantity = parse_quantity(size)
     try:
-        level = float(part.strip().removesuffix("%")) / 100.0 if at else usual
+        level = float(level_text.strip().removesuffix("%")) / 100.0 if separator else usual
     except ValueError:
         level = nan
     if quantity.unit.dimension != unit.dimension or not quantity.value > 0 or not 0.0 < level < 1.0:

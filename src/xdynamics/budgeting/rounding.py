@@ -30,15 +30,15 @@ def rounded(value: float, standard: float, numerical: float, units: str, told: s
     """
     unit = "" if units == "1" else f" {units}"
     expanded = EXPANDED * standard
-    part = f"{told}, numerical part {_short(numerical)}{unit}"
+    remark = f"{told}, numerical part {_short(numerical)}{unit}"
     if not (expanded > 0.0 and isfinite(expanded)):
-        return f"{value!r}{unit} ({part})"
+        return f"{value!r}{unit} ({remark})"
     size = float(f"{expanded:.{DIGITS - 1}e}")
     places = DIGITS - 1 - floor(log10(size))
     if abs(value) and not -4 <= floor(log10(abs(value))) <= 8:
         power = floor(log10(abs(value)))
-        return f"({_fixed(value / 10.0**power, places + power)} ± {_fixed(size / 10.0**power, places + power)})e{power}{unit} ({part})"
-    return f"{_fixed(value, places)} ± {_fixed(size, places)}{unit} ({part})"
+        return f"({_fixed(value / 10.0**power, places + power)} ± {_fixed(size / 10.0**power, places + power)})e{power}{unit} ({remark})"
+    return f"{_fixed(value, places)} ± {_fixed(size, places)}{unit} ({remark})"
 
 
 def _fixed(value: float, places: int) -> str:

@@ -34,12 +34,12 @@ def slopes_along(run: xr.Dataset, model: Model, target: Target) -> dict[str, flo
         If something of the run, its contacts or its forces is not told by the variational equations.
     """
     inputs = tuple(model.uncertain)
-    found = _changes(run, model, target, inputs)
+    changes = _changes(run, model, target, inputs)
     factor = float(target.units(run).factor)
     units = [float(model.uncertain[name].quantity.unit.factor) for name in inputs]
-    if not np.isfinite(found).all():
+    if not np.isfinite(changes).all():
         raise NotVariedError("the equations have no finite solution")
-    return {name: float(one) * unit / factor for name, one, unit in zip(inputs, found, units, strict=True)}
+    return {name: float(change) * unit / factor for name, change, unit in zip(inputs, changes, units, strict=True)}
 
 
 def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, ...]) -> Floats:
@@ -47,27 +47,27 @@ def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, .
     if target.extreme is not None:
         raise NotVariedError("an extreme is where the run has it")
     along = Along(run, _equations(run, model, inputs), METHODS[run.attrs["solver_method"]].order)
-    change, row, seen, held = _start(model, inputs), 0, 0, touches(run)
+    change, row, occurrences, touched = _start(model, inputs), 0, 0, touches(run)
     for before, after, names in _instants(run):
         if target.at is not None and float(run["time"][before]) > target.at:
             break
-        _check_open(held, before)
+        _check_open(touched, before)
         change = along.over(change, row, before)
         met = Met(along, np.array([before]), np.array([after]), names, change[None])
-        seen += names.count(target.event)
-        if target.event in names and seen >= target.occurrence:
+        occurrences += names.count(target.event)
+        if target.event in names and occurrences >= target.occurrence:
             return _at_event(met, target)
         change, row = met.left()[0], after
     assert target.at is not None  # noqa: S101 - a number at an event was found in the run before
     last = int(np.searchsorted(run["time"].values, target.at, side="right")) - 1
-    _check_open(held, last)
+    _check_open(touched, last)
     change = along.over(change, row, last, target.at)
     return _of_quantity(_end(along, last, target.at, change), target)
 
 
-def _check_open(held: Mapping[str, int], row: int) -> None:
+def _check_open(touched: Mapping[str, int], row: int) -> None:
     """Refuse what is not free up to a row."""
-    if closed := [name for name, first in held.items() if first <= row]:
+    if closed := [name for name, first in touched.items() if first <= row]:
         raise NotVariedError(f"'{closed[0]}' is not open all the time")
 
 
@@ -79,16 +79,18 @@ def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equati
         raise NotVariedError(f"{BY_IMPULSES} has no events")
     if model.python_functions:
         raise NotVariedError("a force or event is written in Python")
-    found = Equations(model, inputs)
-    if found.size * len(gauss(METHODS[run.attrs["solver_method"]].order // 2 + 2)[0]) > LARGEST:
-        raise NotVariedError(f"{found.size} variables are too many")
-    return found
+    equations = Equations(model, inputs)
+    if equations.size * len(gauss(METHODS[run.attrs["solver_method"]].order // 2 + 2)[0]) > LARGEST:
+        raise NotVariedError(f"{equations.size} variables are too many")
+    return equations
 
 
 def _start(model: Model, inputs: tuple[str, ...]) -> Floats:
     """Return the change at the start: of a variable whose own value there is an input, 1."""
     names = variables(model)
-    return np.array([[float(name == one and one in model.starts) for one in inputs] for name in names])
+    return np.array(
+        [[float(name == input_name and input_name in model.starts) for input_name in inputs] for name in names]
+    )
 
 
 def _instants(run: xr.Dataset) -> Iterator[tuple[int, int, tuple[str, ...]]]:
@@ -97,12 +99,12 @@ def _instants(run: xr.Dataset) -> Iterator[tuple[int, int, tuple[str, ...]]]:
         return
     detectors, kinds = (words_of(run[name]) for name in ("event_detector", "event_kind"))
     rows = [run[name].values.tolist() for name in ("event_row_before", "event_row_after")]
-    together: dict[tuple[int, int], list[str]] = {}
+    groups: dict[tuple[int, int], list[str]] = {}
     for before, after, name, kind in zip(*rows, detectors, kinds, strict=True):
-        together.setdefault((before, after), []).append(name)
+        groups.setdefault((before, after), []).append(name)
         if kind in NO_MAP:
-            together[before, after].append(f"{kind} of {name}")
-    for (before, after), names in together.items():
+            groups[before, after].append(f"{kind} of {name}")
+    for (before, after), names in groups.items():
         yield before, after, tuple(names)
 
 

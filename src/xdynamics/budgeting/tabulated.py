@@ -33,14 +33,14 @@ WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 20.0  # of a slope of 
 
 def tables(model: Model, target: Target, asked: dict[str, Any], seed: int) -> list[Term]:
     """Return the terms of every measured table that tells its uncertainties: of its rows, and of all rows together."""
-    found = []
+    terms = []
     for name, drive in model.drives.items():
         copies = Copies(model, target, asked, name, drive.table)
         if drive.table.uncertainty is not None and drive.table.uncertainty.any():
-            found.append(independent(copies, drive.table.uncertainty, seed))
+            terms.append(independent(copies, drive.table.uncertainty, seed))
         if drive.table.common is not None and drive.table.common.any():
-            found.append(common(copies, drive.table.common))
-    return found
+            terms.append(common(copies, drive.table.common))
+    return terms
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ class Copies:
         """March the model with a table that is changed by so much, SI; return the number."""
         import tomllib
 
-        said = tomllib.loads(self.model.to_toml())["drives"][self.name]
+        declared = tomllib.loads(self.model.to_toml())["drives"][self.name]
         text = _written(self.table, self.table.value + change)
-        kept = {key: one for key, one in said.items() if key not in ("column", "gaps")}
+        kept = {key: value for key, value in declared.items() if key not in ("column", "gaps")}
         changed = self.model.replace(drives={self.name: kept | {"csv": text}})
         tolerance = SHARPER * settings_for(self.model, **self.settings).time_tolerance
         run = march(changed, **{"force_samples": "none"} | self.settings | {"time_tolerance": tolerance})
@@ -93,18 +93,18 @@ def independent(copies: Copies, sizes: Floats, seed: int) -> Term:
 
     def drawn(pairs: int) -> Floats:
         """Return by how much the number changes with tables that are drawn, and with their opposites."""
-        return np.array([[copies.number(sign * one * sizes) - origin for sign in SIGNS] for one in points[:pairs]])
+        return np.array([[copies.number(sign * point * sizes) - origin for sign in SIGNS] for point in points[:pairs]])
 
     why = f"{rows.size} rows are more than {MOST_ROWS}"
     if rows.size <= MOST_ROWS:
         effects = np.array([copies.odd(np.where(np.arange(sizes.size) == i, sizes, 0.0)) for i in rows.tolist()])
         standard = float(np.sqrt(np.sum(effects**2)))
         expected = np.multiply.outer(dot(points[:CONTROLS, rows], effects), SIGNS)
-        apart = float(np.sqrt(np.mean((drawn(CONTROLS) - expected) ** 2)))
-        if apart <= standard / np.sqrt(2.0 * PAIRS):  # better than it is known of draws
-            off = apart / standard if standard else 0.0
+        distance = float(np.sqrt(np.mean((drawn(CONTROLS) - expected) ** 2)))
+        if distance <= standard / np.sqrt(2.0 * PAIRS):  # better than it is known of draws
+            off = distance / standard if standard else 0.0
             rule = f"rows are independent: slopes by all {rows.size}; {2 * CONTROLS} tables with every row drawn are {off:.1g} of it off"
-            doubt = apart if off > AGREED else 0.0
+            doubt = distance if off > AGREED else 0.0
             return Term(copies.name, PHYSICAL, standard, COVERED * standard, rule, standard_doubt=doubt)
         why = f"it is not in proportion with the rows, by whose slopes it were {standard:.3g}"
     standard = float(np.sqrt(np.mean(drawn(PAIRS) ** 2)))
@@ -123,8 +123,8 @@ def common(copies: Copies, sizes: Floats) -> Term:
     numbers = np.array([copies.number(part * sizes) for part in PARTS])
     effect = float(dot(numbers, WEIGHTS))
     doubt = abs(effect - float(numbers[-1] - numbers[0]) / 2.0)
-    same = bool((sizes == sizes[0]).all())
-    size, unit = (float(sizes[0]), coherent(copies.table.value_unit)) if same else (1.0, NUMBERS)
+    uniform = bool((sizes == sizes[0]).all())
+    size, unit = (float(sizes[0]), coherent(copies.table.value_unit)) if uniform else (1.0, NUMBERS)
     rule = f"common to all rows: slope by central differences of sixth order over its uncertainty; over all of it {doubt / abs(effect) if effect else 0.0:.1g} of the slope more or less"
     return Term(
         copies.name + COMMON, PHYSICAL, abs(effect), COVERED * (abs(effect) + doubt), rule,
@@ -134,7 +134,7 @@ def common(copies: Copies, sizes: Floats) -> Term:
 
 def _written(table: Table, values: Floats) -> str:
     """Write a table with other values, in the units that it has."""
-    factors = [float(one.factor) for one in (table.argument_unit, table.value_unit)]
+    factors = [float(unit.factor) for unit in (table.argument_unit, table.value_unit)]
     head = f"argument [{table.argument_unit.text}],value [{table.value_unit.text}]"
     rows = (f"{x!r},{y!r}" for x, y in zip((table.argument / factors[0]).tolist(), (values / factors[1]).tolist(), strict=True))  # fmt: skip
     return "\n".join([head, *rows, ""])

@@ -96,11 +96,11 @@ class Declared:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"a declared term is named {self.name!r}, needs a word")
         at = None if self.at is None else time_in(parse_unit(target.second), self.at, f"at of term '{self.name}'")
-        mine, whose = (self.quantity, at, self.event, self.occurrence), (target.quantity, target.at, target.event, target.occurrence)  # fmt: skip
-        if mine != whose:
-            own = Target(self.quantity, at, self.event, self.occurrence, target.side, target.second).said
+        own, required = (self.quantity, at, self.event, self.occurrence), (target.quantity, target.at, target.event, target.occurrence)  # fmt: skip
+        if own != required:
+            description = Target(self.quantity, at, self.event, self.occurrence, target.side, target.second).said
             raise InputError(
-                f"term '{self.name}' is of {own}, and the budget of {target.said}: propagate it there first"
+                f"term '{self.name}' is of {description}, and the budget of {target.said}: propagate it there first"
             )
         size = self.standard if isinstance(self.standard, Quantity) else parse_quantity(self.standard)
         if size.unit.dimension != unit.dimension:

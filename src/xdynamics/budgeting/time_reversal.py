@@ -27,11 +27,13 @@ def returned(run: xr.Dataset, model: Model, target: Target, asked: dict[str, Any
     if target.at is None or target.quantity not in {*model.coordinates, *velocities} or not _is_reversible(run, model):
         return None
     time, step = run["time"].values, float(run["step_size"][1]) if run.sizes["step"] > 1 else 0.0
-    whole = np.flatnonzero((time <= target.at) & np.isin(run["step_size"].values, [0.0, step]))
-    if len(whole) < 2:
+    whole_steps = np.flatnonzero((time <= target.at) & np.isin(run["step_size"].values, [0.0, step]))
+    if len(whole_steps) < 2:
         return None
-    turned = {name: _turned(run, name, int(whole[-1]), velocities) for name in (*model.coordinates, *velocities)}
-    back = march(model.replace(initial=turned), **asked | {"until": float(time[whole[-1]]), "force_samples": "none"})
+    turned = {name: _turned(run, name, int(whole_steps[-1]), velocities) for name in (*model.coordinates, *velocities)}
+    back = march(
+        model.replace(initial=turned), **asked | {"until": float(time[whole_steps[-1]]), "force_samples": "none"}
+    )
     return abs(_turned(back, target.quantity, -1, velocities) - float(run[target.quantity][0]))
 
 
@@ -42,11 +44,11 @@ def _turned(run: xr.Dataset, name: str, row: int, velocities: set[str]) -> float
 
 def _is_reversible(run: xr.Dataset, model: Model) -> bool:
     """Tell whether a run, in whole steps of one size, is undone by the same steps with the velocities turned."""
-    parts = (model.states, model.events, model.contacts, model.frictions, model.regimes)
-    if any(parts) or not METHODS[run.attrs["solver_method"]].symmetric or run.sizes.get("event", 0):
+    forbidden = (model.states, model.events, model.contacts, model.frictions, model.regimes)
+    if any(forbidden) or not METHODS[run.attrs["solver_method"]].symmetric or run.sizes.get("event", 0):
         return False
-    terms = [one for each in model.force_components.values() for one in each.values()]
+    terms = [tree for components in model.force_components.values() for tree in components.values()]
     trees = [*terms, *model.statement.mass_entries.values()]
-    known = any("t" in model.reads(one) or isinstance(one, Function) for one in trees)
+    reads_time = any("t" in model.reads(tree) or isinstance(tree, Function) for tree in trees)
     fixed = run.attrs["solver_step_control"] == "fixed"
-    return fixed and not known and Trait.VELOCITY_DEPENDENT not in traits_of(model)
+    return fixed and not reads_time and Trait.VELOCITY_DEPENDENT not in traits_of(model)
