@@ -1,9 +1,9 @@
-"""Convergence of values with a step, or another small number: observed orders, limits, and how uncertain the finest is.
+"""Convergence of values with a step or another small number: observed orders, limits, uncertainty of the finest value.
 
-Plain numbers, levels along the last axis from coarse to fine. The grid convergence index is that of Celik and others (2008,
-Journal of Fluids Engineering 130, 078001, doi:10.1115/1.2960953), the fits are those of Eca and Hoekstra (2014, Journal of
-Computational Physics 262, 104-130, doi:10.1016/j.jcp.2014.01.006) with the formal order of the method in the place of
-the two of their finite volumes.
+Plain numbers, levels along the last axis from coarse to fine. The grid convergence index is that of Celik and others
+(2008, Journal of Fluids Engineering 130, 078001, doi:10.1115/1.2960953), the fits are those of Eca and Hoekstra (2014,
+Journal of Computational Physics 262, 104-130, doi:10.1016/j.jcp.2014.01.006), with the formal order of the method in
+place of the second order of their finite volumes.
 """
 
 from __future__ import annotations
@@ -19,36 +19,37 @@ from xdynamics.elementary.arrays import dot, expm1, least_squares, log, power
 
 Floats = NDArray[np.float64]
 
-SAFETY, CAUTION = 1.25, 3.0  # factors of an error estimate that is trusted, and of one that is not
-STEEPEST = 64.0  # orders that are told apart
+SAFETY, CAUTION = 1.25, 3.0  # safety factors of an error estimate that is trusted, and of one that is not
+STEEPEST = 64.0  # largest order, of either sign, that is resolved
 BISECTIONS = 60
-BEYOND = 0.1  # of orders over the formal one that a fit may have
-LEAST_SHARE = 0.25  # of the formal order, under which an observed one is not trusted
-GRID = 96  # orders at which a fit is tried first
+BEYOND = 0.1  # by which the order of a fit may exceed the formal one
+LEAST_SHARE = 0.25  # of the formal order, below which an observed one is not trusted
+GRID = 96  # orders that a fit tries first
 VERDICTS = ("asymptotic", "pre_asymptotic", "roundoff", "event_limited", "interpolation_limited", "not_converging")
 ASYMPTOTIC, PRE_ASYMPTOTIC, ROUNDOFF, EVENT_LIMITED, INTERPOLATION_LIMITED, NOT_CONVERGING = range(len(VERDICTS))
-ABRUPT = 2.0  # most of the order of a switch that was stepped over that is counted on: one level alone may have it by chance on an end of a step
+# largest order assumed for a switch that was stepped over: a single level may by chance have it at the end of a step
+ABRUPT = 2.0
 STEPPED_OVER = "three times the last differences: a switch was stepped over"
-CLOSE = 0.05  # of an observed order to that of the method, or to a whole one above it
-STEADY = 0.25  # of it to the one before, where there are four levels
-# times the square of the method's order, over the root of the steps: how far the logarithm of an error may be off its
-# power of the tolerance, at 95 %. An error is the order-th power of steps that are chosen anew at each tolerance, and the
-# higher the order is, the fewer and longer are the steps in which most of it arises. By 800 studies of orbits and 400 of
-# others; of 3,200 numbers of the eccentric ones by dop853 96 in 100 are held, and of 580 others 98.
+CLOSE = 0.05  # distance of an observed order from that of the method, or from a whole number above it
+STEADY = 0.25  # distance from the order before, where there are four levels
+# times the square of the method's order, over the root of the number of steps: how far the logarithm of an error may
+# deviate from a power of the tolerance, at 95 %. An error is the order-th power of steps that are chosen anew at each
+# tolerance, and the higher the order, the fewer and longer are the steps in which most of it arises. From 800 studies
+# of orbits and 400 of others; of 3,200 numbers of the eccentric ones by dop853 96 in 100 are covered, of 580 others 98.
 ERRATIC = 0.15
-HIGHEST = 8.0  # order of a method that is not known
-MOST_ERRATIC = 10.0  # times that an error in tolerances may be off it at all
-FEW_STEPS = 100  # of a run of which it is not known how many it has
-FITTED = 4  # levels from which on a fit has something left to tell
-LOOKED_AT = 3  # of the finest levels, whose differences tell how far the limit is
-SHARE = 0.3  # of the last difference that what is known of events may have
+HIGHEST = 8.0  # order assumed where the method is not known
+MOST_ERRATIC = 10.0  # largest factor by which an error may deviate from a power of the tolerance
+FEW_STEPS = 100  # number of steps assumed where it is not known
+FITTED = 4  # fewest levels of a fit that leave a residual
+LOOKED_AT = 3  # finest levels, whose differences give the distance from the limit
+SHARE = 0.3  # of the last difference: largest effect of the location of events
 
 
 def observed_orders(values: Floats, steps: Floats) -> Floats:
-    """Return the order of each level with the one before and the one behind it.
+    """Return the observed order of each level from its differences with the level before and after it.
 
-    Where the differences of neighbours are h1**p - h2**p times a constant, p is found whatever the ratios are. It is
-    signed: below zero, differences grow. Where they change their sign it is that of Celik's equation for oscillations.
+    If the differences of neighbours are h1**p - h2**p times a constant, p is found for any ratios of steps. It is
+    signed: below zero, differences grow. Where they change sign it is that of Celik's equation for oscillations.
 
     Parameters
     ----------
@@ -70,24 +71,24 @@ def observed_orders(values: Floats, steps: Floats) -> Floats:
     change, ratio = np.diff(values, axis=-1), steps[:-1] / steps[1:]
     with np.errstate(divide="ignore", invalid="ignore"):
         grown = change[..., :-1] / change[..., 1:]
-    known = np.isfinite(grown) & (grown != 0.0)
-    coarse, fine = (np.broadcast_to(one, grown.shape)[known] for one in (ratio[:-1], ratio[1:]))
+    defined = np.isfinite(grown) & (grown != 0.0)
+    coarse, fine = (np.broadcast_to(part, grown.shape)[defined] for part in (ratio[:-1], ratio[1:]))
     inner = np.full(grown.shape, np.nan)
-    inner[known] = _solved(grown[known], coarse, fine)
+    inner[defined] = _solved(grown[defined], coarse, fine)
     orders[..., 1:-1] = inner
     return orders
 
 
 def _solved(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
-    """Solve Celik's equation ``abs(grown) = fine**p (coarse**p - s)/(fine**p - s)`` for p, which it grows with."""
-    equal = coarse == fine  # then it is the power of one ratio
-    found = np.clip(log(np.abs(grown)) / log(fine), -STEEPEST, STEEPEST)
-    found[~equal] = _bisected(grown[~equal], log(coarse[~equal]), log(fine[~equal]))
-    return found
+    """Solve Celik's equation ``abs(grown) = fine**p (coarse**p - s)/(fine**p - s)`` for p, in which it is monotonic."""
+    equal = coarse == fine  # then abs(grown) is a power of one ratio
+    orders = np.clip(log(np.abs(grown)) / log(fine), -STEEPEST, STEEPEST)
+    orders[~equal] = _bisected(grown[~equal], log(coarse[~equal]), log(fine[~equal]))
+    return orders
 
 
 def _bisected(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
-    """Solve it for ratios that differ, of which the logarithms are given: order 0 is no division of zeros then."""
+    """Solve it by bisection for ratios that differ, from their logarithms: then order 0 is not 0/0."""
     size, sign = np.abs(grown), np.sign(grown)
     low, high = np.full(size.shape, -STEEPEST), np.full(size.shape, STEEPEST)
     for _ in range(BISECTIONS):
@@ -98,20 +99,20 @@ def _bisected(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
             value = np.where(p == 0.0, np.where(sign > 0, coarse / fine, 1.0), upper / lower)
         above = value > size
         low, high = np.where(above, low, p), np.where(above, p, high)
-    found: Floats = (low + high) / 2.0
-    return found
+    orders: Floats = (low + high) / 2.0
+    return orders
 
 
 def extrapolated(coarse: Floats, fine: Floats, ratio: float, order: Floats | float) -> Floats:
     """Return Richardson's limit of two values whose steps have a ratio above 1."""
-    found: Floats = fine + (fine - coarse) / expm1(order * log(ratio))
-    return found
+    limit: Floats = fine + (fine - coarse) / expm1(order * log(ratio))
+    return limit
 
 
 def convergence_index(coarse: Floats, fine: Floats, ratio: float, order: Floats | float) -> Floats:
-    """Return the grid convergence index of the finer value, absolute: 1.25 times what Richardson's limit is away."""
-    found: Floats = SAFETY * np.abs((fine - coarse) / expm1(order * log(ratio)))
-    return found
+    """Return the grid convergence index of the finer value, absolute: 1.25 times its distance to Richardson's limit."""
+    index: Floats = SAFETY * np.abs((fine - coarse) / expm1(order * log(ratio)))
+    return index
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ class Fit:
     residual : float
         How far the finest value is from the fit.
     error : float
-        How far it is from the limit.
+        How far the finest value is from the limit.
     """
 
     limit: float
@@ -141,15 +142,15 @@ class Fit:
 def fitted(values: Sequence[float], steps: Sequence[float], formal: float) -> Fit:
     """Fit values to a power of their steps by least squares, as Eca and Hoekstra do.
 
-    The order is free first, with all values of one weight and with weights by 1/step; the fit with the smaller spread is
-    taken. An order above the formal one is set to it; one that is far below, or none, gives way to the better of fits
-    with the formal order, half of it, and both.
+    At first the order is free, with equal weights and with weights by 1/step; the fit with the smaller spread is
+    taken. An order above the formal one is set to it; one that is far below is replaced by the best fit with
+    the formal order, half of it, or both.
 
     Parameters
     ----------
     values, steps : sequence of float, at least 4
     formal : float
-        The order that the method has.
+        The order of the method.
 
     Examples
     --------
@@ -158,79 +159,79 @@ def fitted(values: Sequence[float], steps: Sequence[float], formal: float) -> Fi
     >>> round(one.limit, 7), round(one.slopes[0], 6), round(one.orders[0], 6)
     (10.0, -3.0, 2.0)
     """
-    found, h = np.asarray(values, float), np.asarray(steps, float)
-    free = _best(_free(found, h, formal, weights) for weights in _weightings(h))
+    numbers, h = np.asarray(values, float), np.asarray(steps, float)
+    free = _best(_free(numbers, h, formal, weights) for weights in _weightings(h))
     order = free.orders[0]
     if LEAST_SHARE * formal <= order <= formal + BEYOND:
         return free
     if order > formal:
-        return _best(_fixed(found, h, (formal,), weights) for weights in _weightings(h))
+        return _best(_fixed(numbers, h, (formal,), weights) for weights in _weightings(h))
     trials = ((formal,), (formal / 2.0,), (formal / 2.0, formal))
-    return _best(_fixed(found, h, orders, weights) for orders in trials for weights in _weightings(h))
+    return _best(_fixed(numbers, h, orders, weights) for orders in trials for weights in _weightings(h))
 
 
 def fitted_uncertainty(values: Sequence[float], steps: Sequence[float], formal: float) -> tuple[float, Fit]:
-    """Return the uncertainty of the finest value at 95 %, and the fit that it is from (Eca and Hoekstra, section 4)."""
+    """Return the uncertainty of the finest value at 95 %, and the fit behind it (Eca and Hoekstra, section 4)."""
     fit = fitted(values, steps, formal)
     scale = (max(values) - min(values)) / (len(values) - 1)
     trusted = LEAST_SHARE * formal <= fit.orders[0] <= formal + BEYOND and len(fit.orders) == 1
-    left = fit.spread + abs(fit.residual)
+    remainder = fit.spread + abs(fit.residual)
     if fit.spread < scale:
-        return (SAFETY if trusted else CAUTION) * abs(fit.error) + left, fit
-    return (CAUTION * fit.spread / scale * (abs(fit.error) + left) if scale > 0.0 else left), fit
+        return (SAFETY if trusted else CAUTION) * abs(fit.error) + remainder, fit
+    return (CAUTION * fit.spread / scale * (abs(fit.error) + remainder) if scale > 0.0 else remainder), fit
 
 
 def _weightings(h: Floats) -> tuple[Floats, Floats]:
-    """Return equal weights and such by 1/step, each with a mean of 1."""
+    """Return equal weights and weights by 1/step, each with a mean of 1."""
     return np.ones(len(h)), len(h) * (1.0 / h) / np.sum(1.0 / h)
 
 
 def _best(fits: Iterable[Fit]) -> Fit:
-    return min(fits, key=lambda one: one.spread)
+    return min(fits, key=lambda fit: fit.spread)
 
 
 def _free(values: Floats, h: Floats, formal: float, weights: Floats) -> Fit:
-    """Fit with an order that is free: for each order the rest is linear, so that one number is searched for."""
+    """Fit with a free order: for each order the fit is linear, so the search is over one number."""
     from scipy.optimize import minimize_scalar
 
     def spread(order: float) -> float:
         return _fixed(values, h, (order,), weights, free=True).spread
 
     tried = np.linspace(LEAST_SHARE * formal / 8.0, 4.0 * formal, GRID)
-    best = int(np.argmin([spread(one) for one in tried]))
+    best = int(np.argmin([spread(trial) for trial in tried]))
     low, high = tried[max(best - 1, 0)], tried[min(best + 1, GRID - 1)]
     order = float(minimize_scalar(spread, bounds=(low, high), method="bounded", options={"xatol": 1e-12}).x)
     return _fixed(values, h, (order,), weights, free=True)
 
 
 def _fixed(values: Floats, h: Floats, orders: tuple[float, ...], weights: Floats, *, free: bool = False) -> Fit:
-    """Fit with given orders; one that was searched for counts as a parameter too."""
-    # steps over the coarsest: powers of small numbers would leave nothing of each other
-    scaled = np.stack([np.ones(len(h)), *(power(h / h[0], one) for one in orders)], axis=1)
+    """Fit with given orders; an order found by a search counts as a parameter too."""
+    # steps are divided by the coarsest: powers of small numbers would differ too much in size
+    columns = np.stack([np.ones(len(h)), *(power(h / h[0], one) for one in orders)], axis=1)
     root = np.sqrt(weights)
-    solution = least_squares(root[:, None] * scaled, root * values)
-    away = values - dot(scaled, solution)
-    left = len(values) - 1 - len(orders) - int(free)
-    spread = float(np.sqrt(np.sum(weights * away**2) / left)) if left > 0 else inf
+    solution = least_squares(root[:, None] * columns, root * values)
+    residuals = values - dot(columns, solution)
+    freedom = len(values) - 1 - len(orders) - int(free)
+    spread = float(np.sqrt(np.sum(weights * residuals**2) / freedom)) if freedom > 0 else inf
     slopes = tuple(float(one / power(h[0], p)) for one, p in zip(solution[1:], orders, strict=True))
     limit = float(solution[0])
-    return Fit(limit, slopes, orders, spread, float(away[-1]), float(values[-1]) - limit)
+    return Fit(limit, slopes, orders, spread, float(residuals[-1]), float(values[-1]) - limit)
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What levels tell of one number.
+    """The verdict of levels on one number.
 
     Attributes
     ----------
     verdict : int
-        Of `VERDICTS`.
+        Index into `VERDICTS`.
     limit : float
-        What values with ever smaller steps come to, or nan where nothing says so.
+        Of values with ever smaller steps; nan if it is not known.
     uncertainty : float
         Of the finest value, at about 95 %.
     rule : str
-        Where the uncertainty is from.
+        How the uncertainty is estimated.
     """
 
     verdict: int
@@ -252,7 +253,7 @@ def judge(
     accepted: int = FEW_STEPS,
     order: float = HIGHEST,
 ) -> Judged:
-    """Say what the values of levels, from coarse to fine, are worth.
+    """Judge the convergence of values of levels, from coarse to fine.
 
     Parameters
     ----------
@@ -260,43 +261,51 @@ def judge(
     formal : float
         The order of the method in the steps.
     rounding, interpolation, events : float
-        How far rounding, interpolation and the location of events may have the finest two values off.
+        Errors of the finest two values by rounding, interpolation and the location of events.
     smooth : bool
-        Whether errors have an expansion in powers of the steps; of tolerances, with which chosen steps jump, they have none.
+        Whether errors have an expansion in powers of the steps; in tolerances, with which chosen steps jump, they have
+        none.
     kink : float
-        The order that a switch in a force leaves which steps went over, without a limit to its factor: that hangs on
-        where in a step the switch lies, and changes from level to level.
+        The order that is left by a switch in a force that steps went over, with a factor that is not bounded: it
+        depends on where in a step the switch lies, and changes from level to level.
     accepted : int
-        Steps of the finest level, where they are chosen: few of them are an erratic choice.
+        Steps of the finest level, where they are chosen: the fewer, the more erratic.
     order : float
-        The order that the method has in its steps, where tolerances are varied.
+        The order of the method in its steps, where tolerances are varied.
     """
     last = float(abs(values[-1] - values[-2]))
-    left = rounding + interpolation + events
+    remainder = rounding + interpolation + events
     if not np.isfinite(values[-2:]).all():
         return Judged(NOT_CONVERGING, np.nan, np.nan, "none: a value is missing")
     if last <= rounding:
-        return Judged(ROUNDOFF, np.nan, left + last, "rounding")
+        return Judged(ROUNDOFF, np.nan, remainder + last, "rounding")
     ratio, orders = float(steps[-2] / steps[-1]), observed_orders(values, steps)
-    seen = float(orders[-2]) if len(values) > 2 else np.nan
-    slowest = min(max(seen, LEAST_SHARE * formal), formal) if np.isfinite(seen) else LEAST_SHARE * formal
+    observed = float(orders[-2]) if len(values) > 2 else np.nan
+    slowest = min(max(observed, LEAST_SHARE * formal), formal) if np.isfinite(observed) else LEAST_SHARE * formal
     cautious = CAUTION * _left(values, steps, slowest)
     if interpolation >= last:
         return Judged(
-            INTERPOLATION_LIMITED, np.nan, max(CAUTION * last, cautious) + left, "three times the last difference"
+            INTERPOLATION_LIMITED, np.nan, max(CAUTION * last, cautious) + remainder, "three times the last difference"
         )
     if events >= SHARE * last:
-        return Judged(EVENT_LIMITED, np.nan, max(CAUTION * last, cautious) + left, "three times the last difference")
+        return Judged(
+            EVENT_LIMITED, np.nan, max(CAUTION * last, cautious) + remainder, "three times the last difference"
+        )
     if not smooth:
         erratic = ERRATIC * order * order / float(np.sqrt(max(accepted, 1)))
-        return _in_tolerances(values, steps, orders, erratic, left, kinked=kink < inf)
+        return _in_tolerances(values, steps, orders, erratic, remainder, kinked=kink < inf)
     if kink <= formal:
-        return Judged(EVENT_LIMITED, np.nan, CAUTION * _left(values, steps, min(kink, ABRUPT)) + left, STEPPED_OVER)
-    trusted = _trusted(seen, orders, formal)
-    if np.isfinite(trusted):
-        limit = float(extrapolated(values[-2], values[-1], ratio, seen))
         return Judged(
-            ASYMPTOTIC, limit, SAFETY * _left(values, steps, min(seen, trusted)) + left, "grid convergence index"
+            EVENT_LIMITED, np.nan, CAUTION * _left(values, steps, min(kink, ABRUPT)) + remainder, STEPPED_OVER
+        )
+    trusted = _trusted(observed, orders, formal)
+    if np.isfinite(trusted):
+        limit = float(extrapolated(values[-2], values[-1], ratio, observed))
+        return Judged(
+            ASYMPTOTIC,
+            limit,
+            SAFETY * _left(values, steps, min(observed, trusted)) + remainder,
+            "grid convergence index",
         )
     before = np.abs(np.diff(values))[:-1]
     falls = not before.size or last < np.nanmax(before) / 2.0
@@ -304,40 +313,40 @@ def judge(
     if len(values) >= FITTED and np.isfinite(values[-FITTED:]).all():
         uncertainty, fit = fitted_uncertainty(values[-FITTED:].tolist(), steps[-FITTED:].tolist(), formal)
         limit = fit.limit if falls else np.nan
-        # one power of the step is no fit for what falls by thousands from the coarsest to the finest
+        # one power of the step does not fit values that fall by thousands from the coarsest to the finest
         if uncertainty <= cautious:
-            return Judged(verdict, limit, uncertainty + left, "least squares")
-        return Judged(verdict, limit, cautious + left, "three times Richardson's error")
-    return Judged(verdict, np.nan, cautious + left, "three times Richardson's error")
+            return Judged(verdict, limit, uncertainty + remainder, "least squares")
+        return Judged(verdict, limit, cautious + remainder, "three times Richardson's error")
+    return Judged(verdict, np.nan, cautious + remainder, "three times Richardson's error")
 
 
 def _in_tolerances(
-    values: Floats, tolerances: Floats, orders: Floats, erratic: float, left: float, *, kinked: bool
+    values: Floats, tolerances: Floats, orders: Floats, erratic: float, remainder: float, *, kinked: bool
 ) -> Judged:
-    """Judge values whose errors are in proportion to a tolerance, up to a factor that the choice of steps moves.
+    """Judge values whose errors are proportional to a tolerance, up to a factor that varies with the choice of steps.
 
-    The logarithm of that factor is `erratic` at 95 %. What an observed exponent is away from 1 is what the factor does from
-    level to level, so it bounds what is not seen of it, too. One exponent alone is steady beside nothing.
+    The logarithm of that factor is `erratic` at 95 %. The deviation of an observed exponent from 1 shows how much the
+    factor varies from level to level, so it bounds the unseen part too. A single exponent is never called steady.
     """
     changes, last = np.abs(np.diff(values)), float(abs(values[-1] - values[-2]))
-    ratio, known = float(tolerances[-2] / tolerances[-1]), orders[1:-1][-2:]
-    known = known[np.isfinite(known)]
-    seen = float(np.max(np.abs(known - 1.0))) * float(log(ratio)) if known.size else 0.0
-    factor = SAFETY * min(MOST_ERRATIC, 1.0 + float(expm1(min(max(seen, erratic), STEEPEST))))
-    uncertainty = factor * _left(values[-LOOKED_AT:], tolerances[-LOOKED_AT:], 1.0) + left
+    ratio, exponents = float(tolerances[-2] / tolerances[-1]), orders[1:-1][-2:]
+    exponents = exponents[np.isfinite(exponents)]
+    deviation = float(np.max(np.abs(exponents - 1.0))) * float(log(ratio)) if exponents.size else 0.0
+    factor = SAFETY * min(MOST_ERRATIC, 1.0 + float(expm1(min(max(deviation, erratic), STEEPEST))))
+    uncertainty = factor * _left(values[-LOOKED_AT:], tolerances[-LOOKED_AT:], 1.0) + remainder
     if kinked:
         return Judged(EVENT_LIMITED, np.nan, CAUTION * uncertainty, STEPPED_OVER)
     rule = "a power of the tolerance"
-    steady = known.size > 1 and np.ptp(known) <= STEADY and np.max(np.abs(known - 1.0)) <= STEADY
+    steady = exponents.size > 1 and np.ptp(exponents) <= STEADY and np.max(np.abs(exponents - 1.0)) <= STEADY
     if steady:
-        limit = float(extrapolated(values[-2], values[-1], ratio, float(known[-1])))
+        limit = float(extrapolated(values[-2], values[-1], ratio, float(exponents[-1])))
         return Judged(ASYMPTOTIC, limit, uncertainty, rule)
     falls = changes.size < 2 or last < np.nanmax(changes[:-1])
     return Judged(PRE_ASYMPTOTIC if falls else NOT_CONVERGING, np.nan, uncertainty, rule)
 
 
 def _trusted(order: float, orders: Floats, formal: float) -> float:
-    """Return the order that levels have: the formal one, or where four levels agree in it a whole one above; nan for neither."""
+    """Return the order that is trusted: the formal one, or a whole one above in which four levels agree; else nan."""
     if abs(order - formal) <= CLOSE and (len(orders) < FITTED or not abs(order - float(orders[-3])) > STEADY):
         return formal
     whole = float(np.round(order)) if np.isfinite(order) else np.nan
@@ -346,13 +355,13 @@ def _trusted(order: float, orders: Floats, formal: float) -> float:
 
 
 def _left(values: Floats, steps: Floats, order: float) -> float:
-    """Return how far the finest value may be from the limit, by the worst of the last differences, each brought to its steps.
+    """Return how far the finest value may be from the limit, by the worst of the last differences, scaled to its step.
 
-    One difference alone may be small by chance, where two terms of the error cancel.
+    A single difference may be small by chance, where two terms of the error cancel.
     """
-    found = 0.0
+    worst = 0.0
     for k in range(max(0, len(values) - LOOKED_AT), len(values) - 1):
         change, ratio, down = abs(values[k + 1] - values[k]), steps[k] / steps[k + 1], steps[k + 1] / steps[-1]
         if np.isfinite(change):
-            found = max(found, float(change / expm1(order * log(ratio)) / power(down, order)))
-    return found
+            worst = max(worst, float(change / expm1(order * log(ratio)) / power(down, order)))
+    return worst

@@ -1,4 +1,4 @@
-"""Local errors: what one step is away from many in its place, beside the error that came together over a run."""
+"""Local errors: the difference of one step from many in its place, as opposed to the error accumulated over a run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LOOKED_AT = 256  # steps of a run, spread over it
 def step_defects(
     run: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] | None = None, most: int = LOOKED_AT
 ) -> dict[str, Floats]:
-    """Return, of steps spread over a run, each state that was reached less that of sixteen steps in the place of the one.
+    """Return the states reached by steps spread over a run, each less that of sixteen steps in its place.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def step_defects(
     Raises
     ------
     InputError
-        If the method keeps from one step what the next one begins with, so that none can be repeated alone.
+        If the method carries memory from one step to the next, so that no step can be repeated alone.
     """
     inside = Inside.of(run, functions, REINTEGRATE)
     if inside.settings.method.simplified:

@@ -1,4 +1,4 @@
-"""All that levels tell of one number: its differences, orders, gates, verdict, limit and uncertainty."""
+"""The variables of a refinement for one number: its differences, orders, gates, verdict, limit and uncertainty."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class Watched:
     ----------
     name, units, said : str
     dims : tuple of str
-        What the places are; none for one number of a run.
+        Of the places; none for one number per run.
     values, errors : ndarray, shape (places, levels)
-        What it came to, and how far interpolation or location may have that off.
+        The values, and their errors by interpolation or location.
     rounding, moved : ndarray, shape (places,)
-        How far rounding, and what is not known of events before, may have the finest values off.
+        Errors of the finest values by rounding, and by the uncertain location of events before.
     kinks : ndarray, shape (places,)
-        The order that switches leave which steps went over, inf where none did.
+        The order left by switches that steps went over, inf where there are none.
     scale : float
-        What differences are measured by besides: a size of the quantity that is never zero.
+        By which differences are divided: a size of the quantity that is never zero.
     """
 
     name: str
@@ -51,41 +51,45 @@ class Watched:
 
     @property
     def changes(self) -> Floats:
-        """To the next finer level; nan for the finest, shape (places, levels)."""
-        found = np.full(self.values.shape, np.nan)
-        found[:, :-1] = np.diff(self.values, axis=-1)
-        return found
+        """Difference to the next finer level; nan for the finest, shape (places, levels)."""
+        differences = np.full(self.values.shape, np.nan)
+        differences[:, :-1] = np.diff(self.values, axis=-1)
+        return differences
 
 
 def family(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
-    """Return every variable that is said of one number, ready for a Dataset; `accepted` are the finest level's steps."""
+    """Return every variable about one number, ready for a Dataset; `accepted` counts the finest level's steps."""
     name, units, changes = one.name, one.units, one.changes
-    each = (LEVEL, *one.dims)
+    dims = (LEVEL, *one.dims)
 
     def along(values: Floats) -> Floats:
         """Levels first; without places, levels alone."""
         return values.T if one.dims else values[0]
 
-    # the finest level has no difference of its own: its gate is that of the last one
+    # the finest level has no difference of its own: its gate uses the last one
     last = np.abs(np.concatenate([changes[:, :-1], changes[:, -2:-1]], axis=-1))
     gate = (~(one.errors <= last)).astype(np.int8)
     scale = {"scale": one.scale, "scale_units": units}
-    found: dict[str, Any] = {
-        name: (each, along(one.values), about(units, one.said, ROLE)),
-        f"difference_{name}": (each, along(changes), about(units, f"{name} of the next finer level less that of this one", ROLE)),
-        f"scaled_difference_{name}": (each, along(changes / one.scale), about("1", f"difference_{name} over a scale, {one.scale:.6g} {units}", ROLE) | scale),
-        f"interpolation_error_{name}": (each, along(one.errors), about(units, f"how far interpolation, or the location of an event, may have {name} off", ROLE)),
-        f"gate_{name}": (each, along(gate), about("1", f"passed where interpolation_error_{name} is at most the difference to the next finer level", "flag") | flags(dict(enumerate(GATES)))),
+    variables: dict[str, Any] = {
+        name: (dims, along(one.values), about(units, one.said, ROLE)),
+        f"difference_{name}": (dims, along(changes), about(units, f"{name} of the next finer level less that of this one", ROLE)),
+        f"scaled_difference_{name}": (dims, along(changes / one.scale), about("1", f"difference_{name} over a scale, {one.scale:.6g} {units}", ROLE) | scale),
+        f"interpolation_error_{name}": (dims, along(one.errors), about(units, f"how far interpolation, or the location of an event, may have {name} off", ROLE)),
+        f"gate_{name}": (dims, along(gate), about("1", f"passed where interpolation_error_{name} is at most the difference to the next finer level", "flag") | flags(dict(enumerate(GATES)))),
     }  # fmt: skip
-    return found | (_judged(one, levels, accepted) if levels.ordered else {})
+    return variables | (_judged(one, levels, accepted) if levels.ordered else {})
 
 
-def _judged(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
-    """Return what can be said where levels are numbers that errors shrink with."""
-    name, units, steps = one.name, one.units, levels.values
-    orders = observed_orders(one.values, steps).T if one.dims else observed_orders(one.values, steps)[0]
+def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
+    """Return orders, verdicts, limits and uncertainties, where levels are numbers with which errors shrink."""
+    name, units, steps = number.name, number.units, levels.values
+    orders = observed_orders(number.values, steps).T if number.dims else observed_orders(number.values, steps)[0]
     smooth = levels.varied is not RTOLS
-    kinks = np.full(len(one.values), np.inf) if one.kinks is None or levels.varied is TIME_TOLERANCES else one.kinks
+    kinks = (
+        np.full(len(number.values), np.inf)
+        if number.kinks is None or levels.varied is TIME_TOLERANCES
+        else number.kinks
+    )
     judged = [
         judge(
             values,
@@ -100,19 +104,19 @@ def _judged(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
             order=levels.order,
         )
         for values, errors, rounding, moved, kink in zip(
-            one.values, one.errors, one.rounding.tolist(), one.moved.tolist(), kinks.tolist(), strict=True
+            number.values, number.errors, number.rounding.tolist(), number.moved.tolist(), kinks.tolist(), strict=True
         )
     ]
-    rules = sorted({found.rule for found in judged}) or ["none"]
+    rules = sorted({judgement.rule for judgement in judged}) or ["none"]
 
     def once(values: list[Any], dtype: Any) -> Any:
-        return (one.dims, np.array(values if one.dims else values[0], dtype))
+        return (number.dims, np.array(values if number.dims else values[0], dtype))
 
     words = {i: rule.replace(" ", "_").replace(":", "") for i, rule in enumerate(rules)}
     return {
-        f"order_{name}": ((LEVEL, *one.dims), orders, about("1", f"observed order of {name}, with the levels before and behind; below 0 differences grow", ROLE)),
-        f"verdict_{name}": (*once([found.verdict for found in judged], np.int8), about("1", f"what the levels tell of {name}", "flag") | flags(dict(enumerate(VERDICTS)))),
-        f"limit_{name}": (*once([found.limit for found in judged], float), about(units, f"{name} with an ever smaller {levels.varied.name}", ROLE)),
-        f"uncertainty_{name}": (*once([found.uncertainty for found in judged], float), about(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE)),
-        f"uncertainty_rule_{name}": (*once([rules.index(found.rule) for found in judged], np.int8), about("1", f"where the uncertainty of {name} is from", "flag") | flags(words)),
+        f"order_{name}": ((LEVEL, *number.dims), orders, about("1", f"observed order of {name}, with the levels before and behind; below 0 differences grow", ROLE)),
+        f"verdict_{name}": (*once([judgement.verdict for judgement in judged], np.int8), about("1", f"what the levels tell of {name}", "flag") | flags(dict(enumerate(VERDICTS)))),
+        f"limit_{name}": (*once([judgement.limit for judgement in judged], float), about(units, f"{name} with an ever smaller {levels.varied.name}", ROLE)),
+        f"uncertainty_{name}": (*once([judgement.uncertainty for judgement in judged], float), about(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE)),
+        f"uncertainty_rule_{name}": (*once([rules.index(judgement.rule) for judgement in judged], np.int8), about("1", f"where the uncertainty of {name} is from", "flag") | flags(words)),
     }  # fmt: skip

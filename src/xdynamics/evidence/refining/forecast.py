@@ -1,4 +1,4 @@
-"""What the next level of a refinement would take, and what it would need to come to a wanted change."""
+"""The size of the next level of a refinement, and of the level that would reach a wanted change."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from xdynamics.units import behind
 
 Floats = NDArray[np.float64]
 
-MOST_ROWS = 10_000_000  # of a level that is added, where nothing is asked for
-COPIES = 2.0  # of a level in memory: its log, and its record
-LEAST_ORDER = 0.1  # under which changes do not fall
+MOST_ROWS = 10_000_000  # of a level that is added, by default
+COPIES = 2.0  # of a level in memory: its log and its record
+LEAST_ORDER = 0.1  # below which changes do not fall
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a level that is added may take.
+    """Limits on a level that is added.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Bounds:
     memory: float | None = None
 
     def exceeded(self, study: Study, rows: float) -> str:
-        """Say which bound a level of so many rows would exceed; nothing where it exceeds none."""
+        """Name the bound that a level of so many rows would exceed; empty if it exceeds none."""
         size, keep = rows * _bytes_of_row(study), study.levels.keep
         if rows > self.rows:
             return f"more than most_rows = {self.rows:.9g}"
@@ -51,7 +51,7 @@ class Bounds:
 
 
 def obstacle(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> str:
-    """Say why no further level is to be marched: what the next one would take, or the one that is needed; else nothing."""
+    """Return why no further level is marched: the size of the next one, or of the one that is needed; else empty."""
     rows = float(study.runs[-1].sizes["step"])
     growth = _growth(study)
     if why := bounds.exceeded(study, rows * growth):
@@ -61,35 +61,35 @@ def obstacle(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> str:
 
 
 def _needed(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> tuple[str, bool]:
-    """Say which level each number would need, and whether that is known, and beyond a bound."""
+    """Describe the level that each number would need, and return whether one is known to be out of reach."""
     levels, rows, growth = study.levels, float(study.runs[-1].sizes["step"]), _growth(study)
-    words, beyond = [], False
-    for one in study.numbers() if len(study.runs) > 1 else ():
-        if one.name not in wanted:
+    sentences, beyond = [], False
+    for number in study.numbers() if len(study.runs) > 1 else ():
+        if number.name not in wanted:
             continue
-        tolerance, changes = wanted[one.name], np.nanmax(np.abs(one.changes), axis=0, initial=0.0)
+        tolerance, changes = wanted[number.name], np.nanmax(np.abs(number.changes), axis=0, initial=0.0)
         last, before = float(changes[-2]), float(changes[-3]) if len(changes) > 2 else np.nan
         if last <= tolerance:
             continue
-        if tolerance < float(one.rounding.min()):
-            words.append(f"rounding alone moves {one.name} by {float(one.rounding.min()):.1g} {one.units}: no {levels.varied.name} would do")  # fmt: skip
-            beyond = beyond or last <= float(one.rounding.max())
+        if tolerance < float(number.rounding.min()):
+            sentences.append(f"rounding alone moves {number.name} by {float(number.rounding.min()):.1g} {number.units}: no {levels.varied.name} would do")  # fmt: skip
+            beyond = beyond or last <= float(number.rounding.max())
             continue
         ratio = _ratio(study)
         order = float(log(before / last) / log(ratio)) if before > 0.0 else levels.formal
         if not order > LEAST_ORDER:
-            words.append(f"changes of {one.name} do not fall")
+            sentences.append(f"changes of {number.name} do not fall")
             continue
         count = float(np.ceil(float(log(last / tolerance)) / (order * float(log(ratio)))))
         value, needed = float(levels.values[-1]) / float(power(ratio, count)), rows * float(power(growth, count))
         unit = behind(levels.varied.units or levels.model.time_unit.text)
-        words.append(
-            f"{one.name} would need a {levels.varied.name} of about {value:.2g}{unit}: {_extent(study, needed)}"
+        sentences.append(
+            f"{number.name} would need a {levels.varied.name} of about {value:.2g}{unit}: {_extent(study, needed)}"
         )
-        known, why = len(changes) > 2 and abs(order - levels.formal) <= STEADY, bounds.exceeded(study, needed)
-        words[-1] += f", {why}" if why else ""
-        beyond = beyond or (known and bool(why))
-    return "; ".join(words), beyond
+        certain, why = len(changes) > 2 and abs(order - levels.formal) <= STEADY, bounds.exceeded(study, needed)
+        sentences[-1] += f", {why}" if why else ""
+        beyond = beyond or (certain and bool(why))
+    return "; ".join(sentences), beyond
 
 
 def _ratio(study: Study) -> float:
@@ -99,7 +99,7 @@ def _ratio(study: Study) -> float:
 
 
 def _growth(study: Study) -> float:
-    """Return how many times the rows of the last level the next one has."""
+    """Return the ratio of the next level's rows to the last one's."""
     if study.levels.varied is STEPS:
         return _ratio(study)
     if study.levels.varied is RTOLS and len(study.runs) > 1:
@@ -108,11 +108,11 @@ def _growth(study: Study) -> float:
 
 
 def _bytes_of_row(study: Study) -> float:
-    """Return how many bytes a row of a level's record has."""
+    """Return the size of one row of a level's record in bytes."""
     run = study.runs[-1]
-    return float(sum(one.dtype.itemsize for one in run.variables.values() if one.dims[:1] == ("step",)))
+    return float(sum(variable.dtype.itemsize for variable in run.variables.values() if variable.dims[:1] == ("step",)))
 
 
 def _extent(study: Study, rows: float) -> str:
-    """Write rows, and how large they are."""
+    """Write a number of rows and their size."""
     return f"{rows:.2g} rows ({said(rows * _bytes_of_row(study))})"

@@ -1,4 +1,4 @@
-"""What is varied from level to level of a refinement, from coarse to fine, and the run of each level."""
+"""The quantity varied from level to level of a refinement, from coarse to fine, and the run of each level."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 FEWEST = 2  # levels
-MOST = 24  # levels, where they are added until changes are small
+MOST = 24  # levels, if they are added until changes are small
 LOCATED = ("events", "contacts", "frictions")  # sections whose entries have time tolerances
 
 
 @dataclass(frozen=True)
 class Varied:
-    """One thing that can be varied.
+    """A quantity that can be varied.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Varied:
     name : str
         The variable of the levels in the evidence.
     units, said : str
-        `TIME_UNIT` of what is in the model's unit of time.
+        Its units, `TIME_UNIT` for the model's unit of time, and its long name.
     ratio : float
         From one level to the next, where levels are added.
     """
@@ -64,7 +64,7 @@ ALL = (STEPS, RTOLS, TIME_TOLERANCES, CHOICES)
 
 @dataclass(frozen=True)
 class Levels:
-    """One model from level to level.
+    """One model at every level of a refinement.
 
     Attributes
     ----------
@@ -73,13 +73,13 @@ class Levels:
     values : ndarray of float, or of str
         From coarse to fine.
     formal : float
-        The order that errors have in them: the method's in its step, 1 in a tolerance, nan of rules.
+        The order of errors in the values: the method's in its step, 1 in a tolerance, nan for rules.
     asked : dict
         Settings that all levels share.
     keep : Path, optional
-        A folder that the runs are streamed to; without it they stay in memory.
+        A folder to which the runs are streamed; without it they stay in memory.
     order : float
-        That of the method in its step, whatever is varied.
+        The method's in its step, whatever is varied.
     """
 
     model: Model
@@ -94,28 +94,34 @@ class Levels:
     def of(
         cls, model: Model, given: Mapping[str, Any], asked: dict[str, Any], *, fewest: int, keep: Path | None = None
     ) -> Levels:
-        """Read what is varied.
+        """Read the values of the levels.
 
         Raises
         ------
         InputError
-            If it is not one thing that gets finer.
+            If not exactly one quantity is varied, or its values do not get finer.
         """
-        said = [one for one in ALL if given[one.keyword] is not None]
-        if len(said) != 1:
-            raise InputError(f"refine needs {', '.join(f'{one.keyword}=[…]' for one in ALL[:-1])} or rules=[…], one of them")  # fmt: skip
-        varied, values = said[0], given[said[0].keyword]
+        chosen = [candidate for candidate in ALL if given[candidate.keyword] is not None]
+        if len(chosen) != 1:
+            raise InputError(f"refine needs {', '.join(f'{candidate.keyword}=[…]' for candidate in ALL[:-1])} or rules=[…], one of them")  # fmt: skip
+        varied, values = chosen[0], given[chosen[0].keyword]
         if isinstance(values, str | float | int):
             raise InputError(f"{varied.keyword} is {values!r}, needs a row of them, from coarse to fine")
-        found = np.array([_read(model, varied, one) for one in values])
+        level_values = np.array([_read(model, varied, candidate) for candidate in values])
         if varied is CHOICES:
-            if len(found) < FEWEST or not {*found.tolist()} <= {*RULES} or len({*found.tolist()}) < len(found):
+            if (
+                len(level_values) < FEWEST
+                or not {*level_values.tolist()} <= {*RULES}
+                or len({*level_values.tolist()}) < len(level_values)
+            ):
                 raise InputError(f"rules are {[*map(str, values)]}, need both of {', '.join(RULES)}")
-        elif len(found) < fewest or not (np.diff(found) < 0).all() or not (found > 0).all():
+        elif len(level_values) < fewest or not (np.diff(level_values) < 0).all() or not (level_values > 0).all():
             raise InputError(f"{varied.keyword} are {[*map(str, values)]}, need {fewest} or more that get smaller, all positive")  # fmt: skip
-        one = cls(model, varied, found, 1.0, asked, keep)
-        order = float(settings_for(one.model_of(found[0]), **one.asked_of(found[0])).method.order)
-        return replace(one, formal={STEPS: order, CHOICES: np.nan}.get(varied, 1.0), order=order)
+        candidate = cls(model, varied, level_values, 1.0, asked, keep)
+        order = float(
+            settings_for(candidate.model_of(level_values[0]), **candidate.asked_of(level_values[0])).method.order
+        )
+        return replace(candidate, formal={STEPS: order, CHOICES: np.nan}.get(varied, 1.0), order=order)
 
     def finer(self) -> Levels:
         """Return the levels with one more, as much finer as the last one was.
@@ -123,7 +129,7 @@ class Levels:
         Raises
         ------
         InputError
-            If there are as many as there may be.
+            If there are as many levels as allowed.
         """
         if len(self.values) == MOST:
             raise InputError(f"there are {MOST} at most")
@@ -132,7 +138,7 @@ class Levels:
 
     @property
     def ordered(self) -> bool:
-        """Whether levels are numbers that errors shrink with."""
+        """Whether levels are numbers with which errors shrink."""
         return self.varied is not CHOICES
 
     def rule(self, k: int) -> str:
@@ -141,11 +147,11 @@ class Levels:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Settings of the march that all levels share; how much memory one may take is none."""
-        return {key: one for key, one in self.asked.items() if key != "memory"}
+        """Settings of the march that all levels share, without the limit of memory."""
+        return {key: value for key, value in self.asked.items() if key != "memory"}
 
     def model_of(self, value: Any) -> Model:
-        """Return the model of a level: events are located as the level says, whatever they say themselves."""
+        """Return the model of a level: events are located as the level prescribes, not as the model does."""
         if self.varied is TIME_TOLERANCES:
             return _located(self.model, LOCATED, {"time_tolerance": f"{float(value)!r} {self.model.time_unit.text}"})
         if self.varied is CHOICES:
@@ -159,21 +165,27 @@ class Levels:
         if self.varied is RTOLS:
             coarsest = self.settings | {"rtol": float(self.values[0])}
             tolerances = settings_for(self.model, **coarsest).tolerances
-            if tolerances:  # what follows its variable goes with rtol by itself
+            if tolerances:  # those that follow their variable scale with rtol by themselves
                 varied |= absolute_tolerances(self.model, coarsest, float(value) / float(self.values[0]))
         return {"force_samples": "none"} | self.settings | varied
 
     def located(self) -> Levels | None:
-        """Return the levels with every switch located, those that are declared smooth too; none where that is not written."""
-        said = tomllib.loads(self.model.to_toml())
+        """Return the levels with every switch located, even if declared smooth; None if a switch has no such entry."""
+        document = tomllib.loads(self.model.to_toml())
         changed = {
-            part: {name: {**one, "smooth": False} for name, one in said.get(part, {}).items() if one.get("smooth")}
+            part: {
+                name: {**entry, "smooth": False}
+                for name, entry in document.get(part, {}).items()
+                if entry.get("smooth")
+            }
             for part in ("forces", "states")
         }
         written = {name for names in changed.values() for name in names}
-        if not {one.owner for one in smooth_switches(self.model)} <= written:
+        if not {entry.owner for entry in smooth_switches(self.model)} <= written:
             return None
-        return replace(self, model=self.model.replace(**{part: one for part, one in changed.items() if one}), keep=None)
+        return replace(
+            self, model=self.model.replace(**{part: entry for part, entry in changed.items() if entry}), keep=None
+        )
 
     def marched(self, k: int) -> xr.Dataset:
         """Return the run of a level."""
@@ -183,34 +195,44 @@ class Levels:
 
 
 def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0) -> dict[str, Any]:
-    """Return given absolute tolerances, or a part of them, as they are in any units: a bare number is in those of the march."""
+    """Return the absolute tolerances that were set, times a ratio, as quantities; a bare number has the march's unit.
+
+    Raises
+    ------
+    InputError
+        If a setting is wrong.
+    """
     tolerances = settings_for(model, **asked).tolerances
     if tolerances is None:
         return {}
-    given = {name: tolerances.of(name) for name in variables(model)}
-    found = {name: Quantity(ratio * one, Unit("", model.dimensions[name])) for name, one in given.items() if one is not None}  # fmt: skip
-    return {"atol": found} if found else {}
+    current = {name: tolerances.of(name) for name in variables(model)}
+    scaled = {name: Quantity(ratio * tolerance, Unit("", model.dimensions[name])) for name, tolerance in current.items() if tolerance is not None}  # fmt: skip
+    return {"atol": scaled} if scaled else {}
 
 
-def _read(model: Model, varied: Varied, given: Any) -> Any:
+def _read(model: Model, varied: Varied, value: Any) -> Any:
     if varied is CHOICES:
-        return str(given)
+        return str(value)
     if varied is RTOLS:
         try:
-            return float(given)
+            return float(value)
         except (TypeError, ValueError):
-            raise InputError(f"rtols has {given!r}, needs numbers") from None
-    return time_in(model.time_unit, given, varied.keyword)
+            raise InputError(f"rtols has {value!r}, needs numbers") from None
+    return time_in(model.time_unit, value, varied.keyword)
 
 
-def _located(model: Model, sections: tuple[str, ...], how: dict[str, str]) -> Model:
-    """Return a model whose entries of some sections are located in another way."""
-    said = tomllib.loads(model.to_toml())
-    kept = {part: {name: _without_place(one) for name, one in said.get(part, {}).items()} for part in sections}
-    changed = {part: {name: one | how for name, one in entries.items()} for part, entries in kept.items() if entries}
+def _located(model: Model, sections: tuple[str, ...], change: dict[str, str]) -> Model:
+    """Return a model in which the entries of some sections are located in another way."""
+    document = tomllib.loads(model.to_toml())
+    unplaced = {
+        part: {name: _without_place(entry) for name, entry in document.get(part, {}).items()} for part in sections
+    }
+    changed = {
+        part: {name: entry | change for name, entry in entries.items()} for part, entries in unplaced.items() if entries
+    }
     return model.replace(**changed) if changed else model
 
 
 def _without_place(entry: dict[str, Any]) -> dict[str, Any]:
-    """Return an entry without its position tolerance, which would locate it as well in every level."""
+    """Return an entry without its position tolerance, which would locate it equally well in every level."""
     return {key: value for key, value in entry.items() if key != "position_tolerance"}

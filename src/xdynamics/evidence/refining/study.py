@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 EPS = float(np.finfo(float).eps)
-FINEST = 2  # levels of which it is looked at what switches cost that steps went over
-STEPPED_OVER = 1.25  # of that, for what the located runs are off themselves
-SMOOTH_TABLE = 2  # order that is left by points of a table that steps went over
+FINEST = 2  # levels in which the error by switches that steps went over is measured
+STEPPED_OVER = 1.25  # times that error, for the errors of the located runs themselves
+SMOOTH_TABLE = 2  # order left by points of a table that steps went over
 ENERGY_RANGE, PERIOD, PHASE = "energy_range", "period_", "phase_"
 
 
 @dataclass(frozen=True)
 class Study:
-    """The runs of all levels, and what is looked at in each."""
+    """The runs of all levels, and the names of the numbers that are compared."""
 
     levels: Levels
     runs: list[xr.Dataset]
@@ -43,7 +43,7 @@ class Study:
     at: Any
 
     def finer(self) -> Study:
-        """Add a level."""
+        """Return the study with one more level."""
         levels = self.levels.finer()
         return Study(levels, [*self.runs, levels.marched(len(self.runs))], self.names, self.at)
 
@@ -54,23 +54,23 @@ class Study:
         begin, end = float(self.runs[0]["time"][0]), min(float(run["time"][-1]) for run in self.runs)
         if self.at is None:
             return np.array([end])
-        given = [self.at] if isinstance(self.at, str | float | int) else list(self.at)
-        times = np.array([time_in(unit, one, "at") for one in given])
+        requested = [self.at] if isinstance(self.at, str | float | int) else list(self.at)
+        times = np.array([time_in(unit, time, "at") for time in requested])
         self.check_reached(times)
-        for one in times.tolist():
-            if not begin <= one <= end:
+        for time in times.tolist():
+            if not begin <= time <= end:
                 raise InputError(
-                    f"at has {one!r}{behind(unit)}, needs times in every run, from {begin!r}{behind(unit)} to {end!r}{behind(unit)}"
+                    f"at has {time!r}{behind(unit)}, needs times in every run, from {begin!r}{behind(unit)} to {end!r}{behind(unit)}"
                 )
         return times
 
     def check_reached(self, times: Floats) -> None:
-        """Refuse a level whose run ended badly before the times of comparison.
+        """Refuse a level whose run failed before the times of comparison.
 
         Raises
         ------
         InputError
-            Naming the level, its outcome and what helps.
+            Naming the level, its outcome and a remedy.
         """
         for value, run in zip(self.levels.values.tolist(), self.runs, strict=True):
             if str(run.attrs["run_outcome"]) in GOOD or float(run["time"][-1]) >= float(times.max()):
@@ -83,21 +83,21 @@ class Study:
             )
 
     def watched(self) -> Iterator[Watched]:
-        """Yield every number that is compared, with what switches cost that steps went over before it."""
+        """Yield every number that is compared, with the error by switches that steps went over before it."""
         numbers = list(self.numbers())
         located = self._with_switches_located(numbers)
-        for one in numbers:
+        for number in numbers:
             if located is None:
-                yield replace(one, kinks=np.array([self.kink_before(time) for time in self._when(one).tolist()]))
+                yield replace(number, kinks=np.array([self.kink_before(time) for time in self._when(number).tolist()]))
                 continue
-            # one of the two levels may have the switch by chance on an end of a step
-            cost = np.max(np.abs(located[one.name] - one.values[:, -FINEST:]), axis=-1) if located else 0.0
-            yield replace(one, moved=one.moved + STEPPED_OVER * np.nan_to_num(cost, nan=np.inf))
+            # one of the two levels may by chance have the switch at the end of a step
+            cost = np.max(np.abs(located[number.name] - number.values[:, -FINEST:]), axis=-1) if located else 0.0
+            yield replace(number, moved=number.moved + STEPPED_OVER * np.nan_to_num(cost, nan=np.inf))
 
     def _with_switches_located(self, numbers: list[Watched]) -> dict[str, Floats] | None:
         """Return the numbers of the two finest levels with all switches located.
 
-        Nothing, where no step went over one that is declared smooth; None, where they cannot be located.
+        Empty if no step went over one that is declared smooth; None if they cannot be located.
         """
         if self.kink_before(float(self.runs[-1]["time"][-1])) == np.inf:
             return {}
@@ -109,34 +109,36 @@ class Study:
         if any(float(run["time"][-1]) < self.times.max() for run in runs):
             return None
         finest = replace(levels, values=levels.values[-FINEST:])
-        found = {one.name: one.values for one in Study(finest, runs, self.names, self.times.tolist()).numbers()}
-        same = all(one.name in found and found[one.name].shape[0] == len(one.values) for one in numbers)
-        return found if same else None
+        located = {
+            number.name: number.values for number in Study(finest, runs, self.names, self.times.tolist()).numbers()
+        }
+        same = all(number.name in located and located[number.name].shape[0] == len(number.values) for number in numbers)
+        return located if same else None
 
-    def _when(self, one: Watched) -> Floats:
-        """Return the times of a number's places; of one of a whole run, its end."""
-        if one.dims == (AT,):
+    def _when(self, number: Watched) -> Floats:
+        """Return the times of a number's places; for a number of the whole run, its end."""
+        if number.dims == (AT,):
             return self.times
-        return self._occurred(one) if one.dims else np.full(len(one.values), float(self.runs[-1]["time"][-1]))
+        return self._occurred(number) if number.dims else np.full(len(number.values), float(self.runs[-1]["time"][-1]))
 
     def kink_before(self, time: float) -> float:
-        """Return the order that switches leave which steps went over before a time in any level, inf where none did."""
+        """Return the order left by switches that steps went over before a time in any level; inf if there are none."""
         orders = [float(SMOOTH_TABLE)] if bent_and_smooth(self.levels.model) else []
-        switches = {one.name: one for one in smooth_switches(self.levels.model)}
+        switches = {switch.name: switch for switch in smooth_switches(self.levels.model)}
         for run in self.runs:
             if PASSED.name not in run.variables:
                 continue
             names = str(run[PASSED.name].attrs["names"]).split()
             for name, first in zip(names, run[FIRST_PASSED.name].values.tolist(), strict=True):
                 row = int(np.searchsorted(run["time"].values, first)) if first == first else 0
-                if row and time > float(run["time"][row - 1]):  # somewhere in the step to the first row behind it
+                if row and time > float(run["time"][row - 1]):  # somewhere in the step to the first row after it
                     orders.append(switches[name].flatness + 1.0)
         return min(orders, default=np.inf)
 
-    def _occurred(self, one: Watched) -> Floats:
-        """Return when the occurrences of an event were met in the finest level, or else at all."""
-        rows = next(each for name, each in self.met().items() if one.name in (f"event_time_{name}", *(f"after_{name}_{own}" for own in self.names)))  # fmt: skip
-        times, last = np.full(len(one.values), np.inf), self.runs[-1]["event_time"].values[rows[-1]]
+    def _occurred(self, number: Watched) -> Floats:
+        """Return when the occurrences of an event were met in the finest level; inf for those that it did not meet."""
+        rows = next(event_rows for name, event_rows in self.met().items() if number.name in (f"event_time_{name}", *(f"after_{name}_{quantity}" for quantity in self.names)))  # fmt: skip
+        times, last = np.full(len(number.values), np.inf), self.runs[-1]["event_time"].values[rows[-1]]
         times[: len(last)] = last
         return times
 
@@ -146,98 +148,98 @@ class Study:
         yield from self._at_times(times)
         yield from self._of_runs(times)
         rows = self.met()
-        # those of the finest level; of what that has not met, as many as another one has
-        most = max((len(one[-1]) or max(map(len, one)) for one in rows.values()), default=0)
-        for name, each in rows.items():
-            yield from self._of_events(name, each, most)
+        # as many as the finest level has; if that has none, as many as any other level
+        most = max((len(per_run[-1]) or max(map(len, per_run)) for per_run in rows.values()), default=0)
+        for name, event_rows in rows.items():
+            yield from self._of_events(name, event_rows, most)
 
     def met(self) -> dict[str, list[Rows]]:
         """Return the events of each name in every run."""
-        each = [met(run) for run in self.runs]
-        names = dict.fromkeys(name for one in each for name in one)
-        return {name: [one.get(name, np.zeros(0, np.int64)) for one in each] for name in names}
+        events_by_run = [met(run) for run in self.runs]
+        names = dict.fromkeys(name for events in events_by_run for name in events)
+        return {name: [events.get(name, np.zeros(0, np.int64)) for events in events_by_run] for name in names}
 
     def _at_times(self, times: Floats) -> Iterator[Watched]:
         """Yield observables at the times of comparison."""
         levels, last = self.levels, self.runs[-1]
-        known = {*observables_of(levels.model)}
-        names = [name for name in self.names if name in known]
-        found = [observe(run, levels.model, names, times, levels.rule(k)) for k, run in enumerate(self.runs)]
+        observables = {*observables_of(levels.model)}
+        names = [name for name in self.names if name in observables]
+        samples = [observe(run, levels.model, names, times, levels.rule(k)) for k, run in enumerate(self.runs)]
         for name in names:
-            values, errors = (np.stack([level[name][i] for level in found], axis=-1) for i in (0, 1))
+            values, errors = (np.stack([level[name][i] for level in samples], axis=-1) for i in (0, 1))
             moved = np.array([_moved_by_events(self.runs, name, time) for time in times])
             scale, units = _largest(last, name), str(last[name].attrs["units"])
             yield Watched(name, units, str(last[name].attrs["long_name"]), (AT,), values, errors, _rounding(last, values), moved, scale or 1.0)  # fmt: skip
 
     def _of_runs(self, times: Floats) -> Iterator[Watched]:
-        """Yield what a whole run has one of, and phases."""
-        last, none = self.runs[-1], np.zeros(1)
+        """Yield numbers of a whole run, and phases."""
+        last, unmoved = self.runs[-1], np.zeros(1)
         if ENERGY_RANGE in self.names:
             ranges = np.array([[_range(run, "total_energy") for run in self.runs]])
             scale = _largest(last, "total_energy") or 1.0
             units = str(last["total_energy"].attrs["units"])
             rounding = np.array([2.0 * EPS * scale])
-            yield Watched(ENERGY_RANGE, units, "largest less least total energy of the accepted states", (), ranges, 0.0 * ranges, rounding, none, scale)  # fmt: skip
-        for name in [one for one in self.names if one.startswith((PERIOD, PHASE))]:
+            yield Watched(ENERGY_RANGE, units, "largest less least total energy of the accepted states", (), ranges, 0.0 * ranges, rounding, unmoved, scale)  # fmt: skip
+        for name in [item for item in self.names if item.startswith((PERIOD, PHASE))]:
             kind, coordinate = (PERIOD if name.startswith(PERIOD) else PHASE), name.partition("_")[2]
             functions = self.levels.model.functions
             finest = cycles(last, coordinate, functions=functions)
-            # a level that each run chose for itself would move between them, and periods of one that decays with it
+            # a level chosen by each run would differ between runs, and with it the periods of decaying motion
             coarser = [cycles(run, coordinate, level=finest.level, functions=functions) for run in self.runs[:-1]]
-            found = [*coarser, finest]
-            doubts = np.array([float(one.uncertainties.max(initial=0.0)) for one in found])
+            counted = [*coarser, finest]
+            uncertainties = np.array([float(item.uncertainties.max(initial=0.0)) for item in counted])
             if kind == PERIOD:
-                means = [float(one.periods.mean()) if one.periods.size else np.nan for one in found]
-                each = np.array([max(1, one.periods.size) for one in found])
+                means = [float(item.periods.mean()) if item.periods.size else np.nan for item in counted]
+                counts = np.array([max(1, item.periods.size) for item in counted])
                 values, errors, units = (
                     np.array([means]),
-                    np.array([2.0 * doubts / each]),
+                    np.array([2.0 * uncertainties / counts]),
                     self.levels.model.time_unit.text,
                 )
                 dims: tuple[str, ...] = ()
-                said = f"mean period of {coordinate}, between located crossings of {finest.level:.6g} upward, a level that the finest run chose for all"
+                long_name = f"mean period of {coordinate}, between located crossings of {finest.level:.6g} upward, a level that the finest run chose for all"
             else:
-                values = np.stack([one.phase(times) for one in found], axis=-1)
-                speeds = [TURN / one.periods.mean() if one.periods.size else np.nan for one in found]
-                errors = np.broadcast_to(doubts * np.array(speeds), values.shape).copy()
+                values = np.stack([item.phase(times) for item in counted], axis=-1)
+                speeds = [TURN / item.periods.mean() if item.periods.size else np.nan for item in counted]
+                errors = np.broadcast_to(uncertainties * np.array(speeds), values.shape).copy()
                 dims, units = (AT,), "rad"
-                said = f"phase of {coordinate}, whole turns at located crossings of {finest.level:.6g} upward, a level that the finest run chose for all"
+                long_name = f"phase of {coordinate}, whole turns at located crossings of {finest.level:.6g} upward, a level that the finest run chose for all"
             rounding = _rounding(last, values)
             scale = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
-            yield Watched(name, units, said, dims, values, errors, rounding, np.zeros(len(values)), scale)
+            yield Watched(name, units, long_name, dims, values, errors, rounding, np.zeros(len(values)), scale)
 
     def _of_events(self, detector: str, rows: list[Rows], most: int) -> Iterator[Watched]:
-        """Yield the times at which one event function was met, occurrence by occurrence, and the states behind."""
-        runs, dims, still = self.runs, (OCCURRENCE,), np.zeros(most)
-        met = [run["event_time"].values[mine] for run, mine in zip(runs, rows, strict=True)]
-        # those of the finest level, and of each other one what is nearest to them
-        places = [matched(one, met[-1]) if len(met[-1]) else matched(one, one) for one in met]
+        """Yield the times at which one event function was met, occurrence by occurrence, and the states after it."""
+        runs, dims, unmoved = self.runs, (OCCURRENCE,), np.zeros(most)
+        times_met = [run["event_time"].values[mine] for run, mine in zip(runs, rows, strict=True)]
+        # occurrences of the finest level, and the nearest ones of every other level
+        places = [matched(one, times_met[-1]) if len(times_met[-1]) else matched(one, one) for one in times_met]
 
-        def of(each: list[Floats]) -> Floats:
-            found = np.full((most, len(each)), np.nan)
-            for k, (one, (mine, theirs)) in enumerate(zip(each, places, strict=True)):
-                found[theirs, k] = one[mine]
-            return found
+        def of(by_run: list[Floats]) -> Floats:
+            aligned = np.full((most, len(by_run)), np.nan)
+            for k, (one, (mine, theirs)) in enumerate(zip(by_run, places, strict=True)):
+                aligned[theirs, k] = one[mine]
+            return aligned
 
-        times = of(met)
-        each = [run["event_time_uncertainty"].values[mine] for run, mine in zip(runs, rows, strict=True)]
+        times = of(times_met)
+        by_run = [run["event_time_uncertainty"].values[mine] for run, mine in zip(runs, rows, strict=True)]
         span = float(runs[-1]["time"][-1] - runs[-1]["time"][0]) or 1.0
-        said = f"time at which {detector} was met"
-        yield Watched(f"event_time_{detector}", self.levels.model.time_unit.text, said, dims, times, of(each), 4 * EPS * np.abs(times[:, -1]), still, span)  # fmt: skip
+        long_name = f"time at which {detector} was met"
+        yield Watched(f"event_time_{detector}", self.levels.model.time_unit.text, long_name, dims, times, of(by_run), 4 * EPS * np.abs(times[:, -1]), unmoved, span)  # fmt: skip
         for name in [one for one in self.names if one in runs[-1].variables and one in self.levels.model.units]:
-            states, doubts = [], []
-            for run, mine, doubt in zip(runs, rows, each, strict=True):
+            states, uncertainties = [], []
+            for run, mine, uncertainty in zip(runs, rows, by_run, strict=True):
                 after, before = run["event_row_after"].values[mine], run["event_row_before"].values[mine]
                 states.append(run[name][after].values)
-                doubts.append(np.abs(run[_rate_of(run, name)][before].values) * doubt)
+                uncertainties.append(np.abs(run[_rate_of(run, name)][before].values) * uncertainty)
             values = of(states)
             scale = _largest(runs[-1], name) or 1.0
             units = str(runs[-1][name].attrs["units"])
-            yield Watched(f"after_{detector}_{name}", units, f"{name} behind {detector}", dims, values, of(doubts), _rounding(runs[-1], values), still, scale)  # fmt: skip
+            yield Watched(f"after_{detector}_{name}", units, f"{name} behind {detector}", dims, values, of(uncertainties), _rounding(runs[-1], values), unmoved, scale)  # fmt: skip
 
 
 def _moved_by_events(runs: list[xr.Dataset], name: str, time: float) -> float:
-    """Return how far the uncertain times of events before it may have an observable off; without bound where their number differs."""
+    """Return the error of an observable by the uncertain times of events before it; inf if their numbers differ."""
     counts = [int((run["event_time"].values < time).sum()) for run in runs[-2:]]
     if len(set(counts)) > 1:
         return np.inf
@@ -247,7 +249,7 @@ def _moved_by_events(runs: list[xr.Dataset], name: str, time: float) -> float:
         and len(times[0]) == len(times[1])
         and (np.abs(time - times[1]) <= np.abs(times[1] - times[0])).any()
     ):
-        return np.inf  # on which side of the event it is, is not known
+        return np.inf  # it is not known on which side of the event it is
     run = runs[-1]
     if not counts[-1]:
         return 0.0
@@ -256,15 +258,17 @@ def _moved_by_events(runs: list[xr.Dataset], name: str, time: float) -> float:
 
 
 def _rates(run: xr.Dataset, name: str, rows: NDArray[np.int64]) -> Floats:
-    """Return how fast an observable changed in the step to each of some rows; times of events stand twice."""
-    span, change = (run[one][rows].values - run[one][np.maximum(rows - 1, 0)].values for one in ("time", name))
+    """Return the rate of change of an observable in the step to each row; 0 where a time of an event is repeated."""
+    span, change = (
+        run[variable][rows].values - run[variable][np.maximum(rows - 1, 0)].values for variable in ("time", name)
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
-        found: Floats = np.where(span > 0.0, change / span, 0.0)
-    return found
+        rates: Floats = np.where(span > 0.0, change / span, 0.0)
+    return rates
 
 
 def _largest(run: xr.Dataset, name: str) -> float:
-    """Return the largest size of a quantity; what is in a file comes a part at a time."""
+    """Return the largest absolute value of a quantity, reading files slab by slab."""
     return max(float(np.max(np.abs(part))) for part in slabs(run[name].variable))
 
 
@@ -275,13 +279,13 @@ def _range(run: xr.Dataset, name: str) -> float:
 
 
 def _rate_of(run: xr.Dataset, name: str) -> str:
-    """Name the variable that is the rate of a coordinate, velocity or state."""
+    """Return the name of the variable that is the rate of a coordinate, velocity or state."""
     role = run[name].attrs["role"]
     return {"coordinate": velocity(name), "velocity": acceleration(name.removeprefix("v_")), "state": rate(name)}[role]
 
 
 def _rounding(run: xr.Dataset, values: Floats) -> Floats:
-    """Return what rounding may have added up to in the finest run: of the largest value, growing as the root of steps."""
+    """Return the rounding error accumulated in the finest run: of the largest value, growing as the root of steps."""
     largest = np.max(np.abs(values), axis=-1, where=np.isfinite(values), initial=0.0)
-    found: Floats = 4.0 * EPS * largest * np.sqrt(run.sizes["step"])
-    return found
+    bound: Floats = 4.0 * EPS * largest * np.sqrt(run.sizes["step"])
+    return bound
