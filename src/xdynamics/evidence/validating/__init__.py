@@ -1,1 +1,1 @@
-"""Validation: runs held against what is known exactly."""
+"""Validation: runs compared with exact solutions."""

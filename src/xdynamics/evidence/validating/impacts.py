@@ -1,7 +1,7 @@
-"""Impacts of a run held against the law of its contacts: impulses, rates on both sides, friction's bound, energies.
+"""Impacts of a run checked against the law of its contacts: impulses, rates on both sides, friction bound, energies.
 
-Everything is computed anew from the two states that the record has of an impact, with trees of the model and a mass
-matrix evaluated in Python; nothing of the march takes part.
+Everything is recomputed from the two recorded states of an impact, with expressions of the model and a mass
+matrix evaluated in Python, independently of the march.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 EPS = float(np.finfo(float).eps)
-ROUNDINGS = 256.0  # of the terms of a sum, which the condition of the mass matrix multiplies
-NEAR = 1e-9  # of the largest gap: a contact as near as that may be in another one's impact
+ROUNDINGS = 256.0  # of the terms of a sum, times the condition of the mass matrix
+NEAR = 1e-9  # of the largest gap: a contact as near as that may take part in another one's impact
 OF_RATES = ("newton", "sequential")
 
 
 @dataclass(frozen=True)
 class Check:
-    """One relation over all impacts: where it is fulfilled worst, measured by its bound.
+    """One relation over all impacts, at the impact where it is violated most relative to its bound.
 
     Attributes
     ----------
     name, relation, observable, units : str
     residual, bound : float
-        Of that impact; nan where there is nothing to compare.
+        Of that impact; nan if there is nothing to compare.
     where : str
     note : str
         Why there is nothing to compare.
@@ -64,7 +64,7 @@ class Impacts:
     def __init__(self, run: xr.Dataset, model: Model) -> None:
         self.run, self.model = run, model
         kind, row = run["event_kind"].values, run["event_row_before"].values
-        reset = np.isin(row, row[kind == RESET_KIND])  # velocities that are set are no matter of impulses
+        reset = np.isin(row, row[kind == RESET_KIND])  # velocities that a reset sets do not follow from impulses
         self.events = np.flatnonzero((kind == IMPACT) & ~reset)
         self.rows = row[self.events], run["event_row_after"].values[self.events]
         self.groups, self.group = np.unique(self.rows[0], return_inverse=True)
@@ -76,13 +76,13 @@ class Impacts:
         self.lost = self._events("event_energy_lost")
 
     def _events(self, name: str) -> Floats:
-        found: Floats = self.run[name].values[self.events] * float(parse_unit(self.run[name].attrs["units"]).factor)
-        return found
+        values: Floats = self.run[name].values[self.events] * float(parse_unit(self.run[name].attrs["units"]).factor)
+        return values
 
     def column(self, name: str, rows: Any) -> Floats:
         """Return a variable in rows of the run."""
-        found: Floats = self.run[name].values[rows] * float(parse_unit(self.run[name].attrs["units"]).factor)
-        return found
+        values: Floats = self.run[name].values[rows] * float(parse_unit(self.run[name].attrs["units"]).factor)
+        return values
 
     def _columns(self, named: Any, rows: Any) -> Floats:
         return np.stack([self.column(named(name), rows) for name in self.model.coordinates], axis=1)
@@ -90,8 +90,8 @@ class Impacts:
     def state(self, rows: Any) -> dict[str, Floats]:
         """Return time, coordinates, velocities and first-order states in rows of the run."""
         names = ("time", *self.model.coordinates, *map(velocity, self.model.coordinates), *self.model.states)
-        found = {name: self.column(name, rows) for name in names}
-        return {"t": found.pop("time")} | found
+        columns = {name: self.column(name, rows) for name in names}
+        return {"t": columns.pop("time")} | columns
 
     @cached_property
     def masses(self) -> Floats:
@@ -104,18 +104,18 @@ class Impacts:
     def conditions(self) -> Floats:
         """Condition of each mass matrix with ones on its diagonal."""
         size = np.sqrt(np.diagonal(self.masses, axis1=1, axis2=2))
-        found: Floats = np.linalg.cond(self.masses / (size[:, :, None] * size[:, None, :]))
-        return found
+        condition: Floats = np.linalg.cond(self.masses / (size[:, :, None] * size[:, None, :]))
+        return condition
 
     @cached_property
     def rounding(self) -> Floats:
-        """What rounding may leave of a sum, as a share of its terms."""
+        """The rounding error of a sum, as a fraction of its terms."""
         return ROUNDINGS * EPS * self.conditions
 
     def values(self, tree: Node, side: int) -> Floats:
         """Evaluate an expression of the model before (0) or after (1) every impact."""
-        found = evaluated_many(self.model, [tree], self.state(self.rows[side]), constants(self.model), tables_of(self.model))[0]  # fmt: skip
-        return np.broadcast_to(np.asarray(found, float), (len(self.events),))
+        numbers = evaluated_many(self.model, [tree], self.state(self.rows[side]), constants(self.model), tables_of(self.model))[0]  # fmt: skip
+        return np.broadcast_to(np.asarray(numbers, float), (len(self.events),))
 
     def row_of(self, one: Reaction) -> Floats:
         """Return the derivative of a reaction's rate by the velocities at every impact."""
@@ -123,12 +123,12 @@ class Impacts:
         return np.stack([self.values(tree, 0) for tree in trees], axis=1)
 
     def of(self, name: str) -> NDArray[np.int64]:
-        """Return the numbers of the impacts of a contact."""
+        """Return the indices of the impacts of a contact."""
         return np.array([i for i, owner in enumerate(self.owners) if owner == name], np.int64)
 
 
 def checks_of(run: xr.Dataset, model: Model) -> Iterator[Check]:
-    """Yield what the impacts of a run are held against, nothing where there is none."""
+    """Yield the checks of a run's impacts; none if there are no impacts."""
     if not model.contacts or "event_energy_lost" not in run or not (run["event_kind"].values == IMPACT).any():
         return
     impacts = Impacts(run, model)
@@ -139,19 +139,21 @@ def checks_of(run: xr.Dataset, model: Model) -> Iterator[Check]:
 
 
 def _settled(impacts: Impacts) -> Floats:
-    """Return by how much impulses may differ that take away rates below what the time tolerance leaves.
+    """Return how much impulses may differ because events are located to within the time tolerance.
 
-    A contact that rests loses the rate that it may have come to within the time to which events are located.
+    A contact that comes to rest loses the rate that it may have gained within that time.
     """
     tolerance = float(impacts.run.attrs["solver_time_tolerance"])
-    asked = [one.time_tolerance.si for one in impacts.model.contacts.values() if one.time_tolerance is not None]
-    terms = [np.abs(impacts.masses) @ np.abs(one)[:, :, None] for one in impacts.accelerations]
-    found: Floats = max([tolerance, *asked]) * (terms[0] + terms[1])[:, :, 0]
-    return found
+    tolerances = [
+        entry.time_tolerance.si for entry in impacts.model.contacts.values() if entry.time_tolerance is not None
+    ]
+    terms = [np.abs(impacts.masses) @ np.abs(entry)[:, :, None] for entry in impacts.accelerations]
+    change: Floats = max([tolerance, *tolerances]) * (terms[0] + terms[1])[:, :, 0]
+    return change
 
 
 def _of_impulses(impacts: Impacts) -> Iterator[Check]:
-    """Hold impulses against the jump of velocities in the metric of the mass, and energies against impulses."""
+    """Check impulses against the jump of velocities in the metric of the mass, and energies against impulses."""
     run, (before, after) = impacts.run, impacts.speeds
     first = np.unique(impacts.group, return_index=True)[1]
     jump = (impacts.masses @ (after - before)[:, :, None])[first, :, 0]
@@ -177,21 +179,27 @@ def _of_impulses(impacts: Impacts) -> Iterator[Check]:
 
 
 def _of_contact(impacts: Impacts, name: str) -> Iterator[Check]:
-    """Hold the impulses of one contact against its directions and friction, its rates and energy against its law."""
-    mine, law = impacts.of(name), impacts.model.contacts[name].law
-    parts = [one for one in reactions(impacts.model) if one.owner == name and one.sort != DRY]
+    """Check the impulses of one contact against its directions and friction, its rates and energy against its law."""
+    members, law = impacts.of(name), impacts.model.contacts[name].law
+    parts = [reaction for reaction in reactions(impacts.model) if reaction.owner == name and reaction.sort != DRY]
     normal = parts[0]
-    rows = np.stack([impacts.row_of(one)[mine] for one in parts], axis=2)
-    impulse, rounding = impacts.impulses[mine], impacts.rounding[mine]
-    strength = np.stack([np.linalg.lstsq(row, one, rcond=None)[0] for row, one in zip(rows, impulse, strict=True)])
-    before, after = (np.stack([impacts.values(one.rate, side)[mine] for one in parts], axis=1) for side in (0, 1))
-    speeds = np.abs(impacts.speeds[0][mine]) + np.abs(impacts.speeds[1][mine])
+    rows = np.stack([impacts.row_of(reaction)[members] for reaction in parts], axis=2)
+    impulse, rounding = impacts.impulses[members], impacts.rounding[members]
+    strength = np.stack(
+        [np.linalg.lstsq(row, reaction, rcond=None)[0] for row, reaction in zip(rows, impulse, strict=True)]
+    )
+    before, after = (
+        np.stack([impacts.values(reaction.rate, side)[members] for reaction in parts], axis=1) for side in (0, 1)
+    )
+    speeds = np.abs(impacts.speeds[0][members]) + np.abs(impacts.speeds[1][members])
     size = np.sum(np.abs(rows) * speeds[:, :, None], axis=1) + np.abs(before) + np.abs(after)
-    noise = rounding[:, None] * size + _slack(impacts, parts)[mine]
+    noise = rounding[:, None] * size + _slack(impacts, parts)[members]
 
-    off = np.linalg.norm(impulse - np.einsum("kij,kj->ki", rows, strength), axis=1) / np.linalg.norm(impulse, axis=1)
+    deviation = np.linalg.norm(impulse - np.einsum("kij,kj->ki", rows, strength), axis=1) / np.linalg.norm(
+        impulse, axis=1
+    )
     relation = "impulse is along the gradient of the gap, and the slip's"
-    yield _worst(impacts, f"{name}.direction", relation, "event_impulse", "1", off, rounding, mine)
+    yield _worst(impacts, f"{name}.direction", relation, "event_impulse", "1", deviation, rounding, members)
 
     unit, observable = spell(rate_dimension(impacts.model, normal)).text, f"rates of contact {name}"
     relation = (
@@ -201,35 +209,35 @@ def _of_contact(impacts: Impacts, name: str) -> Iterator[Check]:
         why = f"law = '{law}' with friction relates impulses, or work, within an impact, and not the rates at its ends"
         yield Check(f"{name}.restitution", relation, observable, unit, note=why)
     else:
-        aim = after[:, 0] + impacts.values(normal.size, 0)[mine] * np.minimum(before[:, 0], 0.0)
-        least = aim if law == "newton" else after[:, 0]
-        residual = np.where(_alone(impacts)[mine], np.abs(aim), np.maximum(0.0, -least))
-        yield _worst(impacts, f"{name}.restitution", relation, observable, unit, residual, noise[:, 0], mine)
+        mismatch = after[:, 0] + impacts.values(normal.size, 0)[members] * np.minimum(before[:, 0], 0.0)
+        least = mismatch if law == "newton" else after[:, 0]
+        residual = np.where(_alone(impacts)[members], np.abs(mismatch), np.maximum(0.0, -least))
+        yield _worst(impacts, f"{name}.restitution", relation, observable, unit, residual, noise[:, 0], members)
 
     if len(parts) > 1:
-        friction = impacts.values(parts[1].size, 0)[mine]
-        over = np.maximum(0.0, np.abs(strength[:, 1]) / np.abs(strength[:, 0]) - friction)
+        friction = impacts.values(parts[1].size, 0)[members]
+        excess = np.maximum(0.0, np.abs(strength[:, 1]) / np.abs(strength[:, 0]) - friction)
         relation, bound = "|tangential impulse| <= friction times normal impulse", rounding * (1.0 + friction) * np.linalg.cond(rows)  # fmt: skip
-        yield _worst(impacts, f"{name}.friction", relation, "event_impulse", "1", over, bound, mine)
+        yield _worst(impacts, f"{name}.friction", relation, "event_impulse", "1", excess, bound, members)
 
     loss = -np.sum(strength * (before + after), axis=1) / 2.0
     relation, unit = "energy lost = -(impulses times (rates before + after)/2)", str(impacts.run["event_energy_lost"].attrs["units"])  # fmt: skip
-    bound, off = np.sum(np.abs(strength) * noise, axis=1), np.abs(impacts.lost[mine] - loss)
-    ends = _alone(impacts)[mine] | (law != "sequential")  # which strikes one contact after the other, at rates between
+    bound, deviation = np.sum(np.abs(strength) * noise, axis=1), np.abs(impacts.lost[members] - loss)
+    ends = _alone(impacts)[members] | (law != "sequential")  # strikes one contact after the other, at rates in between
     if not ends.any():
         why = "law = 'sequential' takes energy strike by strike, where others are struck too, and not by the rates at the ends"
         yield Check(f"{name}.energy_lost", relation, "event_energy_lost", unit, note=why)
         return
-    yield _worst(impacts, f"{name}.energy_lost", relation, "event_energy_lost", unit, off[ends], bound[ends], mine[ends])  # fmt: skip
+    yield _worst(impacts, f"{name}.energy_lost", relation, "event_energy_lost", unit, deviation[ends], bound[ends], members[ends])  # fmt: skip
 
 
 def _alone(impacts: Impacts) -> NDArray[np.bool_]:
-    """Tell which impacts are of one contact, while no other one is as near that it might be in them."""
-    found: NDArray[np.bool_] = np.bincount(impacts.group)[impacts.group] == 1
-    for name, one in impacts.model.contacts.items():
-        near = np.abs(impacts.values(impacts.model.expanded(one.gap), 0)) <= NEAR * _largest_gap(impacts, name)
-        found &= ~near | np.array([owner == name for owner in impacts.owners])
-    return found
+    """Tell which impacts are of a single contact, with no other one near enough to take part."""
+    alone: NDArray[np.bool_] = np.bincount(impacts.group)[impacts.group] == 1
+    for name, contact in impacts.model.contacts.items():
+        near = np.abs(impacts.values(impacts.model.expanded(contact.gap), 0)) <= NEAR * _largest_gap(impacts, name)
+        alone &= ~near | np.array([owner == name for owner in impacts.owners])
+    return alone
 
 
 def _largest_gap(impacts: Impacts, name: str) -> float:
@@ -238,17 +246,17 @@ def _largest_gap(impacts: Impacts, name: str) -> float:
 
 
 def _slack(impacts: Impacts, parts: list[Reaction]) -> Floats:
-    """Return what rates of a contact may change by within the time tolerance."""
-    tolerance, found = float(impacts.run.attrs["solver_time_tolerance"]), []
-    asked = [one.time_tolerance.si for one in impacts.model.contacts.values() if one.time_tolerance is not None]
-    for one in parts:
-        row, bias = np.abs(impacts.row_of(one)), np.abs(impacts.values(one.bias, 0))
-        found.append(bias + sum(np.sum(row * np.abs(each), axis=1) for each in impacts.accelerations))
-    return max([tolerance, *asked]) * np.stack(found, axis=1)
+    """Return by how much the rates of a contact may change within the time tolerance."""
+    tolerance, changes = float(impacts.run.attrs["solver_time_tolerance"]), []
+    tolerances = [part.time_tolerance.si for part in impacts.model.contacts.values() if part.time_tolerance is not None]
+    for part in parts:
+        row, bias = np.abs(impacts.row_of(part)), np.abs(impacts.values(part.bias, 0))
+        changes.append(bias + sum(np.sum(row * np.abs(speed_rate), axis=1) for speed_rate in impacts.accelerations))
+    return max([tolerance, *tolerances]) * np.stack(changes, axis=1)
 
 
 def _worst(impacts: Impacts, name: str, relation: str, observable: str, units: str, residual: Floats, bound: Floats, members: Any) -> Check:  # fmt: skip
-    """Return the impact at which a relation is fulfilled worst."""
+    """Return the impact at which a relation is violated most."""
     k = int(np.argmax(residual / np.maximum(bound, np.finfo(float).tiny)))
     event = int(impacts.events[members[k]])
     where = f"{len(residual)} impacts, worst at event {event}, t = {float(impacts.run['event_time'][event]):.6g} s"

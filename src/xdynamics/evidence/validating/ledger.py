@@ -1,4 +1,4 @@
-"""The validation ledger: runs held against closed forms, in the order in which faults are found soonest."""
+"""The validation ledger: runs compared with closed forms, in the order that reveals faults soonest."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ CASES = Path(__file__).with_name("cases")
 VERDICTS = ("passed", "failed", "refused")
 PASSED, FAILED, REFUSED = range(len(VERDICTS))
 EPS = float(np.finfo(float).eps)
-SLACK = 0.5  # of an order, which halved steps may leave: a defect takes one whole order
+SLACK = 0.5  # of an order, by which halved steps may fall short: a defect costs a whole order
 FINER = {1: 1 / 20, 2: 1 / 4, 3: 1 / 2}  # times the step of a case, by the order of a method
-NEAR = 1e-12  # of the span: accepted times that are the same but for the rounding of a step
-TENTH = 10  # a band is compared between the first and the last part of so many
-BAND_AT_MOST, ORDER_AT_MOST = 0.2, 0.5  # of the largest value, beyond which no bound is one
+NEAR = 1e-12  # of the span: accepted times that agree but for rounding
+TENTH = 10  # a band is compared between the first and the last tenth
+BAND_AT_MOST, ORDER_AT_MOST = 0.2, 0.5  # of the largest value, the most that a bound may be
 WIDER = 1.5  # times its first part, the most that a band may be in its last one
 ROLE = "validation"
 SCALE_RULE = (
@@ -56,24 +56,24 @@ SCALE_RULE = (
 
 
 def validate(methods: Sequence[str] | str | Model | None = None, model: Model | None = None) -> xr.Dataset:
-    """Hold methods against exact cases, or one model against its own closed forms and the law of its contacts.
+    """Compare methods with exact cases, or a model with its own closed forms and the law of its contacts.
 
     Parameters
     ----------
     methods : sequence of str, optional
-        Names of methods; without it all, or with a model that of its `[run]`.
+        Names of methods; by default all, or with a model the one of its `[run]`.
     model : Model, optional
-        A model with closed forms, ``[validation.<name>]``; without it the ledger's own cases: zero force, constant
-        acceleration, linear drag, linear oscillator, a long oscillation, zero coupling, normal modes alone and together,
-        a drive of time, impact, resting contact, dry friction, unit scaling.
+        A model with closed forms, ``[validation.<name>]``; by default the ledger's own cases: zero force, constant
+        acceleration, linear drag, linear oscillator, a long oscillation, zero coupling, normal modes alone and
+        together, a drive of time, impact, resting contact, dry friction, unit scaling.
 
     Returns
     -------
     xarray.Dataset
         Along `case`, stage by stage: `case_name`, `case_method`, `case_stage`, `case_relation` (the closed form),
         `case_observable`, `case_where` (times, or an event), `case_norm`, `residual` and `bound` (in `case_units`),
-        `scaled_residual` over `residual_scale` (the largest expected size, in `case_units`; one expected value may be 0),
-        `case_bound_rule`, `verdict` (a flag: passed failed refused), `case_note`, `case_run` (content digest).
+        `scaled_residual` over `residual_scale` (the largest expected size, in `case_units`; one expected value may be
+        0), `case_bound_rule`, `verdict` (a flag: passed failed refused), `case_note`, `case_run` (content digest).
 
     Raises
     ------
@@ -83,10 +83,11 @@ def validate(methods: Sequence[str] | str | Model | None = None, model: Model | 
     Notes
     -----
     Bounds are derived. `rounding`: for each of n steps as many roundings of the largest value as the method has
-    evaluations, and two; for a coordinate those of its velocity over the whole time besides, and at an event what its
-    location is uncertain by. `order`: what the error with twice the step was, over 2**(p - 1/2): halving the step divides
-    it by 2**p, and a method that has lost one order does not pass; half the largest value at most. `band`: of symplectic methods, 1.5 times the largest
-    error in the first tenth, for the last, and a fifth of the value at most. `unscaled`: rounding, beside the same march in SI units.
+    evaluations, plus two; for a coordinate also those of its velocity over the whole time, and at an event the
+    uncertainty of its location. `order`: the error with twice the step over 2**(p - 1/2): halving the step divides
+    it by 2**p, so a method that has lost one order does not pass; at most half the largest value. `band`: for
+    symplectic methods, in the last tenth 1.5 times the largest error in the first tenth, at most a fifth of the value.
+    `unscaled`: rounding, compared with the same march in SI units.
 
     Examples
     --------
@@ -105,15 +106,15 @@ def validate(methods: Sequence[str] | str | Model | None = None, model: Model | 
         if name not in METHODS:
             raise InputError(f"method {name!r} is not known; there are {', '.join(METHODS)}")
     if model is None:
-        rows = [row for k, (name, one) in enumerate(_own_cases(), 1) for method in names or METHODS for row in _rows(one, method, k, f"{name}.")]  # fmt: skip
+        rows = [row for k, (name, case_model) in enumerate(_own_cases(), 1) for method in names or METHODS for row in _rows(case_model, method, k, f"{name}.")]  # fmt: skip
         title = "validation ledger: exact cases"
     else:
         if not model.validation and not model.contacts:
             raise InputError(f"model '{model.name}' has no closed form, and no contacts; write one as [validation.<name>] with expression, bound")  # fmt: skip
-        own = names or [str(model.run["method"])] if "method" in model.run or names else []
-        if not own:
+        chosen = names or [str(model.run["method"])] if "method" in model.run or names else []
+        if not chosen:
             raise InputError(f"model '{model.name}' has no method in its [run]; give methods=[…]")
-        rows = [row for method in own for row in _rows(model, method, 0, "")]
+        rows = [row for method in chosen for row in _rows(model, method, 0, "")]
         title = f"validation of {model.name}"
     return _dataset(rows, title)
 
@@ -145,7 +146,7 @@ class Row:
 
     @property
     def verdict(self) -> int:
-        """What became of it; what is no number has failed."""
+        """Index into `VERDICTS`; a residual of nan has failed."""
         if self.note and np.isnan(self.bound):
             return REFUSED
         return PASSED if self.residual <= self.bound else FAILED
@@ -165,7 +166,7 @@ def _rows(model: Model, method: str, stage: int, prefix: str) -> Iterator[Row]:
 
 
 def _of_impacts(marched: Marched, prefix: str, stage: int) -> Iterator[Row]:
-    """Yield the lines of the impacts of a model's own run, held against the law of its contacts."""
+    """Yield the lines of the impacts of a model's own run, checked against the law of its contacts."""
     law, method = next(iter(marched.model.contacts.values())).law, marched.method
     row = Row(f"{prefix}impacts", method.name, stage, f"law of impacts '{law}'", "contacts", "every impact", "rounding")
     if marched.refused or method.stepping:
@@ -175,36 +176,36 @@ def _of_impacts(marched: Marched, prefix: str, stage: int) -> Iterator[Row]:
     checks = list(checks_of(marched.run, marched.model))
     if not checks and not stage:
         yield replace(row, note="the run has no impact")
-    for one in checks:
+    for check in checks:
         yield replace(
-            row, name=f"{row.name}.{one.name}", relation=one.relation, observable=one.observable, where=one.where or row.where,
-            units=one.units, residual=one.residual, bound=one.bound, note=one.note, run=archive.digest_of_run(marched.run),
+            row, name=f"{row.name}.{check.name}", relation=check.relation, observable=check.observable, where=check.where or row.where,
+            units=check.units, residual=check.residual, bound=check.bound, note=check.note, run=archive.digest_of_run(marched.run),
             norm="largest, measured by its bound",
         )  # fmt: skip
 
 
 def _times_in_words(case: Validation, model: Model) -> str:
     if case.times:
-        return "t = " + ", ".join(f"{one:.9g}" for one in case.times) + behind(model.time_unit)
-    part = "the last tenth of " if case.bound == BAND else ""
-    return f"{part}accepted states up to {model.run.get('until', 'the end')}"
+        return "t = " + ", ".join(f"{time:.9g}" for time in case.times) + behind(model.time_unit)
+    prefix = "the last tenth of " if case.bound == BAND else ""
+    return f"{prefix}accepted states up to {model.run.get('until', 'the end')}"
 
 
 class Marched:
-    """The runs of one model by one method, each made when it is asked for."""
+    """The runs of one model by one method, each marched when first needed."""
 
     def __init__(self, model: Model, method: str, *, own: bool) -> None:
         self.model, self.method = model, METHODS[method]
-        refused, by_differences = (self.method.refusals(model, by_differences=one) for one in (False, True))
+        refused, by_differences = (self.method.refusals(model, by_differences=allowed) for allowed in (False, True))
         self.refused = by_differences
         self.asked: dict[str, Any] = {"method": method}
         if refused and not by_differences:
             self.asked["jacobian"] = DIFFERENCES
-        if own:  # the ledger's cases: with steps of which a low order too makes a small error
+        if own:  # the ledger's cases: with steps so small that a low order is accurate too
             self.asked["step"] = time_in(model.time_unit, model.run["step"], "step") * FINER.get(self.method.order, 1.0)
 
     def refusal(self, case: Validation) -> str:
-        """Say why a case is none for the method; empty where it is one."""
+        """Return why a case does not apply to the method; empty if it does."""
         if self.refused:
             return f"the method refuses: {'; '.join(self.refused)}"
         if case.bound == BAND and not self.method.symplectic:
@@ -215,7 +216,7 @@ class Marched:
 
     @cached_property
     def run(self) -> xr.Dataset:
-        """With the steps that the model asks for."""
+        """With the steps of the model's `[run]`."""
         return march(self.model, **self.asked)
 
     @cached_property
@@ -228,11 +229,17 @@ class Marched:
     @cached_property
     def unscaled(self) -> xr.Dataset:
         """Without scales."""
-        said = {key: value for key, value in self.model.run.items() if key != "scales"}
-        return march(self.model, **said | self.asked | {"scales": {}})
+        settings = {key: value for key, value in self.model.run.items() if key != "scales"}
+        return march(self.model, **settings | self.asked | {"scales": {}})
 
     def filled(self, row: Row, case: Validation) -> Row:
-        """Return a line with what was found."""
+        """Return a line with its residual, bound and scale.
+
+        Raises
+        ------
+        InputError
+            If the closed form or the run does not fit the case.
+        """
         run = self.run
         row = replace(row, units=_units(run, case), run=archive.digest_of_run(run))
         self.check_dimension(case, row.units)
@@ -257,25 +264,25 @@ class Marched:
         except LookupError as error:
             return replace(row, residual=np.inf, bound=0.0, note=str(error.args[0]))
         if case.bound == UNSCALED:
-            here, there = (np.asarray(one[case.quantity]) for one in (run, self.unscaled))
+            here, there = (np.asarray(record[case.quantity]) for record in (run, self.unscaled))
             if here.shape != there.shape:
                 return replace(row, residual=np.inf, bound=bound, note=f"{len(here)} rows, unscaled {len(there)}")
             residual, expected = np.abs(here - there), there
-        scale = float(scale_of(expected, residual))  # of what is to be 0 the residual is what was computed
+        scale = float(scale_of(expected, residual))  # where 0 is expected, the residual is the computed value
         return replace(row, residual=float(np.max(residual)), bound=bound, scale=scale)
 
     def check_dimension(self, case: Validation, units: str) -> None:
-        """Refuse a closed form in another unit than what it is held against.
+        """Refuse a closed form in another unit than the quantity it is compared with.
 
         Raises
         ------
         InputError
             Naming both.
         """
-        found = dimension_of(self.model.expanded(case.expression), self.model.dimensions)
-        if found != parse_unit(units).dimension:
+        dimension = dimension_of(self.model.expanded(case.expression), self.model.dimensions)
+        if dimension != parse_unit(units).dimension:
             raise InputError(
-                f"closed form {text_of(case.expression)!r} has units '{found}', needs '{units}' of '{case.quantity}'"
+                f"closed form {text_of(case.expression)!r} has units '{dimension}', needs '{units}' of '{case.quantity}'"
             )
 
     def bound(self, case: Validation) -> float:
@@ -292,19 +299,25 @@ class Marched:
         return min(float(np.max(self.residual(self.coarse, case))) / halved, most) + self.rounding(case)
 
     def rounding(self, case: Validation) -> float:
-        """Return what rounding may come to, and at an event its location."""
+        """Return a bound of the rounding error, plus the uncertainty of location at an event."""
         run, name = self.run, case.quantity
         steps, span = run.sizes[STEPS], float(run["time"][-1] - run["time"][0])
         size = float(np.max(np.abs(run["time" if name == "t" else name])))
         if name in self.model.coordinates:
             size += span * float(np.max(np.abs(run[velocity(name)])))
-        found = (self.method.evaluations + 2) * steps * EPS * size
+        error = (self.method.evaluations + 2) * steps * EPS * size
         if case.event:
             k, row = _met(run, case)
-            doubt = float(run["event_time_uncertainty"][k])
-            rates = {**{one: velocity(one) for one in self.model.coordinates}, **{velocity(one): f"a_{one}" for one in self.model.coordinates}}  # fmt: skip
-            found += doubt if name == "t" else doubt * abs(float(run[rates[name]][row - 1])) if name in rates else 0.0
-        return found
+            uncertainty = float(run["event_time_uncertainty"][k])
+            rates = {**{coordinate: velocity(coordinate) for coordinate in self.model.coordinates}, **{velocity(coordinate): f"a_{coordinate}" for coordinate in self.model.coordinates}}  # fmt: skip
+            error += (
+                uncertainty
+                if name == "t"
+                else uncertainty * abs(float(run[rates[name]][row - 1]))
+                if name in rates
+                else 0.0
+            )
+        return error
 
     def residual(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return absolute differences from the closed form, in the record's unit.
@@ -312,7 +325,7 @@ class Marched:
         Raises
         ------
         LookupError
-            If the event was not met so often.
+            If the event was not met that often.
         """
         name, times = case.quantity, self._times(run, case)
         if case.event:
@@ -324,7 +337,7 @@ class Marched:
         return np.abs(values - self._exact(case, times) / float(parse_unit(_units(run, case)).factor))
 
     def _times(self, run: xr.Dataset, case: Validation) -> Floats:
-        """Return when a closed form is compared."""
+        """Return the times at which a closed form is compared."""
         if case.event:
             return np.asarray(run["event_time"].values[_met(run, case)[0] :][:1])
         return np.array(case.times) if case.times else np.asarray(run["time"].values)
@@ -335,7 +348,7 @@ class Marched:
         return self._exact(case, times) / float(parse_unit(_units(run, case)).factor)
 
     def expected(self, run: xr.Dataset, case: Validation) -> Floats:
-        """Return the closed form where it is compared, in the record's unit; of a time, from the start."""
+        """Return the closed form where it is compared, in the record's unit; a time counts from the start."""
         origin = float(run["time"][0]) if case.quantity == "t" else 0.0
         return self._exact(case, self._times(run, case)) / float(parse_unit(_units(run, case)).factor) - origin
 
@@ -346,23 +359,23 @@ class Marched:
         )
 
     def _at(self, run: xr.Dataset, name: str, times: Floats) -> Floats:
-        """Return what a quantity was at times; what is no observable is known at accepted ones alone."""
+        """Return a quantity at times; quantities that are not observables are known at accepted times only."""
         if name in observables_of(self.model):
             return observe(run, self.model, [name], times)[name][0]
-        known = run["time"].values
-        rows = np.searchsorted(known, times + NEAR * (known[-1] - known[0]), side="right") - 1
-        if (np.abs(known[rows] - times) > NEAR * (known[-1] - known[0])).any():
+        accepted = run["time"].values
+        rows = np.searchsorted(accepted, times + NEAR * (accepted[-1] - accepted[0]), side="right") - 1
+        if (np.abs(accepted[rows] - times) > NEAR * (accepted[-1] - accepted[0])).any():
             raise InputError(f"'{name}' is known at accepted states alone; give times that are, or leave them out")
-        found: Floats = run[name].values[rows]
-        return found
+        values: Floats = run[name].values[rows]
+        return values
 
 
 def _met(run: xr.Dataset, case: Validation) -> tuple[int, int]:
-    """Return the number of an event, and the row of the state behind it."""
-    mine = met(run).get(case.event, ())
-    if len(mine) < case.occurrence:
-        raise LookupError(f"{case.event} was met {len(mine)} times")
-    k = int(mine[case.occurrence - 1])
+    """Return the index of an event, and the row of the state after it."""
+    occurrences = met(run).get(case.event, ())
+    if len(occurrences) < case.occurrence:
+        raise LookupError(f"{case.event} was met {len(occurrences)} times")
+    k = int(occurrences[case.occurrence - 1])
     return k, int(run["event_row_after"][k])
 
 
@@ -386,7 +399,7 @@ def _dataset(rows: Sequence[Row], title: str) -> xr.Dataset:
         "case_note": ("note", "why a case was refused, or what was missing"), "case_run": ("run", "content digest of the run"),
     }  # fmt: skip
     variables: dict[str, Any] = {
-        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", said, ROLE)) for name, (key, said) in words.items()
+        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", long_name, ROLE)) for name, (key, long_name) in words.items()
     }  # fmt: skip
     numbers = about("1", "", ROLE) | {"comment": "in the unit that case_units names"}
     variables |= {
@@ -397,22 +410,22 @@ def _dataset(rows: Sequence[Row], title: str) -> xr.Dataset:
         SCALED_RESIDUAL: ((CASE,), over(*np.array([(row.residual, row.scale) for row in rows]).reshape(-1, 2).T), about("1", "residual over residual_scale", SCALED) | {"scale_rule": SCALE_RULE}),
         "verdict": ((CASE,), np.array([row.verdict for row in rows], np.int8), about("1", "what became of the case", "flag") | flags(dict(enumerate(VERDICTS)))),
     }  # fmt: skip
-    runs = [one for one in dict.fromkeys(row.run for row in rows) if one]
+    runs = [digest for digest in dict.fromkeys(row.run for row in rows) if digest]
     return exhibit("ledger", title, runs, variables, {})
 
 
 def lines_of(ledger: xr.Dataset) -> Iterator[str]:
-    """Say what a ledger found: what failed, one line each, and how many passed."""
+    """Describe a ledger line by line: each failed case, and how many passed."""
     words = words_of(ledger["verdict"])
     for k, word in enumerate(words):
-        one = {name: str(ledger[f"case_{name}"][k].item()) for name in ("name", "method", "observable", "where", "units", "note")}  # fmt: skip
+        entry = {name: str(ledger[f"case_{name}"][k].item()) for name in ("name", "method", "observable", "where", "units", "note")}  # fmt: skip
         if word == "failed":
             residual, bound, scale, over_scale = (float(ledger[name][k]) for name in ("residual", "bound", RESIDUAL_SCALE, SCALED_RESIDUAL))  # fmt: skip
-            found = f"residual {residual:.3g} {one['units']}, bound {bound:.3g} {one['units']}"
-            found += f", scaled {over_scale:.3g} by {scale:.3g} {one['units']}" if np.isfinite(scale) else ""
-            yield f"failed    {one['name']} by {one['method']}: {one['observable']}, {one['where']}: {found}{'; ' if one['note'] else ''}{one['note']}"
+            numbers = f"residual {residual:.3g} {entry['units']}, bound {bound:.3g} {entry['units']}"
+            numbers += f", scaled {over_scale:.3g} by {scale:.3g} {entry['units']}" if np.isfinite(scale) else ""
+            yield f"failed    {entry['name']} by {entry['method']}: {entry['observable']}, {entry['where']}: {numbers}{'; ' if entry['note'] else ''}{entry['note']}"
         elif word == "refused" and not int(ledger["case_stage"][k]):
-            yield f"refused   {one['name']} by {one['method']}: {one['note']}"
+            yield f"refused   {entry['name']} by {entry['method']}: {entry['note']}"
     counts = ", ".join(f"{words.count(word)} {word}" for word in VERDICTS)
-    methods = dict.fromkeys(str(one) for one in ledger["case_method"].values)
+    methods = dict.fromkeys(str(entry) for entry in ledger["case_method"].values)
     yield f"ledger    {len(words)} cases of {len(methods)} methods: {counts}"

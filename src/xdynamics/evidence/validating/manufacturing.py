@@ -1,4 +1,4 @@
-"""Manufactured solutions: from a wanted trajectory, the force that makes it exact."""
+"""Manufactured solutions: the force that makes a wanted trajectory exact."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ TERM = "manufactured"
 
 
 def manufactured(model: Model, trajectory: Mapping[str, str]) -> Model:
-    """Return a model of which a wanted trajectory is the exact solution, and that says so in its own closed forms.
+    """Return a model whose exact solution is a wanted trajectory, with closed forms that state it.
 
-    To the forces comes one more term, ``manufactured``, of time alone: M a of the trajectory less all other forces on it.
-    First-order states get such a term in their rates. The other forces act as before: what is wrong in their code, or in
-    the order of a method for them, is seen in the residual, whatever they are.
+    One more force is added, ``manufactured``, of time alone: M a of the trajectory less all other forces on it.
+    First-order states get such a term in their rates. The other forces act as before: any fault in their code, or in
+    the order of a method for them, shows in the residual.
 
     Parameters
     ----------
     model : Model
-        Without contacts, friction, regimes, functions in Python, and drives of anything but time.
+        Without contacts, friction, regimes, functions in Python, or drives of anything but time.
     trajectory : mapping of str to str
         For every coordinate and first-order state an expression of time and parameters, like ``{"x": "A*sin(w*t)"}``.
 
@@ -41,7 +41,7 @@ def manufactured(model: Model, trajectory: Mapping[str, str]) -> Model:
     Raises
     ------
     InputError
-        If the trajectory leaves something out, has another unit, or the model is none of these.
+        If the trajectory is incomplete or has another unit, or the model is not of this kind.
 
     Notes
     -----
@@ -62,36 +62,36 @@ def manufactured(model: Model, trajectory: Mapping[str, str]) -> Model:
     for name, text in trajectory.items():
         with ledger.entry(f"'{name}'"):
             tree = model.expanded(parse(text))
-            found, needed = dimension_of(tree, model.dimensions), model.units[name].dimension
-            if found != needed:
-                raise InputError(f"{text!r} has units '{found}', needs '{needed}'")
+            dimension, needed = dimension_of(tree, model.dimensions), model.units[name].dimension
+            if dimension != needed:
+                raise InputError(f"{text!r} has units '{dimension}', needs '{needed}'")
             if moving := sorted(free_names(tree) & {*model.units, *model.drives}):
                 raise InputError(f"{text!r} reads '{moving[0]}'; a trajectory is of t and parameters")
             wanted[name] = tree
     ledger.settle()
     along = wanted | {velocity(name): _rate(wanted[name]) for name in model.coordinates}
-    said = tomllib.loads(model.to_toml())
-    forces = {name: text_of(one) for name, one in _missing(model, along).items()}
+    document = tomllib.loads(model.to_toml())
+    forces = {name: text_of(force) for name, force in _missing(model, along).items()}
     if forces:
-        said.setdefault("forces", {})[TERM] = forces | {"description": "makes the wanted trajectory exact"}
+        document.setdefault("forces", {})[TERM] = forces | {"description": "makes the wanted trajectory exact"}
     for name, state in model.states.items():
-        rest = _less(_rate(wanted[name]), expand(model.expanded(state.rate), along))
-        said["states"][name]["rate"] = text_of(add(state.rate, rest))
+        correction = _less(_rate(wanted[name]), expand(model.expanded(state.rate), along))
+        document["states"][name]["rate"] = text_of(add(state.rate, correction))
     begin = dict(constants(model)) | {"t": model.initial["t"].si}
     for name, tree in along.items():
         unit = model.units[name]
-        said["initial"][name] = f"{evaluate(tree, begin) / float(unit.factor)!r} {unit.text}"
-    said["validation"] = {name: {"expression": text_of(tree), "bound": ORDER} for name, tree in along.items()}
-    return Model.from_text(_text_of(said))
+        document["initial"][name] = f"{evaluate(tree, begin) / float(unit.factor)!r} {unit.text}"
+    document["validation"] = {name: {"expression": text_of(tree), "bound": ORDER} for name, tree in along.items()}
+    return Model.from_text(_text_of(document))
 
 
 def _check(model: Model, trajectory: Mapping[str, str]) -> None:
-    """Refuse what no force of time alone can make exact."""
+    """Refuse models and trajectories that no force of time alone can make exact."""
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model")
     kinds = {"contacts": model.contacts, "frictions": model.frictions, "regimes": model.regimes, "functions in Python": model.python_functions}  # fmt: skip
-    for kind, ones in kinds.items():
-        if ones:
+    for kind, members in kinds.items():
+        if members:
             raise InputError(f"model '{model.name}' has {kind}; a manufactured solution is of a model without")
     for name, drive in model.drives.items():
         if drive.argument != "t":
@@ -109,16 +109,16 @@ def _check(model: Model, trajectory: Mapping[str, str]) -> None:
 
 def _missing(model: Model, along: Mapping[str, Node]) -> dict[str, Node]:
     """Return M a less all forces, on the trajectory, by coordinate."""
-    found: dict[str, Node] = dict.fromkeys(model.coordinates, ZERO)
+    forces: dict[str, Node] = dict.fromkeys(model.coordinates, ZERO)
     places = list(model.coordinates)
     for (i, j), entry in model.statement.mass_entries.items():
-        turned = multiply(expand(model.expanded(entry), along), _rate(along[velocity(places[j])]))
-        found[places[i]] = add(found[places[i]], turned)
-    for parts in model.force_components.values():
-        for name, one in parts.items():
-            assert not isinstance(one, Function)  # noqa: S101 - refused above
-            found[name] = _less(found[name], expand(model.expanded(one), along))
-    return found
+        inertia = multiply(expand(model.expanded(entry), along), _rate(along[velocity(places[j])]))
+        forces[places[i]] = add(forces[places[i]], inertia)
+    for components in model.force_components.values():
+        for name, component in components.items():
+            assert not isinstance(component, Function)  # noqa: S101 - refused above
+            forces[name] = _less(forces[name], expand(model.expanded(component), along))
+    return forces
 
 
 def _rate(tree: Node) -> Node:
@@ -129,6 +129,6 @@ def _less(left: Node, right: Node) -> Node:
     return left if right == ZERO else Binary("-", left, right)
 
 
-def _text_of(said: Mapping[str, object]) -> str:
+def _text_of(statement: Mapping[str, object]) -> str:
     """Print a statement as TOML."""
-    return Model(**said).to_toml()
+    return Model(**statement).to_toml()
