@@ -48,21 +48,21 @@ def doubts(march: March) -> list[str]:
 
 def _of_tolerances(march: March) -> Iterator[str]:
     """Name the variables of which given absolute tolerances let pass errors that matter to the state at the end."""
-    effect, asked, model = effect_of(march), march.settings.tolerances, march.model
+    effect, tolerances, model = effect_of(march), march.settings.tolerances, march.model
     march.atol_effect = effect.words
-    if asked is None or not effect.loose.any():
+    if tolerances is None or not effect.loose.any():
         return
     loose, scales = [], march.settings.scales
     for name, largest in itertools.compress(
         zip(march.layout.used, march.run.largest.tolist(), strict=True), effect.loose.tolist()
     ):
-        atol, unit, factor = asked.of(name) or 0.0, model.units[name].text, float(model.units[name].factor)
+        atol, unit, factor = tolerances.of(name) or 0.0, model.units[name].text, float(model.units[name].factor)
         unit = "" if unit == "1" else f" {unit}"
         size = largest * scales.of(model.dimensions[name])
         loose.append(f"{name} (largest value {size / factor:.3g}{unit}, atol {atol / factor:.3g}{unit})")
-    rest = f" and {len(loose) - MOST_NAMED} more" if len(loose) > MOST_NAMED else ""
+    remainder = f" and {len(loose) - MOST_NAMED} more" if len(loose) > MOST_NAMED else ""
     yield (
-        f"the tolerances did not control {', '.join(loose[:MOST_NAMED])}{rest}: errors of atol in each of"
+        f"the tolerances did not control {', '.join(loose[:MOST_NAMED])}{remainder}: errors of atol in each of"
         f" {march.accepted} steps may come to more than {LOSS:.0%} of the motion; give smaller ones by atol, or none:"
         " it follows the sizes then"
     )
@@ -75,25 +75,25 @@ def _of_mass(march: March) -> Iterator[str]:
         return
     moving = {"t", *march.layout.used, *model.drives}
     varies = any(model.reads(entry) & moving for entry in model.statement.mass_entries.values())
-    every = max(1, march.witnesses.shape[1] // FEW_LOOKS) if varies else march.witnesses.shape[1]
-    states = _states(march, march.witnesses[1:, ::every])
-    conditions = [_condition(one) for one in mass_matrices(model, states)]
+    stride = max(1, march.witnesses.shape[1] // FEW_LOOKS) if varies else march.witnesses.shape[1]
+    states = _states(march, march.witnesses[1:, ::stride])
+    conditions = [_condition(mass) for mass in mass_matrices(model, states)]
     worst = int(np.argmax(conditions))
     if conditions[worst] > WELL_CONDITIONED:
-        left = max(0.0, -math.log10(conditions[worst] * EPS))
+        digits = max(0.0, -math.log10(conditions[worst] * EPS))
         yield (
             f"the mass matrix is nearly singular, of condition {conditions[worst]:.2g} at t = {states[worst]['t']:.6g}{behind(model.time_unit)}:"
-            f" of the 16 digits of accelerations about {left:.0f} are right; choose other coordinates"
+            f" of the 16 digits of accelerations about {digits:.0f} are right; choose other coordinates"
         )
 
 
 def _of_switches(march: March) -> Iterator[str]:
     """Say so where a model hides more switches than are located."""
-    found = switches(march.model)
-    if len(found) > MOST_SWITCHES and march.settings.switches == STEPPED_OVER:
-        owners = ", ".join(f"'{one}'" for one in dict.fromkeys(one.owner for one in found))
+    hidden = switches(march.model)
+    if len(hidden) > MOST_SWITCHES and march.settings.switches == STEPPED_OVER:
+        owners = ", ".join(f"'{switch}'" for switch in dict.fromkeys(switch.owner for switch in hidden))
         yield (
-            f"{len(found)} switches are hidden in {owners} (abs, sign, min, max, where, tables), and {MOST_SWITCHES} at most"
+            f"{len(hidden)} switches are hidden in {owners} (abs, sign, min, max, where, tables), and {MOST_SWITCHES} at most"
             " are located: all were stepped over, which costs the order; declare those smooth that need not be located"
         )
 
@@ -104,13 +104,13 @@ def of_smooth_switches(march: March) -> str:
     if not counts.any():
         return ""
     unit = march.model.time_unit.text
-    passings = sorted((time, one, count) for time, one, count in zip(times.tolist(), (each.name for each in march.layout.smooth), counts.tolist(), strict=True) if count)  # fmt: skip
-    said = [
+    passings = sorted((time, switch_name, count) for time, switch_name, count in zip(times.tolist(), (switch.name for switch in march.layout.smooth), counts.tolist(), strict=True) if count)  # fmt: skip
+    descriptions = [
         f"{name} {'once' if count == 1 else f'{count} times'}, first before t = {time * march.settings.scales.of(TIME):.6g}{'' if unit == '1' else f' {unit}'}"
         for time, name, count in passings[:MOST_NAMED]
     ]
-    rest = f" and {len(passings) - MOST_NAMED} more" if len(passings) > MOST_NAMED else ""
-    return f"switches in forces that are declared smooth were passed by a step: {', '.join(said)}{rest}; without smooth = true they are located"
+    remainder = f" and {len(passings) - MOST_NAMED} more" if len(passings) > MOST_NAMED else ""
+    return f"switches in forces that are declared smooth were passed by a step: {', '.join(descriptions)}{remainder}; without smooth = true they are located"
 
 
 def _of_contacts(model: Model) -> Iterator[str]:
@@ -119,21 +119,21 @@ def _of_contacts(model: Model) -> Iterator[str]:
         return
     values = dict(constants(model)) | initial_state(model)
     metre = parse_unit("m").dimension
-    lengths = [name for name, one in model.coordinates.items() if one.unit.dimension == metre]
-    found = reactions(model)
-    for one in found:
-        rows = [each.row.get(name, ZERO) for each in (found[one.normal], one) for name in lengths]
-        if one.sort != TANGENT or any(free_names(tree) - set(values) for tree in rows):
+    lengths = [name for name, entry in model.coordinates.items() if entry.unit.dimension == metre]
+    all_reactions = reactions(model)
+    for entry in all_reactions:
+        rows = [reaction.row.get(name, ZERO) for reaction in (all_reactions[entry.normal], entry) for name in lengths]
+        if entry.sort != TANGENT or any(free_names(tree) - set(values) for tree in rows):
             continue
         normal, along = np.array([evaluate(tree, values) for tree in rows]).reshape(2, -1)
         size, slip = float(np.linalg.norm(normal)), float(np.linalg.norm(along))
         if size == 0.0 or slip == 0.0:
             continue
         if abs(float(normal @ along)) > ALIKE * size * slip:
-            yield f"the slip of contact '{one.owner}' is not along its surface: its direction at the start is not at right angles to the gap's gradient"
+            yield f"the slip of contact '{entry.owner}' is not along its surface: its direction at the start is not at right angles to the gap's gradient"
         elif abs(size / slip - 1.0) > ALIKE:
             yield (
-                f"the gap of contact '{one.owner}' grows {size / slip:.6g} times as fast as a distance, going by its slip:"
+                f"the gap of contact '{entry.owner}' grows {size / slip:.6g} times as fast as a distance, going by its slip:"
                 " contact_force and friction are in that measure; divide the gap by it"
             )
 
@@ -147,20 +147,22 @@ def _of_gains(march: March) -> Iterator[str]:
     name = march.layout.watched[int(gains.detector)].name
     where = f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g}{behind(model.time_unit)}, event_energy_lost = {-gains.energy:.3g} {unit})"
     times = "an impact" if gains.groups == 1.0 else f"{gains.groups:.0f} impacts, most of it"
-    rubbing = any(one.slip is not None for one in model.contacts.values())
-    causes = ["there is friction (Kane's paradox)"] * rubbing + ["several are struck at once"] * (
+    frictional = any(contact.slip is not None for contact in model.contacts.values())
+    causes = ["there is friction (Kane's paradox)"] * frictional + ["several are struck at once"] * (
         len(model.contacts) > 1
     )
-    others = f"law = '{ENERGETIC}' does not" if law == POISSON else f"law = '{POISSON}' and law = '{ENERGETIC}' do not"
+    alternatives = (
+        f"law = '{ENERGETIC}' does not" if law == POISSON else f"law = '{POISSON}' and law = '{ENERGETIC}' do not"
+    )
     yield (
-        f"energy was created in {times} {where}: restitution by law = '{law}' may do so where {' or '.join(causes)}; {others}"
+        f"energy was created in {times} {where}: restitution by law = '{law}' may do so where {' or '.join(causes)}; {alternatives}"
     )
 
 
 def _of_places(march: March) -> Iterator[str]:
     """Say so where an event could not be located as near to its zero as was asked for."""
     names = dict.fromkeys(
-        f"'{one.name}'" for one, far in zip(march.layout.watched, march.misplaced, strict=True) if far
+        f"'{detector.name}'" for detector, missed in zip(march.layout.watched, march.misplaced, strict=True) if missed
     )
     if names:
         yield (

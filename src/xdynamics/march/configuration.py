@@ -63,7 +63,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
     paced = [key for key in PACING if key in chosen]
     if paced and tolerances is None:
         raise InputError(f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give rtol or atol too")  # fmt: skip
-    read = {name: KEYWORDS[name].read(one, model.time_unit) for name, one in chosen.items() if one is not None}
+    read = {name: KEYWORDS[name].read(value, model.time_unit) for name, value in chosen.items() if value is not None}
     settings = Settings(
         method,
         read["until"],
@@ -101,24 +101,24 @@ def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
     return replace(settings_for(model, **asked), **RECORDING)
 
 
-def _joined(defaults: Mapping[str, Any], asked: dict[str, Any]) -> dict[str, Any]:
+def _joined(defaults: Mapping[str, Any], requested: dict[str, Any]) -> dict[str, Any]:
     """Join; a step that is asked for sets the defaults' tolerances aside, and tolerances their step."""
     kept = dict(defaults)
-    tolerant = "rtol" in asked or "atol" in asked
-    if tolerant or "step" in asked:
+    tolerant = "rtol" in requested or "atol" in requested
+    if tolerant or "step" in requested:
         for key in ("step",) if tolerant else ("step", "rtol", "atol", *PACING):
             kept.pop(key, None)
-    return {"force_samples": "all", "scales": None} | kept | asked
+    return {"force_samples": "all", "scales": None} | kept | requested
 
 
-def _step(model: Model, given: Any) -> float | tuple[float, ...] | None:
-    if given is None or isinstance(given, str | int | float):
-        return None if given is None else time_in(model.time_unit, given, "step")
+def _step(model: Model, value: Any) -> float | tuple[float, ...] | None:
+    if value is None or isinstance(value, str | int | float):
+        return None if value is None else time_in(model.time_unit, value, "step")
     try:
-        steps = np.asarray(given, dtype=float)
+        steps = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         raise InputError(
-            f"step is {str(given)[:60]!r}, needs a time like '1 ms', seconds, or a row of seconds"
+            f"step is {str(value)[:60]!r}, needs a time like '1 ms', seconds, or a row of seconds"
         ) from None
     if steps.ndim == 0:
         return float(steps)
@@ -127,13 +127,13 @@ def _step(model: Model, given: Any) -> float | tuple[float, ...] | None:
     return tuple(steps[steps != 0.0].tolist())  # the row behind an event has no step
 
 
-def _nodes(model: Model, given: Any) -> tuple[float, ...]:
+def _nodes(model: Model, values: Any) -> tuple[float, ...]:
     """Return the times to land on, ascending."""
-    if given is None:
+    if values is None:
         return ()
-    if isinstance(given, str | int | float) or np.ndim(given) != 1:
-        raise InputError(f"nodes are {str(given)[:60]!r}, need a row of times, like ['1 s', '2.5 s']")
-    return tuple(sorted({time_in(model.time_unit, one, "nodes") for one in given}))
+    if isinstance(values, str | int | float) or np.ndim(values) != 1:
+        raise InputError(f"nodes are {str(values)[:60]!r}, need a row of times, like ['1 s', '2.5 s']")
+    return tuple(sorted({time_in(model.time_unit, time, "nodes") for time in values}))
 
 
 def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tolerances | None:
@@ -160,7 +160,7 @@ def _own_units(model: Model, scales: Scales) -> dict[str, Unit]:
     if scales == UNSCALED:
         return model.units
     sizes = {name: model.dimensions[name] for name in variables(model)}
-    return {name: Unit("", one, Fraction(scales.of(one))) for name, one in sizes.items()}
+    return {name: Unit("", dimension, Fraction(scales.of(dimension))) for name, dimension in sizes.items()}
 
 
 def _absolute(unit: Unit, name: str, value: Any) -> float:
@@ -201,12 +201,12 @@ def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
     return TIME_TOLERANCE * (min(1.0, span) if span > 0.0 else 1.0)
 
 
-def _switches(model: Model, asked: str) -> str:
+def _switches(model: Model, choice: str) -> str:
     """Return what is done about hidden switches; where there are none, nothing is said of them."""
     watched = watched_switches(model)
-    if asked == LOCATED_EVERYWHERE and not any(one.nested for one in watched):
-        asked = LOCATED
-    return STEPPED_OVER if asked == LOCATED and not watched else asked
+    if choice == LOCATED_EVERYWHERE and not any(switch.nested for switch in watched):
+        choice = LOCATED
+    return STEPPED_OVER if choice == LOCATED and not watched else choice
 
 
 def _summation(method: Method) -> str:

@@ -30,41 +30,43 @@ _REMEDY = "; a smaller coefficient of friction, or a compliant contact force, ha
 
 def dispute(march: March) -> str:
     """Name the contact that has no answer, from what the march knew of its last state."""
-    found, run = reactions(march.model), march.run
-    numbers = run.links[: NUMBERS * len(found)].reshape(-1, NUMBERS)
+    all_reactions, run = reactions(march.model), march.run
+    numbers = run.links[: NUMBERS * len(all_reactions)].reshape(-1, NUMBERS)
     if int(march.now.status) == CONTACT_PENETRATED:
         return _penetrated(march, numbers[:, GAP_OF].tolist())
     if why := undefined(march):
         return why
-    for k, one in enumerate(found):
+    for k, reaction in enumerate(all_reactions):
         touch = run.touches[k]
         if touch.near and not _grams(march)[k, k] > FLAT * touch.steepest:
-            return f"the gap of contact '{one.owner}' closes where its gradient vanishes, which is its normal; write a gap that passes zero with a slope"
-    for one, size in zip(found, numbers[:, SIZE].tolist(), strict=True):
-        if one.sort == NORMAL and not 0.0 <= size <= 1.0:
-            return f"the restitution of contact '{one.owner}' is {size:.6g}, and needs to be from 0 to 1"
-    for one, size, most in zip(found, numbers[:, SIZE].tolist(), numbers[:, MOST].tolist(), strict=True):
-        if one.sort != NORMAL and not size >= 0.0:
-            return f"the friction of '{one.owner}' is {size:.6g} while it slips, and needs to be non-negative"
-        if one.sort != NORMAL and not most >= size:
-            return f"the friction of '{one.owner}' sticks with {most:.6g} and slips with {size:.6g}: static is at least kinetic"
+            return f"the gap of contact '{reaction.owner}' closes where its gradient vanishes, which is its normal; write a gap that passes zero with a slope"
+    for reaction, size in zip(all_reactions, numbers[:, SIZE].tolist(), strict=True):
+        if reaction.sort == NORMAL and not 0.0 <= size <= 1.0:
+            return f"the restitution of contact '{reaction.owner}' is {size:.6g}, and needs to be from 0 to 1"
+    for reaction, size, static in zip(all_reactions, numbers[:, SIZE].tolist(), numbers[:, MOST].tolist(), strict=True):
+        if reaction.sort != NORMAL and not size >= 0.0:
+            return f"the friction of '{reaction.owner}' is {size:.6g} while it slips, and needs to be non-negative"
+        if reaction.sort != NORMAL and not static >= size:
+            return f"the friction of '{reaction.owner}' sticks with {static:.6g} and slips with {size:.6g}: static is at least kinetic"
     if why := _struck_together(march, numbers[:, RATE].tolist()):
         return why
-    for k, one in enumerate(found):
+    for k, reaction in enumerate(all_reactions):
         if run.touches[k].part == SLIDING and not _pressed_apart(march, k):
-            return painleve(one, float(run.touches[k].coefficient))
-    held = ", ".join(f"'{one.owner}'" for one, touch in zip(found, run.touches, strict=True) if touch.part)
+            return painleve(reaction, float(run.touches[k].coefficient))
+    held = ", ".join(
+        f"'{reaction.owner}'" for reaction, touch in zip(all_reactions, run.touches, strict=True) if touch.part
+    )
     return f"the forces of {held} together are not determined: they hold the same motion twice, or cannot hold it"
 
 
 def _struck_together(march: March, rates: list[float]) -> str:
     """Say that the energetic coefficient leaves open what several contacts do that touch at once, or nothing."""
-    touches, found = march.run.touches, reactions(march.model)
-    near = [k for k, one in enumerate(found) if one.sort == NORMAL and touches[k].near]
+    touches, all_reactions = march.run.touches, reactions(march.model)
+    near = [k for k, reaction in enumerate(all_reactions) if reaction.sort == NORMAL and touches[k].near]
     approach = any(rates[k] < -touches[k].slack for k in near)
-    if not approach or any(march.model.contacts[found[k].owner].law != ENERGETIC for k in near):
+    if not approach or any(march.model.contacts[all_reactions[k].owner].law != ENERGETIC for k in near):
         return ""
-    named = ", ".join(f"'{found[k].owner}'" for k in near)
+    named = ", ".join(f"'{all_reactions[k].owner}'" for k in near)
     if len(near) == 1:
         return f"the impact of contact {named} does not end: friction holds it as fast as it is pressed"
     return (
@@ -77,19 +79,19 @@ def undefined(march: March) -> str:
     """Name the contact or friction element of which something is not finite in the state that was proposed, or nothing."""
     layout, values = march.layout, dict(constants(march.model, march.settings.scales))
     values |= dict(zip(layout.record, march.run.z.tolist(), strict=True)) | {"t": float(march.now.t)}
-    for one in reactions(march.model):
-        trees = [one.gap, one.rate, one.bias, one.size, one.most, *one.row.values()]
-        known = [tree for tree in trees if not free_names(tree) - set(values)]
-        if not all(isfinite(evaluate(tree, values)) for tree in known):
-            what = "gap of contact" if one.sort == NORMAL else "slip or friction of"
-            return f"the {what} '{one.owner}', or a derivative of it, is not finite there"
+    for reaction in reactions(march.model):
+        trees = [reaction.gap, reaction.rate, reaction.bias, reaction.size, reaction.most, *reaction.row.values()]
+        evaluable = [tree for tree in trees if not free_names(tree) - set(values)]
+        if not all(isfinite(evaluate(tree, values)) for tree in evaluable):
+            kind = "gap of contact" if reaction.sort == NORMAL else "slip or friction of"
+            return f"the {kind} '{reaction.owner}', or a derivative of it, is not finite there"
     return ""
 
 
 def _grams(march: March) -> NDArray[Any]:
     m = len(march.run.touches)
-    found: NDArray[Any] = march.run.links[NUMBERS * m : NUMBERS * m + m * m].reshape(m, m)
-    return found
+    matrix: NDArray[Any] = march.run.links[NUMBERS * m : NUMBERS * m + m * m].reshape(m, m)
+    return matrix
 
 
 def painleve(one: Reaction, coefficient: float) -> str:
@@ -106,20 +108,26 @@ def _pressed_apart(march: March, k: int) -> bool:
 
 def inconsistency(march: March) -> str:
     """Name the group of events whose record does not agree with what it did, and the figures."""
-    run, model, found = march.run, march.model, reactions(march.model)
+    run, model, all_reactions = march.run, march.model, reactions(march.model)
     guard, owner = int(run.balance[GUARD]), int(run.balance[OWNER])
-    met = [one.owner for one, touch in zip(found, run.touches, strict=True) if touch.total != 0.0 or touch.hit]
-    group = " and ".join(f"'{one}'" for one in dict.fromkeys(met))
+    involved = [
+        reaction.owner
+        for reaction, touch in zip(all_reactions, run.touches, strict=True)
+        if touch.total != 0.0 or touch.hit
+    ]
+    group = " and ".join(f"'{reaction}'" for reaction in dict.fromkeys(involved))
     if guard == SHIFTED:
         name = march.layout.coordinates[owner]
-        dimension, what = model.dimensions[name], f"contacts that come to rest move '{name}' by"
+        dimension, finding = model.dimensions[name], f"contacts that come to rest move '{name}' by"
     elif guard in (APART, SLOWED):
-        dimension = rate_dimension(model, found[owner]) * (model.time_unit.dimension if guard == APART else NONE)
-        told = "acts where its gap is" if guard == APART else "loses, without an impulse, a rate of"
-        what = f"'{found[owner].owner}' {told}"
+        dimension = rate_dimension(model, all_reactions[owner]) * (
+            model.time_unit.dimension if guard == APART else NONE
+        )
+        verb = "acts where its gap is" if guard == APART else "loses, without an impulse, a rate of"
+        finding = f"'{all_reactions[owner].owner}' {verb}"
     else:
         dimension = energy_dimension(model)
-        what = (
+        finding = (
             "kinetic energy changes by more than the work of the recorded impulses, by"
             if guard == WORK
             else "the recorded losses differ from what the impulses took, by"
@@ -127,17 +135,17 @@ def inconsistency(march: March) -> str:
     scale = march.settings.scales.of(dimension)
     figure, bound = run.balance[FIGURE] * scale, run.balance[BOUND] * scale
     return (
-        f"in the group of events of {group or 'contacts'} {what} {figure:.6g} {dimension}, and tolerances and rounding allow"
+        f"in the group of events of {group or 'contacts'} {finding} {figure:.6g} {dimension}, and tolerances and rounding allow"
         f" {bound:.3g}: the march contradicts itself, which is no fault of the model; please report it"
     )
 
 
 def _penetrated(march: March, gaps: list[float]) -> str:
     named = []
-    for one, gap in zip(reactions(march.model), gaps, strict=True):
-        dimension = rate_dimension(march.model, one) * march.model.time_unit.dimension
-        if one.sort == NORMAL and gap < 0.0:
+    for reaction, gap in zip(reactions(march.model), gaps, strict=True):
+        dimension = rate_dimension(march.model, reaction) * march.model.time_unit.dimension
+        if reaction.sort == NORMAL and gap < 0.0:
             named.append(
-                f"the gap of contact '{one.owner}' is {gap * march.settings.scales.of(dimension):.6g} {dimension}"
+                f"the gap of contact '{reaction.owner}' is {gap * march.settings.scales.of(dimension):.6g} {dimension}"
             )
     return f"{', '.join(named)}: one body is inside the other; begin, or set the state, where gaps are not negative"

@@ -47,8 +47,8 @@ def error_norm(run: Run) -> float:
             atol = run.atol[i]
             if follows and run.followers[i]:  # of what starts from zero, others of its kind are the measure
                 reach = rtol * run.plan[0].rest
-                rest = reach * abs(slope_of(run, run.z, i)) if atol == 0.0 else 0.0  # none has moved yet
-                atol = max(atol, run.plan[0].floor * run.tops[run.kinds[i]], rest)
+                at_rest = reach * abs(slope_of(run, run.z, i)) if atol == 0.0 else 0.0  # none has moved yet
+                atol = max(atol, run.plan[0].floor * run.tops[run.kinds[i]], at_rest)
             scale = atol + rtol * larger(abs(run.y[i]), abs(run.z[i]))
             norm = larger(norm, abs(run.e[i]) / scale)
         else:

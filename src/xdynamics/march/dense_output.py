@@ -62,26 +62,26 @@ def states_within(
     ndarray, shape (2*n, k)
         The states, and their distances. At an accepted time the accepted state, to the bit.
     """
-    scale, n, touching = settings.scales.of(TIME), len(law.layout.used), len(reactions(model))
+    scale, n, reaction_count = settings.scales.of(TIME), len(law.layout.used), len(reactions(model))
     times, starts, ends = where / scale
     moving = np.flatnonzero(times > starts)
-    size, regime, behind = columns[0], columns[1], columns[2] == schema.EVENT_AFTER
-    states, columns = columns[3 : 3 + touching], columns[3 + touching :]
-    found = np.vstack([columns[:n], np.zeros((n, times.size))])
+    size, regime, after_event = columns[0], columns[1], columns[2] == schema.EVENT_AFTER
+    states, columns = columns[3 : 3 + reaction_count], columns[3 + reaction_count :]
+    results = np.vstack([columns[:n], np.zeros((n, times.size))])
     if not moving.size:
-        return found
-    which = np.zeros(times.size) if runs is None else runs
-    steps = np.stack([starts, ends, size / scale, times, which, regime, behind, *states])
-    given = [steps, columns[:n] / factors, columns[n:] / factors[: len(columns) - n]]
+        return results
+    owners = np.zeros(times.size) if runs is None else runs
+    steps = np.stack([starts, ends, size / scale, times, owners, regime, after_event, *states])
+    inputs = [steps, columns[:n] / factors, columns[n:] / factors[: len(columns) - n]]
     inner = np.empty((2 * n, moving.size))
     # a run of its own: this is called in several threads
     addresses = law.addresses if reintegrated else law.addresses_inside
     run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), addresses)
-    given = [np.ascontiguousarray(one[:, moving]) for one in given]
-    told = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
-    engine().states_inside(run, told, *given, inner, reintegrated, judged)
-    found[:, moving] = inner * np.vstack([factors, factors])
-    return found
+    inputs = [np.ascontiguousarray(array[:, moving]) for array in inputs]
+    run_parameters = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
+    engine().states_inside(run, run_parameters, *inputs, inner, reintegrated, judged)
+    results[:, moving] = inner * np.vstack([factors, factors])
+    return results
 
 
 class PartsAbreast:
@@ -123,15 +123,15 @@ class PartsAbreast:
         -------
         ndarray, shape (n, k)
         """
-        found, log = np.empty((len(self._factors) - 1, times.size)), runs.kept.log
+        result, log = np.empty((len(self._factors) - 1, times.size)), runs.kept.log
         blocks = (self._blocks[name] for name in ("at", "y", "p", "pieces", "z"))
-        given = (log.rows, log.flags, np.ascontiguousarray(runs.parameters), self._factors)
-        side_by_side().parts(self._run, *self._addresses, self._table, *blocks, *given, np.ascontiguousarray(jobs), np.ascontiguousarray(times), found)  # fmt: skip
-        return found
+        inputs = (log.rows, log.flags, np.ascontiguousarray(runs.parameters), self._factors)
+        side_by_side().parts(self._run, *self._addresses, self._table, *blocks, *inputs, np.ascontiguousarray(jobs), np.ascontiguousarray(times), result)  # fmt: skip
+        return result
 
 
 def rows_of_times(time: Floats, low: NDArray[np.int64], high: NDArray[np.int64], wanted: Floats, *, after: bool) -> NDArray[np.int64]:  # fmt: skip
     """Find the row from which the step to each time goes, between two rows; see `entries.rows_of_times`."""
-    found = np.empty(wanted.size, np.int64)
-    engine().rows_of_times(np.ascontiguousarray(time), low, high, np.ascontiguousarray(wanted), after, found)
-    return found
+    rows = np.empty(wanted.size, np.int64)
+    engine().rows_of_times(np.ascontiguousarray(time), low, high, np.ascontiguousarray(wanted), after, rows)
+    return rows

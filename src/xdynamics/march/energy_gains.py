@@ -51,16 +51,16 @@ class Impacts(NamedTuple):
 
 def energy_dimension(model: Model) -> Dimension:
     """Return the dimension of the energy that an impact takes."""
-    name, known = next(iter(model.coordinates)), model.dimensions
-    return dimension_of(model.mass[0][0], known) * known[velocity(name)] ** 2
+    name, dimensions = next(iter(model.coordinates)), model.dimensions
+    return dimension_of(model.mass[0][0], dimensions) * dimensions[velocity(name)] ** 2
 
 
 def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> Impacts:
     """Return the first events of a block of a log, in SI units."""
     events, energy, n = log.events[:count], scales.of(energy_dimension(layout.model)), len(layout.coordinates)
     first = [layout.row.index(velocity(name)) for name in layout.coordinates]
-    rows = [events[one] - int(log.base[0]["rows"]) for one in ("row_before", "row_after")]
-    speeds = sum(np.abs(log.rows[first][:, np.minimum(one, log.rows.shape[1] - 1)]) for one in rows)
+    rows = [events[row] - int(log.base[0]["rows"]) for row in ("row_before", "row_after")]
+    speeds = sum(np.abs(log.rows[first][:, np.minimum(row, log.rows.shape[1] - 1)]) for row in rows)
     work = np.sum(np.abs(log.impulses[:n, :count]) * speeds, axis=0) / 2.0
     return Impacts(
         events["kind"], events["row_before"], events["detector"], events["time"] * scales.of(TIME),
@@ -70,11 +70,11 @@ def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> Impacts:
 
 def with_more(gains: Gains, impacts: Impacts, first: int) -> Gains:
     """Return what a run has created up to the end of a further part of it, whose events have numbers from `first` on."""
-    mine = np.flatnonzero(impacts.kind == IMPACT)
-    if not mine.size:
+    indices = np.flatnonzero(impacts.kind == IMPACT)
+    if not indices.size:
         return gains
-    groups, group = np.unique(impacts.row[mine], return_inverse=True)
-    lost, work = (np.bincount(group, one[mine], len(groups)) for one in (impacts.lost, impacts.work))
+    groups, group = np.unique(impacts.row[indices], return_inverse=True)
+    lost, work = (np.bincount(group, values[indices], len(groups)) for values in (impacts.lost, impacts.work))
     created = np.flatnonzero(lost < -LEAST * work)
     if not created.size:
         return gains
@@ -82,7 +82,7 @@ def with_more(gains: Gains, impacts: Impacts, first: int) -> Gains:
     gains = gains._replace(groups=gains.groups + created.size)
     if not -lost[worst] > gains.energy:
         return gains
-    members = mine[group == worst]
+    members = indices[group == worst]
     event = int(members[np.argmin(impacts.lost[members])])
     return gains._replace(
         energy=float(-lost[worst]), time=float(impacts.time[event]), detector=float(impacts.detector[event]),

@@ -84,33 +84,33 @@ class Watchers(NamedTuple):
 
 def engine() -> Engine:
     """Return the engine, compiled if that was not done on this machine."""
-    found: Engine = _part("engine", "the engine", SECONDS, _entries, _plain_entries)
-    return found
+    compiled: Engine = _part("engine", "the engine", SECONDS, _entries, _plain_entries)
+    return compiled
 
 
 def solvers() -> Solvers:
     """Return the solvers of implicit methods, compiled if that was not done on this machine."""
-    found: Solvers = _part("solvers", "the solvers of implicit methods", SOLVERS_SECONDS, _solvers, _plain_solvers)
-    return found
+    compiled: Solvers = _part("solvers", "the solvers of implicit methods", SOLVERS_SECONDS, _solvers, _plain_solvers)
+    return compiled
 
 
 def watchers() -> Watchers:
     """Return what looks for events, compiled if that was not done on this machine."""
-    found: Watchers = _part("watchers", "the search for events", WATCHERS_SECONDS, _watchers, _plain_watchers)
-    return found
+    compiled: Watchers = _part("watchers", "the search for events", WATCHERS_SECONDS, _watchers, _plain_watchers)
+    return compiled
 
 
 def contacts() -> int:
     """Return where begins what contacts do, compiled if that was not done on this machine."""
-    found: int = _part("contacts", "contacts and friction", CONTACTS_SECONDS, _contacts, _plain_contacts)
-    return found
+    address: int = _part("contacts", "contacts and friction", CONTACTS_SECONDS, _contacts, _plain_contacts)
+    return address
 
 
 def lanes() -> Lanes:
     """Return what marches runs side by side, compiled if that was not done on this machine."""
     march_at = engine().march_at
-    found: Lanes = _part("lanes", "marches side by side", LANES_SECONDS, _lanes, _no_lanes)
-    return found._replace(march=lambda runs, *given: found.march(runs, march_at, *given))
+    compiled: Lanes = _part("lanes", "marches side by side", LANES_SECONDS, _lanes, _no_lanes)
+    return compiled._replace(march=lambda runs, *arguments: compiled.march(runs, march_at, *arguments))
 
 
 def _part(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any], plain: Callable[[], Any]) -> Any:
@@ -134,16 +134,16 @@ def _loaded(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any]
     if reason:
         cache.advise(reason)
     kept = Kept()
-    found = compiled(kept)
+    functions = compiled(kept)
     if not reason:
         cache.write(name, kept.content)
-    return found
+    return functions
 
 
 def _plain_entries() -> Engine:
-    many = entries.march_many
+    march_many = entries.march_many
     others = (entries.states_inside, entries.fastest_rates, entries.growths, entries.rows_of_times)
-    return Engine(loop.march, lambda run, *given: many(run, loop.march, *given), *others, 0)
+    return Engine(loop.march, lambda run, *arguments: march_many(run, loop.march, *arguments), *others, 0)
 
 
 def _plain_solvers() -> Solvers:
@@ -162,16 +162,16 @@ def _entries(kept: Kept) -> Engine:
         entries.rows_of_times,
     )
     march_many, states_inside, fastest_rates, growths, rows_of_times = (
-        kept.function(one, signature) for one, signature in zip(functions, _SIGNATURES, strict=True)
+        kept.function(function, signature) for function, signature in zip(functions, _SIGNATURES, strict=True)
     )
     address, call = march.address, march.ctypes
     _KEPT.append(march)  # the code behind an address lives as long as this
     return Engine(
         lambda run, rows: call(run.address, rows),
-        lambda run, *given: march_many(run.address, address, *given),
-        lambda run, *given: states_inside(run.address, *given),
-        lambda run, *given: fastest_rates(run.address, *given),
-        lambda run, *given: growths(run.address, *given),
+        lambda run, *arguments: march_many(run.address, address, *arguments),
+        lambda run, *arguments: states_inside(run.address, *arguments),
+        lambda run, *arguments: fastest_rates(run.address, *arguments),
+        lambda run, *arguments: growths(run.address, *arguments),
         rows_of_times,
         address,
     )
@@ -179,9 +179,9 @@ def _entries(kept: Kept) -> Engine:
 
 def _solvers(kept: Kept) -> Solvers:
     """The same for the solvers."""
-    steps: list[Any] = [kept.callback(one, _STEP) for one in (entries.step_by_newton, entries.step_by_radau)]
+    steps: list[Any] = [kept.callback(step, _STEP) for step in (entries.step_by_newton, entries.step_by_radau)]
     _KEPT.extend(steps)
-    return Solvers(*(one.address for one in steps))
+    return Solvers(*(step.address for step in steps))
 
 
 def _plain_watchers() -> Watchers:
@@ -195,11 +195,11 @@ def _plain_watchers() -> Watchers:
 
 def _watchers(kept: Kept) -> Watchers:
     """The same for the search for events."""
-    found: list[Any] = [kept.callback(enclosures.enclose_between, types.void(*[types.int64] * 6))]
+    functions: list[Any] = [kept.callback(enclosures.enclose_between, types.void(*[types.int64] * 6))]
     entry = types.void(types.int64, types.float64, types.int64)
-    found += [kept.callback(one, entry) for one in (trial_step.part_of_step, transition.happen)]
-    _KEPT.extend(found)
-    return Watchers(*(one.address for one in found))
+    functions += [kept.callback(function, entry) for function in (trial_step.part_of_step, transition.happen)]
+    _KEPT.extend(functions)
+    return Watchers(*(function.address for function in functions))
 
 
 def _plain_contacts() -> int:
@@ -209,16 +209,16 @@ def _plain_contacts() -> int:
 
 def _contacts(kept: Kept) -> int:
     """The same for contacts."""
-    found: Any = kept.callback(dispatch.touch, types.void(types.int64, types.float64, types.int64))
-    _KEPT.append(found)
-    return int(found.address)
+    callback: Any = kept.callback(dispatch.touch, types.void(types.int64, types.float64, types.int64))
+    _KEPT.append(callback)
+    return int(callback.address)
 
 
 def _lanes(kept: Kept) -> Lanes:
     """The same for marches side by side."""
     march = kept.function(march_lanes, _LANES[0], **UNCOUNTED)
-    gather, parts = (kept.function(one, kind) for one, kind in zip((gather_rows, parts_of_steps), _LANES[1:], strict=True))  # fmt: skip
-    return Lanes(march, gather, lambda run, *given: parts(run.address, *given))
+    gather, parts = (kept.function(function, signature) for function, signature in zip((gather_rows, parts_of_steps), _LANES[1:], strict=True))  # fmt: skip
+    return Lanes(march, gather, lambda run, *arguments: parts(run.address, *arguments))
 
 
 def _no_lanes() -> Lanes:
@@ -264,7 +264,7 @@ def _key() -> str:
     rooms = [*(package / "kernels").rglob("*.py"), *(package / "march").rglob("*.py")]
     constants = [
         package / "methods" / "radau.py",
-        *(package / "model" / f"{one}.py" for one in ("parts", "detectors", "reactions")),
+        *(package / "model" / f"{name}.py" for name in ("parts", "detectors", "reactions")),
     ]
     files = sorted([*rooms, package / "schema.py", *constants])
     return cache.digest(

@@ -115,7 +115,7 @@ class Runs:
     @property
     def outcomes(self) -> list[str]:
         """The word of each run's outcome."""
-        return [OUTCOMES[one].word for one in self.ends["status"].tolist()]
+        return [OUTCOMES[status].word for status in self.ends["status"].tolist()]
 
     @property
     def last_rows(self) -> NDArray[np.int64]:
@@ -181,10 +181,10 @@ def march_many(
     """
     settings.check(model)
     model.require_functions()
-    given = {("parameter", name): values for name, values in (parameters or {}).items()}
-    given |= {("initial value", name): values for name, values in (initial or {}).items()}
-    given |= {(kind, ""): values for kind, values in (("step", steps), ("rtol", rtols)) if values is not None}
-    arrays = _checked(model, settings, given)
+    varied = {("parameter", name): values for name, values in (parameters or {}).items()}
+    varied |= {("initial value", name): values for name, values in (initial or {}).items()}
+    varied |= {(kind, ""): values for kind, values in (("step", steps), ("rtol", rtols)) if values is not None}
+    arrays = _checked(model, settings, varied)
     n = len(next(iter(arrays.values())))
     law = law_of(settings.layout(model), sampled=False)
     addresses_of(law)
@@ -196,10 +196,10 @@ def march_many(
     meant = columns if kept and side_by_side > 1 else law.layout.row
 
     def marched(part: slice) -> Part:
-        mine = {key: one[part] for key, one in arrays.items()}
+        part_arrays = {key: array[part] for key, array in arrays.items()}
         if side_by_side > 1:
-            return march_abreast(model, settings, law, mine, side_by_side, columns, room or Room())
-        return _march(model, settings, law, mine, logs=kept)
+            return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
+        return _march(model, settings, law, part_arrays, logs=kept)
 
     if len(parts) == 1:
         return _joined(law, settings, [marched(parts[0])], meant, logs=kept)
@@ -233,24 +233,24 @@ def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
 
 def _joined(law: Law, settings: Settings, parts: list[Part], columns: tuple[str, ...], *, logs: bool) -> Runs:
     """Put the pieces of the logs, or the last rows alone, behind each other."""
-    ends, pieces = np.concatenate([one.ends for one in parts]), [one for part in parts for one in part.logs]
-    rows, flags, counts = [one.rows for one in pieces], [one.flags for one in pieces], ends["rows"]
+    ends, pieces = np.concatenate([piece.ends for piece in parts]), [piece for part in parts for piece in part.logs]
+    rows, flags, counts = [piece.rows for piece in pieces], [piece.flags for piece in pieces], ends["rows"]
     if not logs:
-        rows, counts = [np.ascontiguousarray(one.lasts.T) for one in parts], np.ones(len(ends), np.int64)
+        rows, counts = [np.ascontiguousarray(piece.lasts.T) for piece in parts], np.ones(len(ends), np.int64)
         flags = [np.zeros((len(pieces[0].flags), len(ends)), np.int8)]
     log = Log(
         pieces[0].base, _beside(rows), _beside(flags), pieces[0].samples, pieces[0].trials,
-        np.concatenate([one.events for one in pieces]), np.hstack([one.rates for one in pieces]),
-        np.hstack([one.impulses for one in pieces]),
+        np.concatenate([piece.events for piece in pieces]), np.hstack([piece.rates for piece in pieces]),
+        np.hstack([piece.impulses for piece in pieces]),
     )  # fmt: skip
     return Runs(
         law.layout,
         settings.scales,
         ends,
-        np.concatenate([one.largest for one in parts]),
-        np.concatenate([one.passed for one in parts])[:, 1::3].astype(np.int64),
+        np.concatenate([piece.largest for piece in parts]),
+        np.concatenate([piece.passed for piece in parts])[:, 1::3].astype(np.int64),
         Block(log, log.rows.shape[1], 0, len(log.events), 0),
-        np.concatenate([one.parameters for one in parts]),
+        np.concatenate([piece.parameters for piece in parts]),
         np.concatenate([[0], np.cumsum(ends["events"])]),
         np.concatenate([[0], np.cumsum(counts)]),
         columns,
@@ -261,44 +261,44 @@ def _beside(blocks: list[NDArray[Any]]) -> NDArray[Any]:
     return blocks[0] if len(blocks) == 1 else np.hstack(blocks)
 
 
-def _checked(model: Model, settings: Settings, given: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Floats]:
+def _checked(model: Model, settings: Settings, inputs: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Floats]:
     """Read the arrays, gathering every fault."""
     ledger = Ledger(f"many runs of '{model.name}'")
     arrays: dict[tuple[str, str], Floats] = {}
-    known = {"parameter": tuple(model.parameters), "initial value": settings.layout(model).used}
-    for (kind, name), values in given.items():
-        what = f"{kind} '{name}'" if name else kind
-        if kind in known and name not in known[kind]:
-            ledger.note(f"{what} is none of {', '.join(known[kind])}")
+    allowed = {"parameter": tuple(model.parameters), "initial value": settings.layout(model).used}
+    for (kind, name), values in inputs.items():
+        label = f"{kind} '{name}'" if name else kind
+        if kind in allowed and name not in allowed[kind]:
+            ledger.note(f"{label} is none of {', '.join(allowed[kind])}")
             continue
         try:
-            one = np.array(values, dtype=np.float64)
+            array = np.array(values, dtype=np.float64)
         except (TypeError, ValueError):
-            ledger.note(f"{what} is {str(values)[:40]}, needs one number for each run")
+            ledger.note(f"{label} is {str(values)[:40]}, needs one number for each run")
             continue
-        if one.ndim != 1 or not one.size:
-            ledger.note(f"{what} has the shape {one.shape}, needs one number for each run")
+        if array.ndim != 1 or not array.size:
+            ledger.note(f"{label} has the shape {array.shape}, needs one number for each run")
             continue
-        bad = ~np.isfinite(one) | (
-            (one <= 0.0) if kind == "step" else ((one < LEAST_RTOL) | (one >= 1.0)) if kind == "rtol" else False
+        bad = ~np.isfinite(array) | (
+            (array <= 0.0) if kind == "step" else ((array < LEAST_RTOL) | (array >= 1.0)) if kind == "rtol" else False
         )
         if bad.any():
-            at = int(np.flatnonzero(bad)[0])
+            run = int(np.flatnonzero(bad)[0])
             needed = {"step": "a positive time", "rtol": f"a number from {LEAST_RTOL:.3g} to 1"}.get(
                 kind, "a finite number"
             )
-            ledger.note(f"{what} of run {at} is {float(one[at])!r}, needs {needed}")
-        arrays[kind, name] = one
-    sizes = {len(one) for one in arrays.values()}
+            ledger.note(f"{label} of run {run} is {float(array[run])!r}, needs {needed}")
+        arrays[kind, name] = array
+    sizes = {len(array) for array in arrays.values()}
     if len(sizes) > 1:
         ledger.note(f"arrays have {', '.join(map(str, sorted(sizes)))} numbers; all need the same, one for each run")
-    if ("rtol", "") in given and settings.tolerances is None:
+    if ("rtol", "") in inputs and settings.tolerances is None:
         ledger.note("rtols are for chosen or judged steps; give the settings tolerances")
-    if ("step", "") in given and isinstance(settings.step, tuple):
+    if ("step", "") in inputs and isinstance(settings.step, tuple):
         ledger.note("steps are for a grid or a first step, and the settings give every step")
     if not ledger.faults:
         _check_settings(model, settings, arrays, ledger)
-    if not given:
+    if not inputs:
         ledger.note("nothing varies; give parameters, initial, steps or rtols")
     ledger.settle()
     return arrays
@@ -315,8 +315,8 @@ def _check_settings(model: Model, settings: Settings, arrays: Mapping[tuple[str,
                 varied = replace(settings, tolerances=replace(settings.tolerances, rtol=value))
             with ledger.entry(f"a run with {kind} {value!r}"):
                 varied.check(model)
-        asked = settings.tolerances
-        if kind == "initial value" and asked is not None and asked.of(name) == 0.0 and (values == 0.0).any():
+        tolerances = settings.tolerances
+        if kind == "initial value" and tolerances is not None and tolerances.of(name) == 0.0 and (values == 0.0).any():
             ledger.note(
                 f"atol of '{name}' is 0 and a run starts at {name} = 0: its error would have no scale; give it a positive one"
             )

@@ -64,7 +64,7 @@ def inputs_of(
             factors = np.array([widened(law, one) for one in values.tolist()])
             plans["floor"] = [floor_of(one) for one in plans["rtol"].tolist()]
             for i, one in enumerate(layout.used):
-                given = settings.tolerances.of(one)
-                if given is not None:
-                    atols[:, i] = given / scales.of(model.dimensions[one]) * factors
+                atol = settings.tolerances.of(one)
+                if atol is not None:
+                    atols[:, i] = atol / scales.of(model.dimensions[one]) * factors
     return plans, starts, parameters, atols

@@ -159,13 +159,13 @@ def states_inside(address: Any, parameters: Floats, steps: Floats, states: Float
         Whether to find out the distances, which takes two steps more; else they are nan.
     """
     run = run_at(address)
-    n, told = states.shape[0], np.int64(-1)
+    n, current = states.shape[0], np.int64(-1)
     for k in range(steps.shape[1]):
         t, t1, h, time = steps[0, k], steps[1, k], steps[2, k], steps[3, k]
-        if parameters.shape[0] > 0 and np.int64(steps[4, k]) != told:
-            told = np.int64(steps[4, k])
+        if parameters.shape[0] > 0 and np.int64(steps[4, k]) != current:
+            current = np.int64(steps[4, k])
             for i in range(parameters.shape[1]):
-                run.p[i] = parameters[told, i]
+                run.p[i] = parameters[current, i]
         s = (time - t) / (t1 - t)  # h is not t1 - t to the bit: at t1 the step is to be the whole one
         run.now[0].regime = np.int64(steps[5, k])
         for i in range(run.touches.shape[0]):

@@ -43,12 +43,12 @@ def slope_of(run: Run, state: State, i: int) -> float:
 @shared
 def keep_sample(run: Run, t: float, state: State, first: int) -> None:
     """Keep a force evaluation of the trial, from place `first` of its samples on."""
-    used, samples, found = run.plan[0].used, run.samples, run.log_samples.shape[0] - 3 - run.plan[0].used
+    used, samples, evaluated = run.plan[0].used, run.samples, run.log_samples.shape[0] - 3 - run.plan[0].used
     forces = 2 * used - run.plan[0].coordinates  # behind accelerations and rates
     if run.plan[0].samples == 0:
         return
     samples[first] = t
     for i in range(used):
         samples[first + 1 + i] = state[i]
-    for i in range(found):
+    for i in range(evaluated):
         samples[first + 1 + used + i] = state[forces + i]

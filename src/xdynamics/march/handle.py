@@ -189,22 +189,22 @@ def _shape(context: Any, builder: Any, array: ArrayType, table: Any) -> Any:
 
 @lower_builtin(operator.getitem, ArrayType, types.intp)
 @lower_builtin(operator.getitem, ArrayType, types.UniTuple)
-def _read(context: Any, builder: Any, kinds: Any, given: Any) -> Any:
+def _read(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
     array = kinds.args[0]
-    place = _place(context, builder, array, *given)
+    place = _place(context, builder, array, *arguments)
     return place if isinstance(array.element, RowType) else marked(builder, builder.load(place), array.kind)
 
 
 @lower_builtin(operator.setitem, ArrayType, types.intp, types.Any)
 @lower_builtin(operator.setitem, ArrayType, types.UniTuple, types.Any)
-def _write(context: Any, builder: Any, kinds: Any, given: Any) -> Any:
+def _write(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
     array = kinds.args[0]
-    place = _place(context, builder, array, *given[:2])
+    place = _place(context, builder, array, *arguments[:2])
     if isinstance(array.element, RowType):
         size = ir.Constant(_WORD, array.numpy.itemsize)
-        cgutils.raw_memcpy(builder, place, builder.bitcast(given[2], _POINTER), size, 1)
+        cgutils.raw_memcpy(builder, place, builder.bitcast(arguments[2], _POINTER), size, 1)
     else:
-        marked(builder, builder.store(given[2], place), array.kind)
+        marked(builder, builder.store(arguments[2], place), array.kind)
     return context.get_dummy_value()
 
 
@@ -220,8 +220,8 @@ def _field_read(context: Any, builder: Any, row: RowType, place: Any, name: str)
 
 
 @lower_setattr_generic(RowType)
-def _field_written(context: Any, builder: Any, kinds: Any, given: Any, name: str) -> Any:
-    row, place, value = kinds.args[0], given[0], given[1]
+def _field_written(context: Any, builder: Any, kinds: Any, arguments: Any, name: str) -> Any:
+    row, place, value = kinds.args[0], arguments[0], arguments[1]
     marked(builder, builder.store(value, _field(context, builder, row, place, name)), row.kind)
 
 
@@ -256,7 +256,7 @@ def _stepped_by(_typing: Any, step: Any, run: Any, t: Any, t1: Any, h: Any, y: A
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         step, run, t, t1, h, y, z, sample = arguments
-        run, y, z = (builder.ptrtoint(one, _WORD) for one in (run, y, z))
+        run, y, z = (builder.ptrtoint(pointer, _WORD) for pointer in (run, y, z))
         double = ir.DoubleType()
         kind = ir.FunctionType(ir.VoidType(), [_WORD, double, double, double, _WORD, _WORD, _WORD])
         builder.call(builder.inttoptr(step, kind.as_pointer()), [run, t, t1, h, y, z, sample])
@@ -270,7 +270,7 @@ def _enclosed_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, first: Any,
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         entry, run, y, z, first, last, whose = arguments
-        run, y, z = (builder.ptrtoint(one, _WORD) for one in (run, y, z))
+        run, y, z = (builder.ptrtoint(pointer, _WORD) for pointer in (run, y, z))
         kind = ir.FunctionType(ir.VoidType(), [_WORD] * 6)
         builder.call(builder.inttoptr(entry, kind.as_pointer()), [run, y, z, first, last, whose])
         return context.get_dummy_value()
@@ -366,8 +366,8 @@ def _march_by_plainly(march: Any, run: Any, rows: int) -> None:
     march(run, rows)
 
 
-def _by_key(entry: int, *given: Any) -> None:
-    PLAIN[int(entry)](*given)
+def _by_key(entry: int, *arguments: Any) -> None:
+    PLAIN[int(entry)](*arguments)
 
 
 def called_plainly(address: int, run: Any, y: Any, z: Any, sample: int) -> None:

@@ -64,14 +64,14 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     scales, plan = settings.scales, planned(model, settings, law)
     start, end = float(plan["start"][0]), float(plan["end"][0])
     tables, places = flattened(tables_of(model, scales))
-    asked = np.array(settings.nodes) / scales.of(TIME)
-    nodes = np.union1d(nodes_of(model, scales), asked) if asked.size else nodes_of(model, scales)
+    requested_nodes = np.array(settings.nodes) / scales.of(TIME)
+    nodes = np.union1d(nodes_of(model, scales), requested_nodes) if requested_nodes.size else nodes_of(model, scales)
     nodes = nodes[(nodes > start) & (nodes < end)]
     plan["rest"] = BEGINNING * (
         nodes[0] - start if len(nodes) else end - start
     )  # what is behind a node changes nothing
-    given = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
-    grid, steps = _given(start, given, np.append(nodes, end), float(plan["snap"][0]))
+    given_steps = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
+    grid, steps = _given(start, given_steps, np.append(nodes, end), float(plan["snap"][0]))
     now = np.zeros(1, NOW)
     now["t"], now["on_grid"], now["status"], now["regime"] = start, 1, RUNNING, first_regime(model)
     return Run(
@@ -101,7 +101,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
 
 def addresses_of(law: Law) -> NDArray[np.int64]:
     """Return where the programs of a march begin; of the interpolant too, where an event is located on it."""
-    inside = any(one.event.root_state == "interpolant" for one in law.layout.watched)
+    inside = any(detector.event.root_state == "interpolant" for detector in law.layout.watched)
     return law.addresses_inside if inside else law.addresses
 
 
@@ -117,20 +117,20 @@ def _solving(law: Law) -> dict[str, NDArray[Any]]:
         return _NOTHING_TO_SOLVE
     if not method.simplified:
         equations, unknowns, entries = _equations(law)
-        largest = max(one.unknowns for one in equations)
+        largest = max(equation.unknowns for equation in equations)
         lists = {"equations": equations, "unknowns": unknowns, "entries": entries}
         return _NOTHING_TO_SOLVE | lists | {"matrix": np.zeros(largest * largest), "right": np.zeros(largest)}
     used, size = len(layout.used), len(layout.used) - len(layout.coordinates)
     lengths = dict.fromkeys(("stages", "turned", "defects", "past"), 3 * used)
     lengths |= dict.fromkeys(("stage", "shifted"), len(layout.record)) | {"matrix": 3 * size * size, "right": 2 * size}
-    own: dict[str, NDArray[Any]] = {name: np.zeros(length) for name, length in lengths.items()}
-    own |= {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "pivots": np.zeros(6 * size, np.int64)}
-    return _NOTHING_TO_SOLVE | own
+    arrays: dict[str, NDArray[Any]] = {name: np.zeros(length) for name, length in lengths.items()}
+    arrays |= {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "pivots": np.zeros(6 * size, np.int64)}
+    return _NOTHING_TO_SOLVE | arrays
 
 
 def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
     """Return the initial state, its tolerances, and room for those that are tried."""
-    layout, asked = law.layout, settings.tolerances
+    layout, tolerances = law.layout, settings.tolerances
     sizes = {name: settings.scales.of(model.dimensions[name]) for name in layout.used}
     n, events = len(layout.used), len(layout.watched)
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
@@ -142,10 +142,10 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
     # without tolerances nothing is asked of an error
-    wider = widened(law, asked.rtol) if asked else 1.0
-    given = [None if asked is None else asked.of(name) for name in layout.used]
-    none = np.inf if asked is None else 0.0  # what follows its variable is not known yet
-    arrays["atol"] = np.array([none if one is None else one / sizes[name] * wider for name, one in zip(layout.used, given, strict=True)])  # fmt: skip
+    wider = widened(law, tolerances.rtol) if tolerances else 1.0
+    atols = [None if tolerances is None else tolerances.of(name) for name in layout.used]
+    unspecified = np.inf if tolerances is None else 0.0  # what follows its variable is not known yet
+    arrays["atol"] = np.array([unspecified if atol is None else atol / sizes[name] * wider for name, atol in zip(layout.used, atols, strict=True)])  # fmt: skip
     arrays["probe"], arrays["turning"] = np.zeros(len(layout.record)), np.zeros(4 * n)
     arrays["tops"] = np.zeros(2 * (1 + max(layout.kinds)))
     return arrays
@@ -153,8 +153,8 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
 
 def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64]]:
     """Return which absolute tolerances follow their variables, and what of is of one kind."""
-    asked = settings.tolerances
-    follow = [asked is not None and asked.of(name) is None for name in layout.used]
+    tolerances = settings.tolerances
+    follow = [tolerances is not None and tolerances.of(name) is None for name in layout.used]
     return {"followers": np.array(follow, np.int64), "kinds": np.array(layout.kinds, np.int64)}
 
 
@@ -162,15 +162,15 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
     """Return what the march does not change."""
     scale, scheme, pacing, layout = settings.scales.of(TIME), law.scheme, settings.pacing, law.layout
     start, end = model.initial["t"].si / scale, settings.until / scale
-    adaptive, asked = settings.adaptive, settings.tolerances
+    adaptive, tolerances = settings.adaptive, settings.tolerances
     single = settings.step / scale if isinstance(settings.step, float | int) else 0.0
     values = {
         "start": start,
         "end": end,
         "snap": 4.0 * float(np.finfo(float).eps),
         "step_size": 0.0 if adaptive else single,
-        "rtol": scheme.inner(asked.rtol) if asked else 0.0,
-        "floor": floor_of(scheme.inner(asked.rtol)) if asked else 0.0,
+        "rtol": scheme.inner(tolerances.rtol) if tolerances else 0.0,
+        "floor": floor_of(scheme.inner(tolerances.rtol)) if tolerances else 0.0,
         "rest": 0.0,  # known with the nodes
         "order": scheme.error_order,
         "safety": pacing.safety,
@@ -195,12 +195,12 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "coordinates": len(layout.coordinates),
         "kinetic": layout.row.index("kinetic_energy") if "kinetic_energy" in layout.derived else -1,
         "used": len(layout.used),
-        "follows": asked is not None and any(asked.of(name) is None for name in layout.used),
+        "follows": tolerances is not None and any(tolerances.of(name) is None for name in layout.used),
         "state": len(layout.state),
         "regime": first_regime(model),
         "evaluated": len(layout.evaluation),
         "reactions": len(layout.reactions),
-        "switches": sum(one.role in (SWITCH, KINK) for one in layout.watched),
+        "switches": sum(detector.role in (SWITCH, KINK) for detector in layout.watched),
         "stepping": scheme.method.stepping,
         "apart": settings.apart,
         "margin": LEAST_OF_0_2 if settings.apart else LEAST,
@@ -246,39 +246,39 @@ def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
 def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return how events are looked for, and what that takes."""
     watched = law.layout.watched
-    said, deep, events = enclosing(law.layout), DEEPEST if watched else 0, len(watched)
+    intervals, depth, events = enclosing(law.layout), DEEPEST if watched else 0, len(watched)
     places = {
-        "under": np.zeros(said.values),
-        "over": np.zeros(said.values),
-        "flaws": np.zeros(said.values, np.int64),
-        "wanted": np.zeros(said.values, np.int64),
+        "under": np.zeros(intervals.values),
+        "over": np.zeros(intervals.values),
+        "flaws": np.zeros(intervals.values, np.int64),
+        "wanted": np.zeros(intervals.values, np.int64),
     }
     functions = [*called_with_intervals(law.scheme.math_functions), *watchers()] if watched else []
     return (
         places
         | _touching(model, settings)
         | {
-            "detectors": _detectors(law.layout, said, settings),
+            "detectors": _detectors(law.layout, intervals, settings),
             "watches": np.zeros(events, WATCH),
-            **_region(law.layout, said, settings),
+            **_region(law.layout, intervals, settings),
             "resets": np.zeros(len(law.layout.resets)),
             "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
             "piece": np.zeros(1, PIECE),
-            "rows": said.rows,
-            "numbers": said.numbers,
-            "parts": np.array(said.parts, np.int64),
-            "branches": np.zeros((deep, 1 + len(law.layout.record) + events)),
+            "rows": intervals.rows,
+            "numbers": intervals.numbers,
+            "parts": np.array(intervals.parts, np.int64),
+            "branches": np.zeros((depth, 1 + len(law.layout.record) + events)),
             "functions": np.array([*functions, contacts()] if law.layout.reactions else functions, np.int64),
         }
     )
 
 
-def _region(layout: Layout, said: Enclosing, settings: Settings) -> dict[str, NDArray[Any]]:
+def _region(layout: Layout, intervals: Enclosing, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return what a region without events is of; nothing where contacts go by what gaps are in every step."""
-    rows = {k: said.rows[k].tolist() for k in range(said.parts[0], said.parts[1])}
-    none = layout.reactions or settings.apart or any(row[0] == UNKNOWN for row in rows.values())
+    rows = {k: intervals.rows[k].tolist() for k in range(intervals.parts[0], intervals.parts[1])}
+    disabled = layout.reactions or settings.apart or any(row[0] == UNKNOWN for row in rows.values())
     leaves = []
-    for k, (row, target, i, order, _) in rows.items() if not none else ():
+    for k, (row, target, i, order, _) in rows.items() if not disabled else ():
         if row == COORDINATE and order == 0:
             leaves.append((POSITION, i, target))
         elif row in (COORDINATE, STATE, INSTANTS):
@@ -288,22 +288,22 @@ def _region(layout: Layout, said: Enclosing, settings: Settings) -> dict[str, ND
 
 def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return what contacts and friction elements are, and room for the problems that they pose."""
-    found, scales = reactions(model), settings.scales
-    m, n = len(found), len(model.coordinates)
-    most = sum(1 if one.sort == NORMAL else 3 for one in found)
+    all_reactions, scales = reactions(model), settings.scales
+    m, n = len(all_reactions), len(model.coordinates)
+    unknowns = sum(1 if reaction.sort == NORMAL else 3 for reaction in all_reactions)
     fixed = np.zeros(m, REACTION)
-    for to, one in zip(fixed, found, strict=True):
-        part: Any = model.frictions[one.owner] if one.sort == DRY else model.contacts[one.owner]
-        to.role, to.normal, to.tolerance, to.rest_height = (
-            one.sort,
-            one.normal,
+    for row, reaction in zip(fixed, all_reactions, strict=True):
+        part: Any = model.frictions[reaction.owner] if reaction.sort == DRY else model.contacts[reaction.owner]
+        row.role, row.normal, row.tolerance, row.rest_height = (
+            reaction.sort,
+            reaction.normal,
             settings.located_within(part.time_tolerance) / scales.of(TIME),
             -1.0,
         )
-        if one.sort == NORMAL:
-            to.law = IMPACT_LAWS.index(part.law)
+        if reaction.sort == NORMAL:
+            row.law = IMPACT_LAWS.index(part.law)
             if part.rest_height is not None:
-                to.rest_height = part.rest_height.si / scales.of(part.rest_height.unit.dimension)
+                row.rest_height = part.rest_height.si / scales.of(part.rest_height.unit.dimension)
     return {
         "reactions": fixed,
         "touches": np.zeros(m, TOUCH),
@@ -313,10 +313,10 @@ def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
         "balance": np.zeros(BALANCE),
         **{name: np.zeros(m) for name in ("approach", "slowed", "pulled")},
         "links": np.zeros(NUMBERS * m + m * m + 2 * m * n),
-        "problem": np.zeros((most, 2 * most + 2)),
-        "basis": np.zeros(most, np.int64),
-        "solution": np.zeros(most),
-        "effects": np.zeros((m, most)),
+        "problem": np.zeros((unknowns, 2 * unknowns + 2)),
+        "basis": np.zeros(unknowns, np.int64),
+        "solution": np.zeros(unknowns),
+        "effects": np.zeros((m, unknowns)),
         "square": np.zeros(m * m),
         "column": np.zeros(m),
         "chosen": np.zeros(m, np.int64),
@@ -337,50 +337,50 @@ def _followed_by(layout: Layout, drive: str) -> tuple[int, int, int, int]:
     return layout.drives.index(drive), places[argument], places[velocity(owner)] if owner == argument else turn, turn
 
 
-def _detectors(layout: Layout, said: Enclosing, settings: Settings) -> NDArray[np.void]:
+def _detectors(layout: Layout, intervals: Enclosing, settings: Settings) -> NDArray[np.void]:
     model, watched = layout.model, layout.watched
-    found = np.zeros(len(watched), DETECTOR)
-    found["value"], found["slope"], found["of_time"] = said.functions, said.slopes, said.of_time
-    found["bend"] = said.bends
+    rows = np.zeros(len(watched), DETECTOR)
+    rows["value"], rows["slope"], rows["of_time"] = intervals.functions, intervals.slopes, intervals.of_time
+    rows["bend"] = intervals.bends
     place = len(modes(model))  # of sides, behind the modes of contacts
-    for one, detector in zip(found, watched, strict=True):
+    for row, detector in zip(rows, watched, strict=True):
         event = detector.event
-        one.direction, one.action, one.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
-        one.to = list(model.regimes).index(event.to) if event.to else 0
-        one.tolerance = settings.located_within(detector.time_tolerance) / settings.scales.of(TIME)
-        near = detector.position_tolerance
-        one.position = np.inf if near is None else near.si / settings.scales.of(near.unit.dimension)
-        one.role, one.reaction = detector.role, detector.reaction
-        one.sampled = int(detector.sampled)
-        one.interpolant = int(event.root_state == "interpolant")
-        one.drive = -1
+        row.direction, row.action, row.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
+        row.to = list(model.regimes).index(event.to) if event.to else 0
+        row.tolerance = settings.located_within(detector.time_tolerance) / settings.scales.of(TIME)
+        position = detector.position_tolerance
+        row.position = np.inf if position is None else position.si / settings.scales.of(position.unit.dimension)
+        row.role, row.reaction = detector.role, detector.reaction
+        row.sampled = int(detector.sampled)
+        row.interpolant = int(event.root_state == "interpolant")
+        row.drive = -1
         if detector.role in (SWITCH, KINK):
-            one.to, one.at_zero = place, detector.at_zero
+            row.to, row.at_zero = place, detector.at_zero
             place += len(borders(detector.drive)) if detector.drive else 1
         if detector.drive:
-            one.drive, one.argument, one.rate, one.turn = _followed_by(layout, detector.drive)
-    return found
+            row.drive, row.argument, row.rate, row.turn = _followed_by(layout, detector.drive)
+    return rows
 
 
 def _equations(law: Law) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.int64]]:
     """Lay what Newton's method has to know of a step's equations into flat lists."""
-    found = np.zeros(len(law.equations), EQUATIONS)
+    rows = np.zeros(len(law.equations), EQUATIONS)
     unknowns: list[tuple[int, int, int]] = []
     entries: list[tuple[int, int, int, int]] = []
-    for row, one in zip(found, law.equations, strict=True):
-        row.evaluations, row.residuals = one.evaluations, one.residuals
-        row.first_unknown, row.unknowns = len(unknowns), len(one.unknowns)
-        row.first_entry, row.entries = len(entries), len(one.entries)
-        unknowns += one.unknowns
-        entries += one.entries
-    return found, np.array(unknowns, np.int64).reshape(-1, 3), np.array(entries, np.int64).reshape(-1, 4)
+    for row, equations in zip(rows, law.equations, strict=True):
+        row.evaluations, row.residuals = equations.evaluations, equations.residuals
+        row.first_unknown, row.unknowns = len(unknowns), len(equations.unknowns)
+        row.first_entry, row.entries = len(entries), len(equations.entries)
+        unknowns += equations.unknowns
+        entries += equations.entries
+    return rows, np.array(unknowns, np.int64).reshape(-1, 3), np.array(entries, np.int64).reshape(-1, 4)
 
 
 @lru_cache(maxsize=64)
 def _limits_domain(model: Model) -> bool:
     """Whether the model has functions or tables that are not defined everywhere."""
-    parts: Iterable[object] = (one for terms in model.force_components.values() for one in terms.values())
-    trees = [one for one in parts if not isinstance(one, Function)]
-    trees += [*model.statement.mass_entries.values(), *(one.rate for one in model.states.values())]
+    parts: Iterable[object] = (part for terms in model.force_components.values() for part in terms.values())
+    trees = [part for part in parts if not isinstance(part, Function)]
+    trees += [*model.statement.mass_entries.values(), *(part.rate for part in model.states.values())]
     limited = any(limits_domain(model.expanded(tree)) for tree in trees)  # type: ignore[arg-type]
     return limited or any(drive.outside == "error" for drive in model.drives.values())

@@ -79,7 +79,7 @@ def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, a
         Whether all are over; else there is no room for events or rows, which are to be taken out.
     """
     lanes, lands, keeps = addresses.shape[0], run_at(addresses[0]).nodes.shape[0] > 0, columns.shape[0] > 0
-    blocks, given, results = (
+    blocks, inputs, results = (
         (at, y, before, p, pieces, w),
         (plans, starts, parameters, atols),
         (ends, lasts, largest, passed),
@@ -89,7 +89,7 @@ def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, a
         for lane in range(lanes):
             if w[L_ORDINARY, lane] == 0.0:
                 if not serve(
-                    addresses[lane], march_at, lane, members, standing, blocks, given, results, events, keeping
+                    addresses[lane], march_at, lane, members, standing, blocks, inputs, results, events, keeping
                 ):
                     return False
                 reached[lane] = w[L_T, lane]
@@ -420,15 +420,15 @@ def parts_of_steps(address: Any, forces_at: Any, propose_at: Any, table: Whole, 
     """
     run, lanes, n, scale = run_at(address), y.shape[1], found.shape[0], factors[0]
     ends, whose = np.zeros((3, lanes)), np.zeros(lanes, np.int64)
-    filled, known = 0, -1
+    filled, current = 0, -1
     for k in range(times.shape[0]):
         row, led_to, member = jobs[0, k], jobs[1, k], jobs[2, k]
         # there and back, as a record's numbers go: the same bits
         t, t1, h = log[0, row] * scale / scale, log[0, led_to] * scale / scale, log[1, led_to] * scale / scale
         time = times[k] / scale
         if time > t:
-            if member != known:
-                known = member
+            if member != current:
+                current = member
                 for i in range(parameters.shape[1]):
                     run.p[i] = parameters[member, i]
             run.now[0].regime = flags[1, row]

@@ -182,9 +182,9 @@ def note_sample(run: Run, t: float, state: NDArray[Any], row: int) -> None:
     samples[0, at], samples[1, at], samples[2, at] = t, row, 0
     for i in range(used):
         samples[3 + i, at] = state[i]
-    found = samples.shape[0] - 3 - used
-    for i in range(found):
-        samples[3 + used + i, at] = state[state.shape[0] - found + i]
+    evaluated = samples.shape[0] - 3 - used
+    for i in range(evaluated):
+        samples[3 + used + i, at] = state[state.shape[0] - evaluated + i]
     now.samples += 1
 
 
@@ -205,24 +205,24 @@ def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False) ->
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
     plain: Any = getattr(most_trials, "py_func", most_trials)
     trials = min(rows, 20_000) + int(plain(events * int(apart)))
-    most = (min(rows, 4_000) if events else 0) + events
+    event_rows = (min(rows, 4_000) if events else 0) + events
     return Log(
         np.zeros(1, BASE),
         _pages((len(layout.row), rows), np.float64),
         _pages((layout.flags, rows), np.int8),
         _pages((len(layout.sample), samples), np.float64),
         np.empty(trials, TRIAL_ROW),
-        np.empty(most, EVENT_ROW),
-        np.empty((len(layout.followed), most)),
-        np.empty((_acting(layout), most)),
+        np.empty(event_rows, EVENT_ROW),
+        np.empty((len(layout.followed), event_rows)),
+        np.empty((_acting(layout), event_rows)),
     )
 
 
 def misplaced_events(detectors: NDArray[Any], log: Log, count: int) -> NDArray[np.bool_]:
     """Tell which of the first events of a log were accepted farther from their zero than was asked for."""
     events = log.events[:count]
-    found: NDArray[np.bool_] = np.abs(events["residual"]) > detectors["position"][events["detector"]]
-    return found
+    misplaced: NDArray[np.bool_] = np.abs(events["residual"]) > detectors["position"][events["detector"]]
+    return misplaced
 
 
 def _acting(layout: Layout) -> int:

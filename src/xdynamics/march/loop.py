@@ -163,10 +163,10 @@ def aim_at_grid(run: Run, node: float) -> None:
 def aim_freely(run: Run, node: float) -> None:
     """Take the step that control proposes, or what is left to the next node."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
-    rest = node - now.t
+    remaining = node - now.t
     trial.t = now.t + now.step
-    if trial.t >= node - run.snaps[now.node] or (rest <= STRETCH * now.step and rest <= plan.max_step):
-        trial.t, trial.h, trial.landing = node, rest, AT_NODE
+    if trial.t >= node - run.snaps[now.node] or (remaining <= STRETCH * now.step and remaining <= plan.max_step):
+        trial.t, trial.h, trial.landing = node, remaining, AT_NODE
     else:
         trial.h, trial.landing = trial.t - now.t, AT_GRID  # so that t + h is the target to the bit
 

@@ -42,8 +42,8 @@ def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
         Naming the first array that has another form there.
     """
     for name in CHANGING:
-        there, given = getattr(run, name), arrays.get(name)
-        if given is None or (given.dtype, given.shape) != (there.dtype, there.shape):
+        target, source = getattr(run, name), arrays.get(name)
+        if source is None or (source.dtype, source.shape) != (target.dtype, target.shape):
             raise InputError(f"the march's '{name}' has another form than here: it is of another version of xdynamics")
     for name in CHANGING:
         getattr(run, name)[...] = arrays[name]
@@ -55,8 +55,8 @@ def numbers_at_end(run: Run) -> tuple[str, Floats]:
     for name in _at_end(run):
         array = getattr(run, name)
         fields = array.dtype.names
-        names += [f"{name}.{one}" for one in fields] if fields else [f"{name}[{array.size}]"]
-        parts += [array[one].astype(float) for one in fields] if fields else [array.astype(float)]
+        names += [f"{name}.{field}" for field in fields] if fields else [f"{name}[{array.size}]"]
+        parts += [array[field].astype(float) for field in fields] if fields else [array.astype(float)]
     return " ".join(names), np.concatenate(parts)
 
 
@@ -68,16 +68,16 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
     InputError
         If the numbers are of a run of another form.
     """
-    known, kept = numbers_at_end(run)
+    expected, kept = numbers_at_end(run)
     short = sum(getattr(run, name).size for name in LATER)
-    if names == known.rsplit(maxsplit=len(LATER))[0] and numbers.size == kept.size - short:
-        names, numbers = known, np.append(numbers, np.zeros(short))
-    if names != known or numbers.shape != kept.shape:
+    if names == expected.rsplit(maxsplit=len(LATER))[0] and numbers.size == kept.size - short:
+        names, numbers = expected, np.append(numbers, np.zeros(short))
+    if names != expected or numbers.shape != kept.shape:
         raise InputError("its memory of the end is of another version of xdynamics")
     first = 0
     for name in _at_end(run):
         array = getattr(run, name)
-        for part in [array[one] for one in array.dtype.names] if array.dtype.names else [array]:
+        for part in [array[field] for field in array.dtype.names] if array.dtype.names else [array]:
             part[...] = numbers[first : first + part.size]
             first += part.size
     now = run.now[0]
@@ -87,6 +87,6 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
 
 def _at_end(run: Run) -> list[str]:
     """Return the arrays that a record keeps the end of; those of contacts and switches where there are any."""
-    found = [name for name in AT_END if name not in _OF_CONTACTS or getattr(run, name).size]
-    found += ["places"] if (run.detectors["drive"] >= 0).any() else []
-    return [*found, *LATER] if run.touches.size else found
+    names = [name for name in AT_END if name not in _OF_CONTACTS or getattr(run, name).size]
+    names += ["places"] if (run.detectors["drive"] >= 0).any() else []
+    return [*names, *LATER] if run.touches.size else names

@@ -41,16 +41,16 @@ class Kept:
 
     def callback(self, function: Any, signature: Any) -> Any:
         """Compile a function that is called by its address, or take what was kept of it."""
-        made = _Callback(function, (signature.args, signature.return_type), locals={}, options=dict(OPTIONS))
-        made.take(_Place(self._functions, function.__name__, complete=self._complete))
-        return made
+        compiled = _Callback(function, (signature.args, signature.return_type), locals={}, options=dict(OPTIONS))
+        compiled.take(_Place(self._functions, function.__name__, complete=self._complete))
+        return compiled
 
     def function(self, function: Any, signature: Any, **options: Any) -> Any:
         """Compile a function that is called from Python, or take what was kept of it."""
-        made: Any = njit(**OPTIONS, **options)(function)
-        made._cache = _Place(self._functions, function.__name__, complete=self._complete)  # noqa: SLF001 - as its `enable_caching` does
-        made.compile(signature)
-        return made
+        dispatcher: Any = njit(**OPTIONS, **options)(function)
+        dispatcher._cache = _Place(self._functions, function.__name__, complete=self._complete)  # noqa: SLF001 - as its `enable_caching` does
+        dispatcher.compile(signature)
+        return dispatcher
 
 
 class _Callback(CFunc):

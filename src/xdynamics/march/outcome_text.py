@@ -81,11 +81,11 @@ def _digits(march: March, t: float, h: float) -> int:
         return MOST
     if status != STOPPED:
         return max(FEWEST, digits(t, apart=h))
-    asked = [one.time_tolerance for name, one in events.items() if f"'{name}'" in march.stopping_event]
-    located = max((march.settings.located_within(one) for one in asked), default=0.0)
+    time_tolerances = [entry.time_tolerance for name, entry in events.items() if f"'{name}'" in march.stopping_event]
+    located = max((march.settings.located_within(entry) for entry in time_tolerances), default=0.0)
     tolerances = march.settings.tolerances
-    known = ((one.quantity.value, one.uncertainty) for one in march.model.uncertain.values())
-    return digits(t, uncertainty=located, relative=known_part(tolerances.rtol if tolerances else None, known))
+    values = ((entry.quantity.value, entry.uncertainty) for entry in march.model.uncertain.values())
+    return digits(t, uncertainty=located, relative=known_part(tolerances.rtol if tolerances else None, values))
 
 
 @dataclass(frozen=True)
@@ -106,12 +106,12 @@ def diagnose(march: March) -> Failure:
     if status == REASON_EVENT_FUNCTION:
         named = zip(march.layout.watched, march.run.g1.tolist(), strict=True)
         cause = ", ".join(
-            f"the function of event '{one.name}' is {value}" for one, value in named if not isfinite(value)
+            f"the function of event '{detector.name}' is {value}" for detector, value in named if not isfinite(value)
         )
         return Failure(OUTCOMES[status], cause)
     if status == EVENT_AT_ZERO:
         named = zip(march.layout.watched, march.run.watches["ever"].tolist(), strict=True)
-        cause = ", ".join(f"the function of event '{one.name}' is 0" for one, ever in named if not ever)
+        cause = ", ".join(f"the function of event '{detector.name}' is 0" for detector, ever in named if not ever)
         return Failure(OUTCOMES[status], cause)
     if status == SLIDING_MODE:
         return Failure(OUTCOMES[status], _sliding(march))
@@ -133,12 +133,12 @@ def diagnose(march: March) -> Failure:
 def _sliding(march: March) -> str:
     """Name the switch whose both sides drive the motion back to it."""
     watched = zip(march.layout.watched, march.run.watches["hit"].tolist(), strict=True)
-    one = next(one for one, hit in watched if hit and one.role == SWITCH)
-    owner, function = one.name.split(".")
-    where = f"switches where {text_of(one.function)} = 0, the argument of its {function}"
-    if one.drive:
-        drive = march.model.drives[one.drive]
-        at = _asked(march, one.drive) * march.settings.scales.of(march.model.dimensions[drive.argument])
+    switch = next(switch for switch, hit in watched if hit and switch.role == SWITCH)
+    owner, function = switch.name.split(".")
+    where = f"switches where {text_of(switch.function)} = 0, the argument of its {function}"
+    if switch.drive:
+        drive = march.model.drives[switch.drive]
+        at = _asked(march, switch.drive) * march.settings.scales.of(march.model.dimensions[drive.argument])
         where = f"jumps at {drive.argument} = {at:.15g} (SI units), a point of the table '{drive.table.name}'"
     return (
         f"'{owner}' {where}, and either side drives the motion back: it slides along the switch (Filippov), which is no"
@@ -164,9 +164,9 @@ def _cause(march: March) -> str:
             )
         case status if status == REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
-            most = MOST_TURNS if plan.simplified and plan.adaptive else MOST_ITERATIONS
+            limit = MOST_TURNS if plan.simplified and plan.adaptive else MOST_ITERATIONS
             return (
-                f"Newton's method, of at most {most} iterations, does not solve the step's equations, that of"
+                f"Newton's method, of at most {limit} iterations, does not solve the step's equations, that of"
                 f" {of_newton(march)} least of all; {remedy}"
             )
         case status if status == STEP_TOO_SMALL and plan.adaptive and norm > 1.0:
@@ -202,8 +202,8 @@ def _asked(march: March, name: str) -> float:
 
 def _leaves(march: March, name: str) -> bool:
     drive = march.model.drives[name]
-    asked = _asked(march, name) * march.settings.scales.of(march.model.dimensions[drive.argument])
-    return drive.outside == "error" and not drive.table.argument[0] <= asked <= drive.table.argument[-1]
+    value = _asked(march, name) * march.settings.scales.of(march.model.dimensions[drive.argument])
+    return drive.outside == "error" and not drive.table.argument[0] <= value <= drive.table.argument[-1]
 
 
 def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
@@ -225,7 +225,11 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
             sliding = next((one for one in reactions(model) if one.sort == TANGENT and one.owner == owner.owner), None)
             if sliding is not None:
                 return Failure(OUTCOMES[REASON_CONTACT], painleve(sliding, evaluate(sliding.size, values)))
-    trees = {force(term, one): tree for term, parts in model.force_components.items() for one, tree in parts.items()}
+    trees = {
+        force(term, one): tree
+        for term, components in model.force_components.items()
+        for one, tree in components.items()
+    }
     trees |= {rate(name): state.rate for name, state in model.states.items()}
     for name, tree in trees.items():
         if not isfinite(values[name]):
@@ -235,12 +239,12 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
     return None
 
 
-def _outside(march: March, name: str, asked: float) -> str:
+def _outside(march: March, name: str, value: float) -> str:
     drive = march.model.drives[name]
-    asked *= march.settings.scales.of(march.model.dimensions[drive.argument])
+    value *= march.settings.scales.of(march.model.dimensions[drive.argument])
     low, high = drive.table.argument[0], drive.table.argument[-1]
     return (
-        f"drive '{name}' was asked at {drive.argument} = {asked:.15g}, and its table '{drive.table.name}' reaches from"
+        f"drive '{name}' was asked at {drive.argument} = {value:.15g}, and its table '{drive.table.name}' reaches from"
         f' {low:.15g} to {high:.15g} (SI units); set outside = "zero" or "hold", or stay inside'
     )
 

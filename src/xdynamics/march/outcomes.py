@@ -80,5 +80,5 @@ OUTCOMES: dict[int, Outcome] = {
 NONFINITE_FORCE = Outcome("nonfinite_force", _FINITE)
 OUTSIDE_TABLE = Outcome("outside_drive_table", _FINITE)
 
-WORDS = {one.word: one for one in (*OUTCOMES.values(), NONFINITE_FORCE, OUTSIDE_TABLE)}
-GOOD = frozenset(word for word, one in WORDS.items() if one.good)
+WORDS = {outcome.word: outcome for outcome in (*OUTCOMES.values(), NONFINITE_FORCE, OUTSIDE_TABLE)}
+GOOD = frozenset(word for word, outcome in WORDS.items() if outcome.good)

@@ -108,14 +108,14 @@ def advance(run: Run, t: float, h: float, work: Floats, first: int) -> None:
 @shared
 def misfit(run: Run, h: float, work: Floats, far: float, moves: Floats) -> float:
     """Return the error of a step over what it may be, the largest of all variables; inf where something is no number."""
-    found = 0.0
+    largest = 0.0
     for i in range(run.plan[0].used):
         error = error_of(work, 0, h, i)
         beside = abs(error_of(work, 6, h, i) - error)
-        found = max(found, abs(error) / (ROUGH * moves[1 + i, 1]), beside / (ROUGHER * far * moves[1 + i, 1]))
+        largest = max(largest, abs(error) / (ROUGH * moves[1 + i, 1]), beside / (ROUGHER * far * moves[1 + i, 1]))
         if not isfinite(error + beside):
             return inf
-    return found
+    return largest
 
 
 @shared
@@ -128,7 +128,7 @@ def error_of(work: Floats, first: int, h: float, i: int) -> float:
 @shared
 def apart_by(run: Run, one: State, other: State, moves: Floats) -> float:
     """Return how far two states are apart, over the sizes, in the variable where that is most."""
-    found = 0.0
+    distance = 0.0
     for i in range(run.plan[0].used):
-        found = max(found, abs(other[i] - one[i]) / moves[1 + i, 1])
-    return found
+        distance = max(distance, abs(other[i] - one[i]) / moves[1 + i, 1])
+    return distance

@@ -15,8 +15,8 @@ from xdynamics.kernels.interval_program import CALLED
 from xdynamics.kernels.program import TABLE, WORDS
 
 
-def _record(floats: str, whole: str) -> np.dtype[Any]:
-    fields = [(name, "f8") for name in floats.split()] + [(name, "i8") for name in whole.split()]
+def _record(floats: str, integers: str) -> np.dtype[Any]:
+    fields = [(name, "f8") for name in floats.split()] + [(name, "i8") for name in integers.split()]
     return np.dtype((np.record, fields))
 
 
@@ -257,15 +257,15 @@ class Run:
 
     def twins(self, count: int) -> Twins:
         """Return runs like this one, to be marched beside each other: what changes is copied, the rest is shared."""
-        own = [name for name in ARRAYS if name not in SHARED]
-        parts = [getattr(self, name) for name in own]
-        sizes = np.array([-(-part.nbytes // _ALIGNED) * _ALIGNED for part in parts])
+        names = [name for name in ARRAYS if name not in SHARED]
+        arrays = [getattr(self, name) for name in names]
+        sizes = np.array([-(-part.nbytes // _ALIGNED) * _ALIGNED for part in arrays])
         offsets = np.concatenate([[0], np.cumsum(sizes)])
         memory, tables = np.zeros((count, int(offsets[-1])), np.uint8), np.tile(self._table, (count, 1, 1))
-        for part, begin in zip(parts, offsets.tolist(), strict=False):
+        for part, begin in zip(arrays, offsets.tolist(), strict=False):
             memory[:, begin : begin + part.nbytes] = np.frombuffer(part.tobytes(), np.uint8)
         begins = memory.ctypes.data + memory.shape[1] * np.arange(count)[:, None] + offsets[:-1]
-        tables[:, [_PLACES[name] for name in own], 0] = begins
+        tables[:, [_PLACES[name] for name in names], 0] = begins
         # modes are the end of the parameters, and not an array of their own
         end = self.p.nbytes - self.modes.nbytes
         tables[:, _PLACES["modes"], 0] = tables[:, _PLACES["p"], 0] + end
@@ -276,7 +276,7 @@ class Run:
         for name, array in arrays.items():
             setattr(self, name, array)
         places = [_PLACES[name] for name in arrays]
-        self._table[places] = [(one.ctypes.data, one.shape[0], one.shape[-1]) for one in arrays.values()]
+        self._table[places] = [(block.ctypes.data, block.shape[0], block.shape[-1]) for block in arrays.values()]
 
 
 ARRAYS: dict[str, str] = dict(Run.__annotations__)  # name and kind

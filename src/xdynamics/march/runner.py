@@ -111,8 +111,8 @@ class March:
     @cached_property
     def estimated(self) -> list[int]:
         """Return the columns of a log that estimate errors of variables, where given absolute tolerances are judged by them."""
-        asked, used = self.settings.tolerances, self.layout.used
-        if not self.settings.adaptive or asked is None or not any(asked.of(name) for name in used):
+        tolerances, used = self.settings.tolerances, self.layout.used
+        if not self.settings.adaptive or tolerances is None or not any(tolerances.of(name) for name in used):
             return []
         return [self.layout.row.index(error(name)) for name in used]
 
@@ -174,8 +174,8 @@ class March:
     @property
     def passed(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """How often each switch that was declared smooth was passed, and the time of the first state behind it, else nan."""
-        known = self.run.w[self.run.w.size - 3 * len(self.layout.smooth) :].reshape(-1, 3)
-        return known[:, 1].astype(np.int64), np.where(known[:, 1] > 0.0, known[:, 2], np.nan)
+        counts = self.run.w[self.run.w.size - 3 * len(self.layout.smooth) :].reshape(-1, 3)
+        return counts[:, 1].astype(np.int64), np.where(counts[:, 1] > 0.0, counts[:, 2], np.nan)
 
     @property
     def outcome(self) -> Outcome:
@@ -249,16 +249,19 @@ class March:
         first = rows - block.rows
         stride = self.stride(rows)
         new = range(-(-first // stride) * stride, rows, stride)
-        found = np.empty((1 + n, len(new)))
-        found[0], found[1:] = (
+        witnesses = np.empty((1 + n, len(new)))
+        witnesses[0], witnesses[1:] = (
             np.arange(new.start, rows, stride),
             block.log.rows[:n, new.start - first : block.rows : stride],
         )
         errors = block.log.rows[self.estimated, new.start - first : block.rows : stride]
         if first:
-            still = self.witnesses[0] % stride == 0
-            found, errors = np.hstack([self.witnesses[:, still], found]), np.hstack([self.errors[:, still], errors])
-        self.witnesses, self.errors = found, errors
+            retained = self.witnesses[0] % stride == 0
+            witnesses, errors = (
+                np.hstack([self.witnesses[:, retained], witnesses]),
+                np.hstack([self.errors[:, retained], errors]),
+            )
+        self.witnesses, self.errors = witnesses, errors
 
     @staticmethod
     def stride(rows: int) -> int:
@@ -271,7 +274,9 @@ class March:
         if status == STOPPED:
             events = block.log.events[: block.events]
             met = [self.layout.watched[i] for i in events["detector"][events["time"] == self.now.t]]
-            self.stopping_event = " and ".join(f"'{one.name}'" for one in met if one.event.action == "stop")
+            self.stopping_event = " and ".join(
+                f"'{detector.name}'" for detector in met if detector.event.action == "stop"
+            )
         elif status == NONFINITE_OBSERVABLE:
             column = block.log.rows[:, 0 if self.now.h == 0.0 else block.rows]
             self.bad_values = dict(zip(self.layout.row, column.tolist(), strict=True))

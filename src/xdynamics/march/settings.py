@@ -82,25 +82,25 @@ class Tolerances:
 
     def faults(self, model: Model) -> list[str]:
         """List what no error test could use."""
-        found = []
+        faults = []
         if not LEAST_RTOL <= self.rtol < 1:
-            found.append(f"rtol is {self.rtol!r}, needs a number from 10 eps = {LEAST_RTOL:.3g}, below which rounding is as large, to 1")  # fmt: skip
+            faults.append(f"rtol is {self.rtol!r}, needs a number from 10 eps = {LEAST_RTOL:.3g}, below which rounding is as large, to 1")  # fmt: skip
         names = variables(model)
-        given = {f" of '{name}'": value for name, value in self.atol.items()}
-        given |= {} if self.bare is None else {"": self.bare}
-        bad = {of: value for of, value in given.items() if not isfinite(value) or value < 0}
-        found += [f"atol{of} is {value!r}, needs a finite non-negative number" for of, value in bad.items()]
-        found += [
+        atols = {f" of '{name}'": value for name, value in self.atol.items()}
+        atols |= {} if self.bare is None else {"": self.bare}
+        bad = {of: value for of, value in atols.items() if not isfinite(value) or value < 0}
+        faults += [f"atol{of} is {value!r}, needs a finite non-negative number" for of, value in bad.items()]
+        faults += [
             f"atol names '{name}', which is none of {', '.join(names)}" for name in self.atol if name not in names
         ]
         if bad:
-            return found
-        found += [
+            return faults
+        faults += [
             f"atol of '{name}' is 0 and {name} starts at 0: its error would have no scale; give it a positive one"
             for name in names
             if self.of(name) == 0 and model.initial[name].si == 0
         ]
-        return found
+        return faults
 
 
 @dataclass(frozen=True)
@@ -127,23 +127,23 @@ class Pacing:
 
     def faults(self, second: str) -> list[str]:
         """List what cannot be used; `second` is what stands behind a time."""
-        found = []
+        faults = []
         least, greatest = self.growth_limits
         if not 0 < self.safety < 1:
-            found.append(f"safety is {self.safety!r}, needs a number between 0 and 1")
+            faults.append(f"safety is {self.safety!r}, needs a number between 0 and 1")
         if not (0 < least < 1 < greatest and isfinite(greatest)):
-            found.append(f"growth_limits are {self.growth_limits!r}, need 0 < least < 1 < greatest")
+            faults.append(f"growth_limits are {self.growth_limits!r}, need 0 < least < 1 < greatest")
         if not (isfinite(self.min_step) and self.min_step >= 0):
-            found.append(f"min_step is {self.min_step!r}{second}, needs a non-negative time")
+            faults.append(f"min_step is {self.min_step!r}{second}, needs a non-negative time")
         if not self.max_step > 0:
-            found.append(f"max_step is {self.max_step!r}{second}, needs a positive time")
+            faults.append(f"max_step is {self.max_step!r}{second}, needs a positive time")
         elif self.min_step > self.max_step:
-            found.append(
+            faults.append(
                 f"min_step is {self.min_step!r}{second}, needs to be at most max_step = {self.max_step!r}{second}"
             )
         if self.max_steps < 1:
-            found.append(f"max_steps is {self.max_steps!r}, needs a positive number")
-        return found
+            faults.append(f"max_steps is {self.max_steps!r}, needs a positive number")
+        return faults
 
 
 @dataclass(frozen=True)
@@ -304,7 +304,7 @@ class Settings:
         if self.step is None:
             return []
         if isinstance(self.step, tuple):
-            bad = [one for one in self.step if not (isfinite(one) and one > 0)]
+            bad = [step for step in self.step if not (isfinite(step) and step > 0)]
             if not self.step or bad:
                 return [f"step has {f'{bad[0]!r}{second}' if bad else 'no entry'}, needs positive times"]
             last = given_times(start, self.step, self.until)[-1]
@@ -347,11 +347,11 @@ class Settings:
         return []
 
     def _switches_faults(self) -> list[str]:
-        known = ", ".join(f"'{one}'" for one in SWITCHES)
+        names = ", ".join(f"'{name}'" for name in SWITCHES)
         return (
             []
             if self.switches in (*SWITCHES, LOCATED_EVERYWHERE)
-            else [f"switches is {self.switches!r}; there are {known}"]
+            else [f"switches is {self.switches!r}; there are {names}"]
         )
 
     def _estimator_faults(self) -> list[str]:

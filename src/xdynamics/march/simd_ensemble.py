@@ -67,27 +67,27 @@ def march_abreast(
         table_of(blocks | {"tables": one.tables}),
         law.striding(lanes, adaptive=settings.adaptive, followers=tuple(map(bool, one.followers))),
     )
-    given = [blocks[name] for name in ("at", "y", "before", "p", "pieces", "z", "w")]
+    state_blocks = [blocks[name] for name in ("at", "y", "before", "p", "pieces", "z", "w")]
     sources, rows = _sources(layout, columns), []
-    met = _room(log, 2 * lanes * len(log.events) + min(n, EVENT_ROOM) if layout.watched else 0)
-    owners, standing = np.zeros(len(met.events), np.int64), np.array([lanes, 0, 0, 0])
-    whose, members, reached, over = [], np.full(lanes, NONE), np.zeros(lanes), False
+    event_log = _room(log, 2 * lanes * len(log.events) + min(n, EVENT_ROOM) if layout.watched else 0)
+    owners, standing = np.zeros(len(event_log.events), np.int64), np.array([lanes, 0, 0, 0])
+    event_owners, members, reached, finished = [], np.full(lanes, NONE), np.zeros(lanes), False
     kept, marks = _Rows.of(room, 0, sources, layout.flags, lanes), np.zeros((layout.flags, lanes), np.int8)
-    while not over:
-        over = side_by_side().march(
-            twins.addresses, stride, table, *given, members, standing, *inputs,
-            part.ends, part.lasts, part.largest, part.passed, met.events, met.rates, met.impulses, owners,
+    while not finished:
+        finished = side_by_side().march(
+            twins.addresses, stride, table, *state_blocks, members, standing, *inputs,
+            part.ends, part.lasts, part.largest, part.passed, event_log.events, event_log.rates, event_log.impulses, owners,
             blocks["noted"], sources, *kept, reached, marks,
         )  # fmt: skip
         count, standing[EVENTS] = int(standing[EVENTS]), 0
-        part.logs.append(_events(met, np.arange(count)))
-        whose.append(owners[:count].copy())
+        part.logs.append(_events(event_log, np.arange(count)))
+        event_owners.append(owners[:count].copy())
         if len(sources):
             rows.append(kept.first(int(standing[ROWS])))
-            kept, standing[ROWS] = kept if over else _Rows.of(room, len(rows), sources, layout.flags, lanes), 0
+            kept, standing[ROWS] = kept if finished else _Rows.of(room, len(rows), sources, layout.flags, lanes), 0
     together = [np.concatenate(pieces, axis=-1) for pieces in zip(*((one.events, one.rates, one.impulses) for one in part.logs), strict=True)]  # fmt: skip
-    order = np.argsort(np.concatenate(whose), kind="stable")  # a run's own stand in their order
-    events = _events(met._replace(events=together[0], rates=together[1], impulses=together[2]), order)
+    order = np.argsort(np.concatenate(event_owners), kind="stable")  # a run's own stand in their order
+    events = _events(event_log._replace(events=together[0], rates=together[1], impulses=together[2]), order)
     part.logs = [_with_rows(events, layout, part.ends["rows"], sources, rows, room) if rows else events]
     return part
 
@@ -120,8 +120,8 @@ def _sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
     places |= {name: (OF_NOTED, i) for i, name in enumerate(layout.derived)}
     places |= dict(zip(layout.errors, [(OF_LANE, LANE.index("norm")), *((OF_LANE, errors + i) for i in range(len(layout.used)))], strict=False))  # fmt: skip
     places |= {name: (OF_LANE, of_collocation(layout) + KEPT.index("iterations")) for name in layout.effort}
-    found = [(i, *places[name]) for i, name in enumerate(layout.row) if name in columns]
-    return np.array(found, np.int64).reshape(-1, 3)
+    sources = [(i, *places[name]) for i, name in enumerate(layout.row) if name in columns]
+    return np.array(sources, np.int64).reshape(-1, 3)
 
 
 def _with_rows(log: Log, layout: Layout, counts: NDArray[np.int64], sources: NDArray[np.int64], pieces: list[_Rows], room: Room) -> Log:  # fmt: skip
@@ -131,10 +131,10 @@ def _with_rows(log: Log, layout: Layout, counts: NDArray[np.int64], sources: NDA
         room.take("log", (len(layout.row), total), np.float64),
         room.take("marks", (layout.flags, total), np.int8),
     )
-    found = log._replace(rows=rows, flags=flags)
-    for one in pieces:
-        side_by_side().gather(one.rows, one.flags, one.owners, sources, places, found.rows, found.flags)
-    return found
+    merged = log._replace(rows=rows, flags=flags)
+    for piece in pieces:
+        side_by_side().gather(piece.rows, piece.flags, piece.owners, sources, places, merged.rows, merged.flags)
+    return merged
 
 
 def _room(log: Log, events: int) -> Log:
@@ -145,9 +145,9 @@ def _room(log: Log, events: int) -> Log:
     )  # fmt: skip
 
 
-def _events(log: Log, which: NDArray[np.int64]) -> Log:
+def _events(log: Log, indices: NDArray[np.int64]) -> Log:
     """Take some events out of a log."""
-    return log._replace(events=log.events[which], rates=log.rates[:, which], impulses=log.impulses[:, which])
+    return log._replace(events=log.events[indices], rates=log.rates[:, indices], impulses=log.impulses[:, indices])
 
 
 def table_of(blocks: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:

@@ -29,12 +29,14 @@ def retraced(march: March) -> Iterator[Values]:
     state = dict(zip(march.layout.record, march.run.y.tolist(), strict=True))
     t, h, regime = float(march.now.t), float(march.now.h), float(march.now.regime)
     model = march.layout.model
-    known = dict(constants(model, march.settings.scales))
-    known |= dict(zip(list(known)[len(known) - march.run.modes.size :], march.run.modes.tolist(), strict=True))
+    parameters = dict(constants(model, march.settings.scales))
+    parameters |= dict(
+        zip(list(parameters)[len(parameters) - march.run.modes.size :], march.run.modes.tolist(), strict=True)
+    )
     tables = tables_of(march.model, march.settings.scales)
 
     def forces(used: Values) -> Values:
-        return evaluated(model, used | {REGIME_NUMBER: regime}, known, tables)
+        return evaluated(model, used | {REGIME_NUMBER: regime}, parameters, tables)
 
     def step(t: float, h: float, state: Values) -> _Retrace:
         retrace = _Retrace(march, forces, t, h, state)
@@ -63,11 +65,11 @@ class _Retrace(Walker):
         self._layout = layout = march.layout
         self._scalars = {"t": t, "h": h, "t1": t + h}
         self._vectors = {
-            "q": {one: state[one] for one in layout.coordinates},
-            "v": {one: state[velocity(one)] for one in layout.coordinates},
-            "a": {one: state[acceleration(one)] for one in layout.coordinates},
-            "x": {one: state[one] for one in layout.states},
-            "r": {one: state[rate(one)] for one in layout.states},
+            "q": {name: state[name] for name in layout.coordinates},
+            "v": {name: state[velocity(name)] for name in layout.coordinates},
+            "a": {name: state[acceleration(name)] for name in layout.coordinates},
+            "x": {name: state[name] for name in layout.states},
+            "r": {name: state[rate(name)] for name in layout.states},
         }
 
     @property
@@ -81,7 +83,9 @@ class _Retrace(Walker):
         if self.whole:
             owners = self._layout.states if line.of_states else self._layout.coordinates
             self._vectors[line.target] = {
-                name: evaluate(line.expression, self._scalars | {one: self._vectors[one][name] for one in line.vectors})
+                name: evaluate(
+                    line.expression, self._scalars | {vector: self._vectors[vector][name] for vector in line.vectors}
+                )
                 for name in owners
             }
 
@@ -93,10 +97,10 @@ class _Retrace(Walker):
         used = (
             vectors[line.position] | {velocity(k): v for k, v in vectors[line.velocity].items()} | vectors[line.state]
         )
-        found = self._forces(used | {"t": evaluate(parse(line.time), self._scalars)})
-        self.found.append(found)
-        vectors[line.acceleration] = {name: found[acceleration(name)] for name in layout.coordinates}
-        vectors[line.rate] = {name: found[rate(name)] for name in layout.states}
+        result = self._forces(used | {"t": evaluate(parse(line.time), self._scalars)})
+        self.found.append(result)
+        vectors[line.acceleration] = {name: result[acceleration(name)] for name in layout.coordinates}
+        vectors[line.rate] = {name: result[rate(name)] for name in layout.states}
 
     def solve(self, line: Solve) -> None:
         """Make the first iteration; what follows would start from numbers that solve nothing."""
@@ -110,13 +114,13 @@ def undefined_part(node: Node, values: Values) -> str:
     if not limits_domain(node):
         return ""
     first, links = chain(node)
-    for one in (first, *links):
-        inner = (one.right,) if isinstance(one, Binary) else children(one)
-        for found in (undefined_part(child, values) for child in inner):
-            if found:
-                return found
-        if found := _undefined(one, values):
-            return found
+    for part in (first, *links):
+        inner = (part.right,) if isinstance(part, Binary) else children(part)
+        for description in (undefined_part(child, values) for child in inner):
+            if description:
+                return description
+        if description := _undefined(part, values):
+            return description
     return ""
 
 

@@ -39,14 +39,14 @@ class Part:
         """Return the rows that are wanted, and with their places in the record what belongs to those; `places` begins before row `begin`."""
         sampled = places[self.samples[1].astype(np.int64) - begin + 1]
         tried = places[self.trials["step"] - begin + 1]
-        found = self.chosen(np.flatnonzero(wanted), np.flatnonzero(sampled >= 0), np.flatnonzero(tried >= 0))
-        found.samples[1], found.trials["step"] = sampled[sampled >= 0], tried[tried >= 0]
-        return found
+        part = self.chosen(np.flatnonzero(wanted), np.flatnonzero(sampled >= 0), np.flatnonzero(tried >= 0))
+        part.samples[1], part.trials["step"] = sampled[sampled >= 0], tried[tried >= 0]
+        return part
 
     def last(self, number: int) -> Part:
         """Return the last row, if there is one, and what belongs to the row with a number."""
-        here = np.flatnonzero(self.samples[1] == number), np.flatnonzero(self.trials["step"] == number)
-        return self.chosen(np.arange(self.rows.shape[1])[-1:], *here)
+        selected = np.flatnonzero(self.samples[1] == number), np.flatnonzero(self.trials["step"] == number)
+        return self.chosen(np.arange(self.rows.shape[1])[-1:], *selected)
 
 
 class Thinning:
@@ -68,14 +68,14 @@ class Thinning:
     def memory(self) -> dict[str, Array]:
         """Return all that it takes to go on from here, by name."""
         waiting = {} if self.waiting is None else vars(self.waiting)
-        return {"kept_rows": np.array([self.kept])} | {f"waiting_{name}": one for name, one in waiting.items()}
+        return {"kept_rows": np.array([self.kept])} | {f"waiting_{name}": array for name, array in waiting.items()}
 
     def go_on_from(self, memory: Mapping[str, Array]) -> None:
         """Go on where the thinning of the same march stood."""
         self.kept = int(memory["kept_rows"][0])
         names = ("rows", "flags", "samples", "trials")
-        there = "waiting_rows" in memory
-        self.waiting = Part(*(memory[f"waiting_{name}"].copy() for name in names)) if there else None
+        is_waiting = "waiting_rows" in memory
+        self.waiting = Part(*(memory[f"waiting_{name}"].copy() for name in names)) if is_waiting else None
 
     def stand_behind(self, kept: int) -> None:
         """Go on behind a record of so many rows, of which the last one is an end and kept."""
@@ -99,26 +99,26 @@ class Thinning:
         for name, rows in ends.items():
             events[name] = places[rows + 1]
         halves = np.split(wanted, [first - begin])[-len(parts) :]
-        found = _joined([one.of_rows(half, places, begin) for one, half in zip(parts, halves, strict=True)])
+        joined = _joined([part.of_rows(half, places, begin) for part, half in zip(parts, halves, strict=True)])
         base = np.zeros(1, BASE)
         base["rows"], base["events"] = self.kept, log.base["events"]
         numbers = begin + np.flatnonzero(wanted)
         self.kept += numbers.size
         newest = begin + wanted.size - 1
-        self.waiting = None if not wanted.size or wanted[-1] else _joined([one.last(newest) for one in parts], rows=1)
-        kept = Log(base, found.rows, found.flags, found.samples, found.trials, events,
+        self.waiting = None if not wanted.size or wanted[-1] else _joined([part.last(newest) for part in parts], rows=1)
+        kept = Log(base, joined.rows, joined.flags, joined.samples, joined.trials, events,
                    log.rates[:, : block.events].copy(), log.impulses[:, : block.events].copy())  # fmt: skip
-        return Block(kept, numbers.size, len(found.trials), block.events, found.samples.shape[1], numbers)
+        return Block(kept, numbers.size, len(joined.trials), block.events, joined.samples.shape[1], numbers)
 
     def rest(self, run: Run) -> Block | None:
         """Return the row that still waits, where a march was interrupted behind it."""
-        if (one := self.waiting) is None:
+        if (waiting := self.waiting) is None:
             return None
         base = np.zeros(1, BASE)
         base["rows"], base["events"] = run.now["rows"], run.now["events"]
-        none = Log(base, one.rows[:, :0], one.flags[:, :0], one.samples[:, :0], one.trials[:0],
+        empty = Log(base, waiting.rows[:, :0], waiting.flags[:, :0], waiting.samples[:, :0], waiting.trials[:0],
                    run.log_events[:0], run.log_rates[:, :0], run.log_impulses[:, :0])  # fmt: skip
-        return self.thinned(run, Block(none, 0, 0, 0, 0), last=True)
+        return self.thinned(run, Block(empty, 0, 0, 0, 0), last=True)
 
     def _want(self, marks: Array, run: Run, parts: list[Part], begin: int) -> None:
         """Mark the rows of the grid that are kept, of events, of nodes that were asked for, and the first; not the one that waited."""
@@ -170,6 +170,6 @@ def _joined(parts: list[Part], rows: int | None = None) -> Part:
     """Return parts behind each other, of their rows the last ones."""
     if len(parts) == 1:
         return parts[0]
-    wide = {name: np.hstack([getattr(one, name) for one in parts]) for name in ("rows", "flags", "samples")}
-    found = Part(**wide, trials=np.concatenate([one.trials for one in parts]))
-    return found if rows is None else replace(found, rows=found.rows[:, -rows:], flags=found.flags[:, -rows:])
+    wide = {name: np.hstack([getattr(part, name) for part in parts]) for name in ("rows", "flags", "samples")}
+    joined = Part(**wide, trials=np.concatenate([part.trials for part in parts]))
+    return joined if rows is None else replace(joined, rows=joined.rows[:, -rows:], flags=joined.flags[:, -rows:])

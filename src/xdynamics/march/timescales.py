@@ -88,18 +88,18 @@ def jacobian_at(march: March, row: int) -> Floats:
     It has the eigenvalues of the Jacobian, in the march's unit of time, contacts open, by the forces of the first regime.
     """
     n = len(march.layout.used)
-    found = np.zeros((1 + n, n))
+    derivatives = np.zeros((1 + n, n))
     with put_aside(march):
-        engine().fastest_rates(march.run, states_of(march.witnesses, [row]), found)
-    return found[1:]
+        engine().fastest_rates(march.run, states_of(march.witnesses, [row]), derivatives)
+    return derivatives[1:]
 
 
 def states_of(witnesses: Floats, chosen: list[int]) -> Floats:
     """Return time and state of some rows."""
-    found = np.empty((len(witnesses) - 2, len(chosen)))
+    states = np.empty((len(witnesses) - 2, len(chosen)))
     rows = witnesses[:, chosen]
-    found[0], found[1:] = rows[1], rows[3:]
-    return found
+    states[0], states[1:] = rows[1], rows[3:]
+    return states
 
 
 def _chosen(march: March) -> list[int]:
@@ -120,9 +120,9 @@ def slowest_period(matrix: Floats) -> float:
         half, square = (a + d) / 2.0, (a - d) * (a - d) / 4.0 + b * c
         slowest = math.sqrt(-square) if -square > half * half else math.inf
     else:
-        found = np.linalg.eigvals(matrix)
-        turning = np.abs(found.imag)
-        fast = (turning > SLOW * np.abs(found).max()) & (turning > np.abs(found.real))
+        eigenvalues = np.linalg.eigvals(matrix)
+        turning = np.abs(eigenvalues.imag)
+        fast = (turning > SLOW * np.abs(eigenvalues).max()) & (turning > np.abs(eigenvalues.real))
         slowest = float(turning[fast].min(initial=math.inf))
     return float(f"{2.0 * math.pi / slowest:.{DIGITS}g}") if slowest < math.inf else math.inf
 

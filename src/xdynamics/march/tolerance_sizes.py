@@ -140,10 +140,10 @@ def fastest_rate(run: Run, t: float, y: State) -> float:
             turning[now + i] /= amount
             run.probe[i] = y[i] + DIFFERENCE * turning[now + i]
         evaluate(run, t, run.probe)
-        found = recurred(run, y, amount, k)
-        if not found < math.inf:
+        estimate = recurred(run, y, amount, k)
+        if not estimate < math.inf:
             return 0.0
-        rate = found
+        rate = estimate
         for i in range(used):
             product = (slope_of(run, run.probe, i) - slope_of(run, y, i)) / DIFFERENCE
             turning[before + i], turning[now + i] = turning[now + i], product
@@ -163,10 +163,10 @@ def recurred(run: Run, y: State, amount: float, k: int) -> float:
             b = turning[3 * used + i] / turning[i]
             c = (slope_of(run, run.probe, i) - slope_of(run, y, i)) / DIFFERENCE / turning[i]
             aa, ab, ac, bb, bc = aa + a * a, ab + a * b, ac + a * c, bb + b * b, bc + b * c
-    rest = aa * bb - ab * ab
-    if not rest > PARALLEL * aa * bb:
+    determinant = aa * bb - ab * ab
+    if not determinant > PARALLEL * aa * bb:
         return abs(bc) / bb
-    half, product = (ac * ab - bc * aa) / rest / 2.0, (bc * ab - ac * bb) / rest * amount
+    half, product = (ac * ab - bc * aa) / determinant / 2.0, (bc * ab - ac * bb) / determinant * amount
     square = half * half - product
     return math.sqrt(product) if square < 0.0 else abs(half) + math.sqrt(square)
 

@@ -137,9 +137,9 @@ def take(run: Run) -> None:
 @shared
 def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
     """Copy a trial's numbers."""
-    one, other = source[0], target[0]
-    other.t, other.h, other.landing, other.iterations = one.t, one.h, one.landing, one.iterations
-    other.unsound, other.unsound_events = one.unsound, one.unsound_events
+    origin, copied = source[0], target[0]
+    copied.t, copied.h, copied.landing, copied.iterations = origin.t, origin.h, origin.landing, origin.iterations
+    copied.unsound, copied.unsound_events = origin.unsound, origin.unsound_events
 
 
 @shared

@@ -55,46 +55,48 @@ def uncontrolled(asked: Tolerances, layout: Layout, largest: Floats, accepted: i
     accepted : int or ndarray, shape (…)
         Steps of each run.
     """
-    steps, given, tops = np.asarray(accepted)[..., None], _given(asked, layout), _tops(layout, largest)
-    some = (largest > 0.0) & (largest >= NOISE * tops)
-    return some & (given > COMPARABLE * asked.rtol * largest) & (steps * given > LOSS * largest)
+    steps, atols, tops = np.asarray(accepted)[..., None], _given(asked, layout), _tops(layout, largest)
+    significant = (largest > 0.0) & (largest >= NOISE * tops)
+    return significant & (atols > COMPARABLE * asked.rtol * largest) & (steps * atols > LOSS * largest)
 
 
 def effect_of(march: March) -> Effect:
     """Follow errors of given absolute tolerances along a run that is over, from its start and its middle."""
-    asked, layout, scales = march.settings.tolerances, march.layout, march.settings.scales
-    none = np.zeros(len(layout.used), bool)
-    if not march.settings.adaptive or asked is None or not march.witnesses.shape[1]:
-        return Effect("", none)
+    tolerances, layout, scales = march.settings.tolerances, march.layout, march.settings.scales
+    none_loose = np.zeros(len(layout.used), bool)
+    if not march.settings.adaptive or tolerances is None or not march.witnesses.shape[1]:
+        return Effect("", none_loose)
     factors = np.array([scales.of(march.model.dimensions[name]) for name in layout.used])
-    given = _given(asked, layout) / factors
-    if not given.any():
-        return Effect("", none)
+    atols = _given(tolerances, layout) / factors
+    if not atols.any():
+        return Effect("", none_loose)
     end, steps = float(march.now.t), _steps(march)  # of the march, which stands elsewhere below
     with put_aside(march), np.errstate(all="ignore"):
-        sizes = _sizes(march, given)
-        loose = (given > COMPARABLE * asked.rtol * sizes) & (sizes > 0.0)
+        sizes = _sizes(march, atols)
+        loose = (atols > COMPARABLE * tolerances.rtol * sizes) & (sizes > 0.0)
         if not loose.any():
-            return Effect(f"not looked at: no atol is above {COMPARABLE:g} rtol times the size of its variable", none)
-        moves = np.where(loose, np.fmin(given, _estimated(march)), 0.0)
+            return Effect(
+                f"not looked at: no atol is above {COMPARABLE:g} rtol times the size of its variable", none_loose
+            )
+        moves = np.where(loose, np.fmin(atols, _estimated(march)), 0.0)
         share = march.accepted * np.where(loose, moves / np.where(sizes > 0.0, sizes, 1.0), 0.0)
-        why = _obstacle(march, steps) or ("steps had none" if not moves.any() else "")
-        found = None if why else _followed(march, end, steps, moves, sizes)
-    if found is None:
-        why = why or "the forces give no finite slopes beside the run"
-        said = f"not looked at: {why}; errors of atol, or as large as estimated, in each of {march.accepted} steps are {share.max():.2g} of a variable if they neither grow nor decay"
-        return Effect(said, share > LOSS)
-    growth, covered, rows = found
-    said = (
+        reason = _obstacle(march, steps) or ("steps had none" if not moves.any() else "")
+        followed = None if reason else _followed(march, end, steps, moves, sizes)
+    if followed is None:
+        reason = reason or "the forces give no finite slopes beside the run"
+        words = f"not looked at: {reason}; errors of atol, or as large as estimated, in each of {march.accepted} steps are {share.max():.2g} of a variable if they neither grow nor decay"
+        return Effect(words, share > LOSS)
+    growth, covered, rows = followed
+    words = (
         f"{share.max() * growth:.2g} of a variable, by errors of atol, or as large as estimated, in each of {march.accepted} steps that come to {growth:.3g}"
         f" times their size over the run; followed from {rows} of its rows over {covered:.0%} of it"
     )
-    return Effect(said, share * growth > LOSS)
+    return Effect(words, share * growth > LOSS)
 
 
-def _given(asked: Tolerances, layout: Layout) -> Floats:
+def _given(tolerances: Tolerances, layout: Layout) -> Floats:
     """Return the absolute tolerances that were given, SI; 0 of what follows, which is in proportion."""
-    return np.array([asked.of(name) or 0.0 for name in layout.used])
+    return np.array([tolerances.of(name) or 0.0 for name in layout.used])
 
 
 def _estimated(march: March) -> Floats:
@@ -105,8 +107,8 @@ def _estimated(march: March) -> Floats:
     errors = np.abs(march.errors)
     if not errors.shape[1] or np.isnan(errors).any():  # kept by a version that did not know them
         return np.full(len(march.layout.used), np.nan)
-    found: Floats = errors.max(axis=1)
-    return found
+    largest: Floats = errors.max(axis=1)
+    return largest
 
 
 def _tops(layout: Layout, largest: Floats) -> Floats:
@@ -117,7 +119,7 @@ def _tops(layout: Layout, largest: Floats) -> Floats:
     return tops
 
 
-def _sizes(march: March, given: Floats) -> Floats:
+def _sizes(march: March, atols: Floats) -> Floats:
     """Return what errors of each variable are measured by: its largest value, or a natural one where it is rounding alone.
 
     Natural is the largest of its kind, of a velocity also that of its coordinates in the fastest time scale. What begins
@@ -132,7 +134,7 @@ def _sizes(march: March, given: Floats) -> Floats:
     if rate > 0.0:  # behind the state stand the slopes of velocities
         born[n : 2 * n] = np.maximum(born[n : 2 * n], np.abs(run.y[used : used + n]) / rate)
         born[:n] = np.maximum(born[:n], born[n : 2 * n] / rate)
-    rounding = (born < NOISE * natural) & (largest <= march.accepted * given) & (np.arange(used) < 2 * n)
+    rounding = (born < NOISE * natural) & (largest <= march.accepted * atols) & (np.arange(used) < 2 * n)
     return np.where((largest < NOISE * natural) | rounding, natural, largest)
 
 
@@ -146,7 +148,7 @@ def _obstacle(march: March, steps: int) -> str:
         "switches in forces are located": int(plan.switches) > 0,
         f"the run has {int(march.now.evaluations)} evaluations alone": steps < 1,
     }
-    return ", ".join(reason for reason, there in reasons.items() if there)
+    return ", ".join(reason for reason, applies in reasons.items() if applies)
 
 
 def _steps(march: March) -> int:
@@ -160,16 +162,16 @@ def _followed(march: March, end: float, steps: int, moves: Floats, sizes: Floats
     last = march.witnesses.shape[1] - 1
     chosen = [0, last // 2] if last > 1 else [0]
     states = states_of(march.witnesses, chosen)
-    given = np.zeros((1 + len(moves), 2))
-    given[0, 0], given[1:, 0], given[1:, 1] = end, moves, np.where(sizes > 0.0, sizes, np.inf)
-    found = np.full((2 * len(chosen), 1 + steps), np.nan)
-    engine().growths(march.run, states, given, np.empty((STATES, len(moves))), found)
+    perturbations = np.zeros((1 + len(moves), 2))
+    perturbations[0, 0], perturbations[1:, 0], perturbations[1:, 1] = end, moves, np.where(sizes > 0.0, sizes, np.inf)
+    results = np.full((2 * len(chosen), 1 + steps), np.nan)
+    engine().growths(march.run, states, perturbations, np.empty((STATES, len(moves))), results)
     span, growths, covered = end - float(states[0, 0]), [], 0.0
     for k in range(len(chosen)):
-        count = int(np.count_nonzero(~np.isnan(found[2 * k])))
+        count = int(np.count_nonzero(~np.isnan(results[2 * k])))
         if count > 1:
-            times, apart = found[2 * k : 2 * k + 2, :count].tolist()
-            growths.append(mean_growth(times, apart, span))
+            times, distances = results[2 * k : 2 * k + 2, :count].tolist()
+            growths.append(mean_growth(times, distances, span))
             covered += times[-1] - times[0]
     return (max(growths), min(1.0, covered / span), len(growths)) if growths and span > 0.0 else None
 
@@ -182,15 +184,15 @@ def mean_growth(times: list[float], apart: list[float], span: float) -> float:
     >>> mean_growth([0.0, 1.0, 2.0], [1.0, 2.0, 3.0], 10.0), mean_growth([0.0, 1.0, 2.0], [1.0, 1.0, 1.0], 10.0)
     (6.0, 1.0)
     """
-    middle, parts = (times[0] + times[-1]) / 2.0, [[0.0, 0.0], [0.0, 0.0]]
+    middle, halves = (times[0] + times[-1]) / 2.0, [[0.0, 0.0], [0.0, 0.0]]
     for t, t1, a, b in zip(times[:-1], times[1:], apart[:-1], apart[1:], strict=True):
-        half = parts[t + t1 > 2.0 * middle]
+        half = halves[t + t1 > 2.0 * middle]
         half[0], half[1] = half[0] + (t1 - t) * (a + b) / 2.0, half[1] + t1 - t
-    known, rest = times[-1] - times[0], span - (times[-1] - times[0])
-    whole = (parts[0][0] + parts[1][0]) / known
-    if rest <= 0.0:
-        return whole
-    early, late = (part / length if length > 0.0 else whole for part, length in parts)
-    slope = max(0.0, late - early) / (known / 2.0)
-    beyond = late + slope * (known / 4.0 + rest / 2.0)
-    return (whole * known + beyond * rest) / span
+    followed, remaining = times[-1] - times[0], span - (times[-1] - times[0])
+    mean = (halves[0][0] + halves[1][0]) / followed
+    if remaining <= 0.0:
+        return mean
+    early, late = (part / length if length > 0.0 else mean for part, length in halves)
+    slope = max(0.0, late - early) / (followed / 2.0)
+    beyond = late + slope * (followed / 4.0 + remaining / 2.0)
+    return (mean * followed + beyond * remaining) / span

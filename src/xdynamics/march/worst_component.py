@@ -20,7 +20,9 @@ def of_newton(march: March) -> str:
     """Name the component that Newton's method corrected the most, over its size, in its last iteration."""
     run, n = march.run, len(march.layout.used)
     if march.settings.method.simplified:
-        corrections, stages = (np.abs(one[: 3 * n]).reshape(3, n).max(axis=0) for one in (run.defects, run.stages))
+        corrections, stages = (
+            np.abs(increments[: 3 * n]).reshape(3, n).max(axis=0) for increments in (run.defects, run.stages)
+        )
         return _largest(march, corrections, np.abs(run.y[:n]) + stages)
     last = run.equations[-1]
     first, unknowns = int(last["first_unknown"]), int(last["unknowns"])
@@ -30,7 +32,7 @@ def of_newton(march: March) -> str:
     return _largest(march, corrections, sizes)
 
 
-def _largest(march: March, parts: np.ndarray, scales: np.ndarray) -> str:
+def _largest(march: March, errors: np.ndarray, scales: np.ndarray) -> str:
     with np.errstate(all="ignore"):
-        ratios = np.where(parts == 0.0, 0.0, np.abs(parts) / scales)
+        ratios = np.where(errors == 0.0, 0.0, np.abs(errors) / scales)
     return march.layout.used[int(np.argmax(np.where(np.isnan(ratios), np.inf, ratios)))]
