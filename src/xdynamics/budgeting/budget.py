@@ -1,4 +1,4 @@
-"""The budget of one number: every reason why it may be off, in one table, with totals and a Monte Carlo check."""
+"""The error budget of one number: every source of error in one table, with totals and a Monte Carlo check."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 COVERAGE = 0.95
-UNSURE = 0.02  # of a term, by which its slope may be off without a word
+UNSURE = 0.02  # relative error of a term up to which a doubtful slope is not warned of
 LEAST_DRAWS, FIRST_DRAWS = 100, 4096
 
 
@@ -50,7 +50,7 @@ def error_budget(
     inadequate_fit: bool = False,
     **settings: Any,
 ) -> xr.Dataset:
-    """Say how far one number of a run may be off, and why.
+    """Return the error budget of one number of a run: how far it may be off, and why.
 
     Parameters
     ----------
@@ -58,63 +58,67 @@ def error_budget(
         Its parameters and initial values with an uncertainty, tables with a column of uncertainties, correlations and
         discrepancies are the physical terms.
     quantity : str
-        A coordinate, velocity, state, energy or observable; at an event ``"t"``, its time; with neither time nor event the
-        largest or the least of one of these or of a force over the run, as `diagnose` names it:
+        A coordinate, velocity, state, energy or observable; at an event also ``"t"``, its time; with neither time nor
+        event the largest or the least value of one of these or of a force over the run, as `diagnose` names it:
         ``"maximum_force_drag_y"``, ``"minimum_contact_force_floor"``.
     at : str or float, s
-        The physical time of the number; or
+        The physical time of the number, or instead:
     event : str
-        The event at which it is asked for,
+        The event at which the number is taken.
     occurrence : int
-        the how-manieth, and
+        Which occurrence of the event, from 1.
     side : {"before", "after"}
-        on which side of it.
+        On which side of the event.
     terms : sequence of Declared
-        Further terms, of this very number.
+        Further terms, of this same number.
     draws : int
-        Of the Monte Carlo check; 0 for none.
+        Number of draws for the Monte Carlo check; 0 for none.
     seed : int
-        Of all that is drawn.
+        Seed of everything that is drawn.
     coverage : float
-        Of the intervals.
+        Coverage probability of the intervals.
     until_uncertainty : str, optional
-        Draw on, twice as many each time, until the intervals' ends are known so well: ``"10 m at 95 %"``.
+        Double the draws until the intervals' ends are known this well: ``"10 m at 95 %"``.
     digits : {1, 2}
-        Of the standard uncertainty, whose last half place the linear interval may be off (JCGM 101:2008, 7.9.2 and 8.1).
+        Digits of the standard uncertainty; the linear interval may be off by half the last one (JCGM 101:2008, 7.9.2
+        and 8.1).
     inadequate_fit : bool
-        Whether to make a budget of a model that was fitted to data, where the residuals do not bear the fit out.
+        Whether to make a budget of a model whose fit to data is not adequate.
     **settings
-        Of `simulate`: the run that the number is of.
+        Settings of `simulate` for the run that the number is of.
 
     Returns
     -------
     xarray.Dataset
-        `value`, the run's own, not extrapolated, and along `level` what it is in finer runs, with `observed_order`. Along `term`: `term_name`, `term_kind`, `term_rule`, `sensitivity` (of
-        the number per SI unit of the input), `input_uncertainty`, `standard_uncertainty`, `bound`, `share` of the
-        variance, and `standard_uncertainty_doubt`, how far one that was drawn may be off. `numerical_bound` (the sum of bounds), `numerical_rss`, `physical_rss`, `total_rss`. With draws
-        `monte_carlo_standard_uncertainty`, `monte_carlo_shortest`, `monte_carlo_symmetric`; `linear_verdict`.
+        `value`, the run's own, not extrapolated, and along `level` its value in finer runs, with `observed_order`.
+        Along `term`: `term_name`, `term_kind`, `term_rule`, `sensitivity` (of the number per SI unit of the input),
+        `input_uncertainty`, `standard_uncertainty`, `bound`, `share` of the variance, and `standard_uncertainty_doubt`,
+        how far a drawn standard uncertainty may be off. `numerical_bound` (the sum of bounds), `numerical_rss`,
+        `physical_rss`, `total_rss`. With draws `monte_carlo_standard_uncertainty`, `monte_carlo_shortest`,
+        `monte_carlo_symmetric`; `linear_verdict`.
 
     Raises
     ------
     InputError
-        If the number is not there, a setting is wrong, or a term is of another quantity, unit, time or event.
+        If the run does not have the number, a setting is wrong, a term is of another quantity, unit, time or event, or
+        the model was fitted inadequately.
 
     Notes
     -----
-    Numerical terms. Truncation: three finer runs; what the finest is away, with an allowance of the grid convergence index
-    (1.25 where triples of levels agree in an order, up to 3 where they do not), and uncertain by (see `refine`). Rounding:
-    copies in units drawn at random, of which every operation is rounded in another way, as CADNA and Verificarlo do it
-    operation by operation (Vignes 1993, doi:10.1016/0378-4754(93)90003-D; Denis, de Oliveira Castro, Petit 2016,
-    doi:10.1109/ARITH.2016.31); of reversible runs of a symmetric method the way back to the start too. A bound is taken
-    for a rectangular distribution.
+    Numerical terms. Truncation: three finer runs; the distance of the finest, with an allowance as in the grid
+    convergence index (1.25 where triples of levels agree in an order, up to 3 where they do not), plus its uncertainty
+    (see `refine`). Rounding: copies in random units, in which every operation is rounded differently, as CADNA and
+    Verificarlo do operation by operation (Vignes 1993, doi:10.1016/0378-4754(93)90003-D; Denis, de Oliveira Castro,
+    Petit 2016, doi:10.1109/ARITH.2016.31); for reversible runs of a symmetric method also the way back to the start. A
+    bound is treated as a rectangular distribution.
 
-    Physical terms: JCGM 100:2008, 5.1 and 5.2 (correlated inputs). Slopes are by the run's variational equations, with
-    saltation matrices at events and impacts, compared with central differences over about the input's uncertainty; where
-    both part, and where a contact is held, dry friction acts or a force is written in Python, they are the differences'
-    (`term_rule` says which). Measured tables: rows with ``u(f) [N]`` are independent, each with a slope of its own, and
-    ``u_common(f) [N]`` moves all rows together; where tables that are drawn whole part from the slopes, or there are more
-    than 256 rows, 64 of them tell, and `standard_uncertainty_doubt` how well. Monte Carlo: JCGM 101:2008; of the march's own
-    errors nothing is drawn.
+    Physical terms: JCGM 100:2008, 5.1 and 5.2 (correlated inputs). Slopes come from the run's variational equations,
+    with saltation matrices at events and impacts, compared with central differences over about the input's uncertainty;
+    the differences are used where the two disagree, and where a contact is held, dry friction acts or a force is
+    written in Python (`term_rule` says which). Measured tables: rows with ``u(f) [N]`` are independent, each with a
+    slope of its own, and ``u_common(f) [N]`` moves all rows together; where drawn tables disagree with the slopes, or
+    there are more than 256 rows, 64 drawn tables give the term, and `standard_uncertainty_doubt` its accuracy. Monte
+    Carlo: JCGM 101:2008; the march's own errors are not drawn.
 
     Examples
     --------
@@ -170,18 +174,19 @@ def error_budget(
 
 
 def _where(target: Target, run: Any, model: Model) -> dict[str, Any]:
-    """Say of an extreme where it is in the run, and by which rule."""
+    """Return time and rule of an extreme in the run; nothing for other numbers."""
     top = target.found_in(run, model)
     return {} if top is None else {"extreme_rule": RULES[top.rule], "extreme_time": top.time}
 
 
-def _terms(model: Model, target: Target, settings: dict[str, Any], marched: numerical.Marched, unit: Unit, terms: Any, seed: int) -> list[Term]:  # fmt: skip
-    """Return all terms: of the march, of the model, and declared ones.
+def _terms(model: Model, target: Target, settings: dict[str, Any], marched: numerical.Marched, unit: Unit, terms: Any,
+seed: int) -> list[Term]:  # fmt: skip
+    """Return all terms: those of the march, of the model, and declared ones.
 
     Raises
     ------
     InputError
-        If two have one name, or a declared one is none of this number.
+        If two terms have the same name, or a declared one is of another number.
     """
     declared = [
         _declared(term).term(target, unit) for term in ([terms] if isinstance(terms, Declared) else terms or ())
@@ -218,7 +223,7 @@ def _declared(term: Any) -> Declared:
 
 
 def _doubt_slopes(terms: Sequence[Term], target: Target) -> None:
-    """Warn of slopes that another spacing gives otherwise, where that counts."""
+    """Warn of slopes that depend on the spacing of differences, where that matters."""
     total = float(np.sqrt(sum(term.standard**2 for term in terms)))
     for term in terms:
         deviation = term.sensitivity_doubt * term.input_uncertainty

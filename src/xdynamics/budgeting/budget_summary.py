@@ -1,4 +1,4 @@
-"""What a person wants to know first of a budget, in lines of text."""
+"""A summary of a budget in lines of text."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from xdynamics.record.flag_words import words_of
 if TYPE_CHECKING:
     import xarray as xr
 
-SMALL = 1e-3  # numbers under this have a power of ten
+SMALL = 1e-3  # numbers below this are written with a power of ten
 
 
 def lines_of(budget: xr.Dataset) -> Iterator[str]:
-    """Say the number with its uncertainty, every term from the largest share on, the totals, and what draws tell."""
+    """Summarise the number with its uncertainty, all terms by descending share, the totals, and the draws."""
     units = str(budget["value"].attrs["units"])
     unit = _unit(units)
     yield f"result    {budget.attrs['of']} = {budget.attrs['result']}"
@@ -51,13 +51,13 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
 
 
 def settled_by(budget: xr.Dataset) -> str:
-    """Say how many draws tell whether the linear budget is adequate, where those that were made leave it open."""
+    """Describe how many draws decide whether the linear budget is adequate, where those made leave it open."""
     needed = float(budget.attrs["draws_needed"])
     return f"{budget.attrs['draws']} draws leave it open, about {needed:.0f} settle it"
 
 
 def place_of(budget: xr.Dataset) -> Iterator[str]:
-    """Say of an extreme where it is in the run, and how it was found."""
+    """Describe where an extreme is in the run, and how it was found."""
     if "extreme_rule" in budget.attrs:
         second = _unit(budget.attrs.get("time_units", "s"))
         rule = SAID[RULES.index(str(budget.attrs["extreme_rule"]))]
@@ -65,13 +65,13 @@ def place_of(budget: xr.Dataset) -> Iterator[str]:
 
 
 def doubt_of(budget: xr.Dataset, i: int) -> float:
-    """Return how far a term's standard uncertainty may be off, being drawn; 0 in budgets of versions that did not say."""
+    """Return the error of a drawn standard uncertainty; 0 in budgets of versions that did not record it."""
     name = "standard_uncertainty_doubt"
     return float(budget[name][i]) if name in budget else 0.0
 
 
 def with_doubt(size: float, doubt: float) -> str:
-    """Write a standard uncertainty, of one that was drawn with how well it is known.
+    """Write a standard uncertainty, followed by its own uncertainty if it was drawn.
 
     Examples
     --------
@@ -82,7 +82,7 @@ def with_doubt(size: float, doubt: float) -> str:
 
 
 def known_to(value: float, doubt: float) -> str:
-    """Write a value with the digits that what is known of it bears, one of them uncertain.
+    """Write a value with the digits that its uncertainty justifies, the last of them uncertain.
 
     Examples
     --------

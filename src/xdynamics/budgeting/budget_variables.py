@@ -21,11 +21,11 @@ from xdynamics.units import BASE, Unit
 
 TERM = "term"
 ROLE = "budget"
-CANCELLED = 1e-12  # of the variances, of which there is nothing left where terms cancel
+CANCELLED = 1e-12  # relative to the variances; a smaller total counts as zero, since terms cancel
 
 
 def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list[Term]) -> dict[str, Any]:
-    """Return the terms as variables, and the totals."""
+    """Return the terms and the totals as variables."""
     by_kind = {kind: [entry for entry in terms if entry.kind == kind] for kind in KINDS}
     covariance = physical.covariance(model, terms)
     variance = {NUMERICAL: sum(entry.standard**2 for entry in by_kind[NUMERICAL]), PHYSICAL: physical.variance(model, by_kind[PHYSICAL])}  # fmt: skip
@@ -74,13 +74,13 @@ def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list
 
 
 def _doubt_of(terms: list[Term], variance: float) -> float:
-    """Return how far a root of a sum of squares may be off, of which some terms are known no better than by draws."""
+    """Return the uncertainty of a root of a sum of squares some of whose terms were drawn."""
     moved = sum((term.standard * term.standard_doubt) ** 2 for term in terms)
     return float(np.sqrt(moved / variance)) if variance > 0.0 else 0.0
 
 
 def levels_as(found: Marched, unit: Unit) -> dict[str, Any]:
-    """Return the run's own level and the finer ones, and what they tell."""
+    """Return the run's own level and the finer ones, and their verdict, as variables."""
     levels, text = found.levels, unit.text
     orders = observed_orders(found.values, levels.values)
     return {
@@ -94,14 +94,14 @@ def levels_as(found: Marched, unit: Unit) -> dict[str, Any]:
 
 
 def _level_units(found: Marched) -> str:
-    """Return the unit of what is varied: of steps that of the run's, which are pure numbers where its time is."""
+    """Return the unit of what is varied; for steps that of the run's, which may be pure numbers like its time."""
     return str(found.run["step_size"].attrs["units"]) if found.levels.varied is STEPS else found.levels.varied.units
 
 
 def _per(unit: Unit, by: Unit) -> str:
-    """Spell the number's unit over that of an input, both with the names that they were declared with.
+    """Spell the number's unit over that of an input, with the names that both were declared with.
 
-    Base units stand in their own order: of a time and a speed it is ``m-1 s2``.
+    Base units come in their own order: for a time over a speed it is ``m-1 s2``.
     """
     names = {factor.rstrip("-0123456789") for text in (unit.text, by.text) for factor in text.split()}
     if names <= {*BASE}:
@@ -110,7 +110,7 @@ def _per(unit: Unit, by: Unit) -> str:
 
 
 def draws_as(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
-    """Return what draws tell, as variables."""
+    """Return the statistics of draws as variables."""
     scalars = {
         "monte_carlo_mean": (found.mean, "mean of the draws"),
         "monte_carlo_standard_uncertainty": (found.standard, "standard deviation of the draws of inputs; tables, discrepancies and declared terms are added to each as normal"),

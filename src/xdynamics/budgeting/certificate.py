@@ -1,4 +1,4 @@
-"""A certificate: one number with all that defends it, and the same made again from the certificate alone."""
+"""A certificate: one number with all its evidence, which can be reproduced from the certificate alone."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CERTIFICATE = "certificate"
 GATE, CASE = "gate", "case"
 PASSED, FAILED, NOT_CHECKED = GATES = ("passed", "failed", "not_checked")
 DRAWS = 10_000
-SMALL = 0.1  # of the physical uncertainty, that the numerical bound may be
+SMALL = 0.1  # largest ratio of the numerical bound to the physical uncertainty
 SAME = ("quantity", "of", "result", "event", "occurrence", "side", "asked", "coverage", "seed", "draws", "model_digest", "solver_method", "linear_apart", "draws_needed", "digits", "extreme_rule", "extreme_time")  # fmt: skip
 KEPT = ("at", "time_units", "inadequate_fit")
 
@@ -43,26 +43,27 @@ def certify(
     seed: int = 0,
     **asked: Any,
 ) -> xr.Dataset:
-    """Certify one number: its budget, gates that it has to pass, and the ledger's result for its method.
+    """Certify one number: its budget, the gates that it must pass, and the validation ledger of its method.
 
     Parameters
     ----------
     model, quantity, draws, seed
-        As of `error_budget`; without uncertainties in the model nothing is drawn.
+        As in `error_budget`; without uncertainties in the model nothing is drawn.
     **asked
-        Further arguments of `error_budget` (but declared terms, which no model file holds), and settings of `simulate`.
+        Further arguments of `error_budget` (except declared terms, which no model file holds), and settings of
+        `simulate`.
 
     Returns
     -------
     xarray.Dataset
-        All of the budget; along `gate` `gate_name`, `gate_verdict` (passed, failed, not_checked: too few draws to tell) and
-        `gate_reason`, which says how many draws settle it; along `case` the
-        ledger's cases for the method with `residual`, `case_bound` and `case_verdict`. `recheck` makes it again.
+        The whole budget; along `gate` `gate_name`, `gate_verdict` (passed, failed, not_checked: too few draws to tell)
+        and `gate_reason`, which says how many draws settle it; along `case` the ledger's cases for the method with
+        `residual`, `case_bound` and `case_verdict`. `recheck` reproduces it.
 
     Raises
     ------
     InputError
-        As of `error_budget`.
+        As in `error_budget`, or if declared terms are given.
     """
     if "terms" in asked:
         raise InputError(
@@ -90,7 +91,7 @@ def certify(
 
 
 def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple[str, str, str]]:
-    """Return what the number has to pass, what became of it, and what was looked at."""
+    """Return name, verdict and reason of every gate."""
     words, verdicts = [CASES[case] for case in ledger["verdict"].values.tolist()], budget["level_verdict"]
     convergence = verdicts.attrs["flag_meanings"].split()[int(verdicts)]
     bounds = dict(zip(budget["term_name"].values.tolist(), budget["bound"].values.tolist(), strict=True))
@@ -112,7 +113,7 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
 
 
 def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
-    """Return the gate of the linear budget: what too few draws leave open is neither passed nor failed."""
+    """Return the gate of the linear budget; it is neither passed nor failed where too few draws leave it open."""
     name, statement = "linear_budget", f"the linear budget is {linear.replace('_', ' ')}"
     if linear != LINEAR[OPEN]:
         return name, PASSED if linear == LINEAR[ADEQUATE] else FAILED, statement
@@ -123,7 +124,7 @@ def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
 
 
 def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:  # fmt: skip
-    """Make a certificate again from nothing but itself, and compare every number.
+    """Reproduce a certificate from nothing but itself, and compare every number.
 
     Parameters
     ----------
@@ -135,14 +136,14 @@ def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Cal
     Returns
     -------
     xarray.Dataset
-        The new one.
+        The new certificate.
 
     Raises
     ------
     ArchiveError
-        If anything comes out otherwise; it names what, with both values.
+        If anything is not reproduced; the differences are named, with both values.
     InputError
-        If it is no certificate.
+        If it is not a certificate.
     """
     original = archive.open_run(certificate) if isinstance(certificate, str | Path) else certificate
     attributes = getattr(original, "attrs", {})
@@ -163,7 +164,7 @@ def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Cal
 
 
 def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:
-    """Name everything that differs."""
+    """Describe everything that differs."""
     faults = [f"'{name}' is missing" for name in remade.variables if name not in original.variables]
     faults += [f"'{name}' is added" for name in original.variables if name not in remade.variables]
     for name, variable in remade.variables.items():
@@ -182,7 +183,7 @@ def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:
 
 
 def lines_of(found: xr.Dataset) -> list[str]:
-    """Say the number, its gates, and where more stands."""
+    """Summarise the number, its gates, and how to check them again."""
     verdicts = [GATES[index] for index in found["gate_verdict"].values.tolist()]
     lines = [f"result    {found.attrs['of']} = {found.attrs['result']}"]
     lines += place_of(found)

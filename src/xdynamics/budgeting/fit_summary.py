@@ -1,4 +1,4 @@
-"""What a person wants to know first of a fit, in lines of text."""
+"""A summary of a fit in lines of text."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from xdynamics.digits import digits
 if TYPE_CHECKING:
     import xarray as xr
 
-STRONG = 0.9  # a correlation that is told
+STRONG = 0.9  # correlations above this are reported
 
 
 def lines_of(found: xr.Dataset) -> Iterator[str]:
-    """Say what was found, how sure it is, how well the model fits, and what belongs together."""
+    """Summarise estimates, their uncertainties, the quality of the fit, and strong correlations."""
     names, units = found["parameter_name"].values.astype(str), found["parameter_units"].values.astype(str)
     for i, name in enumerate(names):
         value, uncertainty = float(found["estimate"][i]), float(found["standard_uncertainty"][i])

@@ -1,4 +1,4 @@
-"""Parameters and starts from measured data: weighted least squares, with all that says how well they are known."""
+"""Parameters and initial values from measured data: weighted least squares, with uncertainties and diagnostics."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ Floats = NDArray[np.float64]
 
 PARAMETER, OTHER = "parameter", "other"
 ROLE = "fit"
-SHIFT = 1e-3  # of a parameter's scale, for slopes
+SHIFT = 1e-3  # relative to a parameter's scale, for slopes
 SIDES = np.array([-2.0, -1.0, 1.0, 2.0])
-WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0  # of a slope of fourth order from these sides
+WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0  # of the fourth-order slope from these sides
 START = "start"
-STARTS = 8  # searches at most
-ALIKE = 1e-8  # singular value, over the largest, of columns that tell the same
+STARTS = 8  # most searches
+ALIKE = 1e-8  # ratio to the largest singular value below which columns are dependent
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What is fitted to what.
+    """Which numbers of a model are fitted to which data.
 
     Attributes
     ----------
@@ -52,9 +52,9 @@ class Asked:
         Parameters and initial values.
     data : Measured
     quantities : dict of str to Unit
-        What was measured, in the model's own units.
+        Measured quantities, in the model's own units.
     settings : dict
-        Of `simulate`.
+        Settings of `simulate`.
     """
 
     model: Model
@@ -64,17 +64,17 @@ class Asked:
     settings: dict[str, Any]
 
     def given(self, name: str) -> Quantity:
-        """Return a number's value and unit in the model."""
+        """Return the declared value of a parameter or initial value."""
         return self.model.parameters[name].quantity if name in self.model.parameters else self.model.initial[name]
 
     @property
     def measured(self) -> Floats:
-        """All that was measured, one quantity behind the other, in the model's units."""
+        """All measured values, quantities concatenated, in the model's units."""
         return self._all(self.data.values)
 
     @property
     def weights(self) -> Floats:
-        """One over each standard uncertainty; 1 in the model's unit where none is told."""
+        """One over each standard uncertainty; 1 in the model's unit if there are none."""
         return 1.0 / self._all(self.data.uncertainties) if self.data.uncertainties else np.ones(self.measured.size)
 
     def _all(self, columns: Mapping[str, tuple[Floats, Unit]]) -> Floats:
@@ -84,20 +84,20 @@ class Asked:
         return np.concatenate(converted)
 
     def within(self, share: float) -> NDArray[np.bool_]:
-        """Return which of all numbers were measured in the first part of the time, one quantity behind the other."""
+        """Return which measured values lie in the first share of the time, quantities concatenated."""
         first, last = float(self.data.times.min()), float(self.data.times.max())
         selected = (self.data.times <= first + share * (last - first)) | (
             share == 1.0
-        )  # whatever rounding makes of the last
+        )  # regardless of rounding at the last
         return np.tile(selected, len(self.quantities))
 
     def computed(self, values: Floats, *, whole: bool = True) -> Floats:
-        """Return what the model comes to, for rows of parameters in their own units, shape (n, all that was measured).
+        """Return what the model computes for rows of parameters in their own units, shape (n, measured values).
 
         Raises
         ------
         InputError
-            If a run does not come to all times, where they are to be whole; else nan stands there.
+            If a run ends before all times and `whole` is set; otherwise those values are nan.
         """
         import xarray as xr
 
@@ -119,7 +119,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Fitting:
-    """What searches look at: numbers over their sizes, and residuals over their uncertainties.
+    """The problem as searches see it: scaled numbers, and residuals over their uncertainties.
 
     Attributes
     ----------
@@ -131,12 +131,12 @@ class Fitting:
     scales: Floats
 
     def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
-        """Return weighted residuals and their slopes, of the data up to a share of their time.
+        """Return weighted residuals and their slopes, for the data up to a share of their time.
 
         Raises
         ------
         InputError
-            If a run does not come to all times, or these are fewer numbers than are fitted.
+            If a run ends before all times, or there are not more values than fitted numbers.
         """
         asked, used = self.asked, self.asked.within(share)
         if np.count_nonzero(used) <= scaled.size:
@@ -146,13 +146,13 @@ class Fitting:
         return (values[used] - asked.measured[used]) * weights, slopes[used] * weights[:, None] * self.scales
 
     def squares(self, scaled: Floats, share: float) -> Floats:
-        """Return the sums of squares of many starts, of a share of the time; infinite where a run does not come to all."""
+        """Return the sums of squares of many starts over a share of the time; infinite if a run ends before."""
         selected, rows = self.asked.within(share), self.asked.computed(scaled * self.scales, whole=False)
         sums = np.sum((((rows - self.asked.measured) * self.asked.weights) ** 2)[:, selected], axis=1)
         return np.where(np.isfinite(sums), sums, np.inf)
 
     def tested(self, search: Search) -> Tested:
-        """Test the residuals that a search came to."""
+        """Test the residuals at the end of a search."""
         asked, residual = self.asked, search.residual
         order = np.argsort(asked.data.times, kind="stable")
         rows, measured = (
@@ -181,40 +181,40 @@ def fit(
     Parameters
     ----------
     model : Model
-        Its own values are where the search begins.
+        The search begins at its own values.
     data : str, Path, DataFrame or Dataset
-        Measured data as `compare` takes them: ``time [ms],x [mm],u(x) [mm]``.
+        Measured data as for `compare`: ``time [ms],x [mm],u(x) [mm]``.
     parameters : sequence of str
-        What is to be found: parameters and initial values.
+        Parameters and initial values to be fitted.
     gaps : {"refuse", "skip"}
-        Whether rows of the data in which a number is missing are refused or left out; columns of what the model does not
-        have are left out.
+        Whether rows of the data in which a number is missing are refused or skipped; columns that the model does not
+        have are skipped.
     bounds : mapping of str to (lowest, highest), optional
         ``{"k": ("0 N m-1", "10 N m-1")}``.
     starts : int
-        How many searches there are at most: from the model's own values, by parts of the time that grow, and from the best
-        of 96 starts that are drawn about the model's own values or between bounds. The first whose residuals are no more
-        than noise is the last.
+        Largest number of searches: from the model's own values, over growing parts of the time, and from the best of 96
+        starts drawn about the model's own values or between bounds. Searching stops once residuals are no more than
+        noise.
     seed : int
-        Of what is drawn.
+        Seed of the drawn starts.
     **settings
-        Of `simulate`.
+        Settings of `simulate`.
 
     Returns
     -------
     xarray.Dataset
         Along `parameter`: `parameter_name`, `parameter_units`, `estimate` and `standard_uncertainty` in these,
-        `at_bound`, and with `other` the `correlation`. Along `at` what was measured, what the fitted model comes to, and
+        `at_bound`, and with `other` the `correlation`. Along `at` the measured values, those of the fitted model, and
         the `residual_…`. Along `start` every search: `start_rule`, `start_value`, `start_estimate`, `start_square` (the
-        weighted sum of squares that it came to), `start_converged`. Attributes `chi_square_probability`,
-        `runs_probability` and `adequate`: 1 where the residuals are no more than noise; else there is a warning, and
-        budgets refuse the fitted model unless they are asked for it. `model_toml` is the fitted model, whose parameters are uncertain and correlated by what was
-        found: ``Model.from_text(str(found.model_toml.values))`` goes on into `error_budget`.
+        weighted sum of squares at its end), `start_converged`. Attributes `chi_square_probability`, `runs_probability`
+        and `adequate`: 1 where the residuals are no more than noise; otherwise there is a warning, and budgets refuse
+        the fitted model unless told otherwise. `model_toml` is the fitted model with the uncertainties and correlations
+        of its parameters; pass ``Model.from_text(str(found.model_toml.values))`` on to `error_budget`.
 
     Raises
     ------
     InputError
-        If the data do not tell the parameters apart, a column is nothing of the model's, or a run does not come to all
+        If the data do not determine the parameters, a column is not a quantity of the model, or a run ends before all
         times.
 
     Notes
@@ -222,9 +222,9 @@ def fit(
     Trust-region reflective least squares by `scipy.optimize.least_squares` (Branch, Coleman, Li 1999,
     doi:10.1137/S1064827595289108), slopes by central differences of fourth order, all copies marched side by side. The
     covariance is the inverse of J^T W J; without uncertainties of the data it is scaled by the residuals' variance
-    (Bevington, Robinson, Data Reduction and Error Analysis, 2003, section 8.5). Residuals are tested by chi-square where the
-    data have uncertainties, and by the number of their runs of one sign (Wald, Wolfowitz 1940). What the march itself is off by is not in
-    it: choose steps or tolerances that keep it small beside the residuals.
+    (Bevington, Robinson, Data Reduction and Error Analysis, 2003, section 8.5). Residuals are tested by chi-square
+    where the data have uncertainties, and by the number of their runs of one sign (Wald, Wolfowitz 1940). Errors of the
+    march itself are not included: choose steps or tolerances that keep them small compared with the residuals.
 
     Examples
     --------
@@ -255,7 +255,7 @@ def fit(
     for entry in searches(problem, start / scales, low / scales, high / scales, starts, seed):
         results.append(entry)
         if entry.converged and len(results) == 1:
-            _covariance(asked, entry.slopes)  # or it names what the data do not tell apart, before others are searched
+            _covariance(asked, entry.slopes)  # raises for indeterminate parameters before searching on
         if entry.converged and (test := problem.tested(entry)).adequate:
             break
     best = min(results, key=lambda entry: entry.square)
@@ -270,7 +270,7 @@ def fit(
 
 
 def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str, Any]) -> Asked:
-    """Check what is asked for."""
+    """Check the arguments of a fit against model and data."""
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
@@ -329,7 +329,7 @@ def _bounds(asked: Asked, bounds: Mapping[str, Sequence[Any]]) -> tuple[Floats, 
 
 
 def _scales(asked: Asked, start: Floats, low: Floats, high: Floats) -> Floats:
-    """Return a size of each number: of one that begins at zero its bounds', its uncertainty's, or its unit's."""
+    """Return the scale of each number; for one that begins at zero that of its bounds, uncertainty or unit."""
     scales = np.abs(start)
     for i in np.flatnonzero(scales == 0.0).tolist():
         width = float(high[i] - low[i])
@@ -341,7 +341,7 @@ def _scales(asked: Asked, start: Floats, low: Floats, high: Floats) -> Floats:
 
 
 def _with_slopes(asked: Asked, values: Floats, scales: Floats) -> tuple[Floats, Floats]:
-    """Return what the model comes to, and its slopes by every parameter, shape (all, n)."""
+    """Return what the model computes, and its slopes by every parameter, shape (measured values, n)."""
     n = len(values)
     rows = np.tile(values, (1 + n * len(SIDES), 1))
     for i in range(n):
@@ -397,7 +397,7 @@ def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested
 
 
 def _searches_as(results: list[Search], scales: Floats) -> dict[str, Any]:
-    """Return every search as variables."""
+    """Return all searches as variables."""
     return {
         "start_rule": ((START,), np.array([search.rule for search in results]), about("1", "where the search began", "rule")),
         "start_value": ((START, PARAMETER), np.array([search.start * scales for search in results]), about("1", "values that the search began with, in parameter_units", ROLE)),
@@ -408,12 +408,12 @@ def _searches_as(results: list[Search], scales: Floats) -> dict[str, Any]:
 
 
 def _covariance(asked: Asked, slopes: Floats) -> tuple[Floats, float]:
-    """Return the covariance of the scaled parameters, and how nearly columns of slopes tell the same.
+    """Return the covariance of the scaled parameters, and the condition number of the normalised slopes.
 
     Raises
     ------
     InputError
-        If the data do not tell parameters apart; it names them.
+        If the data do not determine some parameters; they are named.
     """
     sizes = np.sqrt((slopes**2).sum(axis=0))
     if idle := [name for name, size in zip(asked.names, sizes, strict=True) if not size > 0.0]:
@@ -427,7 +427,7 @@ def _covariance(asked: Asked, slopes: Floats) -> tuple[Floats, float]:
 
 
 def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Floats, test: Tested) -> Model:
-    """Return the model with what was found, its uncertainties and correlations."""
+    """Return the model with the estimates, their uncertainties and correlations."""
     statement = asked.model.statement
     parameters, starts, initial = dict(statement.parameters), dict(statement.starts), dict(statement.initial)
     for i, name in enumerate(asked.names):

@@ -1,4 +1,4 @@
-"""The one number that a budget is about: a quantity at a time, at an occurrence of an event, or its extreme of a run."""
+"""The number that a budget is about: a quantity at a time, at an occurrence of an event, or its extreme in a run."""
 
 from __future__ import annotations
 
@@ -23,30 +23,31 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LARGEST, LEAST = "maximum", "minimum"  # of a whole run
+LARGEST, LEAST = "maximum", "minimum"  # over a whole run
 TIME = "t"  # the quantity that is the time of the event itself
 SIDES = ("before", "after")
-ROUNDED = 8.0 * float(np.finfo(float).eps)  # of a time, relative
-NEAR = 1e-3  # of a step, over which a quantity's rate at an event is taken
+ROUNDED = 8.0 * float(np.finfo(float).eps)  # relative rounding of a time
+NEAR = 1e-3  # fraction of a step over which a quantity's rate at an event is taken
 
 
 @dataclass(frozen=True)
 class Target:
-    """A quantity where it is asked for.
+    """A quantity at a time or event, or its extreme over a run.
 
     Attributes
     ----------
     quantity : str
-        A coordinate, velocity, state, energy or observable, or at an event ``t``, its time; of a whole run the largest or
-        the least of one of these or of a force: ``maximum_force_drag_y``, ``minimum_contact_force_floor``.
+        A coordinate, velocity, state, energy or observable, or at an event ``t``, its time; over a whole run the
+        largest or the least value of one of these or of a force: ``maximum_force_drag_y``,
+        ``minimum_contact_force_floor``.
     at : float, s, optional
     event : str, optional
     occurrence : int
-        Of the event, from 1.
+        Which occurrence of the event, from 1.
     side : {"before", "after"}
-        Of the event.
+        Side of the event.
     second : str
-        Unit of the model's time: ``1`` where that is a pure number.
+        Unit of the model's time; ``1`` if it is a pure number.
     """
 
     quantity: str
@@ -58,12 +59,12 @@ class Target:
 
     @classmethod
     def of(cls, model: Model, quantity: Any, at: Any, event: Any, occurrence: Any, side: Any) -> Target:
-        """Read what is asked for.
+        """Read and check the arguments of a budget.
 
         Raises
         ------
         InputError
-            If the model has no such quantity or event, or there is not one place.
+            If the model has no such quantity or event, or not exactly one time or event is given.
         """
         quantities, extremes = comparable(model), _extremes_of(model)
         if at is None and event is None and quantity in extremes:
@@ -88,7 +89,7 @@ class Target:
 
     @property
     def extreme(self) -> tuple[str, float] | None:
-        """Of an extreme what it is of, and its sign: 1 of the largest, -1 of the least."""
+        """Quantity and sign of an extreme, 1 for the largest, -1 for the least; None for other numbers."""
         if self.at is not None or self.event:
             return None
         word, _, name = self.quantity.partition("_")
@@ -96,7 +97,7 @@ class Target:
 
     @property
     def said(self) -> str:
-        """What it is, in words."""
+        """A description in words."""
         if self.extreme is not None:
             name, sign = self.extreme
             return f"{LARGEST if sign > 0 else LEAST} of {name}"
@@ -108,22 +109,22 @@ class Target:
         )
 
     def units(self, run: xr.Dataset) -> Unit:
-        """Return the unit that the number has."""
+        """Return the unit of the number."""
         if self.quantity == TIME:
             return parse_unit(self.second)
         return parse_unit(str(run[self.extreme[0] if self.extreme else self.quantity].attrs["units"]))
 
     def found_in(self, run: xr.Dataset, model: Model) -> Extreme | None:
-        """Return where an extreme is in a run, and by which rule; None of what is no extreme."""
+        """Find an extreme in a run, with its time and rule; None if the number is not an extreme."""
         return None if self.extreme is None else extreme(run, *self.extreme, model.functions)
 
     def in_run(self, run: xr.Dataset, model: Model) -> tuple[float, float, float]:
-        """Return the number in a run, what interpolation may have it off, and what the location of the event may.
+        """Return the number in a run, and its errors from interpolation and from the location of the event.
 
         Raises
         ------
         InputError
-            If the run does not come there.
+            If the run ends before.
         """
         if self.at is not None:
             time = np.array([_held(self.at, run["time"].values)])
@@ -139,7 +140,7 @@ class Target:
         return float(run[self.quantity].values[row]), 0.0, abs(self._rate(run, model, place)) * located
 
     def in_many(self, model: Model, axes: dict[str, Any], settings: dict[str, Any]) -> xr.Dataset:
-        """Return a sweep in which it is kept of every member."""
+        """Return a sweep that keeps the number of every member."""
         if self.at is not None:
             return sweep(model, axes, keep=[self.quantity], times=[self.at], **settings)
         if self.extreme is not None:
@@ -148,16 +149,14 @@ class Target:
         return sweep(model, axes, keep=[word], occurrences=(self.occurrence - 1, self.occurrence), **settings)
 
     def values(self, found: xr.Dataset) -> Floats:
-        """Return the numbers of a sweep's members, nan of those that do not come there."""
+        """Return the numbers of a sweep's members; nan for those that end before."""
         name = self.quantity if not self.event else f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"  # fmt: skip
-        variable = found[name]
-        values: Floats = (variable.isel({OCCURRENCE: 0}) if OCCURRENCE in variable.dims else variable).values.astype(
-            float
-        )
+        array = found[name]
+        values: Floats = (array.isel({OCCURRENCE: 0}) if OCCURRENCE in array.dims else array).values.astype(float)
         return values[..., 0] if self.at is not None else values
 
     def _of_event(self, run: xr.Dataset, model: Model, top: Extreme) -> float:
-        """Return what the location of the event that an extreme is at may have it off: nothing where it is level there."""
+        """Return the error of an extreme at an event from the location of the event; 0 where the quantity is level."""
         if top.rule != LOCATED or self.extreme is None:
             return 0.0
         if model.python_functions and self.extreme[0] not in model.units:
@@ -173,7 +172,7 @@ class Target:
         return abs(beside - top.value) / abs(float(near - time[row])) * float(doubts.max())
 
     def _place(self, run: xr.Dataset) -> int:
-        """Find the event in a run."""
+        """Return the index of the event in a run."""
         names = np.array(words_of(run["event_detector"])) if run.sizes.get("event", 0) else np.zeros(0, str)
         places = np.flatnonzero(names == self.event)
         if len(places) < self.occurrence:
@@ -181,7 +180,7 @@ class Target:
         return int(places[self.occurrence - 1])
 
     def _rate(self, run: xr.Dataset, model: Model, place: int) -> float:
-        """Return how fast the quantity changes on that side of the event, by a difference over a small part of a step."""
+        """Return the rate of the quantity on that side of the event, by a difference over a small part of a step."""
         time = run["time"].values
         row = int(run[f"event_row_{self.side}"].values[place])
         neighbour = max(row - 1, 0) if self.side == "before" else min(row + 1, len(time) - 1)
@@ -193,14 +192,14 @@ class Target:
 
 
 def _extremes_of(model: Model) -> tuple[str, ...]:
-    """Name every extreme that a run has, as `diagnose` does."""
+    """Return the names of all extremes of a run, as in `diagnose`."""
     layout = layout_of(model)
     names = (*observables_of(model), *layout.forces, *layout.reactions)
     return tuple(f"{word}_{name}" for name in names for word in (LARGEST, LEAST))
 
 
 def _held(at: float, time: Floats) -> float:
-    """Return a time that rounding has just outside a run, marched in other units, on its end."""
+    """Clip a time to the run if it is outside by rounding alone, as in runs marched in other units."""
     near = ROUNDED * max(abs(float(time[0])), abs(float(time[-1])))
     held = min(max(at, float(time[0])), float(time[-1]))
     return held if abs(held - at) <= near else at

@@ -1,4 +1,4 @@
-"""Distributions propagated by drawing, and whether a linear budget is adequate: JCGM 101:2008."""
+"""Propagation of distributions by drawing, and a test of linear budgets: JCGM 101:2008."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ Floats = NDArray[np.float64]
 
 LINEAR = ("adequate", "not_adequate", "not_checked")
 ADEQUATE, NOT_ADEQUATE, NOT_CHECKED = range(len(LINEAR))
-PARTS = 20  # of the draws, whose numbers tell how far those of all may be off
-SURE = 2.0  # standard uncertainties of what few draws tell
-REFUTED = 1.5  # times that, from which on a linear budget is called not adequate
-NARROW = 0.2  # of the tolerance, a distance of the ends from it that is not told apart from nothing
-MARGIN = 2.5  # more of them, by which the distance of ends may be larger than it is without chance
+PARTS = 20  # of the draws, whose scatter gives the uncertainty over all draws
+SURE = 2.0  # standard uncertainties allowed for the few draws
+REFUTED = 1.5  # times that, beyond which a linear budget is not adequate
+NARROW = 0.2  # of the tolerance; a smaller distance of the ends from it cannot be resolved
+MARGIN = 2.5  # more standard uncertainties, by which chance may enlarge the distance of the ends
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """What draws of a number tell.
+    """Statistics of the draws of a number.
 
     Attributes
     ----------
     mean, standard : float
     shortest, symmetric : (float, float)
-        Intervals that hold the stated part of all draws: the shortest one, and one with as many on either side.
+        Intervals that hold the stated part of all draws: the shortest one, and one with as many draws on either side.
     standard_doubt, ends_doubt : float
-        How far the standard uncertainty and the ends of the symmetric interval may be off, being of so many draws: standard
-        uncertainties.
+        Standard uncertainties of the standard uncertainty and of the ends of the symmetric interval, from the finite
+        number of draws.
     ends_reach : float
-        How far the ends are off at most, as sure as `SURE` standard uncertainties are; infinite where so few draws do not
-        reach to where they may be.
+        Largest error of the ends, at `SURE` standard uncertainties; infinite where the draws are too few to bracket
+        them.
     """
 
     mean: float
@@ -50,12 +50,12 @@ class Drawn:
 
 
 def drawn(values: Floats, coverage: float) -> Drawn:
-    """Say what draws tell (JCGM 101:2008, 7.6 and 7.7).
+    """Return the statistics of draws (JCGM 101:2008, 7.6 and 7.7).
 
     Raises
     ------
     InputError
-        If there are too few for the coverage.
+        If there are too few draws for the coverage.
 
     Examples
     --------
@@ -83,21 +83,21 @@ def drawn(values: Floats, coverage: float) -> Drawn:
 
 
 def _reach(ordered: Floats, coverage: float, sure: float) -> float:
-    """Return half the larger distance of the order statistics that the ends of an interval lie between.
+    """Return half the larger distance of the order statistics that bracket the ends of an interval.
 
-    The number of draws under a quantile p is binomial: n p, with the standard deviation sqrt(n p (1 - p)), whatever their
-    distribution is (David and Nagaraja, Order Statistics, 2003, section 7.1).
+    The number of draws below a quantile p is binomial: n p, with the standard deviation sqrt(n p (1 - p)), for any
+    distribution (David and Nagaraja, Order Statistics, 2003, section 7.1).
     """
     count, p = len(ordered), (1.0 - coverage) / 2.0
     off = sure * float(np.sqrt(count * p * (1.0 - p)))
     ends = [(floor(centre - off), ceil(centre + off)) for centre in (count * p, count * (1.0 - p))]
-    if ends[-1][1] >= count:  # then the lower end may lie under all draws too
+    if ends[-1][1] >= count:  # then the lower end may lie below all draws too
         return inf
     return max(float(ordered[high] - ordered[low]) for low, high in ends) / 2.0
 
 
 def tolerance_of(standard: float, digits: int = 1) -> float:
-    """Return half of the last place that a standard uncertainty of so many digits has (JCGM 101:2008, 7.9.2).
+    """Return half a unit in the last digit of a standard uncertainty with so many digits (JCGM 101:2008, 7.9.2).
 
     Examples
     --------
@@ -113,10 +113,10 @@ def tolerance_of(standard: float, digits: int = 1) -> float:
 
 
 def draws_needed(apart: float, found: Drawn, draws: int, coverage: float, digits: int = 1) -> float:
-    """Return about how many draws tell whether the linear budget is adequate, where so many leave it open.
+    """Return about how many draws decide whether the linear budget is adequate, where `draws` leave it open.
 
-    Ends of an interval of n normal numbers are uncertain by sqrt(p (1 - p)/n)/density(p): four and a half times that is to fit
-    between the tolerance and what the ends are apart, of which chance is taken off.
+    Ends of an interval of n normal numbers are uncertain by sqrt(p (1 - p)/n)/density(p): four and a half times that
+    must fit between the tolerance and the distance of the ends, reduced by chance.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def judged(value: float, standard: float, found: Drawn, coverage: float, digits:
     Returns
     -------
     int
-        Place in `LINEAR`: adequate where both ends are within the tolerance of the draws' standard uncertainty, not
+        Index in `LINEAR`: adequate where both ends are within the tolerance of the draws' standard uncertainty, not
         checked where too few draws leave it open.
     float
         The larger distance of the ends.

@@ -1,4 +1,4 @@
-"""Searches of a fit: from the model's own values, by parts of the data that grow, and from starts that are drawn."""
+"""Searches of a fit: from the model's own values, over growing parts of the data, and from drawn starts."""
 
 from __future__ import annotations
 
@@ -19,43 +19,43 @@ OWN, GROWING, DRAWN = (
     "fits to parts of the time that grow",
     "drawn about the model's own values",
 )
-CLOSE = 1e-10  # relative, of parameters and of the sum of squares, when a search ends
+CLOSE = 1e-10  # relative tolerance of parameters and sum of squares at which a search ends
 MOST = 100  # evaluations
-SHARES = (0.06, 0.12, 0.25, 0.5)  # of the time of the data, one after the other
-LOOKED_AT = 96  # starts that are drawn, of which the best are searched from
-WIDTHS = (0.1, 0.5, 1.0)  # of the sizes of the numbers, as many starts of each; the last by factors
-FARTHEST = 8.0  # such a factor
+SHARES = (0.06, 0.12, 0.25, 0.5)  # of the time of the data, in this order
+LOOKED_AT = 96  # drawn starts, from the best of which searches begin
+WIDTHS = (0.1, 0.5, 1.0)  # relative to the numbers, equally many starts of each; the last by factors
+FARTHEST = 8.0  # largest such factor
 
 
 class Problem(Protocol):
     """What searches need to know of a fit."""
 
     def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
-        """Return weighted residuals and their slopes, of the data up to a share of their time."""
+        """Return weighted residuals and their slopes, for the data up to a share of their time."""
 
     def squares(self, scaled: Floats, share: float) -> Floats:
-        """Return the sums of squares of many starts, of a share of the time; infinite where a run does not come to all times."""
+        """Return the sums of squares of many starts over a share of the time; infinite if a run ends before."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """One search, of numbers over their sizes.
+    """One search, in scaled numbers.
 
     Attributes
     ----------
     rule : str
-        Where it began.
+        How its start was chosen.
     start, end : ndarray, shape (n,)
     square : float
-        Sum of squares at the end; infinite of one that came to a run without an end.
+        Sum of squares at the end; infinite if a run ended before all times.
     evaluations : int
     converged : bool
     stopped : str
         Why it ended.
     residual, slopes : ndarray, shape (m,) and (m, n)
-        Over the uncertainties, at the end.
+        Divided by the uncertainties, at the end.
     bounded : ndarray of bool, shape (n,)
-        Whether it ended on a bound, but for how closely it searched: it never comes to one whole.
+        Whether it ended on a bound, within the tolerance of the search; it never reaches one exactly.
     """
 
     rule: str
@@ -71,9 +71,9 @@ class Search:
 
 
 def searches(problem: Problem, start: Floats, low: Floats, high: Floats, most: int, seed: int) -> Iterator[Search]:
-    """Yield one search after the other, as many as are asked for: whoever reads them stops where one does.
+    """Yield up to `most` searches, one after the other; the caller stops once one suffices.
 
-    One that comes to a run that does not come to all times has an infinite sum of squares.
+    A search with a run that ends before all times has an infinite sum of squares.
     """
     yield _tried(problem, OWN, start, low, high)
     if most > 1:
@@ -85,7 +85,7 @@ def searches(problem: Problem, start: Floats, low: Floats, high: Floats, most: i
 
 
 def drawn_starts(rng: np.random.Generator, start: Floats, low: Floats, high: Floats) -> Floats:
-    """Return starts about one, near and far: a third of them farther, by factors, or where there are bounds between them."""
+    """Return starts around a given one; the farthest third of them by factors, or between bounds if there are any."""
     shape = LOOKED_AT, start.size
     width = np.array(WIDTHS)[np.arange(LOOKED_AT) % len(WIDTHS), None]
     offsets = rng.uniform(-1.0, 1.0, shape)
@@ -97,10 +97,10 @@ def drawn_starts(rng: np.random.Generator, start: Floats, low: Floats, high: Flo
 
 
 def grown(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats) -> Search:
-    """Search by parts of the time that grow, each from where the one before has ended.
+    """Search over growing parts of the time, each from the end of the previous one.
 
-    Of a motion that turns many times the sum of squares over all of them has minima close to each other, over the first of
-    them wide ones.
+    For a motion of many periods the minima of the sum of squares lie close together over all of them, and are wide over
+    the first few.
     """
     end, evaluations = start, 0
     for share in SHARES:
@@ -111,13 +111,19 @@ def grown(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats)
 
 
 def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats, share: float = 1.0) -> Search:
-    """Search the least sum of squares from one start."""
+    """Minimise the sum of squares from one start.
+
+    Raises
+    ------
+    InputError
+        If a run ends before all times, or there are too few data.
+    """
     from scipy.optimize import least_squares
 
     cache: dict[bytes, tuple[Floats, Floats]] = {}
 
     def looked(scaled: Floats) -> tuple[Floats, Floats]:
-        """Return weighted residuals and their slopes; the last ones are remembered."""
+        """Return weighted residuals and their slopes, remembering the last ones."""
         key = scaled.tobytes()
         if key not in cache:
             cache.clear()
@@ -135,7 +141,7 @@ def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats
 
 
 def _tried(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats, share: float = 1.0) -> Search:
-    """Search from a start that need not lead to an end: of one that does not it stays where it was."""
+    """Search from a start that may fail; a failed search ends at its start with an infinite sum of squares."""
     try:
         return search(problem, rule, start, low, high, share)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""What the march itself may have a number off: truncation, rounding, interpolation, the location of events."""
+"""Numerical errors of one number: truncation, rounding, interpolation, location of events."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ EPS = float(np.finfo(float).eps)
 TRUNCATION, ROUNDOFF, INTERPOLATION, LOCATION = "truncation", "roundoff", "interpolation", "event_location"
 LEVELS = 4  # the run's own and three finer ones
 STEP_RATIO, RTOL_RATIO = 2.0, 10.0  # from one level to the next
-LEAST_RATIO = 2.0  # of tolerances, under which levels tell nothing
-COPIES = 8  # of the run, for rounding
-TRUSTED = 2.0  # times the largest distance of so few copies
-TIGHTER = 10.0  # how much better events are located, to see what their location does
+LEAST_RATIO = 2.0  # of tolerances; closer levels tell nothing
+COPIES = 8  # of the run, to estimate rounding
+TRUSTED = 2.0  # times the largest distance, since copies are few
+TIGHTER = 10.0  # factor by which events are located better, to see the effect of their location
 
 
 @dataclass(frozen=True)
 class Marched:
-    """The run that a number is of, and the finer ones beside it.
+    """The run that a number is of, with its finer levels.
 
     Attributes
     ----------
@@ -49,13 +49,13 @@ class Marched:
     value : float
     terms : tuple of Term
     levels : Levels
-        The run's own step or tolerance, and the finer ones.
+        The run's own step or tolerance, and finer ones.
     values : ndarray, shape (n,)
-        What the number is in each.
+        The number in each level.
     told : Judged
-        What they tell together.
+        Judgement of the levels together.
     digests : tuple of str
-        Content digests of all the runs.
+        Content digests of the runs.
     """
 
     run: xr.Dataset
@@ -68,12 +68,12 @@ class Marched:
 
 
 def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> Marched:
-    """March a model and what tells how far its number is off.
+    """March a model at all levels, and return its number with the numerical terms.
 
     Raises
     ------
     InputError
-        If the run does not come to the number, or no finer run can be marched.
+        If the run does not have the number, or no finer run can be marched.
     """
     levels = _levels(model, asked)
     runs = [own_run(model, asked), *(levels.marched(k) for k in range(1, LEVELS))]
@@ -96,7 +96,7 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
 
 
 def _inner_rule(top: Extreme | None) -> str:
-    """Say how a number inside a step was found, and how far that may have it off."""
+    """Describe how a number inside a step was found, and how its error is estimated."""
     halved = "a shortened step against two of half its length, extrapolated"
     if top is None:
         return halved
@@ -110,12 +110,12 @@ def _inner_rule(top: Extreme | None) -> str:
 
 
 def own_run(model: Model, asked: dict[str, Any]) -> xr.Dataset:
-    """March the run that a number is of; its force samples are kept where they are asked for."""
+    """March the run that a number is of; force samples are kept only if the settings ask for them."""
     return march(model, **{"force_samples": "none"} | asked)
 
 
 def _levels(model: Model, asked: dict[str, Any]) -> Levels:
-    """Return the run's own step or tolerance, and finer ones."""
+    """Return levels: the run's own step or tolerance, and finer ones."""
     settings = settings_for(model, **asked)
     others = {name: value for name, value in asked.items() if name not in ("step", "rtol")}
     if not settings.adaptive:
@@ -138,12 +138,12 @@ def _given(keyword: str, values: list[float]) -> dict[str, Any]:
 
 
 def _least_rtol(scheme: Scheme) -> float:
-    """Return the smallest tolerance that step control can keep to."""
+    """Return the smallest tolerance that step control can meet."""
     return 2.0 * float(LEAST_RTOL ** (scheme.method.order / scheme.error_order))
 
 
 def _truncation(levels: Levels, values: Floats, noise: float, judgement: Judged) -> Term:
-    """Return how far the coarsest value is from the finest, with an allowance, and what the finest is uncertain by."""
+    """Return the truncation term: the finest value's distance with an allowance, plus its uncertainty."""
     factor = allowance(values, levels.values, levels.formal, noise)
     bound = factor * abs(float(values[0] - values[-1])) + float(judgement.uncertainty)
     sizes = ", ".join(f"{size:.4g}" for size in levels.values)
@@ -152,11 +152,11 @@ def _truncation(levels: Levels, values: Floats, noise: float, judgement: Judged)
 
 
 def allowance(values: Floats, steps: Floats, formal: float, noise: float) -> float:
-    """Return the factor by which the distance of the coarsest value from the finest is multiplied in a bound.
+    """Return the safety factor for the distance of the coarsest value from the finest.
 
-    It is the safety factor of the grid convergence index: 1.25 for three levels or more in the asymptotic range, 3 for two
-    (Roache 1994, doi:10.1115/1.2910291). Between both it grows with the spread of the orders that triples of levels have:
-    an order that is uncertain by d leaves the error of a level uncertain by the ratio of the steps to the power d.
+    It is the safety factor of the grid convergence index: 1.25 for three levels or more in the asymptotic range, 3 for
+    two (Roache 1994, doi:10.1115/1.2910291). In between it grows with the spread of the orders of triples of levels: an
+    order uncertain by d leaves the error of a level uncertain by the ratio of the steps to the power d.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def allowance(values: Floats, steps: Floats, formal: float, noise: float) -> flo
     formal : float
         The order of the method in the steps.
     noise : float
-        Rounding of the values: levels that differ by no more tell no order.
+        Rounding error of the values: levels that differ by no more have no observed order.
 
     Examples
     --------
@@ -183,10 +183,10 @@ def allowance(values: Floats, steps: Floats, formal: float, noise: float) -> flo
 
 
 def _roundoff(run: xr.Dataset, model: Model, target: Target, asked: dict[str, Any], value: float, seed: int) -> Term:
-    """March copies, of which every operation is rounded in another way, and back where the method undoes its own steps.
+    """Return the term of rounding, from copies in which every operation is rounded differently, and by marching back.
 
-    They are marched in units drawn at random; parameters and starts are moved by a spacing of numbers, which reading them
-    may have done, and what an observable takes away from another is rounded differently with them.
+    Copies are marched in random units, with parameters and starts moved by one spacing of numbers, as reading them may
+    have done; so differences within an observable are rounded differently too. Only reversible runs are marched back.
     """
     rng, deviations = np.random.default_rng(seed), []
     settings = asked | absolute_tolerances(model, asked)
@@ -209,7 +209,7 @@ def _roundoff(run: xr.Dataset, model: Model, target: Target, asked: dict[str, An
 
 
 def _nudged(model: Model, rng: np.random.Generator) -> Model:
-    """Return a model whose numbers are as large, or a spacing smaller; itself where it bears no change."""
+    """Return a model whose numbers are the same or one spacing smaller; the model itself if it tolerates no change."""
     numbers = {
         "parameters": {name: entry.quantity for name, entry in model.parameters.items()},
         "initial": dict(model.initial),
@@ -228,7 +228,7 @@ def _nudged(model: Model, rng: np.random.Generator) -> Model:
 def _location(
     model: Model, target: Target, asked: dict[str, Any], value: float, located: float, run: xr.Dataset
 ) -> Term:
-    """Return what the location of events does: of the one that is asked for, and of those before it."""
+    """Return the term of locating events: the one that the number is taken at, and those before it."""
     if not run.sizes.get("event", 0):
         return Term.bounded(LOCATION, NUMERICAL, 0.0, "no event was met")
     settings = settings_for(model, **asked)

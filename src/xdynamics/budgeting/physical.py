@@ -1,4 +1,4 @@
-"""What a model's inputs may have a number off: parameters, values at the start, declared discrepancies."""
+"""Physical terms of one number: uncertain parameters, initial values, declared discrepancies."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 DISCREPANCY = "discrepancy"
-SHIFTS = 4.0 ** np.arange(-3, 5)  # in standard uncertainties, by which an input is changed for a slope
-OWN = 2  # of neighbouring shifts, the pair at one standard uncertainty
-WIDEST, NARROWEST = 1e-2, 1e-9  # of the input, where more than its uncertainty, and less, is no shift
+SHIFTS = 4.0 ** np.arange(-3, 5)  # changes of an input for a slope, in standard uncertainties
+OWN = 2  # index of the pair of neighbouring shifts at one standard uncertainty
+WIDEST, NARROWEST = 1e-2, 1e-9  # relative limits of shifts: wider only up to the uncertainty, narrower never
 NOISE = 64.0 * 2.0**-52  # of the number, over a shift: a slope that is no more is none
 SIDES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
-WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0  # of a slope of sixth order from these sides
-SHARPER = 1e-3  # of its own, the time tolerance of events in what slopes are taken from
-AGREED = 0.02  # of a slope, within which variational equations and differences are the same
+WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0  # of the sixth-order slope from these sides
+SHARPER = 1e-3  # factor on the time tolerance of events in runs for slopes
+AGREED = 0.02  # relative, within which variational equations and differences agree
 BY_DIFFERENCES = "slope by central differences of sixth order over {0:.3g} of its uncertainties; another spacing gives {1:.1g} of the slope more or less"
 BY_EQUATIONS = "slope by variational equations on the run's steps; central differences of sixth order over {0:.3g} of its uncertainties give {1:.1g} of the slope more or less"
 BY_EQUATIONS_ALONE = (
@@ -62,17 +62,17 @@ class Slope:
 
 
 def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float) -> list[Term]:
-    """Return a term for everything that has an uncertainty in the model.
+    """Return a term for every uncertain parameter and initial value of the model.
 
     Parameters
     ----------
     rounding : float
-        How far rounding may have the number off: slopes of what changes it by no more are none.
+        Rounding error of the number; inputs that change it by no more have slope zero.
 
     Raises
     ------
     InputError
-        If the number is not there any more where an input is changed a little.
+        If the number ceases to exist when an input is changed a little.
     """
     uncertain = model.uncertain
     if not uncertain:
@@ -91,9 +91,9 @@ def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset,
 
 
 def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float) -> dict[str, Slope]:  # fmt: skip
-    """Return the slope by every input: by variational equations where differences over its uncertainty give the same.
+    """Return the slope by every input: from variational equations where differences over its uncertainty agree.
 
-    Where they part, small changes do not tell of those that the uncertainty makes, and the differences do.
+    Where they disagree, the response is not linear over the uncertainty, and the differences are used.
     """
     by_differences = _differences(model, target, asked, rounding)
     try:
@@ -122,10 +122,10 @@ def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset
 def _differences(
     model: Model, target: Target, asked: dict[str, Any], rounding: float
 ) -> dict[str, tuple[float, float, float, float]]:
-    """Return slopes from copies side by side, how sure, over how much of an uncertainty, and what spacings make of none.
+    """Return for every input its slope from copies side by side, its error, the relative shift, and its rounding error.
 
-    From the change by an input's own uncertainty on, wider and narrower ones are taken as long as neighbours agree better:
-    the widest are bent, the narrowest rounded.
+    Starting from a shift of one standard uncertainty, wider and narrower ones are tried as long as neighbours agree
+    better: the widest suffer from curvature, the narrowest from rounding.
     """
     uncertain = model.uncertain
     sizes = np.array([_shifts(entry) for entry in uncertain.values()])
@@ -152,23 +152,23 @@ def _differences(
         least = NOISE * float(np.nanmax(np.abs(numbers[i]))) / size
         noise = max(least, weighed / size)
         doubt, share = float(differences[k]), size / entry.uncertainty
-        if abs(slope) <= noise:  # and no more between neighbours, of which the narrower one is noisier
+        if abs(slope) <= noise:  # and no more between neighbours, the narrower of which is noisier
             slope, doubt = 0.0, 0.0 if doubt <= 8.0 * noise else doubt
         results[name] = slope, doubt, share, least
     return results
 
 
 def _shifts(parameter: Parameter) -> Floats:
-    """Return by how much an input is changed; nan for what is too much or too little of it."""
+    """Return the shifts of an input; nan for shifts that are too large or too small relative to it."""
     value, sizes = abs(parameter.quantity.value), parameter.uncertainty * SHIFTS
     usable = (sizes <= max(parameter.uncertainty, WIDEST * value)) & (sizes >= NARROWEST * value)
-    if not usable.any():  # known better than numbers can be told
+    if not usable.any():  # known better than floating-point numbers resolve
         sizes, usable = NARROWEST * value * SHIFTS, SHIFTS <= 1.0
     return np.where(usable, sizes, np.nan)
 
 
 def _settled(differences: Floats) -> int:
-    """Return the pair of neighbours that agrees best, from the input's own uncertainty on without a step up between."""
+    """Return the pair of neighbours that agrees best, descending from the one at the input's own uncertainty."""
     finite = np.flatnonzero(np.isfinite(differences)).tolist()
     start = min(finite, key=lambda k: abs(k - OWN))
     best = start
@@ -181,7 +181,7 @@ def _settled(differences: Floats) -> int:
 
 
 def named(model: Model, name: str) -> str:
-    """Return what an axis over an input is called: of a start not like the variable itself."""
+    """Return the name of an axis over an input; for an initial value it differs from the variable's."""
     return f"{FOR_INITIAL}{name}" if name in model.starts else name
 
 
@@ -192,7 +192,7 @@ def _with_units(values: Floats, parameter: Parameter) -> Any:
 
 
 def discrepancy(model: Model, target: Target, unit: Unit) -> list[Term]:
-    """Return what the model declares of its own approximations, of the quantity that is asked for."""
+    """Return the term of the discrepancy that the model declares for the quantity, if any."""
     declared = model.discrepancy.get(target.quantity)
     if declared is None:
         return []
@@ -201,19 +201,19 @@ def discrepancy(model: Model, target: Target, unit: Unit) -> list[Term]:
 
 
 def covariance(model: Model, terms: list[Term]) -> Floats:
-    """Return the covariances of what terms contribute: those of inputs that the model correlates, and variances."""
+    """Return the covariance matrix of the terms' contributions, with the model's correlations of inputs."""
     root = np.array([_signed(term) for term in terms])[:, None] * _root(model, terms)
     return product(root, root.T)
 
 
 def variance(model: Model, terms: list[Term]) -> float:
-    """Return the variance of what terms contribute together: a sum of squares, no less than zero where terms cancel."""
+    """Return the variance of the terms together: a sum of squares, never negative where terms cancel."""
     together = dot(np.array([_signed(term) for term in terms]), _root(model, terms).T)
     return float(dot(together, together))
 
 
 def _root(model: Model, terms: list[Term]) -> Floats:
-    """Return the root of the correlations of terms; those that are no inputs are independent."""
+    """Return the root of the correlation matrix; terms that are not inputs are independent."""
     names = [term.name for term in terms]
     return root_of(matrix_of(names, model.correlations))
 

@@ -1,4 +1,4 @@
-"""Runs with inputs drawn from what the model declares, as many as are asked for or as it takes."""
+"""Runs with inputs drawn from the declared distributions, of a given number or until they suffice."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from xdynamics.units import Unit, parse_quantity
 Floats = NDArray[np.float64]
 
 MOST_DRAWS = 1 << 22
-STREAM = 1  # of random numbers, beside that of the inputs
+STREAM = 1  # of random numbers, besides that of the inputs
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class Asked:
     model : Model
     target : Target
     settings : dict
-        Of `simulate`.
+        Settings of `simulate`.
     value : float
-        Of the run itself, where nothing but what is added is uncertain.
+        Value in the run itself, used if no input of the model is uncertain.
     added : sequence of float
-        Standard uncertainties of what is no input of the model, added to each draw as normal.
+        Standard uncertainties of terms that are not inputs of the model, added to each draw as normal.
     """
 
     model: Model
@@ -48,12 +48,12 @@ class Asked:
     added: Sequence[float]
 
     def values(self, draws: int, seed: int) -> Floats:
-        """March as many runs.
+        """March runs with drawn inputs, and return the number in each.
 
         Raises
         ------
         InputError
-            If nothing is uncertain, or a run does not come to the number.
+            If nothing is uncertain, or a run does not have the number.
         """
         names = [named(self.model, name) for name in self.model.uncertain]
         if not names and not self.added:
@@ -73,12 +73,12 @@ class Asked:
 
 
 def drawn_until(asked: Asked, draws: int, seed: int, coverage: float, wanted: float) -> tuple[Drawn, int]:
-    """Draw until the intervals' ends are known as well as is wanted; return what came, and how many it took.
+    """Draw until the intervals' ends are known as well as wanted; return the result and the number of draws.
 
     Raises
     ------
     InputError
-        If the most that can be drawn do not do.
+        If the largest number of draws does not suffice.
     """
     while True:
         result = drawn(asked.values(draws, seed), coverage)
@@ -90,12 +90,12 @@ def drawn_until(asked: Asked, draws: int, seed: int, coverage: float, wanted: fl
 
 
 def wanted_of(told: str | None, unit: Unit, target: Target, usual: float) -> float:
-    """Return which standard uncertainty the intervals' ends are to have; infinite where nothing is said.
+    """Return the standard uncertainty wanted of the intervals' ends; infinite by default.
 
     Raises
     ------
     InputError
-        If it is no size of the number with a part of a hundred.
+        If it is not a positive size in a unit of the number, optionally with a percentage.
     """
     if told is None:
         return inf

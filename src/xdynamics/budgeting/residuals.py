@@ -1,4 +1,4 @@
-"""Whether what a fit leaves is noise: its size beside what the data say of themselves, and its order in time."""
+"""Tests whether the residuals of a fit are noise: their size against the uncertainties, and their order in time."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-UNLIKELY = 1e-3  # a probability, under which residuals are no noise
-FEWEST = 8  # residuals of each sign, of which runs are counted
-SLIGHT = 1e-3  # of the deviation of the data from their mean, as which residuals are no matter
-FAR_BELOW = 0.1  # of the uncertainties, the same where there are some
+UNLIKELY = 1e-3  # probability below which residuals are not noise
+FEWEST = 8  # residuals of each sign needed to count runs
+SLIGHT = 1e-3  # of the data's standard deviation, below which residuals do not matter
+FAR_BELOW = 0.1  # likewise, of the uncertainties if there are any
 
 
 @dataclass(frozen=True)
 class Tested:
-    """What tests of residuals tell.
+    """Results of the tests of residuals.
 
     Attributes
     ----------
     chi_square_probability : float
-        Of a larger sum of squares, were the model and the uncertainties right; nan without uncertainties.
+        Probability of a larger sum of squares if model and uncertainties are right; nan without uncertainties.
     runs_probability : float
-        Of fewer runs of one sign, were the residuals independent; nan where there are too few.
+        Probability of fewer runs of one sign if the residuals are independent; nan where there are too few.
     adequate : bool
     text : str
-        Why, in words.
+        The reason, in words.
     """
 
     chi_square_probability: float
@@ -47,15 +47,15 @@ def tested(square: float, freedom: int, rows: Sequence[Floats], measured: Sequen
         Weighted sum of their squares.
     freedom : int
     rows, measured : sequence of ndarray
-        Residuals of each quantity, and what was measured, in the order of time.
+        Residuals and measured values of each quantity, in the order of time.
     known : bool
         Whether the data have uncertainties.
 
     Notes
     -----
     Chi-square: Bevington, Robinson, Data Reduction and Error Analysis, 2003, section 11.1. Runs of one sign: Wald and
-    Wolfowitz 1940, doi:10.1214/aoms/1177731909, of as many quantities as there are by Bonferroni's inequality. Where
-    residuals are small beside the data, or far below their uncertainties, their order is no matter.
+    Wolfowitz 1940, doi:10.1214/aoms/1177731909, over all quantities by Bonferroni's inequality. Where residuals are
+    small compared with the data, or far below their uncertainties, their order does not matter.
     """
     from scipy.stats import chi2
 
@@ -74,7 +74,7 @@ def tested(square: float, freedom: int, rows: Sequence[Floats], measured: Sequen
 
 
 def runs_probability(row: Floats) -> float:
-    """Return the probability of as few runs of one sign, or fewer, in numbers that are independent.
+    """Return the probability of at most so many runs of one sign in independent numbers.
 
     Examples
     --------
@@ -96,5 +96,5 @@ def runs_probability(row: Floats) -> float:
 
 
 def _is_slight(row: Floats, measured: Floats) -> bool:
-    """Whether residuals are small beside what the data go up and down."""
+    """Whether residuals are small compared with the variation of the data."""
     return float(np.sqrt(np.mean(row**2))) <= SLIGHT * float(np.std(measured))

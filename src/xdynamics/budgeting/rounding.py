@@ -1,4 +1,4 @@
-"""A number written with the digits that its uncertainty leaves it."""
+"""A number rounded to the digits that its uncertainty justifies."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ DIGITS = 2  # of the uncertainty
 
 
 def rounded(value: float, standard: float, numerical: float, units: str, told: str = "k = 2") -> str:
-    """Write a value with its expanded uncertainty, rounded by that (JCGM 100:2008, 7.2.6), and the numerical part apart.
+    """Write a value rounded to its expanded uncertainty (JCGM 100:2008, 7.2.6), and the numerical part separately.
 
     Parameters
     ----------
     value, standard : float
-        And its standard uncertainty, all terms together.
+        The value and its standard uncertainty from all terms.
     numerical : float
         Sum of the numerical bounds.
     units : str
     told : str
-        Of the coverage factor, and where the standard uncertainty is from.
+        Text on the coverage factor and the origin of the standard uncertainty.
 
     Examples
     --------

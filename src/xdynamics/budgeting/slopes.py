@@ -1,4 +1,4 @@
-"""The slopes of one number by every uncertain input, from the variational equations of its run."""
+"""Slopes of one number by every uncertain input, from the variational equations of its run."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def slopes_along(run: xr.Dataset, model: Model, target: Target) -> dict[str, flo
     Raises
     ------
     NotVariedError
-        If something of the run, its contacts or its forces is not told by the variational equations.
+        If the variational equations do not cover the run, its contacts or its forces.
     """
     inputs = tuple(model.uncertain)
     changes = _changes(run, model, target, inputs)
@@ -43,7 +43,7 @@ def slopes_along(run: xr.Dataset, model: Model, target: Target) -> dict[str, flo
 
 
 def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, ...]) -> Floats:
-    """Walk along the run, from event to event, to the number; return its slopes in SI units."""
+    """Integrate along the run, from event to event, to the number; return its slopes in SI units."""
     if target.extreme is not None:
         raise NotVariedError("an extreme is where the run has it")
     along = Along(run, _equations(run, model, inputs), METHODS[run.attrs["solver_method"]].order)
@@ -66,13 +66,13 @@ def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, .
 
 
 def _check_open(touched: Mapping[str, int], row: int) -> None:
-    """Refuse what is not free up to a row."""
+    """Refuse contacts that are not open up to a row."""
     if closed := [name for name, first in touched.items() if first <= row]:
         raise NotVariedError(f"'{closed[0]}' is not open all the time")
 
 
 def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equations:
-    """Return the equations of a model that has them, where they are not too many."""
+    """Return the variational equations of a model; refuse models without them, or with too many."""
     if model.frictions:
         raise NotVariedError("friction elements slip or stick all the time")
     if model.contacts and run.attrs["solver_method"] == BY_IMPULSES:
@@ -86,7 +86,7 @@ def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equati
 
 
 def _start(model: Model, inputs: tuple[str, ...]) -> Floats:
-    """Return the change at the start: of a variable whose own value there is an input, 1."""
+    """Return the initial change: 1 for a variable whose initial value is the input, otherwise 0."""
     names = variables(model)
     return np.array(
         [[float(name == input_name and input_name in model.starts) for input_name in inputs] for name in names]
@@ -94,7 +94,7 @@ def _start(model: Model, inputs: tuple[str, ...]) -> Floats:
 
 
 def _instants(run: xr.Dataset) -> Iterator[tuple[int, int, tuple[str, ...]]]:
-    """Yield the rows on both sides of every instant with events, and the names of those."""
+    """Yield the rows on both sides of every instant with events, and the names of the events."""
     if not run.sizes.get("event", 0):
         return
     detectors, kinds = (words_of(run[name]) for name in ("event_detector", "event_kind"))
@@ -117,7 +117,7 @@ def _at_event(met: Met, target: Target) -> Floats:
 
 
 def _end(along: Along, last: int, at: float, change: Floats) -> Place:
-    """Return the state at a time and how it changes."""
+    """Return the state at a time and its changes."""
     row = np.array([last])
     place = Met(along, row, row, (), change[None]).meeting(np.zeros((1, change.shape[1])))
     state = along.states(np.array([at]), np.array([last]))
@@ -125,7 +125,7 @@ def _end(along: Along, last: int, at: float, change: Floats) -> Place:
 
 
 def _of_quantity(place: Place, target: Target) -> Floats:
-    """Return how a coordinate, velocity, state, energy or observable changes."""
+    """Return the change of a coordinate, velocity, state, energy or observable."""
     if target.quantity in place.changes:
         return np.asarray(place.changes[target.quantity][0])
     derived = layout_of(place.model).derived

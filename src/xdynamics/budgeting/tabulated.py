@@ -1,4 +1,4 @@
-"""What the uncertainties of measured tables do to a number: row by row, and all rows together."""
+"""Effects of the uncertainties of measured tables on a number: row by row, and of all rows together."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from xdynamics.units import NUMBERS, coherent
 
 Floats = NDArray[np.float64]
 
-COMMON = "_common"  # behind the name of a table: what all its rows have together
-MOST_ROWS = 256  # of which each has a slope of its own
-PAIRS, CONTROLS = 32, 4  # of tables that are drawn: where slopes do not do, and to see that they do
-AGREED = 0.02  # of a standard uncertainty, within which slopes are as good as exact
+COMMON = "_common"  # suffix to the name of a table, for what is common to all rows
+MOST_ROWS = 256  # with a slope for each
+PAIRS, CONTROLS = 32, 4  # of drawn tables: where slopes do not suffice, and to check that they do
+AGREED = 0.02  # relative to a standard uncertainty, within which slopes count as exact
 LEAST = 2.0**-54
 SIGNS = np.array([1.0, -1.0])
-SHARPER = 1e-3  # of its own, the time tolerance of events in what slopes are taken from
+SHARPER = 1e-3  # factor on the time tolerance of events in runs for slopes
 PARTS = np.array([-1.0, -2.0 / 3.0, -1.0 / 3.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])  # of a standard uncertainty
-WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 20.0  # of a slope of sixth order from these
+WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 20.0  # of the sixth-order slope from these
 
 
 def tables(model: Model, target: Target, asked: dict[str, Any], seed: int) -> list[Term]:
-    """Return the terms of every measured table that tells its uncertainties: of its rows, and of all rows together."""
+    """Return the terms of every measured table with uncertainties: of its rows, and of all rows together."""
     terms = []
     for name, drive in model.drives.items():
         copies = Copies(model, target, asked, name, drive.table)
@@ -45,16 +45,16 @@ def tables(model: Model, target: Target, asked: dict[str, Any], seed: int) -> li
 
 @dataclass(frozen=True)
 class Copies:
-    """A number of models that differ in one measured table.
+    """Copies of a model that differ in one measured table.
 
     Attributes
     ----------
     model : Model
     target : Target
     settings : dict
-        Of `simulate`.
+        Settings of `simulate`.
     name : str
-        Of the drive.
+        Name of the drive.
     table : Table
     """
 
@@ -65,7 +65,7 @@ class Copies:
     table: Table
 
     def number(self, change: Floats) -> float:
-        """March the model with a table that is changed by so much, SI; return the number."""
+        """March the model with its table changed by so much, SI; return the number."""
         import tomllib
 
         declared = tomllib.loads(self.model.to_toml())["drives"][self.name]
@@ -77,22 +77,21 @@ class Copies:
         return self.target.in_run(run, changed)[0]
 
     def odd(self, change: Floats) -> float:
-        """Return half of what the number is more with a change than with its opposite."""
+        """Return half the difference of the number between a change and its opposite."""
         return (self.number(change) - self.number(-change)) / 2.0
 
 
 def independent(copies: Copies, sizes: Floats, seed: int) -> Term:
-    """Return the term of rows that are independent: from the slope of each, where tables drawn whole agree with them.
+    """Return the term of independent rows: from the slope of each, where drawn tables agree with them.
 
-    Where they do not, or where there are too many rows, it is the standard deviation of tables that are drawn, which is
-    known as well as so few tell.
+    Otherwise, or with too many rows, it is the standard deviation over drawn tables, known as well as so few allow.
     """
     rows, origin = np.flatnonzero(sizes), copies.number(np.zeros(sizes.size))
     rng = np.random.default_rng(seed)
     points = normal_quantile(np.maximum(rng.random((PAIRS, sizes.size)), LEAST))
 
     def drawn(pairs: int) -> Floats:
-        """Return by how much the number changes with tables that are drawn, and with their opposites."""
+        """Return the changes of the number with drawn tables, and with their opposites."""
         return np.array([[copies.number(sign * point * sizes) - origin for sign in SIGNS] for point in points[:pairs]])
 
     why = f"{rows.size} rows are more than {MOST_ROWS}"
@@ -101,7 +100,7 @@ def independent(copies: Copies, sizes: Floats, seed: int) -> Term:
         standard = float(np.sqrt(np.sum(effects**2)))
         expected = np.multiply.outer(dot(points[:CONTROLS, rows], effects), SIGNS)
         distance = float(np.sqrt(np.mean((drawn(CONTROLS) - expected) ** 2)))
-        if distance <= standard / np.sqrt(2.0 * PAIRS):  # better than it is known of draws
+        if distance <= standard / np.sqrt(2.0 * PAIRS):  # more accurate than draws
             off = distance / standard if standard else 0.0
             rule = f"rows are independent: slopes by all {rows.size}; {2 * CONTROLS} tables with every row drawn are {off:.1g} of it off"
             doubt = distance if off > AGREED else 0.0
@@ -109,16 +108,17 @@ def independent(copies: Copies, sizes: Floats, seed: int) -> Term:
         why = f"it is not in proportion with the rows, by whose slopes it were {standard:.3g}"
     standard = float(np.sqrt(np.mean(drawn(PAIRS) ** 2)))
     rule = f"rows are independent: {2 * PAIRS} tables with every row drawn from its uncertainty; {why}"
-    # of what is linear both tables of a pair tell the same
+    # of a linear effect both tables of a pair give the same
     return Term(
         copies.name, PHYSICAL, standard, COVERED * standard, rule, standard_doubt=standard / np.sqrt(2.0 * PAIRS)
     )
 
 
 def common(copies: Copies, sizes: Floats) -> Term:
-    """Return the term of what all rows have together: one input, by whose standard uncertainty the whole table moves.
+    """Return the term of what is common to all rows: one input, whose standard uncertainty moves the whole table.
 
-    Where every row has the same uncertainty it has that one and its unit; else it is a pure number whose uncertainty is 1.
+    If every row has the same uncertainty, it is that one, with its unit; otherwise the input is a pure number with an
+    uncertainty of 1.
     """
     numbers = np.array([copies.number(part * sizes) for part in PARTS])
     effect = float(dot(numbers, WEIGHTS))
@@ -133,7 +133,7 @@ def common(copies: Copies, sizes: Floats) -> Term:
 
 
 def _written(table: Table, values: Floats) -> str:
-    """Write a table with other values, in the units that it has."""
+    """Write a table with other values, in its own units."""
     factors = [float(unit.factor) for unit in (table.argument_unit, table.value_unit)]
     head = f"argument [{table.argument_unit.text}],value [{table.value_unit.text}]"
     rows = (f"{x!r},{y!r}" for x, y in zip((table.argument / factors[0]).tolist(), (values / factors[1]).tolist(), strict=True))  # fmt: skip

@@ -1,4 +1,4 @@
-"""One reason why a number may be off, and how much."""
+"""One source of error of a number, and its size."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from xdynamics.units import Quantity, Unit, parse_quantity, parse_unit, time_in
 
 NUMERICAL, PHYSICAL = "numerical", "physical"
 KINDS = (NUMERICAL, PHYSICAL)
-BOUNDED = sqrt(3.0)  # a bound is that many standard uncertainties: a rectangular distribution (JCGM 100:2008, 4.3.7)
-COVERED = 2.0  # standard uncertainties that stand for the bound of what has none
+BOUNDED = sqrt(3.0)  # standard uncertainties in a bound: a rectangular distribution (JCGM 100:2008, 4.3.7)
+COVERED = 2.0  # standard uncertainties taken as the bound of a term without one
 
 
 @dataclass(frozen=True)
@@ -22,23 +22,24 @@ class Term:
     Attributes
     ----------
     name : str
-        A parameter's or an initial value's own, else a word such as ``truncation``.
+        Name of a parameter or an initial value, or a word such as ``truncation``.
     kind : {"numerical", "physical"}
     standard : float
         The standard uncertainty that it contributes.
     bound : float
-        What it contributes at most; of what has no bounds two standard uncertainties.
+        Its largest contribution; two standard uncertainties for a term without a bound.
     rule : str
         How it was found.
     sensitivity : float
-        Of the number to the input, per SI unit of that; nan where there is no such input.
+        Of the number to the input, per SI unit of the input; nan without such an input.
     input_uncertainty : float
         Of the input, in SI units.
     input_unit : Unit, optional
     sensitivity_doubt : float
         How far the sensitivity may be off, in its unit.
     standard_doubt : float
-        How far the standard uncertainty may be off, being of so few draws, or by slopes that draws do not quite bear out.
+        How far the standard uncertainty may be off, being from few draws, or from slopes that draws do not fully
+        confirm.
     """
 
     name: str
@@ -54,19 +55,19 @@ class Term:
 
     @classmethod
     def bounded(cls, name: str, kind: str, bound: float, rule: str) -> Term:
-        """Return a term of which a bound is known."""
+        """Return a term with a known bound."""
         return cls(name, kind, bound / BOUNDED, bound, rule)
 
 
 @dataclass(frozen=True)
 class Declared:
-    """A term that the author of a budget declares, for one number alone.
+    """A term that the author of a budget declares, for one number only.
 
     Parameters
     ----------
     name : str
     quantity : str
-        As of the budget, and so `at`, or `event` and `occurrence`: terms of another number are refused.
+        As in the budget, like `at`, or `event` and `occurrence`: terms of another number are refused.
     standard : str or Quantity
         Standard uncertainty of the quantity: ``"1 mm"``.
     at : str or float, s, optional
@@ -91,7 +92,7 @@ class Declared:
         Raises
         ------
         InputError
-            If it is of another quantity, unit, time or event.
+            If it is of another quantity, unit, time or event, or its name, kind or size is wrong.
         """
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"a declared term is named {self.name!r}, needs a word")

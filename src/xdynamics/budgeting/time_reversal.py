@@ -1,4 +1,4 @@
-"""Rounding by time reversal: a symmetric method undoes its own steps, but for what rounding has done to them."""
+"""Rounding by time reversal: a symmetric method undoes its own steps, except for rounding."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 
 
 def returned(run: xr.Dataset, model: Model, target: Target, asked: dict[str, Any]) -> float | None:
-    """March a run back to its start; return how far from it a coordinate or velocity comes, in its unit.
+    """March a run back to its start; return how far a coordinate or velocity ends from it, in its unit.
 
-    Nothing where the run is not reversible: another method, chosen or given steps, forces that know velocities or time,
-    first-order states, events, contacts, friction; nor for another quantity (Hairer, Lubich, Wanner, section V.1).
+    None for runs that are not reversible: another method, chosen or given steps, forces that depend on velocity or
+    time, first-order states, events, contacts, friction; also for other quantities (Hairer, Lubich, Wanner, section
+    V.1).
     """
     velocities = {velocity(name) for name in model.coordinates}
     if target.at is None or target.quantity not in {*model.coordinates, *velocities} or not _is_reversible(run, model):
@@ -43,7 +44,7 @@ def _turned(run: xr.Dataset, name: str, row: int, velocities: set[str]) -> float
 
 
 def _is_reversible(run: xr.Dataset, model: Model) -> bool:
-    """Tell whether a run, in whole steps of one size, is undone by the same steps with the velocities turned."""
+    """Return whether a run of equal steps is undone by the same steps with the velocities reversed."""
     forbidden = (model.states, model.events, model.contacts, model.frictions, model.regimes)
     if any(forbidden) or not METHODS[run.attrs["solver_method"]].symmetric or run.sizes.get("event", 0):
         return False

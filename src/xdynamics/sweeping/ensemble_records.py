@@ -84,7 +84,7 @@ class Harvest:
         return self[name][self.runs.last_rows]
 
     def met(self, detector: str) -> tuple[Rows, Rows, Rows]:
-        """Return the events of one detector: their index among all events, their member, and which occurrence they are."""
+        """Return the events of one detector: index among all events, member, and which occurrence it is, from 0."""
         attributes = self.columns["event_detector"].variable.more
         names = str(attributes["flag_meanings"]).split()
         if detector not in names:
