@@ -13,7 +13,7 @@ from xdynamics.elementary.arrays import applied, dot, log, product
 Floats = NDArray[np.float64]
 
 TRANSIENT = 0.1  # of a run, left out at its beginning
-BATCHES = 16  # from whose scatter the uncertainty is taken
+BATCHES = 16  # whose scatter gives the uncertainty
 RULE = (
     "mean over time of the growth of tangent vectors by the variational equations along the run, orthonormal again after"
     " every step (Benettin et al. 1980), weighted by sin(pi s)**2, where s goes from 0 to 1 behind the transient"
@@ -23,23 +23,23 @@ UNCERTAINTY_RULE = (
     "root of the sum of squares of the standard error of the means of 16 equal parts of the time, the difference"
     " between the means of both halves, and the estimated error of the integration"
 )
-ROUNDING = 2.0**332  # what factors are kept below
+ROUNDING = 2.0**332  # bound below which factors are kept
 
 
 @dataclass(frozen=True)
 class Exponents:
-    """What the growth of tangent vectors says.
+    """Lyapunov exponents from the growth of tangent vectors.
 
     Attributes
     ----------
     values, uncertainties : ndarray, shape (m,), s-1
         The largest first.
     finite_time : float, s-1
-        Logarithm of by how much the vector of the start that grows most has grown at the end, over the whole time.
+        Logarithm of the growth until the end of the vector of the start that grows most, over the whole time.
     begin : float, s
-        Behind the transient.
+        End of the transient.
     pieces, variables : int
-        That the steps were divided into; of the state.
+        Number of pieces into which the steps were divided, and of variables of the state.
     """
 
     values: Floats
@@ -51,24 +51,24 @@ class Exponents:
 
 
 def exponents_of(local: Local) -> Exponents:
-    """Take means of growth over the time behind the transient."""
+    """Return the means of growth over the time after the transient, and their uncertainties."""
     begin, end = float(local.times[0]), float(local.times[-1])
     first = begin + TRANSIENT * (end - begin)
-    grown = log(local.factors) + local.exponents * float(log(ROUNDING))
-    values = _mean(local.times, grown, first, end)
+    growth = log(local.factors) + local.exponents * float(log(ROUNDING))
+    values = _mean(local.times, growth, first, end)
     edges = first + (end - first) * np.arange(BATCHES + 1) / BATCHES
-    batches = np.stack([_mean(local.times, grown, *edges[i : i + 2].tolist()) for i in range(BATCHES)])
+    batches = np.stack([_mean(local.times, growth, *edges[i : i + 2].tolist()) for i in range(BATCHES)])
     middle = first + (end - first) / 2.0
     integrated = float(_mean(local.times, local.errors[:, None], first, end)[0])
     with np.errstate(invalid="ignore"):  # of directions that an event forgets
-        halves = _mean(local.times, grown, middle, end) - _mean(local.times, grown, first, middle)
+        halves = _mean(local.times, growth, middle, end) - _mean(local.times, growth, first, middle)
         scatter = batches - _average(batches)
         standard = _average(scatter**2) / (BATCHES - 1)
-        doubts = np.sqrt(standard + halves**2 + integrated**2)
-    gone = np.isneginf(values)  # a direction that an event forgets, for certain
+        uncertainties = np.sqrt(standard + halves**2 + integrated**2)
+    forgotten = np.isneginf(values)  # a direction that an event forgets, for certain
     order = np.argsort(-values, kind="stable")
-    doubts = np.where(gone, 0.0, doubts)
-    return Exponents(values[order], doubts[order], _finite_time(local), first, local.pieces, local.variables)
+    uncertainties = np.where(forgotten, 0.0, uncertainties)
+    return Exponents(values[order], uncertainties[order], _finite_time(local), first, local.pieces, local.variables)
 
 
 def _average(batches: Floats) -> Floats:
@@ -76,22 +76,22 @@ def _average(batches: Floats) -> Floats:
     return total
 
 
-def _mean(times: Floats, grown: Floats, begin: float, end: float) -> Floats:
+def _mean(times: Floats, growth: Floats, begin: float, end: float) -> Floats:
     """Return the weighted mean of growth per time between two times."""
     middles, lengths = (times[:-1] + times[1:]) / 2.0, np.diff(times)
     inside = np.flatnonzero((middles > begin) & (middles < end))
     weights = applied("sin", np.pi * (middles[inside] - begin) / (end - begin)) ** 2
     with np.errstate(invalid="ignore"):
-        total = np.cumsum(weights[:, None] * grown[inside], axis=0)[-1]  # one after the other, in this order anywhere
+        total = np.cumsum(weights[:, None] * growth[inside], axis=0)[-1]  # summed in this order on every machine
     time: float = np.cumsum(weights * lengths[inside])[-1]
     return np.asarray(total / time)
 
 
 def _finite_time(local: Local) -> float:
-    """Return the logarithm of the largest singular value of what became of the start's vectors, over the time."""
+    """Return the logarithm of the largest singular value of the whole run's map of tangent vectors, over the time."""
     vector = np.ones((local.whole.shape[0], 1))
     largest = 0.0
-    for _ in range(100):  # power iteration; singular values that are nearly the same need no telling apart
+    for _ in range(100):  # power iteration; nearly equal singular values need not be distinguished
         image = product(local.whole, vector)
         size = float(np.sqrt(dot(image[:, 0], image[:, 0]) / dot(vector[:, 0], vector[:, 0])))
         vector = product(local.whole.T, image)
@@ -99,5 +99,5 @@ def _finite_time(local: Local) -> float:
             largest = size
             break
         vector, largest = vector / np.abs(vector).max(), size
-    grown = float(log(largest)) + local.whole_exponent * float(log(ROUNDING))
-    return grown / float(local.times[-1] - local.times[0])
+    growth = float(log(largest)) + local.whole_exponent * float(log(ROUNDING))
+    return growth / float(local.times[-1] - local.times[0])

@@ -1,8 +1,8 @@
-"""Tangent vectors along the steps of a run, made orthonormal again after each: compiled, a block of rows at a call.
+"""Tangent vectors along the steps of a run, orthonormalised after each: compiled, a block of rows per call.
 
-Benettin, Galgani, Giorgilli, Strelcyn 1980, Meccanica 15, 9 and 21. From each row on, the state and m tangent vectors are
-integrated together by the twelve stages of `dop853` until the next row, in pieces as short as its error estimate asks
-for; what an event does to tangent vectors is a matrix. Behind every piece the vectors are taken apart as Q R
+Benettin, Galgani, Giorgilli, Strelcyn 1980, Meccanica 15, 9 and 21. From each row, the state and m tangent vectors are
+integrated together by the twelve stages of `dop853` until the next row, in pieces as short as its error estimate
+requires; an event multiplies tangent vectors by a matrix. After every piece the vectors are factorised as Q R
 (Gram-Schmidt, modified): the logarithm of R's diagonal is how much each has grown. Vectors are in units of `Law.sizes`.
 """
 
@@ -21,31 +21,31 @@ Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 STAGES = 12
-LARGE = 2.0**332  # what products are kept below, and above one over it; powers of two take no digit away
-DEPENDENT = 1e-13  # of a vector, that is left beside those before it: behind an event that forgets a direction, nothing
-SPARE = 1e-3  # of the tolerance; pieces with smaller errors are twice as long the next time
-DONE, STIFF, LOST = range(3)  # what came of a block: all of it, too many pieces, no finite numbers
+LARGE = 2.0**332  # products are kept below this, and above its inverse; scaling by powers of two is exact
+DEPENDENT = 1e-13  # least part of a vector outside those before it; an event that forgets a direction leaves none
+SPARE = 1e-3  # of the tolerance; after a smaller error the next piece is twice as long
+DONE, STIFF, LOST = range(3)  # outcome of a block: complete, too many pieces, numbers that are not finite
 
 
 class Law(NamedTuple):
-    """The forces and their derivatives behind an address, and where they read and write.
+    """The compiled forces and their derivatives, and the arrays that they read and write.
 
     Attributes
     ----------
     entry, table, y_at, z_at : int
         Addresses: of the program, of its table of arrays, of `y` and of `z`.
     y, z, e, at, p : ndarray
-        State, what its evaluation gives, derivatives by the state, time and regime, constants; SI.
+        State, result of its evaluation, derivatives by the state, time and regime, constants; SI.
     places : ndarray of int
         Pieces of tables, as in `kernels.drive_tables`.
     entries : ndarray of int, shape (2, j)
         Row and column of each derivative among the variables.
     weights, sizes, ratios : ndarray, shape (j,), (n,), (coordinates,)
-        By what derivatives are multiplied, the unit of each variable, and of each velocity over that of its coordinate.
+        Factors of the derivatives, the unit of each variable, and that of each velocity over that of its coordinate.
     coordinates : int
         How many of the variables are coordinates; as many velocities follow.
     nudge : float
-        Where there are no derivatives, by how much of its size a variable is moved for a difference; else 0.
+        Where there are no derivatives, the part of its size by which a variable is moved for a difference; else 0.
     """
 
     entry: int
@@ -79,12 +79,12 @@ class Rows(NamedTuple):
     pieces : ndarray of int, shape (k, d)
         Of each drive's table.
     jumps : ndarray of int, shape (k,)
-        Number of the matrix that acts before a step; -1 for none.
+        Index of the matrix that acts before a step; -1 for none.
     matrices : ndarray, shape (j, n, n)
     parts : ndarray of int, shape (k,)
         Into how many equal parts each step is divided.
     blocks : ndarray of int, shape (k,)
-        Where the growth of a step's first part is added; those of the others follow.
+        Block to which the growth of a step's first part is added; the blocks of the others follow.
     """
 
     times: Floats
@@ -99,9 +99,9 @@ class Rows(NamedTuple):
 
 
 class Scheme(NamedTuple):
-    """The formula: stages, weights of the end, their times, and weights of the end's errors.
+    """The formula: stages, weights of the end, their times, and weights of its error estimates.
 
-    A piece has the tolerance, relative to the vectors; so many are made at most.
+    The tolerance is that of one piece, relative to the vectors; `most_pieces` limits their number.
     """
 
     a: Floats
@@ -114,7 +114,7 @@ class Scheme(NamedTuple):
 
 
 class Tangent(NamedTuple):
-    """Where tangent vectors stand.
+    """The current tangent vectors and their working arrays.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Tangent(NamedTuple):
     upper, total, product : ndarray, shape (m, m)
         R of the last piece, the product of all since the start over 2**(332*exponents[0]), and room for the next.
     pace : ndarray, shape (1,)
-        How long the next piece is.
+        Length of the next piece.
     exponents, pieces : ndarray of int, shape (1,)
     """
 
@@ -142,12 +142,12 @@ class Tangent(NamedTuple):
 
 
 class Grown(NamedTuple):
-    """What is found, along blocks.
+    """The growth of tangent vectors, along blocks.
 
     Attributes
     ----------
     factors : ndarray, shape (blocks, m)
-        By what each vector has grown, over 2**(332*exponents).
+        Growth of each vector, over 2**(332*exponents).
     exponents : ndarray of int, shape (blocks, m)
     errors : ndarray, shape (blocks,)
         Sums of the pieces' estimated errors.
@@ -160,7 +160,7 @@ class Grown(NamedTuple):
 
 @shared
 def differences_at(law: Law, state: Floats, slopes: Floats) -> None:
-    """Put central differences along each vector in the place of products with derivatives."""
+    """Use central differences along each vector in place of products with derivatives."""
     n, first = state.shape[1], law.coordinates
     for c in range(1, state.shape[0]):
         for i in range(first, n):
@@ -175,30 +175,30 @@ def differences_at(law: Law, state: Floats, slopes: Floats) -> None:
 
 @compiled
 def finish(scheme: Scheme, tangent: Tangent, h: float) -> float:
-    """Put the end of a piece together from its slopes; return the estimated error of the vectors."""
+    """Combine the slopes of a piece into its end; return the estimated error of the vectors."""
     state, slopes, end = tangent.state, tangent.slopes, tangent.end
     b, of_fifth, of_third = scheme.b, scheme.fifth, scheme.third
     rows, n = state.shape
     fifth, third = 0.0, 0.0
     for c in range(rows):
         for i in range(n):
-            moved, low, lower = 0.0, 0.0, 0.0
+            increment, low, lower = 0.0, 0.0, 0.0
             for j in range(STAGES):
                 slope = slopes[j, c, i]
-                moved += b[j] * slope
+                increment += b[j] * slope
                 low += of_fifth[j] * slope
                 lower += of_third[j] * slope
-            end[c, i] = state[c, i] + h * moved
+            end[c, i] = state[c, i] + h * increment
             if c > 0:
                 fifth += low * low
                 third += lower * lower
-    whole = fifth + 0.01 * third
-    return abs(h) * fifth / np.sqrt(whole) if whole > 0.0 else whole  # nan stays nan
+    total = fifth + 0.01 * third
+    return abs(h) * fifth / np.sqrt(total) if total > 0.0 else total  # nan stays nan
 
 
 @shared
 def combine(state: Floats, slopes: Floats, a: Floats, s: int, h: float, stage: Floats) -> None:
-    """Put a stage together from the slopes of those before it."""
+    """Combine the slopes of the stages before into a stage."""
     rows, n = state.shape
     for c in range(rows):
         for i in range(n):
@@ -226,7 +226,7 @@ def multiply(e: Floats, weights: Floats, entries: Whole, first: int, stage: Floa
 @compiled
 def advance(law: Law, scheme: Scheme, tangent: Tangent, t: float, h: float) -> float:
     """Make one piece, to `tangent.end`; return the estimated error of the vectors."""
-    # fields are taken once: numba counts references, with an atomic operation, wherever an array gets a name
+    # fields are named once: numba counts references, with an atomic operation, wherever an array is named
     state, stage, slopes, a, times = tangent.state, tangent.stage, tangent.slopes, scheme.a, scheme.c
     y, z, e, at, entries, weights, ratios = law.y, law.z, law.e, law.at, law.entries, law.weights, law.ratios
     rows, n = state.shape
@@ -252,7 +252,7 @@ def advance(law: Law, scheme: Scheme, tangent: Tangent, t: float, h: float) -> f
 
 @shared
 def renew(vectors: Floats, c: int) -> None:
-    """Put a unit vector that is orthogonal to those before it in the place of one that is gone."""
+    """Replace a vector that has vanished by a unit vector orthogonal to those before it."""
     n = vectors.shape[1]
     for axis in range(n):
         for i in range(n):
@@ -264,7 +264,7 @@ def renew(vectors: Floats, c: int) -> None:
         size = 0.0
         for i in range(n):
             size += vectors[c, i] * vectors[c, i]
-        if size > 0.5 / n:  # one of the n axes has at least a part of 1/n outside of what fewer than n vectors span
+        if size > 0.5 / n:  # at least one of the n axes has a part of 1/n outside the span of fewer than n vectors
             for i in range(n):
                 vectors[c, i] /= np.sqrt(size)
             return
@@ -272,7 +272,7 @@ def renew(vectors: Floats, c: int) -> None:
 
 @compiled
 def orthonormalise(vectors: Floats, upper: Floats) -> None:
-    """Take vectors, from the second row on, apart as Q R; a vector that depends on those before it has 0 in R."""
+    """Factorise the vectors, from the second row on, as Q R; one that depends on those before it has 0 in R."""
     rows, n = vectors.shape
     for c in range(1, rows):
         before = 0.0
@@ -300,7 +300,7 @@ def orthonormalise(vectors: Floats, upper: Floats) -> None:
 
 @compiled
 def note(tangent: Tangent, grown: Grown, block: int) -> None:
-    """Add the growth of a piece to a block, and to the whole."""
+    """Add the growth of a piece to a block, and to that since the start."""
     upper, total, product = tangent.upper, tangent.total, tangent.product
     m = upper.shape[0]
     for c in range(m):
@@ -347,11 +347,11 @@ def cross(law: Law, matrix: Floats, tangent: Tangent) -> None:
 
 @compiled
 def carry(law: Law, scheme: Scheme, tangent: Tangent, grown: Grown, block: int, t: float, t1: float) -> int:
-    """Carry a state and its vectors to a time, by as many pieces as the tolerance asks for."""
+    """Carry a state and its vectors to a time, in as many pieces as the tolerance requires."""
     while t < t1:
-        left = t1 - t
-        h = min(left, tangent.pace[0])
-        last = h >= left
+        remaining = t1 - t
+        h = min(remaining, tangent.pace[0])
+        last = h >= remaining
         error = advance(law, scheme, tangent, t, h)
         tangent.pieces[0] += 1
         if tangent.pieces[0] > scheme.most_pieces:
@@ -374,7 +374,7 @@ def carry(law: Law, scheme: Scheme, tangent: Tangent, grown: Grown, block: int, 
 
 
 def grow(law: Law, scheme: Scheme, rows: Rows, tangent: Tangent, grown: Grown) -> int:
-    """Carry tangent vectors from the first of some rows to the last; return what came of it."""
+    """Carry tangent vectors from the first of some rows to the last; return the outcome."""
     first_side = law.p.shape[0] - rows.sides.shape[1]
     for k in range(rows.times.shape[0] - 1):
         if rows.jumps[k] >= 0:
@@ -395,14 +395,14 @@ def grow(law: Law, scheme: Scheme, rows: Rows, tangent: Tangent, grown: Grown) -
         for part in range(parts):
             begin = t + (t1 - t) * (part / parts)
             end = t1 if part == parts - 1 else t + (t1 - t) * ((part + 1) / parts)
-            came: int = carry(law, scheme, tangent, grown, rows.blocks[k] + part, begin, end)
-            if came != DONE:
-                return came
+            outcome: int = carry(law, scheme, tangent, grown, rows.blocks[k] + part, begin, end)
+            if outcome != DONE:
+                return outcome
     return DONE
 
 
 def kinds_of(*given: Any) -> Any:
-    """Return numba's types of arguments of `grow`, by which it is compiled before it is called."""
+    """Return numba's types of the arguments of `grow`, to compile it before it is called."""
     from numba import typeof, types
 
     return types.int64(*map(typeof, given))

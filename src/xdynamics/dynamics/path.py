@@ -1,4 +1,4 @@
-"""A run as tangent vectors go along it: its law with derivatives, its rows, and the matrices of its events."""
+"""The path of tangent vectors along a run: its law with derivatives, its rows, and the matrices of its events."""
 
 from __future__ import annotations
 
@@ -36,10 +36,17 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
-NUDGE = 1e-6  # of a variable's range, by which forces without derivatives are taken on both sides
-BLOCKS = 2048  # of equal time, in which growth is added up: long steps are divided, short ones taken together
+NUDGE = 1e-6  # of a variable's range, by which it is moved to both sides for forces without derivatives
+BLOCKS = 2048  # of equal time, in which growth is summed: long steps are divided, short ones combined
 BY_IMPULSES = "moreau_jean"  # contacts over whole steps, without events
-NO_MAP = ("pole", "cluster", "rest", "takeoff", "stick", "slip")  # kinds of events that no map of a state tells
+NO_MAP = (
+    "pole",
+    "cluster",
+    "rest",
+    "takeoff",
+    "stick",
+    "slip",
+)  # kinds of events that are not described by a map of the state
 _KEYS = count(-1000, -1)
 
 
@@ -58,7 +65,7 @@ class Path:
 
     @cached_property
     def model(self) -> Model:
-        """The record's own."""
+        """The record's model."""
         return self._inside.model
 
     @cached_property
@@ -71,16 +78,16 @@ class Path:
 
     @property
     def size(self) -> int:
-        """How many variables there are."""
+        """Number of variables."""
         return len(variables(self.model))
 
     def check(self) -> None:
-        """Refuse what no small change of a state is followed through.
+        """Refuse a run along which small changes of the state cannot be followed.
 
         Raises
         ------
         NotVariedError
-            Naming it.
+            Naming the obstacle.
         """
         model, run = self.model, self.run
         if not self.times[-1] > self.times[0]:
@@ -92,11 +99,11 @@ class Path:
         if model.contacts and run.attrs["solver_method"] == BY_IMPULSES:
             raise NotVariedError(f"{BY_IMPULSES} has no events")
         if held := touches(run):
-            name, row = min(held.items(), key=lambda one: one[1])
+            name, row = min(held.items(), key=lambda entry: entry[1])
             owner = name.removeprefix(contact_state("")).removeprefix(friction_state(""))
             raise NotVariedError(f"contact '{owner}' is not open from t = {float(run['time'][row]):.6g} on")
         stepped_over = str(run.attrs.get("solver_switches", STEPPED_OVER)) == STEPPED_OVER
-        if stepped_over and (jumping := [one.name for one in switches(model) if one.jumps]):
+        if stepped_over and (jumping := [entry.name for entry in switches(model) if entry.jumps]):
             raise NotVariedError(f"'{jumping[0]}' jumps, and the run stepped over it")
         if run.sizes.get("event", 0):
             kinds = zip(words_of(run["event_kind"]), words_of(run["event_detector"]), strict=True)
@@ -118,7 +125,7 @@ class Path:
 
     @cached_property
     def sizes(self) -> Floats:
-        """By what variables are measured: their ranges in the run; 1 in SI units of what stays."""
+        """Units of the variables: their ranges in the run; 1 SI unit for a variable that stays constant."""
         ranges = self.states.max(axis=0) - self.states.min(axis=0)
         return np.asarray(np.where(ranges > 0.0, ranges, 1.0))
 
@@ -135,7 +142,7 @@ class Path:
 
     @cached_property
     def _blocks(self) -> tuple[Whole, Whole, Whole]:
-        """Return into how many parts each step is divided, how many blocks begin with it, and which is its first."""
+        """Return the number of parts of each step, the number of blocks that begin with it, and its first block."""
         sizes, width = np.diff(self.times), (self.times[-1] - self.times[0]) / BLOCKS
         parts = np.maximum(1, np.ceil(sizes / width)).astype(np.int64)
         bins = np.floor((self.times[:-1] + sizes / 2.0 - self.times[0]) / width)
@@ -147,7 +154,7 @@ class Path:
 
     @cached_property
     def block_times(self) -> Floats:
-        """When blocks end, and the first begins."""
+        """Beginning of the first block and ends of all blocks."""
         parts, counts, blocks = self._blocks
         rows = np.repeat(np.arange(len(parts)), counts)
         number = np.arange(len(rows)) - blocks[rows]
@@ -159,8 +166,8 @@ class Path:
         """States in the middle of every step, by Hermite's cubic, where switches and tables are on one side."""
         names, units, run = variables(self.model), self.model.units, self.run
         speeds = [velocity(name) for name in self.model.coordinates]
-        moving = [*speeds, *map(acceleration, self.model.coordinates), *map(rate, self.model.states)]
-        rates = np.stack([np.asarray(run[one], float) * float(units[name].factor) for one, name in zip(moving, names, strict=True)], axis=1)  # fmt: skip
+        rate_names = [*speeds, *map(acceleration, self.model.coordinates), *map(rate, self.model.states)]
+        rates = np.stack([np.asarray(run[rate_name], float) * float(units[name].factor) for rate_name, name in zip(rate_names, names, strict=True)], axis=1)  # fmt: skip
         steps, states = np.diff(self.times)[:, None], self.states
         middle = (states[:-1] + states[1:]) / 2.0 + steps / 8.0 * (rates[:-1] - rates[1:])
         regimes = np.asarray(run["regime"])[:-1].astype(float) if "regime" in run else np.zeros(len(steps))
@@ -169,29 +176,29 @@ class Path:
 
     @cached_property
     def _sides(self) -> Floats:
-        """On which side of each switch each step is: what the law is told."""
+        """Side of each switch on which each step is, as the law needs it."""
         model = self._layout.model
-        found = np.zeros((len(self.times) - 1, len(told(model))))
-        place = 0
+        sides = np.zeros((len(self.times) - 1, len(told(model))))
+        column = 0
         for switch in watched_by(model):
             if switch.drive:
-                place += 4  # borders, which forces do not read
+                column += 4  # borders, which forces do not read
                 continue
             value = evaluated_many(
                 self.model, [switch.function], self._middles, constants(self.model), tables_of(self.model)
             )[0]
-            found[:, place] = np.where(np.asarray(value) == 0.0, switch.at_zero, np.sign(value))
-            place += 1
-        return found
+            sides[:, column] = np.where(np.asarray(value) == 0.0, switch.at_zero, np.sign(value))
+            column += 1
+        return sides
 
     @cached_property
     def _pieces(self) -> Whole:
         """The piece of every drive's table that each step goes through."""
-        found = np.zeros((len(self.times) - 1, len(self.model.drives)), np.int64)
+        pieces = np.zeros((len(self.times) - 1, len(self.model.drives)), np.int64)
         for i, (drive, (origins, _)) in enumerate(zip(self.model.drives.values(), tables_of(self.model), strict=True)):
-            at = np.searchsorted(origins, self._middles[drive.argument], side="right") - 1
-            found[:, i] = np.clip(at, 0, len(origins) - 1)
-        return found
+            piece = np.searchsorted(origins, self._middles[drive.argument], side="right") - 1
+            pieces[:, i] = np.clip(piece, 0, len(origins) - 1)
+        return pieces
 
     # ---------------------------------------------------------------------------------------------------- the events
 
@@ -199,36 +206,36 @@ class Path:
     def _jumps(self) -> tuple[Whole, Floats]:
         """Return which matrix acts before each step, and the matrices."""
         n, steps = self.size, len(self.times) - 1
-        number, matrices = np.full(steps, -1, np.int64), [np.zeros((0, n, n))]
+        numbers, matrices = np.full(steps, -1, np.int64), [np.zeros((0, n, n))]
         if not self.run.sizes.get("event", 0):
-            return number, matrices[0]
+            return numbers, matrices[0]
         along, first = Along(self.run, Equations(self.model, ()), 0), 0
         for names, before, after in self._instants():
             unit = np.broadcast_to(np.eye(n), (len(before), n, n))
             matrices.append(Met(along, before, after, names, unit).left())
-            number[before] = first + np.arange(len(before))
+            numbers[before] = first + np.arange(len(before))
             first += len(before)
-        return number, np.concatenate(matrices)
+        return numbers, np.concatenate(matrices)
 
     def _instants(self) -> Iterator[tuple[tuple[str, ...], Whole, Whole]]:
-        """Yield the rows on both sides of all instants with the same events, where there are two, and their names."""
+        """Yield the names of simultaneous events, and the rows before and after all instants with the same names."""
         run = self.run
         rows = [np.asarray(run[name]).tolist() for name in ("event_row_before", "event_row_after")]
-        together: dict[tuple[int, int], list[str]] = {}
+        names_at: dict[tuple[int, int], list[str]] = {}
         for before, after, name in zip(*rows, words_of(run["event_detector"]), strict=True):
-            together.setdefault((before, after), []).append(name)
-        alike: dict[tuple[str, ...], list[tuple[int, int]]] = {}
-        for (before, after), names in together.items():
+            names_at.setdefault((before, after), []).append(name)
+        instants: dict[tuple[str, ...], list[tuple[int, int]]] = {}
+        for (before, after), names in names_at.items():
             if before != after:
-                alike.setdefault(tuple(sorted(set(names))), []).append((before, after))
-        for detectors, pairs in alike.items():
+                instants.setdefault(tuple(sorted(set(names))), []).append((before, after))
+        for detectors, pairs in instants.items():
             rows_before, rows_after = np.array(pairs, np.int64).T
             yield detectors, rows_before, rows_after
 
     # ------------------------------------------------------------------------------------------------------- the law
 
     def law(self) -> tuple[Law, list[Any]]:
-        """Return the law with what has to live as long as it is called."""
+        """Return the law, and the objects that must stay alive as long as it is called."""
         layout, model = self._layout, self._layout.model
         by_differences = bool(model.python_forces)
         program = model_programs.forces(layout) if by_differences else model_programs.linearised(layout)
@@ -256,11 +263,11 @@ class Path:
 
 
 def _entry(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple[int, Any]:
-    """Compile a program and return where it begins; where nothing is compiled, its key in `PLAIN`."""
+    """Compile a program and return its address; without compilation, its key in `PLAIN`."""
     model = layout.model
-    functions = {f"_{model_programs.PYTHON}{name}": one for name, one in model.functions.items()}
+    functions = {f"_{model_programs.PYTHON}{name}": function for name, function in model.functions.items()}
     if not config.DISABLE_JIT:  # type: ignore[attr-defined]
-        text = llvm_of([program], 1, [(one.name, len(one.arguments)) for one in model.python_functions])
+        text = llvm_of([program], 1, [(function.name, len(function.arguments)) for function in model.python_functions])
         code = machine.compiled(text, [program.name], functions)
         return code.addresses[program.name], code
     scope: dict[str, Any] = PYTHON | PYTHON_TABLES | functions | {"_empty": np.empty, "_zero": np.float64(0.0)}

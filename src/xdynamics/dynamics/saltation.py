@@ -1,12 +1,12 @@
-"""What an event does to a small change of a run: the saltation matrix, from the event's own trees.
+"""The effect of an event on a small change of a run: the saltation matrix, from the event's own expressions.
 
 An event happens at the zero of a function g, at a time t* that changes with the inputs too. Up to it the state has
-changed by z + f- dt*, where f- is how fast it moves; the event maps it, R; and at the time of the run's own event it has
+changed by z + f- dt*, where f- is its rate; the event maps it by R; and at the time of the run's own event it has
 then changed by dR - f+ dt* (Aizerman and Gantmacher 1958, doi:10.1093/qjmam/11.4.385; Leine and Nijmeijer, Dynamics and
-Bifurcations of Non-Smooth Mechanical Systems, 2004, chapter 7). Of a switch R is the state itself, of a reset what the
-model says, of an impact without friction Newton's law in the metric of the mass.
+Bifurcations of Non-Smooth Mechanical Systems, 2004, chapter 7). For a switch R is the state itself, for a reset the
+model's assignment, for an impact without friction Newton's law in the metric of the mass.
 
-Events of one kind are taken side by side: k of them along the first axis of every array.
+Events of one kind are evaluated together: k of them along the first axis of every array.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from xdynamics.schema import velocity
 
 Floats = NDArray[np.float64]
 
-SAME = 1e-9  # of the size of what is compared: across this, states and their rates go on
-ALIKE = 1e-6  # of an impact's velocities, that they are those that were recorded
+SAME = 1e-9  # of the compared size: states and rates that differ by less are continuous
+ALIKE = 1e-6  # of an impact's velocity jumps, by which they may differ from the recorded ones
 ACTING = ("switch", "reset")
 
 
@@ -45,7 +45,7 @@ class Place:
     state : mapping of str to ndarray, shape (k,)
         SI.
     changes : mapping of str to ndarray, shape (k, m)
-        Of time, variables and parameters; what is left out does not change.
+        Of time, variables and parameters; names that are left out do not change.
     """
 
     model: Model
@@ -53,11 +53,23 @@ class Place:
     changes: Mapping[str, Floats]
 
     def value(self, tree: Node) -> Floats:
-        """Return the numbers of a tree, shape (k,)."""
+        """Return the values of an expression, shape (k,).
+
+        Raises
+        ------
+        NotVariedError
+            If it reads a name whose change is not followed.
+        """
         return self._numbers([tree])[0]
 
     def change(self, tree: Node) -> Floats:
-        """Return how a tree changes, shape (k, m)."""
+        """Return the change of an expression, shape (k, m).
+
+        Raises
+        ------
+        NotVariedError
+            If its derivatives read a name whose change is not followed.
+        """
         by = {name: slope for name, slope in derivatives(tree, self._varying).items() if name in self.changes}
         total = np.zeros_like(next(iter(self.changes.values())))
         for name, number in zip(by, self._numbers(list(by.values())), strict=True):
@@ -105,37 +117,49 @@ class Met:
 
     @property
     def model(self) -> Model:
-        """The run's own."""
+        """The run's model."""
         return self.along.equations.model
 
     def time_of(self, name: str) -> Floats:
-        """Return how the time of one event changes with every input, s, shape (k, m)."""
+        """Return the change of one event's time with every input, s, shape (k, m).
+
+        Raises
+        ------
+        NotVariedError
+            If the event's function has no slope along the motion, or is not one of the state.
+        """
         tree = self._function(name)
-        still = self._rows(self.change) | {"t": np.zeros_like(self.change[:, 0])}
-        moving = Place(self.model, self._state, self._rates).change(tree)
-        if not moving.all():
+        fixed = self._rows(self.change) | {"t": np.zeros_like(self.change[:, 0])}
+        speed = Place(self.model, self._state, self._rates).change(tree)
+        if not speed.all():
             raise NotVariedError(f"'{name}' has no slope where it is met")
-        found: Floats = -Place(self.model, self._state, still).change(tree) / moving
-        return found
+        change: Floats = -Place(self.model, self._state, fixed).change(tree) / speed
+        return change
 
     def meeting(self, time: Floats) -> Place:
-        """Return the states before, as they change where they meet the event."""
+        """Return the states before the event, with their changes at the time at which it is met."""
         moved = self.change + self._along_motion(self._rates, time)
         return Place(self.model, self._state, self._rows(moved) | {"t": time})
 
     def left(self) -> Floats:
-        """Return the changes behind the events, at the times of the run's own."""
+        """Return the changes after the events, at the times of the run's own events.
+
+        Raises
+        ------
+        NotVariedError
+            If the changes cannot be followed through the events.
+        """
         acting = np.flatnonzero((self.before != self.after) & ~self._goes_on)
         if acting.size == self.before.size:
             return self._left()
-        found = self.change.copy()
+        changes = self.change.copy()
         if acting.size:
             before, after, change = self.before[acting], self.after[acting], self.change[acting]
-            found[acting] = replace(self, before=before, after=after, change=change).left()
-        return found
+            changes[acting] = replace(self, before=before, after=after, change=change).left()
+        return changes
 
     def behind(self, time: Floats) -> Place:
-        """Return the states behind, as they change with the event."""
+        """Return the states after the event, with their changes at the time at which it is met."""
         state, rates = self.along.row(self.after), self.along.rates(self.after)
         moved = self.left() + self._along_motion(rates, time)
         return Place(self.model, state, self._rows(moved) | {"t": time})
@@ -144,11 +168,11 @@ class Met:
         time = self._time
         place = self.meeting(time)
         mapped = dict(place.changes) | self._mapped(place)
-        whole = np.stack([mapped[name] for name in variables(self.model)], axis=1)
-        return whole - self._along_motion(self.along.rates(self.after), time)
+        changes = np.stack([mapped[name] for name in variables(self.model)], axis=1)
+        return changes - self._along_motion(self.along.rates(self.after), time)
 
     def _along_motion(self, rates: Mapping[str, Floats], time: Floats) -> Floats:
-        """Return what goes by while times change, shape (k, n, m)."""
+        """Return the motion during the change of time, shape (k, n, m)."""
         return np.stack([rates[name] * time for name in variables(self.model)], axis=1)
 
     @cached_property
@@ -182,13 +206,13 @@ class Met:
 
     @property
     def _time(self) -> Floats:
-        """How the time of what acts here changes: of one event, or of several that stay together."""
+        """Change of the time of the acting event, or of several that stay simultaneous."""
         acting = [name for name in self.names if self._acts(name)]
         times = [self.time_of(name) for name in acting]
         if not times:
             raise NotVariedError("the motion jumps, and no event tells where")
-        most = np.abs(times[0]).max(axis=1)
-        if any((np.abs(time - times[0]).max(axis=1) > SAME * most).any() for time in times[1:]):
+        largest = np.abs(times[0]).max(axis=1)
+        if any((np.abs(time - times[0]).max(axis=1) > SAME * largest).any() for time in times[1:]):
             raise NotVariedError(f"{' and '.join(acting)} are met at once, and part where an input changes")
         return times[0]
 
@@ -196,47 +220,47 @@ class Met:
         return name not in self.model.events or self.model.events[name].action in ACTING
 
     def _mapped(self, place: Place) -> dict[str, Floats]:
-        """Return the changes of what the events set anew."""
-        hit = [name for name in self.names if name in self.model.contacts]
-        sets = [name for name in self.names if name in self.model.events and self.model.events[name].reset]
-        if len(hit) + len(sets) > 1:
-            raise NotVariedError(f"{' and '.join([*hit, *sets])} are met at once")
-        if sets:
-            reset = self.model.events[sets[0]].reset
+        """Return the changes of the variables that the events set."""
+        struck = [name for name in self.names if name in self.model.contacts]
+        resets = [name for name in self.names if name in self.model.events and self.model.events[name].reset]
+        if len(struck) + len(resets) > 1:
+            raise NotVariedError(f"{' and '.join([*struck, *resets])} are met at once")
+        if resets:
+            reset = self.model.events[resets[0]].reset
             return {name: place.change(self.model.expanded(tree)) for name, tree in reset.items()}
-        return self._struck(place, hit[0]) if hit else {}
+        return self._struck(place, struck[0]) if struck else {}
 
     def _struck(self, place: Place, name: str) -> dict[str, Floats]:
-        """Return how the velocities behind an impact without friction change: v+ = v - (1 + e) W rate/D, W = M^-1 n."""
+        """Return the changes of velocities after an impact without friction: v+ = v - (1 + e) W rate/D, W = M^-1 n."""
         if self.model.contacts[name].slip is not None:
             raise NotVariedError(f"'{name}' has friction")
-        one = next(each for each in reactions(self.model) if each.owner == name and each.sort == NORMAL)
-        normal, normals = self._normal(place, one)
+        reaction = next(each for each in reactions(self.model) if each.owner == name and each.sort == NORMAL)
+        normal, normals = self._normal(place, reaction)
         mass, masses = self._mass(place)
         lever = solved(mass, normal[..., None])[..., 0]
         levers = solved(mass, normals - np.sum(masses * lever[:, None, :, None], axis=2))
         weight = dot(normal, lever)
         weights = (product(lever[:, None], normals) + product(normal[:, None], levers))[:, 0]
-        closing, bounce = place.value(one.rate), 1.0 + place.value(one.size)
+        closing, bounce = place.value(reaction.rate), 1.0 + place.value(reaction.size)
         push = -bounce * closing / weight
-        turned = place.change(one.size) * closing[:, None] + bounce[:, None] * place.change(one.rate)
+        turned = place.change(reaction.size) * closing[:, None] + bounce[:, None] * place.change(reaction.rate)
         pushes = -(turned + push[:, None] * weights) / weight[:, None]
         names = [velocity(each) for each in self.model.coordinates]
         self._check(names, lever * push[:, None])
         moved = levers * push[:, None, None] + lever[..., None] * pushes[:, None]
         return {each: place.changes[each] + moved[:, i] for i, each in enumerate(names)}
 
-    def _normal(self, place: Place, one: Reaction) -> tuple[Floats, Floats]:
-        """Return the gradient of a gap, and how it changes."""
+    def _normal(self, place: Place, reaction: Reaction) -> tuple[Floats, Floats]:
+        """Return the gradient of a gap, and its change."""
         k, n, m = len(self.change), len(self.model.coordinates), self.change.shape[2]
         normal, normals = np.zeros((k, n)), np.zeros((k, n, m))
         for i, name in enumerate(self.model.coordinates):
-            if name in one.row:
-                normal[:, i], normals[:, i] = place.value(one.row[name]), place.change(one.row[name])
+            if name in reaction.row:
+                normal[:, i], normals[:, i] = place.value(reaction.row[name]), place.change(reaction.row[name])
         return normal, normals
 
     def _mass(self, place: Place) -> tuple[Floats, Floats]:
-        """Return the mass matrix, and how it changes."""
+        """Return the mass matrix, and its change."""
         k, n, m = len(self.change), len(self.model.coordinates), self.change.shape[2]
         mass, masses = np.zeros((k, n, n)), np.zeros((k, n, n, m))
         for (i, j), entry in self.model.statement.mass_entries.items():
@@ -245,7 +269,7 @@ class Met:
         return mass, masses
 
     def _check(self, names: list[str], kicks: Floats) -> None:
-        """Compare impacts with those that were recorded."""
+        """Refuse impacts that differ from the recorded ones."""
         before, after = self._state, self.along.row(self.after)
         for i, name in enumerate(names):
             recorded, kick = after[name] - before[name], kicks[:, i]
@@ -253,7 +277,7 @@ class Met:
                 raise NotVariedError("an impact is none of one contact alone")
 
     def _function(self, name: str) -> Node:
-        """Return the function whose zero an event is at."""
+        """Return the function whose zero is the event."""
         model = self.model
         if name in model.events:
             tree = model.events[name].function
@@ -261,8 +285,8 @@ class Met:
                 raise NotVariedError(f"event '{name}' is written in Python")
             return model.expanded(tree)
         if name in model.contacts:
-            return next(one.gap for one in reactions(model) if one.owner == name and one.sort == NORMAL)
-        for one in switches(model):
-            if one.name == name and not one.drive:
-                return one.function
+            return next(element.gap for element in reactions(model) if element.owner == name and element.sort == NORMAL)
+        for element in switches(model):
+            if element.name == name and not element.drive:
+                return element.function
         raise NotVariedError(f"'{name}' has no function of the state alone")

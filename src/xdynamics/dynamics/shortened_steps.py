@@ -1,4 +1,4 @@
-"""Steps of a record made again, shortened to end at any time inside: from the record alone."""
+"""Steps of a record repeated, but shortened to end at any time within them: from the record alone."""
 
 from __future__ import annotations
 
@@ -42,7 +42,13 @@ ROUTE = "its distance from two steps of the run's method from the archived state
 def sampled(
     run: xr.Dataset, times: Floats, *, after: bool, rule: str, functions: Mapping[str, Callable[..., float]] | None
 ) -> xr.Dataset:
-    """Evaluate a run at times inside it; see `sample`."""
+    """Evaluate a run at times within it; see `sample`.
+
+    Raises
+    ------
+    InputError
+        If a time lies outside the run, rows are missing, or the Dataset is not a run record.
+    """
     inside = Inside.of(run, functions, rule)
     rows, starts, ends = _located(run["time"], times, after=after)
     return inside.dataset(times, rows, starts, ends)
@@ -75,67 +81,70 @@ class Inside:
         units = {name: unit.text for name, unit in inside.model.units.items()}
         for name in inside.layout.used:
             if name not in run.variables:
-                said = said_of_log(run.attrs) or "sample the whole record"
-                raise InputError(f"the record has no variable '{name}' of its model; {said}")
+                remedy = said_of_log(run.attrs) or "sample the whole record"
+                raise InputError(f"the record has no variable '{name}' of its model; {remedy}")
             if run[name].attrs.get("units") != units[name]:
                 raise InputError(f"'{name}' is in {run[name].attrs.get('units')!r}, needs '{units[name]}' as it was recorded; convert what was sampled")  # fmt: skip
         return inside
 
     @cached_property
     def model(self) -> Model:
-        """The record's own, read from its text."""
+        """The record's model, read from its text."""
         model = model_of(self.run, self.functions)
         model.require_functions()
         return model
 
     @cached_property
     def settings(self) -> Settings:
-        """What the run was marched with, as far as one step needs it."""
-        used, start = self.run.attrs, self.model.initial["t"].si
-        method, estimator = METHODS[used["solver_method"]], str(used["solver_estimator"])
-        # the same force samples as the run had: so its law is compiled already
-        sampled = used.get("solver_force_samples") == "all"
-        jacobian, summation = str(used.get("solver_jacobian", EXACT)), str(used.get("solver_summation", PLAIN))
-        switches = str(used.get("solver_switches", STEPPED_OVER))
-        math_functions = kept_set(used.get("math_functions"))
+        """Settings of the march, as far as one step needs them."""
+        attributes, start = self.run.attrs, self.model.initial["t"].si
+        method, estimator = METHODS[attributes["solver_method"]], str(attributes["solver_estimator"])
+        # the same force samples as in the run, so that its law is compiled already
+        samples = attributes.get("solver_force_samples") == "all"
+        jacobian, summation = (
+            str(attributes.get("solver_jacobian", EXACT)),
+            str(attributes.get("solver_summation", PLAIN)),
+        )
+        switches = str(attributes.get("solver_switches", STEPPED_OVER))
+        math_functions = kept_set(attributes.get("math_functions"))
         return Settings(
-            method, start, estimator=estimator, samples=sampled, scales=scales_of(self.run), jacobian=jacobian,
+            method, start, estimator=estimator, samples=samples, scales=scales_of(self.run), jacobian=jacobian,
             summation=summation, switches=switches, math_functions=math_functions,
         )  # fmt: skip
 
     @cached_property
     def layout(self) -> Layout:
-        """Where the numbers of its march stand."""
+        """The layout of the march's numbers."""
         return self.settings.layout(self.model)
 
     @cached_property
     def law(self) -> Law:
-        """Its compiled law."""
+        """The compiled law."""
         return law_of(self.layout, sampled=self.settings.samples)
 
     def dataset(self, times: Floats, rows: NDArray[np.int64], starts: Floats, ends: Floats) -> xr.Dataset:
-        """Gather the states of the steps, and evaluate."""
+        """Gather the states of the steps, and evaluate them at times."""
         import xarray as xr
 
         layout, run, scheme = self.layout, self.run, self.settings.scheme
         where = np.stack([times, starts, ends])
-        found = _blockwise(self._evaluated, where, self._columns(rows), 2 * len(layout.used))
+        numbers = _blockwise(self._evaluated, where, self._columns(rows), 2 * len(layout.used))
         orders = interpolation_orders(scheme, layout, self.rule)
         variables = {}
         for i, name in enumerate(layout.used):
-            about = run[name].attrs
+            recorded = run[name].attrs
             error = schema.error(name)
             rule = {
                 "interpolation": scheme.interpolation(self.rule),
                 "interpolation_order": orders[name],
                 "ancillary_variables": error,
             }
-            kept = {key: about[key] for key in ("units", "long_name", "role")}
-            variables[name] = xr.Variable((AT,), found[i], kept | rule)
-            said = {"units": about["units"], "long_name": f"error of {name}: {ROUTE}", "role": "error"}
-            variables[error] = xr.Variable((AT,), found[len(layout.used) + i], said)
-        told = {"units": str(run["time"].attrs["units"]), "long_name": "wanted time", "role": "time"}
-        variables[AT_TIME] = xr.Variable((AT,), times, told | schema.AXIS)
+            described = {key: recorded[key] for key in ("units", "long_name", "role")}
+            variables[name] = xr.Variable((AT,), numbers[i], described | rule)
+            error_attributes = {"units": recorded["units"], "long_name": f"error of {name}: {ROUTE}", "role": "error"}
+            variables[error] = xr.Variable((AT,), numbers[len(layout.used) + i], error_attributes)
+        time_attributes = {"units": str(run["time"].attrs["units"]), "long_name": "wanted time", "role": "time"}
+        variables[AT_TIME] = xr.Variable((AT,), times, time_attributes | schema.AXIS)
         variables["row"] = xr.Variable(
             (AT,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
         )
@@ -144,38 +153,41 @@ class Inside:
         return xr.Dataset(variables, attrs=attributes).set_coords(AT_TIME)
 
     def _columns(self, rows: NDArray[np.int64]) -> list[Any]:
-        """Gather size, regime and contacts of every step and the state that it starts from; where it needs that too, the one it led to."""
+        """Gather size, regime, contacts and initial state of every step; and its final state if the method needs it."""
         run, used = self.run, list(self.layout.used)
         following = np.minimum(rows + 1, run.sizes[STEPS] - 1)
-        # iterations that go on from those of the step before do not come to its end again, to the bit
-        states = [state_name(one) for one in reactions(self.model)]
+        # iterations that continue from those of the step before do not reproduce its end to the bit
+        states = [state_name(reaction) for reaction in reactions(self.model)]
         wanted = [(["step_size"], following), (["regime", "row_kind", *states], rows), (used, rows)] + [
             (used, following)
         ] * self.settings.method.simplified
-        return [run[name].variable.isel({STEPS: which}) for names, which in wanted for name in names]
+        return [run[name].variable.isel({STEPS: chosen}) for names, chosen in wanted for name in names]
 
     def _evaluated(self, where: Floats, columns: Floats) -> Floats:
         """Evaluate states and their errors.
 
-        Of `where` the rows are wanted time, start and end, of `columns` step, regime, the state at its start and perhaps at its end.
+        Rows of `where` are wanted time, start and end; of `columns` step, regime, contacts, the state at its start and
+        perhaps at its end.
         """
-        every, second = rows_apart(self.run.attrs), behind(str(self.run["time"].attrs["units"]))
-        _check_whole(where, columns[0], slack(self.run), second, every)
-        again = self.rule == REINTEGRATE
-        return states_within(self.model, self.settings, self.law, where, columns, self._factors, reintegrated=again)
+        every, unit = rows_apart(self.run.attrs), behind(str(self.run["time"].attrs["units"]))
+        _check_whole(where, columns[0], slack(self.run), unit, every)
+        reintegrated = self.rule == REINTEGRATE
+        return states_within(
+            self.model, self.settings, self.law, where, columns, self._factors, reintegrated=reintegrated
+        )
 
     def defects(self, rows: NDArray[np.int64], parts: int) -> dict[str, Floats]:
-        """Return the difference between one step from each row and so many in its place, by variable, in recorded units."""
+        """Return the difference of one step from each row less `parts` in its place, by variable, in recorded units."""
         time, used = np.asarray(self.run["time"]), self.layout.used
-        columns = np.stack([np.asarray(one) for one in self._columns(rows)])
+        columns = np.stack([np.asarray(column) for column in self._columns(rows)])
         n, first = len(used), 3 + self._touching
-        start, whole = time[rows], time[rows + 1]
+        start, end = time[rows], time[rows + 1]
         inner = columns[first : first + n].copy()
         for k in range(parts):
-            low, high = (start + (whole - start) * (j / parts) for j in (k, k + 1))
+            low, high = (start + (end - start) * (j / parts) for j in (k, k + 1))
             columns[0], columns[first : first + n] = high - low, inner
             inner = self._evaluated(np.stack([high, low, high]), columns[: first + n])[:n]
-            columns[2] = schema.STEP  # behind an event is the first part alone
+            columns[2] = schema.STEP  # only the first part follows an event
         led_to = np.stack([np.asarray(self.run[name])[rows + 1] for name in used])
         return dict(zip(used, led_to - inner, strict=True))
 
@@ -185,19 +197,19 @@ class Inside:
 
     @cached_property
     def _factors(self) -> Floats:
-        """From internal numbers to those of the record."""
+        """Factors from internal numbers to those of the record."""
         factors = record.factors(self.model, self.settings.scales)
         return np.array([[factors[name]] for name in self.layout.used])
 
 
 def model_of(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> Model:
-    """Read the model of a record, once for many questions."""
+    """Return the model of a record, cached."""
     return _model_of(str(run["model_toml"].values), tuple((functions or {}).items()))
 
 
 @lru_cache(maxsize=16)
 def _model_of(text: str, functions: tuple[tuple[str, Callable[..., float]], ...]) -> Model:
-    """Read an archive's model once for many questions."""
+    """Read a model from its text, cached."""
     return Model.from_text(text, functions=dict(functions))
 
 
@@ -205,11 +217,11 @@ _KEPT = ("title", "solver_method", "solver_order", "solver_estimator", "model_di
 
 
 def slack(run: xr.Dataset) -> float:
-    """Return by which part of t a recorded step may miss the next row: given steps end where the run does as rounding of their sum goes."""
+    """Return the part of t by which a recorded step may miss the next row: the sum of given steps is rounded."""
     return EPS * max(8, 4 * run.sizes.get(schema.GIVEN, 0))
 
 
-def _check_whole(where: Floats, steps: Floats, near: float, second: str, every: int) -> None:
+def _check_whole(where: Floats, steps: Floats, near: float, unit: str, every: int) -> None:
     """Refuse a record with rows left out: its steps would not reach from one row to the next."""
     times, starts, ends = where
     gaps = np.abs(ends - starts - steps)
@@ -218,30 +230,36 @@ def _check_whole(where: Floats, steps: Floats, near: float, second: str, every: 
         i = int(torn[0])
         if every > 1:
             raise InputError(
-                f"t = {times[i]:.15g}{second} is between rows of the march that were left out, from {starts[i]:.15g}{second} to"
-                f" {ends[i]:.15g}{second}: of those this record has {RARE.format(every)}, or ask for times of kept rows"
+                f"t = {times[i]:.15g}{unit} is between rows of the march that were left out, from {starts[i]:.15g}{unit} to"
+                f" {ends[i]:.15g}{unit}: of those this record has {RARE.format(every)}, or ask for times of kept rows"
             )
         raise InputError(
-            f"rows are missing between t = {starts[i]:.15g}{second} and {ends[i]:.15g}{second}: the step to the later one is"
-            f" {steps[i]:.15g}{second}; sample the whole record, and choose among its rows afterwards"
+            f"rows are missing between t = {starts[i]:.15g}{unit} and {ends[i]:.15g}{unit}: the step to the later one is"
+            f" {steps[i]:.15g}{unit}; sample the whole record, and choose among its rows afterwards"
         )
 
 
 def wanted_times(times: Any, unit: Unit = SECONDS) -> Floats:
-    """Read the times that are asked for, of a model with that unit of time: numbers, texts, or a range like ``0:20:201 s``."""
+    """Read requested times: numbers in the model's unit of time, texts, or a range like ``0:20:201 s``.
+
+    Raises
+    ------
+    InputError
+        If they are not times, or none.
+    """
     if isinstance(times, str) and ":" in times:
         if not is_range(times):
             raise InputError(f"times are {times[:60]!r}, need start:stop:count and a unit, count a whole number, like '0:20:201 s'")  # fmt: skip
-        asked = Range.parse(times)
-        if asked.unit.text != "1" and asked.unit.dimension != unit.dimension:
-            raise InputError(f"times {times!r} are in '{asked.unit.text}', need a time in '{unit.text}'")
-        if not 0 < asked.count <= MOST_TIMES:
-            raise InputError(f"times {times!r} are {asked.count}, need a count from 1 to {MOST_TIMES}")
-        times = np.linspace(asked.start, asked.stop, asked.count) * float(asked.unit.factor)
+        span = Range.parse(times)
+        if span.unit.text != "1" and span.unit.dimension != unit.dimension:
+            raise InputError(f"times {times!r} are in '{span.unit.text}', need a time in '{unit.text}'")
+        if not 0 < span.count <= MOST_TIMES:
+            raise InputError(f"times {times!r} are {span.count}, need a count from 1 to {MOST_TIMES}")
+        times = np.linspace(span.start, span.stop, span.count) * float(span.unit.factor)
     elif isinstance(times, str):
-        times = [time_in(unit, one, "times") for one in times.split(",")]
-    elif isinstance(times, list | tuple) and any(isinstance(one, str) for one in times):
-        times = [time_in(unit, one, "times") for one in times]
+        times = [time_in(unit, time, "times") for time in times.split(",")]
+    elif isinstance(times, list | tuple) and any(isinstance(time, str) for time in times):
+        times = [time_in(unit, time, "times") for time in times]
     try:
         if np.asarray(times).dtype == bool:
             raise TypeError(times)  # noqa: TRY301 - answered right below
@@ -256,24 +274,24 @@ def wanted_times(times: Any, unit: Unit = SECONDS) -> Floats:
 
 
 def _located(time: xr.DataArray, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Find the row that each time's step goes from, and the times at both ends of that step."""
-    known = _Times(time)
-    first, last = known.at(np.array([0, len(known) - 1])).tolist()
+    """Find the row from which each time's step starts, and the times at both ends of that step."""
+    accepted = _Times(time)
+    first, last = accepted.at(np.array([0, len(accepted) - 1])).tolist()
     outside = np.flatnonzero((wanted < first) | (wanted > last))
     if outside.size:
-        second = behind(str(time.attrs.get("units", SECONDS.text)))
+        unit = behind(str(time.attrs.get("units", SECONDS.text)))
         raise InputError(
-            f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r}{second} is outside the run, from {first!r}{second} to"
-            f" {last!r}{second}; a run is never extrapolated"
+            f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r}{unit} is outside the run, from {first!r}{unit} to"
+            f" {last!r}{unit}; a run is never extrapolated"
         )
-    rows = known.count(wanted, "right") - 1
+    rows = accepted.count(wanted, "right") - 1
     if not after:
-        rows = np.minimum(rows, known.count(wanted, "left"))
-    return rows, known.at(rows), known.at(np.minimum(rows + 1, len(known) - 1))
+        rows = np.minimum(rows, accepted.count(wanted, "left"))
+    return rows, accepted.at(rows), accepted.at(np.minimum(rows + 1, len(accepted) - 1))
 
 
 class _Times:
-    """Accepted times, of which those chunks are read that a search comes through."""
+    """Accepted times, of which only the chunks are read that a search needs."""
 
     def __init__(self, time: xr.DataArray) -> None:
         self._time = time
@@ -289,27 +307,27 @@ class _Times:
         if len(self._offsets) == 2:
             return self._chunk(0)[rows]
         chunks = np.searchsorted(self._offsets, rows, side="right") - 1
-        found = np.empty(rows.size)
+        times = np.empty(rows.size)
         for chunk in np.unique(chunks).tolist():
-            here = chunks == chunk
-            found[here] = self._chunk(chunk)[rows[here] - self._offsets[chunk]]
-        return found
+            inside = chunks == chunk
+            times[inside] = self._chunk(chunk)[rows[inside] - self._offsets[chunk]]
+        return times
 
     def count(self, wanted: Floats, side: Literal["left", "right"]) -> NDArray[np.int64]:
-        """Count the rows before each time, or up to and with it."""
-        found = np.empty(wanted.size, np.int64)
-        open_ = [(0, len(self._offsets) - 2, np.arange(wanted.size))]
-        while open_:
-            low, high, which = open_.pop()
+        """Count the rows before each time, or up to and including it."""
+        counts = np.empty(wanted.size, np.int64)
+        pending = [(0, len(self._offsets) - 2, np.arange(wanted.size))]
+        while pending:
+            low, high, which = pending.pop()
             if low == high:
-                found[which] = self._offsets[low] + np.searchsorted(self._chunk(low), wanted[which], side=side)
+                counts[which] = self._offsets[low] + np.searchsorted(self._chunk(low), wanted[which], side=side)
                 continue
             middle = (low + high + 1) // 2
             border = self._chunk(middle)[0]
-            behind = wanted[which] >= border if side == "right" else wanted[which] > border
-            parts = (low, middle - 1, which[~behind]), (middle, high, which[behind])
-            open_ += [part for part in parts if part[2].size]
-        return found
+            after = wanted[which] >= border if side == "right" else wanted[which] > border
+            parts = (low, middle - 1, which[~after]), (middle, high, which[after])
+            pending += [part for part in parts if part[2].size]
+        return counts
 
     def _chunk(self, chunk: int) -> Floats:
         if chunk not in self._read:
@@ -319,13 +337,13 @@ class _Times:
 
 
 def _blockwise(function: Callable[[Floats, Floats], Floats], where: Floats, columns: list[Any], height: int) -> Any:
-    """Apply a function to columns side by side, lazily where they are lazy."""
-    if not any(one.chunks for one in columns):
-        return function(where, np.stack([np.asarray(one) for one in columns]))
+    """Apply a function to stacked columns, lazily where they are lazy."""
+    if not any(column.chunks for column in columns):
+        return function(where, np.stack([np.asarray(column) for column in columns]))
     import dask.array
 
     da: Any = dask.array  # its functions are not typed
 
-    stacked = da.stack([da.asarray(one.data) for one in columns]).rechunk({0: -1})
+    stacked = da.stack([da.asarray(column.data) for column in columns]).rechunk({0: -1})
     places = da.from_array(where, chunks=(len(where), stacked.chunks[1]))
     return da.map_blocks(function, places, stacked, dtype=float, chunks=((height,), stacked.chunks[1]))

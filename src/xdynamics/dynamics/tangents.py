@@ -1,4 +1,4 @@
-"""The tangent vectors of a run: its law with derivatives, its rows and events, as `growth` takes them, block by block."""
+"""The tangent vectors of a run, carried along by `growth`: its law with derivatives, its rows and events."""
 
 from __future__ import annotations
 
@@ -33,29 +33,32 @@ Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 TOLERANCE = 1e-8  # of one piece of a step, relative to the tangent vectors
-CHUNK = 1024  # rows at a call: between calls a run can be interrupted
-PIECES, PIECES_PER_ROW = 5_000_000, 100  # that are made at most: beyond, the equations are too stiff
-MOST_VARIABLES, FEW = 64, 16  # of which all exponents are sought; how many vectors are carried where there are more
+CHUNK = 1024  # rows per call: between calls the computation can be interrupted
+PIECES, PIECES_PER_ROW = 5_000_000, 100  # largest number: with more, the equations are called too stiff
+MOST_VARIABLES, FEW = (
+    64,
+    16,
+)  # most variables of which all exponents are computed; number of vectors where there are more
 
 
 @dataclass(frozen=True)
 class Local:
-    """How much the tangent vectors of a run grew, block after block.
+    """The growth of a run's tangent vectors, block by block.
 
     Attributes
     ----------
     times : ndarray, shape (b + 1,), s
-        At which blocks end, and the first begins.
+        Beginning of the first block and ends of all blocks.
     factors : ndarray, shape (b, m)
-        By what each vector grew in each block, over 2**(332*exponents).
+        Growth of each vector in each block, over 2**(332*exponents).
     exponents : ndarray of int, shape (b, m)
     errors : ndarray, shape (b,)
         Of the factors, relative, as estimated.
     whole : ndarray, shape (m, m)
-        What became of the vectors of the start, over 2**(332*whole_exponent): upper triangle of its Q R.
+        Growth since the start, over 2**(332*whole_exponent): product of the upper triangles R.
     whole_exponent : int
     pieces, variables : int
-        That the steps were divided into; of the state.
+        Number of pieces into which the steps were divided, and of variables of the state.
     """
 
     times: Floats
@@ -77,78 +80,78 @@ def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] 
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
     vectors : int, optional
-        How many; without it as many as there are variables, or `FEW` where they are more than `MOST_VARIABLES`.
+        How many; by default as many as there are variables, or `FEW` if these are more than `MOST_VARIABLES`.
 
     Raises
     ------
     NotVariedError
-        If something of the run is not told by its variational equations, or they are too stiff.
+        If the variational equations do not describe something in the run, or they are too stiff.
     """
     path = Path(run, functions)
     path.check()
     n = path.size
     m = min(n, vectors or (n if n <= MOST_VARIABLES else FEW))
     rows, times = path.rows, path.block_times
-    law, alive = path.law()
+    law, references = path.law()
     tangent = _tangent(n, m, float(rows.times[-1] - rows.times[0]))
     grown = Grown(np.ones((len(times) - 1, m)), np.zeros((len(times) - 1, m), np.int64), np.zeros(len(times) - 1))
     scheme = _scheme(PIECES + PIECES_PER_ROW * len(rows.times))
-    for part in _chunks(rows):
-        came = _compiled_grow(law, scheme, part, tangent, grown)
-        if came != DONE:
-            where = f"at t = {float(part.times[0]):.6g} to {float(part.times[-1]):.6g}"
-            if came == LOST:
+    for chunk in _chunks(rows):
+        outcome = _compiled_grow(law, scheme, chunk, tangent, grown)
+        if outcome != DONE:
+            where = f"at t = {float(chunk.times[0]):.6g} to {float(chunk.times[-1]):.6g}"
+            if outcome == LOST:
                 raise NotVariedError(f"{where} the equations have no finite solution")
             raise NotVariedError(
                 f"{where} the equations are too stiff: they would take more than {scheme.most_pieces} pieces of steps"
             )
-    del alive
+    del references
     return Local(times, grown.factors, grown.exponents, grown.errors, tangent.total, int(tangent.exponents[0]), int(tangent.pieces[0]), n)  # fmt: skip
 
 
 def _chunks(rows: Rows) -> Iterator[Rows]:
-    """Yield so many rows at a time."""
+    """Yield `CHUNK` rows at a time."""
     for k in range(0, len(rows.times) - 1, CHUNK):
-        to = slice(k, k + CHUNK)
+        steps = slice(k, k + CHUNK)
         yield rows._replace(
-            times=rows.times[k : k + CHUNK + 1], states=rows.states[to], regimes=rows.regimes[to], sides=rows.sides[to],
-            pieces=rows.pieces[to], jumps=rows.jumps[to], parts=rows.parts[to], blocks=rows.blocks[to],
+            times=rows.times[k : k + CHUNK + 1], states=rows.states[steps], regimes=rows.regimes[steps], sides=rows.sides[steps],
+            pieces=rows.pieces[steps], jumps=rows.jumps[steps], parts=rows.parts[steps], blocks=rows.blocks[steps],
         )  # fmt: skip
 
 
 def _tangent(n: int, m: int, pace: float) -> Tangent:
-    """Return m unit vectors along the first axes of mixed ones, so that none is orthogonal to what grows."""
+    """Return m orthonormal vectors that mix all axes, so that none is orthogonal to a growing direction."""
     state = np.zeros((1 + m, n))
     for c in range(m):
-        for i in range(n):  # rows of a Hilbert matrix beside the unit matrix: independent, and none has a zero
+        for i in range(n):  # rows of a Hilbert matrix plus the unit matrix: independent, and none has a zero
             state[1 + c, i] = float(c == i) + 1.0 / (c + i + 2.0)
-    room = np.zeros_like(state), np.zeros_like(state), np.zeros((STAGES, 1 + m, n))
+    buffers = np.zeros_like(state), np.zeros_like(state), np.zeros((STAGES, 1 + m, n))
     upper = np.zeros((m, m))
     plain: Any = getattr(growth.orthonormalise, "py_func", growth.orthonormalise)
     plain(state, upper)
     integers = np.zeros(1, np.int64), np.zeros(1, np.int64)
-    return Tangent(state, *room, np.zeros((m, m)), np.eye(m), np.zeros((m, m)), np.array([pace]), *integers)
+    return Tangent(state, *buffers, np.zeros((m, m)), np.eye(m), np.zeros((m, m)), np.array([pace]), *integers)
 
 
 @lru_cache
 def _scheme(most_pieces: int) -> Scheme:
-    """Return the numbers of dop853."""
+    """Return the coefficients of dop853."""
     a = np.zeros((STAGES, STAGES))
     for i, row in enumerate(DOP853_TABLEAU.a[:STAGES]):
         a[i, : len(row)] = _numbers(row)
     third = differences(DOP853_TABLEAU.b, DOP853_OF_THIRD)
     b, c, fifth, third_order = (
-        _numbers(one[:STAGES]) for one in (DOP853_TABLEAU.b, DOP853_TABLEAU.c, DOP853_FIFTH, third)
+        _numbers(weights[:STAGES]) for weights in (DOP853_TABLEAU.b, DOP853_TABLEAU.c, DOP853_FIFTH, third)
     )
     return Scheme(a, b, c, fifth, third_order, TOLERANCE, most_pieces)
 
 
 def _numbers(texts: tuple[str, ...]) -> Floats:
-    return np.array([float(Fraction(one)) for one in texts])
+    return np.array([float(Fraction(text)) for text in texts])
 
 
 def _compiled_grow(*given: Any) -> int:
-    """Call `growth.grow`, compiled or taken from the cache."""
+    """Call `growth.grow`, compiled or from the cache."""
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
         return growth.grow(*given)
     signature = kinds_of(*given)
@@ -157,8 +160,8 @@ def _compiled_grow(*given: Any) -> int:
 
 @lru_cache(maxsize=4)
 def _function(key: str, signature: Any) -> Any:
-    """Return the compiled function, kept under a digest of what it is compiled from."""
-    sources = [File(one.__file__ or "").read_text(encoding="utf-8") for one in (growth, handle)]
+    """Return the compiled function, cached under a digest of its sources and platform."""
+    sources = [File(module.__file__ or "").read_text(encoding="utf-8") for module in (growth, handle)]
     processor = binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
     name = f"growth-{cache.digest(key, *sources, numba.__version__, np.__version__, sys.version, *processor)}.bin"
     content = cache.read(name)
@@ -168,6 +171,6 @@ def _function(key: str, signature: Any) -> Any:
         except Exception:  # noqa: BLE001, S110 - written by another build of numba: it is compiled anew
             pass
     kept = Kept()
-    found = kept.function(growth.grow, signature)
+    function = kept.function(growth.grow, signature)
     cache.write(name, kept.content)
-    return found
+    return function

@@ -1,12 +1,12 @@
-"""How a run changes with its inputs: its variational equations, from its own trees, through events and impacts.
+"""The change of a run with its inputs: its variational equations, through events and impacts.
 
 With M a = F and x' = r, a small change z of coordinates, velocities and states that comes from inputs p obeys
 
     M dv' = (dF/dz - (dM/dz) a) z + dF/dp - (dM/dp) a,    dq' = dv,    dx' = (dr/dz) z + dr/dp.
 
 These linear equations are solved on the run's own steps by Gauss's collocation, of an order above that of the run's
-method (Hairer, Lubich, Wanner, Geometric Numerical Integration, 2006, II.1.3 and VI.9), about states that are made again
-inside the steps. What an event does to a change: see `saltation`.
+method (Hairer, Lubich, Wanner, Geometric Numerical Integration, 2006, II.1.3 and VI.9), about states recomputed
+inside the steps. For the effect of an event on a change see `saltation`.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-BLOCK = 2048  # steps that are solved side by side
+BLOCK = 2048  # steps that are solved together
 NEWTON = 8  # steps to a root of a polynomial of Legendre
-LARGEST = 96  # numbers in the system of one step: above, differences are the shorter way
+LARGEST = 96  # numbers in the system of one step: above, differences are cheaper
 
 
 class NotVariedError(Exception):
-    """A run whose changes these equations do not tell: what stands in their way."""
+    """A run whose changes these equations do not describe; the message names the obstacle."""
 
 
 def varying(model: Model, inputs: Sequence[str]) -> dict[str, dict[str, Node]]:
-    """Return what trees are differentiated by: time, variables, inputs, and drives of them by their slopes."""
+    """Return the names by which expressions are differentiated: time, variables, inputs, and drives by their slopes."""
     own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in ("t", *variables(model), *inputs)}
     return own | {name: {drive.argument: Name(slope(name))} for name, drive in model.drives.items()}
 
@@ -65,17 +65,17 @@ class Equations:
 
     @property
     def size(self) -> int:
-        """How many variables there are."""
+        """Number of variables."""
         return len(variables(self.model))
 
     def about(self, state: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Return the matrices of z' = A z + B p at k states: shapes (k, n, n) and (k, n, m)."""
         model, columns, trees = self.model, self._columns, _trees(self.model, self._parameters)
-        k, n, of, width = len(state["t"]), len(model.coordinates), list(trees), self.size + len(self.inputs)
-        found = evaluated_many(model, [trees[key] for key in of], state, constants(model), tables_of(model))
-        numbers = {key: np.broadcast_to(np.asarray(one, float), (k,)) for key, one in zip(of, found, strict=True)}
+        k, n, keys, width = len(state["t"]), len(model.coordinates), list(trees), self.size + len(self.inputs)
+        values = evaluated_many(model, [trees[key] for key in keys], state, constants(model), tables_of(model))
+        numbers = {key: np.broadcast_to(np.asarray(one, float), (k,)) for key, one in zip(keys, values, strict=True)}
         mass, force = np.zeros((k, n, n)), np.zeros((k, n, width))
-        rest = np.zeros((k, self.size - 2 * n, width))
+        rates = np.zeros((k, self.size - 2 * n, width))
         rows = {name: i for i, name in enumerate(model.coordinates)}
         for (kind, one, by), value in numbers.items():
             if kind == MASS:
@@ -85,13 +85,13 @@ class Equations:
             elif kind == INERTIA:
                 force[:, one[0], columns[by]] -= value * numbers[ACCELERATION, list(rows)[one[1]], ""]
             elif kind == RATE:
-                rest[:, list(model.states).index(one), columns[by]] = value
-        whole = np.zeros((k, self.size, width))
-        whole[:, :n, n : 2 * n] = np.eye(n)
+                rates[:, list(model.states).index(one), columns[by]] = value
+        matrix = np.zeros((k, self.size, width))
+        matrix[:, :n, n : 2 * n] = np.eye(n)
         if n:
-            whole[:, n : 2 * n] = solved(mass, force)
-        whole[:, 2 * n :] = rest
-        return whole[..., : self.size], whole[..., self.size :]
+            matrix[:, n : 2 * n] = solved(mass, force)
+        matrix[:, 2 * n :] = rates
+        return matrix[..., : self.size], matrix[..., self.size :]
 
     @property
     def _parameters(self) -> tuple[str, ...]:
@@ -99,7 +99,7 @@ class Equations:
 
     @property
     def _columns(self) -> dict[str, int]:
-        """Where what is differentiated by stands: variables, then inputs."""
+        """Column of each name of a derivative: variables, then inputs."""
         names = {name: i for i, name in enumerate(variables(self.model))}
         return names | {name: self.size + self.inputs.index(name) for name in self._parameters}
 
@@ -109,20 +109,28 @@ FORCE, MASS, INERTIA, RATE, ACCELERATION = range(5)
 
 @lru_cache(maxsize=16)
 def _trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[int, Any, str], Node]:
-    """Write all derivatives: by what they are of, its place, and what they are by."""
+    """Return all derivatives by kind, place, and the name that they are taken by."""
     by, states = varying(model, parameters), {rate(name): name for name in model.states}
-    found: dict[tuple[int, Any, str], Node] = {}
+    trees: dict[tuple[int, Any, str], Node] = {}
     place: Any
     for name, tree in force_totals(model).items():
         kind, place = (RATE, states[name]) if name in states else (FORCE, name.removeprefix("force_"))
-        found |= {(kind, place, one): by_one for one, by_one in derivatives(tree, by).items() if one != "t"}
+        trees |= {
+            (kind, place, variable): derivative
+            for variable, derivative in derivatives(tree, by).items()
+            if variable != "t"
+        }
     for place, entry in model.statement.mass_entries.items():
         tree = model.expanded(entry)
-        found[MASS, place, ""] = tree
-        found |= {(INERTIA, place, one): by_one for one, by_one in derivatives(tree, by).items() if one != "t"}
-    if any(kind == INERTIA for kind, _, _ in found):
-        found |= {(ACCELERATION, name, ""): Name(acceleration(name)) for name in model.coordinates}
-    return found
+        trees[MASS, place, ""] = tree
+        trees |= {
+            (INERTIA, place, variable): derivative
+            for variable, derivative in derivatives(tree, by).items()
+            if variable != "t"
+        }
+    if any(kind == INERTIA for kind, _, _ in trees):
+        trees |= {(ACCELERATION, name, ""): Name(acceleration(name)) for name in model.coordinates}
+    return trees
 
 
 @dataclass(frozen=True)
@@ -142,42 +150,44 @@ class Along:
     order: int
 
     def over(self, change: Floats, first: int, last: int, end: float | None = None) -> Floats:
-        """Carry a change from one row to another, and on to a time in the step behind that.
+        """Carry a change from one row to another, and on to a time in the step after it.
 
         Parameters
         ----------
         change : ndarray, shape (n, m), SI
-            By how much every variable changes with every input.
+            Change of every variable with every input.
         """
         time = np.asarray(self.run["time"])[first : last + 1].astype(float)
         time = np.append(time, end) if end is not None else time
         starts, sizes, rows = time[:-1], np.diff(time), first + np.arange(len(time) - 1)
         moving = np.flatnonzero(sizes > 0.0)
         for k in range(0, len(moving), BLOCK):
-            part = moving[k : k + BLOCK]
-            whole, added = self._steps(rows[part], starts[part], sizes[part])
-            change = product(whole, change) + added
+            block = moving[k : k + BLOCK]
+            matrix, added = self._steps(rows[block], starts[block], sizes[block])
+            change = product(matrix, change) + added
         return change
 
     def _steps(self, rows: NDArray[np.int64], starts: Floats, sizes: Floats) -> tuple[Floats, Floats]:
-        """Return what steps one after the other do: the matrix of a change before them, and what comes to it."""
+        """Return the effect of consecutive steps: the matrix by which a change is multiplied, and what is added."""
         nodes, weights, ends = gauss(self.order // 2 + 2)
         times = (starts[:, None] + sizes[:, None] * nodes).ravel()
         states = self.states(times, np.repeat(rows, len(nodes)))
         shape = len(starts), len(nodes)
-        by_state, by_input = (one.reshape(*shape, *one.shape[1:]) for one in self.equations.about(states))
+        by_state, by_input = (
+            matrices.reshape(*shape, *matrices.shape[1:]) for matrices in self.equations.about(states)
+        )
         s, n, h = len(nodes), self.equations.size, sizes[:, None, None]
         inner = (weights[:, None, :, None] * by_state[:, :, :, None, :]).reshape(len(starts), s * n, s * n)
         right = np.concatenate([by_state, by_input], axis=-1).reshape(len(starts), s * n, -1)
         rates = solved(np.eye(s * n) - h * inner, right).reshape(*shape, n, -1)
-        moved = h * np.sum(ends[:, None, None] * rates, axis=1)
-        return joined(np.eye(n) + moved[..., :n], moved[..., n:])
+        increments = h * np.sum(ends[:, None, None] * rates, axis=1)
+        return joined(np.eye(n) + increments[..., :n], increments[..., n:])
 
     def states(self, times: Floats, rows: NDArray[np.int64]) -> dict[str, Floats]:
         """Return the run's states inside its steps, in SI units, with their regime."""
         model = self.equations.model
-        found = sampled(self.run, times, after=True, rule=REINTEGRATE, functions=model.functions)
-        states = {name: found[name].values * float(unit.factor) for name, unit in model.units.items()}
+        samples = sampled(self.run, times, after=True, rule=REINTEGRATE, functions=model.functions)
+        states = {name: samples[name].values * float(unit.factor) for name, unit in model.units.items()}
         regime = self.run["regime"].values[rows] if "regime" in self.run else np.zeros(rows.size)
         return states | {"t": times, REGIME_NUMBER: regime.astype(float)}
 
@@ -189,20 +199,20 @@ class Along:
         return values | {"t": np.asarray(run["time"])[rows], REGIME_NUMBER: regime.astype(float)}
 
     def rates(self, rows: NDArray[np.int64]) -> dict[str, Floats]:
-        """Return how fast time and every variable change at rows, as it was recorded, SI, shape (k, 1)."""
+        """Return the recorded rates of time and every variable at rows, SI, shape (k, 1)."""
         model, run = self.equations.model, self.run
-        found: dict[str, Floats] = {"t": np.ones((len(rows), 1))}
-        for name, one in model.coordinates.items():
-            factor = float(one.unit.factor)
-            found[name] = np.asarray(run[velocity(name)])[rows, None] * factor
-            found[velocity(name)] = np.asarray(run[acceleration(name)])[rows, None] * factor
+        rates: dict[str, Floats] = {"t": np.ones((len(rows), 1))}
+        for name, coordinate in model.coordinates.items():
+            factor = float(coordinate.unit.factor)
+            rates[name] = np.asarray(run[velocity(name)])[rows, None] * factor
+            rates[velocity(name)] = np.asarray(run[acceleration(name)])[rows, None] * factor
         for name, state in model.states.items():
-            found[name] = np.asarray(run[rate(name)])[rows, None] * float(state.unit.factor)
-        return found
+            rates[name] = np.asarray(run[rate(name)])[rows, None] * float(state.unit.factor)
+        return rates
 
 
 def joined(whole: Floats, added: Floats) -> tuple[Floats, Floats]:
-    """Put k changes z -> whole z + added one after the other, in pairs."""
+    """Compose k maps z -> whole z + added in sequence, pairwise."""
     while len(whole) > 1:
         if len(whole) % 2:
             whole = np.concatenate([whole, np.eye(whole.shape[-1])[None]])
@@ -233,10 +243,10 @@ def gauss(stages: int) -> tuple[Floats, Floats, Floats]:
 
 
 def touches(run: xr.Dataset) -> dict[str, int]:
-    """Return the first row at which each contact or friction element holds or slips; none of those that never do."""
-    found: dict[str, int] = {}
+    """Return the first row at which each contact or friction element holds or slips, without those that never do."""
+    first_rows: dict[str, int] = {}
     for name in map(str, run.data_vars):
         if name.startswith((schema.contact_state(""), schema.friction_state(""))):
             rows = np.flatnonzero(np.asarray(run[name]))
-            found |= {name: int(rows[0])} if rows.size else {}
-    return found
+            first_rows |= {name: int(rows[0])} if rows.size else {}
+    return first_rows
