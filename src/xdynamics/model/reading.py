@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -58,56 +59,15 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
             ledger.note(f"[{key}] is no section{near(key, tuple(SECTIONS))}")
     sections = {key: _table(statement, key, ledger) for key in SECTIONS}
     sections["events"], sections["strikes"] = _told_apart(sections["events"], sections["contacts"], ledger)
-    parts: dict[str, Any] = {"name": name, "description": _head(name, statement, ledger)}
-
-    def named(key: str, what: str, reader: Callable[[str, Any], Any]) -> dict[str, Any]:
-        results = {}
-        for entry, content in sections[key].items():
-            with ledger.entry(f"{what} '{entry}'"):
-                results[entry] = reader(entry, content)
-        return results
-
-    def entries(key: str, what: str, reader: Callable[[Any], Any]) -> dict[str, Any]:
-        return named(key, what, lambda _, content: reader(content))
-
-    parts["time_unit"] = SECONDS
+    parts: dict[str, Any] = {"name": name, "description": _head(name, statement, ledger), "time_unit": SECONDS}
     with ledger.entry("time"):
         parts["time_unit"] = _time(sections["time"])
-    parts["coordinates"] = entries("coordinates", "coordinate", _coordinate)
-    parts["parameters"] = entries("parameters", "parameter", _parameter)
-    parts["definitions"] = entries("definitions", "definition", parse)
-    parts["drives"] = named("drives", "drive", lambda entry, content: _drive(entry, content, reach))
-    parts["states"] = entries("states", "state", _state)
-    parts["forces"] = entries("forces", "force", lambda content: _force(content, functions))
-    parts["events"] = entries("events", "event", lambda content: event(content, functions))
-    parts["contacts"] = entries("contacts", "contact", contact) | entries("strikes", "event", impact)
-    parts["frictions"] = entries("frictions", "friction", friction)
-    parts["regimes"] = entries("regimes", "regime", regime)
-    observables = entries("observables", "observable", _observable)
-    parts["observables"] = {entry: tree for entry, (tree, _) in observables.items()}
-    parts["observed"] = {entry: about for entry, (_, about) in observables.items() if about != Observable()}
-    parts["validation"] = named(
-        "validation", "validation", lambda entry, content: validation(entry, content, parts["time_unit"])
-    )
-    parts["regime"] = _first_regime(sections["initial"], list(parts["regimes"]), ledger)
-    sections["initial"] = {key: value for key, value in sections["initial"].items() if key != "regime"}
-    starts = entries("initial", "initial value", _parameter)
-    parts["initial"] = _initial(starts, parts["coordinates"], sections["initial"], parts["time_unit"])
-    parts["at_rest"] = tuple(
-        velocity(entry) for entry in parts["coordinates"] if velocity(entry) not in sections["initial"]
-    )
-    parts["starts"] = {key: entry for key, entry in starts.items() if entry.spread or entry.description}
-    parts["correlations"] = {}
-    with ledger.entry("correlations"):
-        parts["correlations"] = correlations_of(sections["correlations"])
-    parts["discrepancy"] = entries("discrepancy", "discrepancy", _discrepancy)
-    with ledger.entry("figure"):
-        parts["pictured"] = _pictured(sections["figure"])
-    with ledger.entry("fit"):
-        parts["fit"] = _fitted(sections["fit"]) if sections["fit"] else None
-    parts["run"] = _run(sections["run"], parts["time_unit"], ledger)
-    with ledger.entry("lagrangian"):
-        parts["lagrangian"] = lagrangian(sections["lagrangian"])
+    reading = _Reading(sections, ledger)
+    parts |= reading.motion(functions, reach)
+    parts |= reading.events(functions)
+    parts |= reading.observation(parts["time_unit"])
+    parts |= reading.start(parts)
+    parts |= reading.settings(parts["time_unit"])
     ledger.settle()
     if parts["lagrangian"] is not None:
         with ledger.entry("lagrangian"):
@@ -117,6 +77,87 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
             parts["mass"] = _mass(sections["mass"], list(parts["coordinates"]))
     ledger.settle()
     return Statement(**parts)
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """The sections of a statement while they are read: what cannot be read is noted, and reading goes on."""
+
+    sections: dict[str, Mapping[str, Any]]
+    ledger: Ledger
+
+    def motion(self, functions: Functions, reach: Reach) -> dict[str, Any]:
+        """Read what moves, and what moves it."""
+        return {
+            "coordinates": self._entries("coordinates", "coordinate", _coordinate),
+            "parameters": self._entries("parameters", "parameter", _parameter),
+            "definitions": self._entries("definitions", "definition", parse),
+            "drives": self._named("drives", "drive", lambda entry, content: _drive(entry, content, reach)),
+            "states": self._entries("states", "state", _state),
+            "forces": self._entries("forces", "force", lambda content: _force(content, functions)),
+        }
+
+    def events(self, functions: Functions) -> dict[str, Any]:
+        """Read what a march watches for, and the regimes that it switches between."""
+        return {
+            "events": self._entries("events", "event", lambda content: event(content, functions)),
+            "contacts": self._entries("contacts", "contact", contact) | self._entries("strikes", "event", impact),
+            "frictions": self._entries("frictions", "friction", friction),
+            "regimes": self._entries("regimes", "regime", regime),
+        }
+
+    def observation(self, time: Unit) -> dict[str, Any]:
+        """Read what else is recorded, and what it is to be."""
+        observables = self._entries("observables", "observable", _observable)
+        return {
+            "observables": {entry: tree for entry, (tree, _) in observables.items()},
+            "observed": {entry: about for entry, (_, about) in observables.items() if about != Observable()},
+            "validation": self._named(
+                "validation", "validation", lambda entry, content: validation(entry, content, time)
+            ),
+        }
+
+    def start(self, parts: Mapping[str, Any]) -> dict[str, Any]:
+        """Read where the motion starts, from the coordinates and regimes there are."""
+        first = _first_regime(self.sections["initial"], list(parts["regimes"]), self.ledger)
+        self.sections["initial"] = section = {
+            key: value for key, value in self.sections["initial"].items() if key != "regime"
+        }
+        starts = self._entries("initial", "initial value", _parameter)
+        velocities = map(velocity, parts["coordinates"])
+        return {
+            "regime": first,
+            "initial": _initial(starts, parts["coordinates"], section, parts["time_unit"]),
+            "at_rest": tuple(name for name in velocities if name not in section),
+            "starts": {key: entry for key, entry in starts.items() if entry.spread or entry.description},
+        }
+
+    def settings(self, time: Unit) -> dict[str, Any]:
+        """Read uncertainties, pictures, the fit, settings of runs, and energies in the place of a mass matrix."""
+        parts: dict[str, Any] = {"correlations": {}}
+        with self.ledger.entry("correlations"):
+            parts["correlations"] = correlations_of(self.sections["correlations"])
+        parts["discrepancy"] = self._entries("discrepancy", "discrepancy", _discrepancy)
+        with self.ledger.entry("figure"):
+            parts["pictured"] = _pictured(self.sections["figure"])
+        with self.ledger.entry("fit"):
+            parts["fit"] = _fitted(self.sections["fit"]) if self.sections["fit"] else None
+        parts["run"] = _run(self.sections["run"], time, self.ledger)
+        with self.ledger.entry("lagrangian"):
+            parts["lagrangian"] = lagrangian(self.sections["lagrangian"])
+        return parts
+
+    def _named(self, key: str, what: str, reader: Callable[[str, Any], Any]) -> dict[str, Any]:
+        """Read every entry of a section by its name and content."""
+        entries = {}
+        for entry, content in self.sections[key].items():
+            with self.ledger.entry(f"{what} '{entry}'"):
+                entries[entry] = reader(entry, content)
+        return entries
+
+    def _entries(self, key: str, what: str, reader: Callable[[Any], Any]) -> dict[str, Any]:
+        """Read every entry of a section by its content."""
+        return self._named(key, what, lambda _, content: reader(content))
 
 
 def _head(name: Any, statement: Mapping[str, Any], ledger: Ledger) -> str:

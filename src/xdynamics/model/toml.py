@@ -33,8 +33,30 @@ def write(statement: Statement) -> str:
         potential = {} if energies.potential is None else {"potential": text_of(energies.potential)}
         _section(lines, "lagrangian", {"kinetic": text_of(energies.kinetic)} | potential)
     _section(lines, "definitions", {name: text_of(node) for name, node in statement.definitions.items()})
+    _forces(lines, statement)
+    starts = statement.starts
+    initial: dict[str, Any] = {name: _parameter(starts[name]) if name in starts else str(quantity) for name, quantity in statement.initial.items() if name not in statement.at_rest}  # fmt: skip
+    _section(lines, "initial", initial | ({"regime": statement.regime} if statement.regime else {}))
+    _events(lines, statement)
+    _section(lines, "observables", {name: _observable(statement, name) for name in statement.observables})
+    for name, part in statement.validation.items():
+        _section(lines, f"validation.{name}", _described(_validation(part, statement.time_unit), part))
+    _section(lines, "correlations", _correlations(statement))
+    discrepancy = {
+        name: _described({"standard": str(part.standard)}, part) for name, part in statement.discrepancy.items()
+    }
+    _section(lines, "discrepancy", discrepancy)
+    if (fit := statement.fit) is not None:
+        _section(lines, "fit", _described({"data": fit.data, "adequate": fit.adequate}, fit))
+    _section(lines, "figure", _pictured(statement.pictured))
+    _section(lines, "run", statement.run)
+    return "\n".join(lines) + "\n"
+
+
+def _forces(lines: list[str], statement: Statement) -> None:
+    """Write what moves the coordinates: forces, drives, first-order states."""
     for name, force in statement.forces.items():
-        if energies and name in TERMS:
+        if statement.lagrangian and name in TERMS:
             continue
         body: dict[str, Any] = {} if force.potential is None else {"potential": text_of(force.potential)}
         body |= {key: _component(part) for key, part in force.components.items()}
@@ -48,9 +70,10 @@ def write(statement: Statement) -> str:
     for name, state in statement.states.items():
         body = {"unit": state.unit.text, "rate": text_of(state.rate)} | ({"smooth": True} if state.smooth else {})
         _section(lines, f"states.{name}", _described(body, state))
-    starts = statement.starts
-    initial: dict[str, Any] = {name: _parameter(starts[name]) if name in starts else str(quantity) for name, quantity in statement.initial.items() if name not in statement.at_rest}  # fmt: skip
-    _section(lines, "initial", initial | ({"regime": statement.regime} if statement.regime else {}))
+
+
+def _events(lines: list[str], statement: Statement) -> None:
+    """Write events, contacts, friction elements and regimes."""
     for name, event in statement.events.items():
         body = {"function": _component(event.function), "direction": event.direction, "action": event.action}
         body |= ({"to": event.to} if event.to else {}) | ({"count": event.count} if event.count > 1 else {})
@@ -65,19 +88,6 @@ def write(statement: Statement) -> str:
         _section(lines, f"frictions.{name}", _described(body | _tolerance(friction), friction))
     for name, regime in statement.regimes.items():
         _section(lines, f"regimes.{name}", _described({"forces": list(regime.forces)}, regime))
-    _section(lines, "observables", {name: _observable(statement, name) for name in statement.observables})
-    for name, part in statement.validation.items():
-        _section(lines, f"validation.{name}", _described(_validation(part, statement.time_unit), part))
-    _section(lines, "correlations", _correlations(statement))
-    discrepancy = {
-        name: _described({"standard": str(part.standard)}, part) for name, part in statement.discrepancy.items()
-    }
-    _section(lines, "discrepancy", discrepancy)
-    if (fit := statement.fit) is not None:
-        _section(lines, "fit", _described({"data": fit.data, "adequate": fit.adequate}, fit))
-    _section(lines, "figure", _pictured(statement.pictured))
-    _section(lines, "run", statement.run)
-    return "\n".join(lines) + "\n"
 
 
 def _section(lines: list[str], title: str, body: dict[str, Any]) -> None:

@@ -121,16 +121,7 @@ def _steps(about: About) -> list[Column]:
     order = {name: index for index, name in enumerate(layout.row)}
     collected = [Column(one, row_of(order[one.name], units.time)) for one in schema.FIXED_STEPS[:2]]
     collected.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
-    regime = Variable(
-        "regime",
-        (STEPS,),
-        "i1",
-        "1",
-        "regime of the force law",
-        "flag",
-        schema.flags(dict(enumerate(model.regimes)) or {0: schema.ONLY_REGIME}) | _forces_by_regime(model),
-    )
-    collected.append(Column(regime, lambda block: block.log.flags[1, : block.rows]))
+    collected.append(_regime(about))
 
     def add(name: str, long_name: str, role: str, unit: Unit, more: Mapping[str, Any] | None = None) -> None:
         tolerance = _tolerance(about, name, unit) if name in layout.used else {}
@@ -171,6 +162,21 @@ def _steps(about: About) -> list[Column]:
         index = order["newton_iterations"]
         collected.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
     return collected
+
+
+def _regime(about: About) -> Column:
+    """Return the regime of every row, with the forces of each."""
+    model = about.model
+    regime = Variable(
+        "regime",
+        (STEPS,),
+        "i1",
+        "1",
+        "regime of the force law",
+        "flag",
+        schema.flags(dict(enumerate(model.regimes)) or {0: schema.ONLY_REGIME}) | _forces_by_regime(model),
+    )
+    return Column(regime, lambda block: block.log.flags[1, : block.rows])
 
 
 def _said_of(reaction: Reaction) -> str:

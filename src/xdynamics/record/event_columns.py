@@ -27,8 +27,7 @@ TIME_LEAVES = "none, what the time tolerance leaves"
 
 def event_columns(about: About) -> list[Column]:
     """Return every variable along the events."""
-    units, model = about.units, about.model
-    time = units.time
+    time = about.units.time
 
     def bounds(block: Block) -> Array:
         events = block.log.events[: block.events]
@@ -54,19 +53,30 @@ def event_columns(about: About) -> list[Column]:
     )
     collected = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
     collected += [Column(variable, take) for variable, take in zip(schema.EVENT_UNCERTAINTIES, parts, strict=True)]
+    collected.append(_detector(about))
+    collected += _values(about)
+    collected += _positions(about)
+    collected += _observed(about, uncertainty)
+    return collected + _of_impacts(about)
+
+
+def _detector(about: About) -> Column:
+    """Return which event function passed zero, with the rule of each."""
     names = labels(about.layout.watched)
     owners = np.array([names.index(watched.name) for watched in about.layout.watched] or [0], np.int8)
     extra = schema.flags(dict(enumerate(names)) or {0: "none"}) | _detectors(about)
     detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", extra)
-    collected.append(Column(detector, lambda block: owners[block.log.events["detector"][: block.events]]))
-    collected += _values(about)
-    collected += _positions(about)
-    collected += _observed(about, uncertainty)
+    return Column(detector, lambda block: owners[block.log.events["detector"][: block.events]])
+
+
+def _of_impacts(about: About) -> list[Column]:
+    """Return impulses, shifts of coordinates, and the energy that impacts took."""
+    model, collected = about.model, []
     for i, name in enumerate(model.coordinates):
         impulse = _impulse_unit(model, i, name)
         collected += [
             Column(Variable(f"event_impulse_{name}", (EVENTS,), "f8", impulse.text, f"contact impulse along {name}", "event", _laws(model)), _impulse(about, i, impulse)),
-            Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", units.known[name].text, f"shift of {name} at the event, by a reset or by contacts that come to rest; those of one time add up; 0 where none was", "event"), _offset(about, i, units.known[name])),
+            Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", about.units.known[name].text, f"shift of {name} at the event, by a reset or by contacts that come to rest; those of one time add up; 0 where none was", "event"), _offset(about, i, about.units.known[name])),
         ]  # fmt: skip
     if about.layout.reactions:
         energy = spell(

@@ -21,7 +21,7 @@ from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import COMPLETED
-from xdynamics.march.settings import ONE_BY_ONE, ROOT_METHODS
+from xdynamics.march.settings import ONE_BY_ONE, ROOT_METHODS, Settings
 from xdynamics.march.timescales import FEW, RULE, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
 from xdynamics.methods.method import HERMITE, printed
@@ -88,6 +88,20 @@ def attributes(march: March) -> dict[str, Any]:
         "model_digest": model.digest,
         "force_digest": force_digest(march),
     }
+    recorded |= _thinning(march) | _nodes_and_scales(settings)
+    if model.time_unit != SECONDS:  # settings that are times are dimensionless too
+        recorded |= {
+            key: NUMBERS.text
+            for key, value in recorded.items()
+            if key.endswith("_units") and isinstance(value, str) and value == SECONDS.text
+        }
+    return recorded | circumstances("simulated")
+
+
+def _thinning(march: March) -> dict[str, Any]:
+    """Return what was left out of the record, and by which rule; whether its archive is compressed."""
+    settings = march.settings
+    recorded: dict[str, Any] = {}
     if settings.keep_every > 1:
         recorded |= {
             schema.KEEP_EVERY: settings.keep_every,
@@ -102,20 +116,18 @@ def attributes(march: March) -> dict[str, Any]:
         recorded |= {schema.LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
     if settings.compress:
         recorded[schema.COMPRESSION] = schema.COMPRESSION_WORDS
+    return recorded
+
+
+def _nodes_and_scales(settings: Settings) -> dict[str, Any]:
+    """Return the times that the march was to land on, and the scales of its nondimensional variables."""
+    recorded: dict[str, Any] = {}
     if settings.nodes:
         recorded |= {"solver_nodes": np.array(settings.nodes), "solver_nodes_units": "s"}
     if settings.scales != UNSCALED:
-        scales = settings.scales
-        recorded |= {"solver_length_scale": scales.length, "solver_length_scale_units": "m",
-                 "solver_time_scale": scales.time, "solver_time_scale_units": "s",
-                 "solver_mass_scale": scales.mass, "solver_mass_scale_units": "kg"}  # fmt: skip
-    if model.time_unit != SECONDS:  # settings that are times are dimensionless too
-        recorded |= {
-            key: NUMBERS.text
-            for key, value in recorded.items()
-            if key.endswith("_units") and isinstance(value, str) and value == SECONDS.text
-        }
-    return recorded | circumstances("simulated")
+        for name, unit in _SCALES.items():
+            recorded |= {f"solver_{name}_scale": getattr(settings.scales, name), f"solver_{name}_scale_units": unit}
+    return recorded
 
 
 def interpolation(scheme: Scheme, rule: str = REINTEGRATE) -> dict[str, Any]:
