@@ -36,8 +36,8 @@ TOLD = {
     "companion": "evidence.companion", "comparison": "evidence.comparing.comparison",
     "diagnosis": "evidence.diagnosing.diagnosis", "ledger": "evidence.validating.ledger",
     "limiting case": "evidence.validating.limiting", "refinement": "evidence.refining.refinement",
-    "budget": "budgeting.told", "certificate": "budgeting.certificate", "fit": "budgeting.fitted", "sweep": "sweeping.told",
-    **dict.fromkeys(("contrast", "convergence", "influences", "precision", "sensitivities", "sobol indices"), "sweeping.surveyed"),
+    "budget": "budgeting.budget_summary", "certificate": "budgeting.certificate", "fit": "budgeting.fit_summary", "sweep": "sweeping.sweep_summary",
+    **dict.fromkeys(("contrast", "convergence", "influences", "precision", "sensitivities", "sobol indices"), "sweeping.survey_summary"),
 }  # fmt: skip
 _OF_FLAGS = ("units", "long_name", "role", "flag_values", "flag_meanings", "comment")
 SHORT = 0.25  # of the slowest period

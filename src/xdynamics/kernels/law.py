@@ -200,7 +200,7 @@ class Law:
         return machine.compiled(self.text(lanes, without), names, functions)
 
     def striding(self, lanes: int, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> int:
-        """Return where one ordinary step in so many lanes begins, compiled; see `striding.stride`."""
+        """Return where one ordinary step in so many lanes begins, compiled; see `lane_step.stride`."""
         with _LOCK:
             form = lanes, adaptive, followers
             if form not in self._strides:
@@ -253,7 +253,7 @@ class Law:
 
 @lru_cache(maxsize=len(SETS))
 def called_with_intervals(math_functions: str) -> NDArray[np.int64]:
-    """Return where the functions of a set begin that event functions may call, in the order of `enclosing.CALLED`."""
+    """Return where the functions of a set begin that event functions may call, in the order of `interval_program.CALLED`."""
     with _LOCK:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             keys = [next(_KEYS) for _ in CALLED]

@@ -79,7 +79,7 @@ TOUCH = _record(
 # Entries of the engine, behind the elementary functions in `functions`.
 ENCLOSE, SUBSTEP, HAPPEN, TOUCHED = (len(CALLED) + i for i in range(4))
 ALL, ALIVE = -1, -2  # event functions that enclosures are asked for; else the number of one
-BEGIN, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contact.touch` is to do
+BEGIN, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
 SIDES = -3  # in the place of a reason: look on which side of each switch the march is
 # numbers of `Run.balance`: which guard was broken, by which contact or coordinate, a figure and its bound; kinetic
 # energy before contacts act and behind; what impulses took by the rates of their contacts, with the size of the terms;
@@ -165,7 +165,7 @@ class Run:
     located: Trials  # the trial that ends at an event
     g: Floats  # event functions at y
     g1: Floats  # at z
-    region: Floats  # `events.silence`, and what its box is of: the sort, the coordinate or row, the place of its bounds
+    region: Floats  # `events.event_free_region`, and what its box is of: the sort, the coordinate or row, the place of its bounds
     leaves: Lists
     half: Floats  # the state after half a step
     whole: Floats  # the state after a whole one, to judge two halves by
@@ -186,7 +186,7 @@ class Run:
     entered: Floats  # the side of every event function where the piece begins
     pending: Floats  # how long before the step its zero may be, where another event was landed on beside it
     branches: Columns  # right ends of pieces that are still to be looked at: step, state, event functions
-    rows: Lists  # what `enclosing` printed: the event functions, to be computed with intervals
+    rows: Lists  # what `kernels.interval_program` printed: the event functions, to be computed with intervals
     numbers: Floats
     parts: Whole
     under: Floats  # the intervals

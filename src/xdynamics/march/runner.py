@@ -179,7 +179,7 @@ class March:
 
     @property
     def outcome(self) -> Outcome:
-        """How the run ended, as the loop knows it; `diagnosis.ending` says what failed."""
+        """How the run ended, as the loop knows it; `outcome_text.ending` says what failed."""
         return OUTCOMES[INTERRUPTED if self.now.status == RUNNING else int(self.now.status)]
 
     @property

@@ -62,7 +62,7 @@ BROKEN = {
         "work of the recorded",
     ),
     "an impulse that is not recorded": (
-        "noting",
+        "event_rows",
         "row",
         "lambda run, k, i: 0.999 * ROW(run, k, i)",
         "work of the recorded",

@@ -81,7 +81,7 @@ def weigh_rates(run: Run) -> None:
         slow = touch.slack + (free + brake(run, k)) * within(run, k)
         if touch.lost > 0.0:  # bounces that are skipped, of which the energy is recorded
             slow += sqrt(2.0 * gram(run, k, k) * touch.lost)
-        if touch.hit == GAP and touch.total == 0.0:  # a gap that a step of low order closed; see `bonds.assign`
+        if touch.hit == GAP and touch.total == 0.0:  # a gap that a step of low order closed; see `active_set.assign`
             slow += free * run.trial[0].h
         examine(run, SLOWED, k, abs(run.slowed[k]), 4.0 * slow)
 
