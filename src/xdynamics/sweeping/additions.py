@@ -145,7 +145,7 @@ def _places(axis: Axis, old_grid: Grid, faults: list[str]) -> Places:
 
 def _rows(columns: Sequence[Column]) -> list[tuple[Any, ...]]:
     """Return the values along an axis: numbers in SI units, tables with their text."""
-    return [_row(row) for row in zip(*(_values(one) for one in columns), strict=True)]
+    return [_row(row) for row in zip(*(_values(column) for column in columns), strict=True)]
 
 
 def _row(values: Sequence[Any]) -> tuple[Any, ...]:

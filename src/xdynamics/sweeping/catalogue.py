@@ -297,7 +297,7 @@ def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progres
 
 
 def _keep(plan: Plan, block: Block, part: str, existing: Additions | None) -> None:
-    """March a block into a file, after its whole runs into files of their own; existing members are copied."""
+    """March a block into a file, after archiving its whole runs in files of their own; existing members are copied."""
     values = marched(plan, block, existing.take) if existing else marched(plan, block)
     if plan.keeping.whole:
         files = Path(part).parents[2] / RUNS

@@ -210,7 +210,7 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
     if AT_TIME in sweep.variables:
         keeping = Keeping(keeping.words, np.atleast_1d(sweep[AT_TIME].values).astype(float), keeping.occurrences)
     asked = json.loads(sweep.attrs[ASKED])
-    if (kept := kept_set(sweep.attrs.get("math_functions"))) != NAME:  # recorded, though nobody asked for it
+    if (kept := kept_set(sweep.attrs.get("math_functions"))) != NAME:  # the default when the sweep was marched
         asked["math_functions"] = kept
     if (located := root_method_of(sweep.attrs)) != EARLIEST_FIRST:  # likewise
         asked["event_root_method"] = located

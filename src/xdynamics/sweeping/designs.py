@@ -13,7 +13,7 @@ from xdynamics.faults import InputError
 
 SOBOL, LATIN, DECLARED = "sobol", "latin_hypercube", "declared"
 DESIGNS = (SOBOL, LATIN, DECLARED)
-LEAST = 2.0**-54  # probability at which an unbounded distribution is evaluated
+LEAST = 2.0**-54  # smallest probability at which an unbounded distribution is evaluated
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,11 @@ class Draws:
     design : {"sobol", "latin_hypercube", "declared"}
     seed : int
         Recorded, like the values.
+
+    Raises
+    ------
+    InputError
+        If count, ranges, design or seed cannot be used; with every fault.
 
     Notes
     -----

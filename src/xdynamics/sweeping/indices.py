@@ -125,9 +125,9 @@ def _marched(model: Model, spans: Mapping[str, Column | Parameter], quantity: st
 
 def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return first and total orders of each parameter from the numbers of both designs and each mixed one."""
-    both = f[:2]
-    f = f - both.mean()
-    variance = both.var()
+    designs = f[:2]
+    f = f - designs.mean()
+    variance = designs.var()
     first = (f[1] * (f[2:] - f[0])).mean(axis=-1) / variance
     total = 0.5 * ((f[0] - f[2:]) ** 2).mean(axis=-1) / variance
     return np.stack([first, total])

@@ -88,11 +88,11 @@ def _precision(survey: xr.Dataset) -> Iterator[str]:
 def _indices(survey: xr.Dataset) -> Iterator[str]:
     yield f"draws     {survey.attrs['draws']} and seed {survey.attrs['seed']}"
     for i, name in enumerate(map(str, survey["parameter_name"].values)):
-        parts = []
+        shares = []
         for word in ("first_order", "total_order"):
             low, high = survey[f"{word}_interval"].values[i]
-            parts.append(f"{word.replace('_', ' ')} {float(survey[word][i]):.3f} ({low:.3f} to {high:.3f})")
-        yield f"{name}: {', '.join(parts)}"
+            shares.append(f"{word.replace('_', ' ')} {float(survey[word][i]):.3f} ({low:.3f} to {high:.3f})")
+        yield f"{name}: {', '.join(shares)}"
 
 
 _TOLD: dict[str, Callable[[xr.Dataset], Iterator[str]]] = {
